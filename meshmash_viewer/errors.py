@@ -1,0 +1,13 @@
+"""Faults that the person at the keyboard can mend."""
+
+from __future__ import annotations
+
+__all__ = ["InputError"]
+
+
+class InputError(ValueError):
+    """A fault in what was given, said in one sentence that names it and the way out.
+
+    The command line prints the sentence and exits with status 2; the window shows it in its
+    message bar. Any other exception is a defect of the program and is reported as such.
+    """
