@@ -1,0 +1,249 @@
+"""The document: the open mesh, its spectrum, what is pinned and what is running."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+from psygnal import Signal
+
+from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.display import Display, FieldKind
+from meshmash_viewer.model.jobs import (
+    DecomposeJob,
+    ExportJob,
+    Job,
+    JobState,
+    MeshReady,
+    ReadJob,
+    RepairJob,
+)
+from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.progress import Progress
+from meshmash_viewer.weyl import Target
+
+__all__ = ["PIN_COLORS", "Document", "Notice", "Pin", "Severity"]
+
+#: Colours of the pins in their order: Okabe & Ito 2008, told apart by every kind of colour vision.
+PIN_COLORS = ("#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#D55E00", "#0072B2", "#F0E442")
+
+
+class Severity(StrEnum):
+    """How a notice is coloured and how long it stays."""
+
+    INFORMATION = "information"
+    WARNING = "warning"
+    ERROR = "error"
+
+
+@dataclass(frozen=True)
+class Notice:
+    """One sentence for the message bar; `details` is for the copy button."""
+
+    text: str
+    severity: Severity = Severity.INFORMATION
+    details: str = ""
+
+
+@dataclass(frozen=True)
+class Pin:
+    """A vertex whose profile is compared."""
+
+    vertex: int
+    color: str
+
+
+class Document:
+    """The single truth of a window.
+
+    Views read attributes, listen to the signals and call the methods; they hold no copies.
+    Long work is only described here: `job_requested` carries a `Job`, and whoever runs it answers
+    with `job_started`, `job_progressed`, `accept` and one of `job_finished`, `job_failed`,
+    `job_cancelled`.
+    """
+
+    mesh_changed = Signal()
+    spectrum_changed = Signal()
+    pins_changed = Signal()
+    settings_changed = Signal()
+    job_changed = Signal()
+    job_requested = Signal(object)
+    cancel_requested = Signal()
+    noticed = Signal(object)
+
+    def __init__(self) -> None:
+        self.display = Display()
+        self.ready: MeshReady | None = None
+        self.spectrum: Spectrum | None = None
+        self.pins: tuple[Pin, ...] = ()
+        self.job: JobState | None = None
+        self._operator = OperatorOptions()
+        self._target = Target(count=100)
+        self._undo: list[MeshReady] = []
+
+    # -- mesh -------------------------------------------------------------------------------
+
+    @property
+    def mesh(self) -> Mesh | None:
+        """The open mesh."""
+        return self.ready.mesh if self.ready else None
+
+    @property
+    def path(self) -> Path | None:
+        """Where the mesh was read from; None for a mesh handed over in memory."""
+        return self.ready.path if self.ready else None
+
+    @property
+    def repairs(self) -> tuple[str, ...]:
+        """Names of the repairs in force, oldest first."""
+        history = [*self._undo, self.ready] if self.ready else []
+        return tuple(ready.repair for ready in history if ready is not None and ready.repair)
+
+    def open_mesh(self, path: str | Path, unit: str = "") -> None:
+        """Ask for a mesh file to be read; the open mesh stays until that has succeeded."""
+        self._request(ReadJob(Path(path), unit))
+
+    def repair(self, name: str) -> None:
+        """Ask for a repair of `meshmash_viewer.health.REPAIRS`."""
+        if self.ready is not None:
+            self._request(RepairJob(self.ready.mesh, name, self.ready.path))
+
+    def undo_repair(self) -> None:
+        """Go back to the mesh before the last repair."""
+        if self._undo:
+            self._show(self._undo.pop())
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether a repair can be undone."""
+        return bool(self._undo)
+
+    def accept_mesh(self, ready: MeshReady) -> None:
+        """Take a mesh that was read or repaired."""
+        if ready.repair and self.ready is not None:
+            self._undo.append(self.ready)
+        else:
+            self._undo.clear()
+        self._show(ready)
+
+    def _show(self, ready: MeshReady) -> None:
+        self.ready = ready
+        self.spectrum = None
+        self.pins = ()
+        self.display.similarity_vertex = None
+        self.display.flipped = frozenset()
+        if self.display.kind is FieldKind.SIMILARITY:
+            self.display.kind = FieldKind.EIGENFUNCTION
+        self.mesh_changed.emit()
+        self.pins_changed.emit()
+        self.spectrum_changed.emit()
+
+    # -- decomposition ----------------------------------------------------------------------
+
+    @property
+    def operator(self) -> OperatorOptions:
+        """The Laplacian's options for the next solve."""
+        return self._operator
+
+    @operator.setter
+    def operator(self, operator: OperatorOptions) -> None:
+        if operator != self._operator:
+            self._operator = operator
+            self.settings_changed.emit()
+
+    @property
+    def target(self) -> Target:
+        """How much of the spectrum the next solve computes."""
+        return self._target
+
+    @target.setter
+    def target(self, target: Target) -> None:
+        if target != self._target:
+            self._target = target
+            self.settings_changed.emit()
+
+    def compute(self) -> None:
+        """Ask for the decomposition of the open mesh."""
+        if self.ready is not None:
+            self._request(DecomposeJob(self.ready.mesh, self.operator, self.target))
+
+    def accept_spectrum(self, spectrum: Spectrum) -> None:
+        """Take a spectrum that has grown, or one found in the store."""
+        self.spectrum = spectrum
+        last = max(len(spectrum) - 1, 0)
+        if spectrum.complete and self.display.index > last:
+            self.display.index = last
+        self.spectrum_changed.emit()
+
+    # -- export -----------------------------------------------------------------------------
+
+    def export(self, job: ExportJob) -> None:
+        """Ask for a file to be written."""
+        self._request(job)
+
+    # -- pins -------------------------------------------------------------------------------
+
+    def toggle_pin(self, vertex: int) -> None:
+        """Pin a vertex, or take its pin away."""
+        if any(pin.vertex == vertex for pin in self.pins):
+            self.pins = tuple(pin for pin in self.pins if pin.vertex != vertex)
+        else:
+            used = {pin.color for pin in self.pins}
+            free = next((color for color in PIN_COLORS if color not in used), None)
+            color = free or PIN_COLORS[len(self.pins) % len(PIN_COLORS)]
+            self.pins = (*self.pins, Pin(int(vertex), color))
+        self.pins_changed.emit()
+
+    def clear_pins(self) -> None:
+        """Take all pins away."""
+        self.pins = ()
+        self.pins_changed.emit()
+
+    def flip(self) -> None:
+        """Show the eigenfunction on the render with the other sign."""
+        self.display.flipped = self.display.flipped ^ {self.display.index}
+
+    # -- the job that runs ------------------------------------------------------------------
+
+    def _request(self, job: Job) -> None:
+        self.job_requested.emit(job)
+
+    def cancel(self) -> None:
+        """Ask the running job to stop."""
+        if self.job is not None:
+            self.job = replace(self.job, cancelling=True)
+            self.job_changed.emit()
+            self.cancel_requested.emit()
+
+    def job_started(self, job: Job) -> None:
+        """Note that a job runs now."""
+        self.job = JobState(job, Progress(stage="starting"))
+        self.job_changed.emit()
+
+    def job_progressed(self, progress: Progress) -> None:
+        """Note how far it is."""
+        if self.job is not None:
+            self.job = replace(self.job, progress=progress)
+            self.job_changed.emit()
+
+    def job_ended(self, notice: Notice | None = None) -> None:
+        """Note that the job is over, with what there is to say about it."""
+        self.job = None
+        self.job_changed.emit()
+        if notice is not None:
+            self.notify(notice)
+
+    def notify(self, notice: Notice) -> None:
+        """Say a sentence in the message bar."""
+        self.noticed.emit(notice)
+
+    # -- values under the pointer -----------------------------------------------------------
+
+    def eigenvector_profile(self, vertex: int) -> np.ndarray:
+        """Values of all known eigenfunctions at a vertex, shape (k,)."""
+        if self.spectrum is None:
+            return np.empty(0)
+        return np.asarray(self.spectrum.rows[: len(self.spectrum), vertex], dtype=np.float64)

@@ -1,0 +1,116 @@
+"""Colour limits: the policies that turn a field's values into the two ends of its colour bar."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = [
+    "LimitPolicy",
+    "LockedLimits",
+    "MinMaxLimits",
+    "PercentileLimits",
+    "SymmetricLimits",
+    "automatic_limits",
+]
+
+
+class LimitPolicy(Protocol):
+    """What every policy can do; policies are frozen and compare by value."""
+
+    @property
+    def label(self) -> str:
+        """How the policy is called on a control."""
+        ...
+
+    def limits(self, values: npt.NDArray[np.floating]) -> tuple[float, float]:
+        """Limits for these values; NaN entries do not count.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n,)
+
+        Returns
+        -------
+        low, high : float
+            ``low < high`` always, also for a constant field.
+        """
+        ...
+
+
+def _opened(low: float, high: float) -> tuple[float, float]:
+    """Open an interval that a constant field has closed, relative to its size."""
+    if not (np.isfinite(low) and np.isfinite(high)):
+        return -1.0, 1.0
+    if high - low > 1e-12 * max(abs(low), abs(high)):
+        return low, high
+    half = 1e-3 * max(abs(low), abs(high)) or 1.0
+    return low - half, high + half
+
+
+def _finite(values: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+    kept = values[np.isfinite(values)]
+    return kept if kept.size else np.zeros(1, dtype=values.dtype)
+
+
+@dataclass(frozen=True)
+class SymmetricLimits:
+    """Symmetric about zero: for signed fields, so that the middle colour is the nodal line."""
+
+    label: str = "Symmetric about 0"
+
+    def limits(self, values: npt.NDArray[np.floating]) -> tuple[float, float]:
+        """See `LimitPolicy.limits`."""
+        bound = float(np.abs(_finite(values)).max()) or 1.0
+        return -bound, bound
+
+
+@dataclass(frozen=True)
+class MinMaxLimits:
+    """From the smallest value to the largest."""
+
+    label: str = "Minimum to maximum"
+
+    def limits(self, values: npt.NDArray[np.floating]) -> tuple[float, float]:
+        """See `LimitPolicy.limits`."""
+        kept = _finite(values)
+        return _opened(float(kept.min()), float(kept.max()))
+
+
+@dataclass(frozen=True)
+class PercentileLimits:
+    """Between two percentiles: for fields whose tips would take all the colours."""
+
+    low: float = 1.0
+    high: float = 99.0
+
+    @property
+    def label(self) -> str:
+        """How the policy is called on a control."""
+        return f"Percentiles {self.low:g} to {self.high:g}"
+
+    def limits(self, values: npt.NDArray[np.floating]) -> tuple[float, float]:
+        """See `LimitPolicy.limits`."""
+        low, high = np.percentile(_finite(values), [self.low, self.high])
+        return _opened(float(low), float(high))
+
+
+@dataclass(frozen=True)
+class LockedLimits:
+    """Two numbers that stay when the field changes."""
+
+    low: float
+    high: float
+    label: str = "Locked"
+
+    def limits(self, values: npt.NDArray[np.floating]) -> tuple[float, float]:
+        """See `LimitPolicy.limits`."""
+        return _opened(self.low, self.high)
+
+
+def automatic_limits(*, signed: bool) -> LimitPolicy:
+    """The policy a field has before anyone chose one."""
+    return SymmetricLimits() if signed else PercentileLimits()

@@ -1,0 +1,75 @@
+"""The eigenpairs known so far, as the views read them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Multiplet", "Spectrum"]
+
+
+@dataclass(frozen=True)
+class Multiplet:
+    """Neighbouring eigenvalues that agree to a relative gap: any rotation of them is as good."""
+
+    first: int
+    last: int
+    gap: float
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Eigenpairs that have converged so far; a longer one replaces it as the solve goes on.
+
+    Parameters
+    ----------
+    eigenvalues : ndarray of float64, shape (k,)
+        Ascending, in inverse squared length units.
+    rows : ndarray, shape (>= k, n)
+        Eigenvectors, one a row; a read-only map of the store. NaN at unreferenced vertices.
+    residuals : ndarray of float64, shape (k,)
+        Relative residuals ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``.
+    total : int
+        Number of pairs that the solve owes; 0 while unknown.
+    complete : bool
+        Whether the solve has ended with every owed pair and the count certified.
+    proof : str
+        The proof line; empty until the solve has ended.
+    preview : bool
+        Whether these are coarse approximations that exact ones will replace.
+    """
+
+    eigenvalues: npt.NDArray[np.float64]
+    rows: npt.NDArray[np.floating]
+    residuals: npt.NDArray[np.float64]
+    total: int = 0
+    complete: bool = False
+    proof: str = ""
+    preview: bool = False
+
+    def __len__(self) -> int:
+        return len(self.eigenvalues)
+
+    def multiplet(self, index: int, gap: float = 1e-6) -> Multiplet | None:
+        """The run of near-equal eigenvalues that an index belongs to, or None.
+
+        Parameters
+        ----------
+        index : int
+        gap : float
+            Largest relative distance of neighbours within a multiplet.
+        """
+        values = self.eigenvalues
+        if not 0 <= index < len(values):
+            return None
+        # zeros of several components are one multiplet: their size is rounding, not meaning
+        floor = 1e-9 * float(values[-1])
+        close = np.diff(values) <= np.maximum(gap * np.abs(values[1:]), floor)
+        first = last = index
+        while first > 0 and close[first - 1]:
+            first -= 1
+        while last < len(close) and close[last]:
+            last += 1
+        return None if first == last else Multiplet(first, last, gap)
