@@ -1,0 +1,247 @@
+"""The table of commands, which menu, toolbar, shortcuts and help all read.
+
+A command is data; `Actions` makes one ``QAction`` of each for a window, with the command's name as
+its ``objectName``, and `Actions.on` says what it does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QAction, QKeySequence
+from PySide6.QtWidgets import QMainWindow, QMenu, QToolBar
+
+from meshmash_viewer.app import icons
+
+__all__ = ["COMMANDS", "MENUS", "MOUSE_HELP", "Actions", "Command", "command"]
+
+#: Menus in their order.
+MENUS = ("File", "Edit", "View", "Field", "Inspect", "Help")
+
+#: What the mouse does over the render, for the help.
+MOUSE_HELP: tuple[tuple[str, str], ...] = (
+    ("Drag", "Rotate"),
+    ("Shift + drag, or middle button", "Pan"),
+    ("Wheel", "Zoom"),
+    ("Ctrl + wheel", "Next or previous eigenfunction, time or band"),
+    ("Move", "Read index and value of the vertex under the pointer"),
+    ("Click", "Pin that vertex, or take its pin away"),
+    ("Drop a file", "Open it"),
+)
+
+
+@dataclass(frozen=True)
+class Command:
+    """One thing that can be asked for.
+
+    Parameters
+    ----------
+    name : str
+        In snake_case; also the action's ``objectName``.
+    text : str
+        On the menu.
+    menu : str
+        One of `MENUS`.
+    tooltip : str
+        One sentence.
+    shortcuts : tuple of str
+        Portable key sequences; the first one is shown.
+    checkable : bool
+    toolbar : str
+        Short text on the toolbar; empty where it has no place there.
+    icon : str
+        A name of `icons.PATHS`.
+    separated : bool
+        Whether a line goes before it on the menu (and on the toolbar).
+    needs : str
+        What must be there: "", "mesh", "spectrum".
+    submenu : str
+        Name of a submenu that holds it.
+    """
+
+    name: str
+    text: str
+    menu: str
+    tooltip: str
+    shortcuts: tuple[str, ...] = ()
+    checkable: bool = False
+    toolbar: str = ""
+    icon: str = ""
+    separated: bool = False
+    needs: str = ""
+    submenu: str = ""
+
+
+COMMANDS: tuple[Command, ...] = (
+    # -- File
+    Command("open_mesh", "Open mesh…", "File", "Open a mesh file", ("Ctrl+O",),
+            toolbar="Open", icon="open"),
+    Command("open_sample", "Open the sample neuron", "File",
+            "Open a small dendrite with spines, in nm"),
+    Command("open_session", "Open session…", "File",
+            "Go on with a mesh, its settings, pins and camera from a session file",
+            ("Ctrl+Shift+O",), separated=True),
+    Command("save_session", "Save session…", "File",
+            "Save which mesh, settings, pins and camera are on screen", ("Ctrl+S",), needs="mesh"),
+    Command("export", "Export features…", "File",
+            "Write features or eigenpairs of this mesh to a file", ("Ctrl+E",),
+            toolbar="Export", icon="export", separated=True, needs="spectrum"),
+    Command("save_picture", "Save picture…", "File",
+            "Save the render at any size, with a transparent background if you wish",
+            ("Ctrl+Shift+S",), toolbar="Picture", icon="picture", needs="mesh"),
+    Command("copy_picture", "Copy picture", "File", "Copy the render to the clipboard",
+            ("Ctrl+Shift+C",), needs="mesh"),
+    Command("copy_script", "Copy script", "File",
+            "Copy a Python script that makes what is on screen again", ("Ctrl+Alt+C",),
+            needs="mesh"),
+    Command("quit", "Quit", "File", "Close the window and stop what runs", ("Ctrl+Q",),
+            separated=True),
+    # -- Edit
+    Command("undo_repair", "Undo repair", "Edit", "Go back to the mesh before the last repair",
+            ("Ctrl+Z",)),
+    Command("compute", "Compute eigenpairs", "Edit", "Decompose the mesh as the Mesh panel says",
+            ("Ctrl+Return",), separated=True, needs="mesh"),
+    Command("cancel", "Cancel", "Edit", "Stop what runs; eigenpairs that have converged stay",
+            ("Esc",)),
+    Command("clear_cache", "Clear stored eigenpairs…", "Edit",
+            "Delete the eigenpairs kept on disk for meshes opened before", separated=True),
+    # -- View
+    Command("reset_camera", "Reset camera", "View", "Show the whole mesh", ("R",),
+            toolbar="Reset view", icon="reset", needs="mesh", separated=True),
+    Command("nodal_lines", "Nodal lines", "View", "Draw the lines where the field is zero",
+            ("N",), checkable=True, toolbar="Nodal lines", icon="nodal", needs="spectrum"),
+    Command("theme_system", "Follow the system", "View", "Light or dark as the desktop is",
+            checkable=True, submenu="Theme"),
+    Command("theme_light", "Light", "View", "Always light", checkable=True, submenu="Theme"),
+    Command("theme_dark", "Dark", "View", "Always dark", checkable=True, submenu="Theme"),
+    Command("full_screen", "Full screen", "View", "Fill the screen with the window", ("F11",),
+            checkable=True),
+    Command("reset_layout", "Reset layout", "View", "Put the panels back where they were"),
+    # -- Field
+    Command("play", "Play", "Field", "Step through eigenfunctions, times or bands by itself",
+            ("Space",), checkable=True, toolbar="Play", icon="play", needs="spectrum"),
+    Command("next", "Next", "Field", "The next eigenfunction, time or band", ("Right",),
+            separated=True, needs="spectrum"),
+    Command("previous", "Previous", "Field", "The previous eigenfunction, time or band",
+            ("Left",), needs="spectrum"),
+    Command("next_ten", "Ten on", "Field", "Ten eigenfunctions, times or bands on", ("PgDown",),
+            needs="spectrum"),
+    Command("previous_ten", "Ten back", "Field", "Ten eigenfunctions, times or bands back",
+            ("PgUp",), needs="spectrum"),
+    Command("first", "First", "Field", "The first eigenfunction, time or band", ("Home",),
+            needs="spectrum"),
+    Command("last", "Last", "Field", "The last one that has converged", ("End",),
+            needs="spectrum"),
+    Command("flip", "Flip sign", "Field",
+            "Draw the eigenfunction with the other sign, which is as good", ("F",),
+            toolbar="Flip sign", icon="flip", separated=True, needs="spectrum"),
+    Command("show_eigenfunctions", "Eigenfunctions", "Field", "Show eigenfunctions", ("1",),
+            separated=True, needs="spectrum"),
+    Command("show_hks", "Heat kernel signature", "Field", "Show the heat kernel signature",
+            ("2",), needs="spectrum"),
+    Command("show_bands", "Geometry vectors", "Field", "Show B-spline bands", ("3",),
+            needs="spectrum"),
+    # -- Inspect
+    Command("pin", "Pin vertex under the pointer", "Inspect",
+            "Pin the vertex under the pointer, or take its pin away", ("P",), needs="mesh"),
+    Command("pin_index", "Pin vertex by index…", "Inspect", "Pin a vertex whose index you know",
+            ("Ctrl+G",), needs="mesh"),
+    Command("clear_pins", "Clear pins", "Inspect", "Take all pins away", ("Shift+P",),
+            needs="mesh"),
+    Command("similar", "Similar to this", "Inspect",
+            "Paint the distance in feature space from the vertex pinned last", ("S",),
+            needs="spectrum", separated=True),
+    # -- Help
+    Command("help", "Help and shortcuts", "Help", "All commands, keys and mouse gestures",
+            ("F1",), toolbar="Help", icon="help", separated=True),
+    Command("about", "About MeshMash Viewer", "Help", "Version, licence and methods"),
+)  # fmt: skip
+
+_BY_NAME = {each.name: each for each in COMMANDS}
+
+
+def command(name: str) -> Command:
+    """The command of this name."""
+    return _BY_NAME[name]
+
+
+class Actions:
+    """The commands as actions of one window.
+
+    Parameters
+    ----------
+    window : QMainWindow
+        Gets the actions, so that their shortcuts work wherever the focus is within it.
+    """
+
+    def __init__(self, window: QMainWindow) -> None:
+        self._actions: dict[str, QAction] = {}
+        for each in COMMANDS:
+            action = QAction(each.text, window)
+            action.setObjectName(each.name)
+            action.setShortcuts([QKeySequence(text) for text in each.shortcuts])
+            action.setShortcutContext(Qt.ShortcutContext.WindowShortcut)
+            keys = f" ({action.shortcut().toString(_NATIVE)})" if each.shortcuts else ""
+            action.setToolTip(f"{each.tooltip}{keys}")
+            action.setStatusTip(each.tooltip)
+            action.setIconText(each.toolbar or each.text.rstrip("…"))
+            action.setCheckable(each.checkable)
+            action.setMenuRole(_ROLES.get(each.name, QAction.MenuRole.NoRole))
+            window.addAction(action)
+            self._actions[each.name] = action
+        self.refresh_icons()
+
+    def __getitem__(self, name: str) -> QAction:
+        return self._actions[name]
+
+    def on(self, name: str, act: Callable[..., object]) -> None:
+        """Say what a command does; a checkable one is called with its state."""
+        action = self._actions[name]
+        if command(name).checkable:
+            action.triggered.connect(act)
+        else:
+            action.triggered.connect(lambda _checked=False: act())
+
+    def enable(self, *, mesh: bool, spectrum: bool) -> None:
+        """Enable what can be done with what is there."""
+        there = {"": True, "mesh": mesh, "spectrum": spectrum}
+        for each in COMMANDS:
+            if each.needs:
+                self._actions[each.name].setEnabled(there[each.needs])
+
+    def refresh_icons(self) -> None:
+        """Draw the icons again, in the colours of the theme."""
+        for each in COMMANDS:
+            if each.icon:
+                self._actions[each.name].setIcon(icons.icon(each.icon))
+
+    def fill_menus(self, window: QMainWindow) -> dict[str, QMenu]:
+        """Fill the window's menu bar; returns the menus by name, submenus included."""
+        menus = {name: window.menuBar().addMenu(name) for name in MENUS}
+        for each in COMMANDS:
+            menu = menus[each.menu]
+            if each.separated:
+                menu.addSeparator()
+            if each.submenu:
+                if each.submenu not in menus:
+                    menus[each.submenu] = menu.addMenu(each.submenu)
+                menu = menus[each.submenu]
+            menu.addAction(self._actions[each.name])
+        return menus
+
+    def fill_toolbar(self, toolbar: QToolBar) -> None:
+        """Put on the toolbar what has a place there."""
+        for each in COMMANDS:
+            if each.toolbar:
+                if each.separated and toolbar.actions():
+                    toolbar.addSeparator()
+                toolbar.addAction(self._actions[each.name])
+
+
+_NATIVE = QKeySequence.SequenceFormat.NativeText
+_ROLES = {
+    "quit": QAction.MenuRole.QuitRole,
+    "about": QAction.MenuRole.AboutRole,
+}

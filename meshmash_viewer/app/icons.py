@@ -1,0 +1,91 @@
+"""Line icons, drawn from paths in the colours of the theme."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QByteArray, QRectF, Qt
+from PySide6.QtGui import QIcon, QPainter, QPixmap
+from PySide6.QtSvg import QSvgRenderer
+
+from meshmash_viewer.app import theme
+
+__all__ = ["PATHS", "application_icon", "icon", "pixmap"]
+
+#: Bodies of 24 × 24 drawings; strokes take the colour that is asked for.
+PATHS: dict[str, str] = {
+    "open": '<path d="M3 18V6a1 1 0 0 1 1-1h5l2 3h8a1 1 0 0 1 1 1v2"/>'
+    '<path d="M3 18l3-7h16l-3 7a1 1 0 0 1-1 1H4a1 1 0 0 1-1-1z"/>',
+    "export": '<path d="M12 15V4M8 8l4-4 4 4"/><path d="M5 14v5h14v-5"/>',
+    "picture": '<rect x="3" y="5" width="18" height="14" rx="1.5"/>'
+    '<circle cx="8.5" cy="10" r="1.6"/><path d="M4 18l6-5 3.5 3 3-2.5L20 17"/>',
+    "reset": '<path d="M4 9V4h5M20 9V4h-5M4 15v5h5M20 15v5h-5"/><circle cx="12" cy="12" r="2.5"/>',
+    "nodal": '<circle cx="12" cy="12" r="8.5"/><path d="M4 10c4-3.5 6 5 16 1.5"/>'
+    '<path d="M11 3.6c-2 5 3 8 1 16.8"/>',
+    "flip": '<path d="M12 3v18"/><path d="M9 7L3.5 17H9z"/><path d="M15 7l5.5 10H15z"/>',
+    "play": '<path d="M7 4.5v15l12-7.5z"/>',
+    "help": '<circle cx="12" cy="12" r="8.5"/><path d="M9.4 9.6a2.7 2.7 0 1 1 3.9 2.5'
+    'c-.9.5-1.3 1-1.3 2"/><path d="M12 17v.3"/>',
+    "close": '<path d="M6 6l12 12M18 6L6 18"/>',
+    "copy": '<rect x="8" y="8" width="12" height="12" rx="1.5"/><path d="M16 8V4H4v12h4"/>',
+    "information": '<circle cx="12" cy="12" r="8.5"/><path d="M12 11v6M12 7.2v.3"/>',
+    "warning": '<path d="M12 4L2.8 19.5h18.4z"/><path d="M12 10v4.5M12 17v.3"/>',
+    "error": '<circle cx="12" cy="12" r="8.5"/><path d="M8.8 8.8l6.4 6.4M15.2 8.8l-6.4 6.4"/>',
+    "mesh": '<path d="M12 3l8.5 5v8L12 21l-8.5-5V8z"/><path d="M3.5 8l8.5 5 8.5-5M12 13v8"/>'
+    '<path d="M12 3v10"/>',
+    "good": '<path d="M5 12.5l4.5 4.5L19 7.5"/>',
+}
+
+
+def pixmap(name: str, color: str, size: int = 20, ratio: float = 2.0) -> QPixmap:
+    """Draw an icon.
+
+    Parameters
+    ----------
+    name : str
+        A key of `PATHS`.
+    color : str
+        Of the strokes, as ``#rrggbb``.
+    size : int
+        In logical pixels.
+    ratio : float
+        Device pixels a logical one.
+    """
+    drawing = (
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 24 24" fill="none" '
+        f'stroke="{color}" stroke-width="1.6" stroke-linecap="round" stroke-linejoin="round">'
+        f"{PATHS[name]}</svg>"
+    )
+    return _render(drawing, size, ratio)
+
+
+def icon(name: str) -> QIcon:
+    """An icon in the colours of the theme in force."""
+    colors = theme.palette()
+    result = QIcon(pixmap(name, colors.text))
+    result.addPixmap(pixmap(name, colors.disabled), QIcon.Mode.Disabled)
+    return result
+
+
+def application_icon() -> QIcon:
+    """The program's own icon: a triangle mesh coloured by a standing wave."""
+    drawing = (
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 64 64">'
+        '<rect width="64" height="64" rx="14" fill="#15202b"/>'
+        '<g stroke="#15202b" stroke-width="1.5" stroke-linejoin="round">'
+        '<path d="M32 8L52 20L32 30Z" fill="#d6604d"/><path d="M32 8L12 20L32 30Z" fill="#f4a582"/>'
+        '<path d="M12 20L12 43L32 30Z" fill="#f7f7f7"/>'
+        '<path d="M52 20L52 43L32 30Z" fill="#f4a582"/>'
+        '<path d="M12 43L32 56L32 30Z" fill="#4393c3"/>'
+        '<path d="M52 43L32 56L32 30Z" fill="#92c5de"/></g></svg>'
+    )
+    return QIcon(_render(drawing, 64, 2.0))
+
+
+def _render(drawing: str, size: int, ratio: float) -> QPixmap:
+    image = QPixmap(round(size * ratio), round(size * ratio))
+    image.fill(Qt.GlobalColor.transparent)
+    renderer = QSvgRenderer(QByteArray(drawing.encode()))
+    painter = QPainter(image)
+    renderer.render(painter, QRectF(0, 0, size * ratio, size * ratio))
+    painter.end()
+    image.setDevicePixelRatio(ratio)
+    return image

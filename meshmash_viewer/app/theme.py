@@ -1,0 +1,308 @@
+"""The look of the window: colours, spacing and type, light or dark, for widgets, plots and render.
+
+Panels ask `palette`, `plot_colors` and `is_dark`, redraw on ``notifier().changed``, and give labels
+a role instead of a style: ``with_role(QLabel("Health"), "heading")``. The roles are "heading" (of a
+section), "muted" (an explanation), "value" (a number that stands in a column), "proof", "warning".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from importlib.resources import files
+from typing import TypeVar
+
+from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtGui import QColor, QFont, QFontDatabase, QPalette
+from PySide6.QtWidgets import QApplication, QWidget
+
+__all__ = [
+    "GAP",
+    "MARGIN",
+    "Mode",
+    "Palette",
+    "PlotColors",
+    "apply",
+    "is_dark",
+    "mode",
+    "monospace",
+    "notifier",
+    "palette",
+    "plot_colors",
+    "set_mode",
+    "tabular",
+    "with_role",
+]
+
+#: Distance of neighbouring controls and margin of a panel, in logical pixels; all else is a
+#: multiple of 4.
+GAP = 8
+MARGIN = 12
+
+WidgetType = TypeVar("WidgetType", bound=QWidget)
+
+
+class Mode(StrEnum):
+    """What decides between light and dark."""
+
+    SYSTEM = "system"
+    LIGHT = "light"
+    DARK = "dark"
+
+
+@dataclass(frozen=True)
+class Palette:
+    """Colours by what they are for, as ``#rrggbb``."""
+
+    window: str
+    surface: str
+    raised: str
+    border: str
+    border_strong: str
+    text: str
+    muted: str
+    disabled: str
+    accent: str
+    accent_hover: str
+    on_accent: str
+    selection: str
+    scene: str
+    scene_text: str
+    missing: str
+    information: str
+    information_back: str
+    warning: str
+    warning_back: str
+    error: str
+    error_back: str
+    good: str
+
+
+@dataclass(frozen=True)
+class PlotColors:
+    """Colours of the plots: their ground, axes and marks."""
+
+    background: str
+    foreground: str
+    grid: str
+    curve: str
+    reference: str
+    marker: str
+    handle: str
+    hatch: str
+    series: tuple[str, ...]
+
+
+_LIGHT = Palette(
+    window="#f3f5f7",
+    surface="#ffffff",
+    raised="#ffffff",
+    border="#dde2e8",
+    border_strong="#bcc5cf",
+    text="#1b232d",
+    muted="#5a6675",
+    disabled="#a2abb6",
+    accent="#1c66a8",
+    accent_hover="#17578f",
+    on_accent="#ffffff",
+    selection="#d6e6f5",
+    scene="#eceff3",
+    scene_text="#26303b",
+    missing="#b9bfc7",
+    information="#1c66a8",
+    information_back="#e8f1fa",
+    warning="#8a5a00",
+    warning_back="#fdf3dc",
+    error="#b3261e",
+    error_back="#fdebe9",
+    good="#1b7a4b",
+)
+_DARK = Palette(
+    window="#1a1e24",
+    surface="#21262d",
+    raised="#2a3038",
+    border="#353c46",
+    border_strong="#505a67",
+    text="#e3e8ee",
+    muted="#9ca8b6",
+    disabled="#626d7a",
+    accent="#5ba7e4",
+    accent_hover="#78b9ee",
+    on_accent="#0d141b",
+    selection="#264663",
+    scene="#14171c",
+    scene_text="#dbe2ea",
+    missing="#59616b",
+    information="#7cbcf0",
+    information_back="#1f3245",
+    warning="#f0bd58",
+    warning_back="#3b3017",
+    error="#ff9b92",
+    error_back="#45201f",
+    good="#62c793",
+)
+_LIGHT_PLOT = PlotColors(
+    background="#ffffff",
+    foreground="#3c4855",
+    grid="#e3e7ec",
+    curve="#1c66a8",
+    reference="#8a95a2",
+    marker="#d5530b",
+    handle="#d5530b",
+    hatch="#c9a227",
+    series=("#1c66a8", "#d5530b", "#1b7a4b", "#a3428b", "#8a6d00", "#0b7f99", "#5b4db0"),
+)
+_DARK_PLOT = PlotColors(
+    background="#21262d",
+    foreground="#b4bfcb",
+    grid="#343b45",
+    curve="#5ba7e4",
+    reference="#7f8b99",
+    marker="#ff9a57",
+    handle="#ff9a57",
+    hatch="#d8b74a",
+    series=("#5ba7e4", "#ff9a57", "#62c793", "#dd8ac8", "#e0c34f", "#55c5dc", "#a79bf0"),
+)
+
+
+class _Notifier(QObject):
+    """Says when the colours have changed."""
+
+    changed = Signal()
+
+
+class _State:
+    """What was chosen, and what it came to; one for the process, as there is one application."""
+
+    mode = Mode.SYSTEM
+    dark = False
+    applied = False
+    notifier: _Notifier | None = None
+
+
+def notifier() -> _Notifier:
+    """The object whose ``changed`` signal follows every switch of theme."""
+    if _State.notifier is None:
+        _State.notifier = _Notifier()
+    return _State.notifier
+
+
+def mode() -> Mode:
+    """What decides between light and dark."""
+    return _State.mode
+
+
+def is_dark() -> bool:
+    """Whether the dark theme is on."""
+    return _State.dark
+
+
+def palette() -> Palette:
+    """The colours in force."""
+    return _DARK if _State.dark else _LIGHT
+
+
+def plot_colors() -> PlotColors:
+    """The colours of plots in force."""
+    return _DARK_PLOT if _State.dark else _LIGHT_PLOT
+
+
+def with_role(widget: WidgetType, role: str) -> WidgetType:
+    """Give a widget its role in the style; returns it."""
+    widget.setProperty("role", role)
+    return widget
+
+
+def tabular(font: QFont) -> QFont:
+    """A copy of a font whose digits all have one width, so that columns of numbers stand still."""
+    copy = QFont(font)
+    if hasattr(copy, "setFeature"):
+        copy.setFeature(QFont.Tag("tnum"), 1)
+    return copy
+
+
+def monospace() -> QFont:
+    """The system's font for code."""
+    return QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont)
+
+
+def set_mode(chosen: Mode | str) -> None:
+    """Follow the system, or stay light or dark."""
+    _State.mode = Mode(chosen)
+    application = QApplication.instance()
+    if isinstance(application, QApplication):
+        _refresh(application)
+
+
+def apply(application: QApplication) -> None:
+    """Dress the application, and follow the system from now on."""
+    if not _State.applied:
+        _State.applied = True
+        application.setStyle("Fusion")
+        application.setFont(tabular(application.font()))
+        application.styleHints().colorSchemeChanged.connect(lambda _: _refresh(application))
+    _refresh(application)
+
+
+def _refresh(application: QApplication) -> None:
+    hints = application.styleHints()
+    wanted = {
+        Mode.SYSTEM: Qt.ColorScheme.Unknown,
+        Mode.LIGHT: Qt.ColorScheme.Light,
+        Mode.DARK: Qt.ColorScheme.Dark,
+    }[_State.mode]
+    # title bars of the desktop follow too, where Qt can ask for it (6.8)
+    if hasattr(hints, "setColorScheme"):
+        blocked = hints.blockSignals(True)
+        hints.setColorScheme(wanted)
+        hints.blockSignals(blocked)
+    if _State.mode is Mode.SYSTEM:
+        _State.dark = hints.colorScheme() == Qt.ColorScheme.Dark
+    else:
+        _State.dark = _State.mode is Mode.DARK
+    application.setPalette(_qt_palette(palette()))
+    application.setStyleSheet(_style_sheet(palette(), application.font()))
+    notifier().changed.emit()
+
+
+def _qt_palette(colors: Palette) -> QPalette:
+    role = QPalette.ColorRole
+    result = QPalette()
+    for which, color in {
+        role.Window: colors.window,
+        role.WindowText: colors.text,
+        role.Base: colors.surface,
+        role.AlternateBase: colors.window,
+        role.Text: colors.text,
+        role.PlaceholderText: colors.muted,
+        role.Button: colors.raised,
+        role.ButtonText: colors.text,
+        role.BrightText: colors.error,
+        role.Highlight: colors.accent,
+        role.HighlightedText: colors.on_accent,
+        role.Link: colors.accent,
+        role.LinkVisited: colors.accent,
+        role.ToolTipBase: colors.raised,
+        role.ToolTipText: colors.text,
+        role.Light: colors.raised,
+        role.Midlight: colors.border,
+        role.Mid: colors.border_strong,
+        role.Dark: colors.border_strong,
+        role.Shadow: colors.border_strong,
+        role.Accent: colors.accent,
+    }.items():
+        result.setColor(which, QColor(color))
+    for which in (role.WindowText, role.Text, role.ButtonText):
+        result.setColor(QPalette.ColorGroup.Disabled, which, QColor(colors.disabled))
+    result.setColor(QPalette.ColorGroup.Disabled, role.Highlight, QColor(colors.border_strong))
+    return result
+
+
+def _style_sheet(colors: Palette, font: QFont) -> str:
+    points = font.pointSizeF() if font.pointSizeF() > 0 else 9.0
+    values = {name: getattr(colors, name) for name in Palette.__dataclass_fields__}
+    values |= {"small": f"{points * 0.92:.2f}pt", "large": f"{points * 1.5:.2f}pt"}
+    sheet = files(__package__).joinpath("style.qss").read_text(encoding="utf-8")
+    for name in sorted(values, key=len, reverse=True):
+        sheet = sheet.replace(f"${name}", values[name])
+    return sheet
