@@ -81,7 +81,7 @@ class Document:
         self.pins: tuple[Pin, ...] = ()
         self.job: JobState | None = None
         self._operator = OperatorOptions()
-        self._target = Target(count=100)
+        self._target = Target("count", 100)
         self._undo: list[MeshReady] = []
 
     # -- mesh -------------------------------------------------------------------------------

@@ -1,0 +1,61 @@
+"""The ranges of times and eigenvalues in force: chosen by hand, or taken from the spectrum."""
+
+from __future__ import annotations
+
+import math
+
+from meshmash_viewer.filters import hks_time_range
+from meshmash_viewer.model.display import Display
+from meshmash_viewer.model.spectrum import Spectrum
+
+__all__ = ["band_range", "hks_range", "hks_time", "resolved_from"]
+
+
+def hks_range(spectrum: Spectrum, display: Display) -> tuple[float, float]:
+    """Shortest and longest HKS time in force, in squared length units.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+        With at least one pair; without a nonzero eigenvalue the automatic range is (1, 10).
+    display : Display
+        Its `hks_automatic`, `hks_t_min` and `hks_t_max` are read; an end left open by hand is
+        automatic, and ends in the wrong order are exchanged.
+    """
+    t_min, t_max = _automatic_times(spectrum)
+    if not display.hks_automatic:
+        t_min = display.hks_t_min or t_min
+        t_max = display.hks_t_max or t_max
+    return (t_min, t_max) if t_min < t_max else (t_max, t_min)
+
+
+def hks_time(spectrum: Spectrum, display: Display) -> float:
+    """HKS time in force: the chosen one, or the middle of the range in log scale."""
+    if display.time is not None:
+        return display.time
+    t_min, t_max = hks_range(spectrum, display)
+    return math.sqrt(t_min) * math.sqrt(t_max)
+
+
+def resolved_from(spectrum: Spectrum) -> float:
+    """Time from which the known pairs tell the whole HKS: ``exp(-λ_max t) <= 1e-4``."""
+    largest = float(spectrum.eigenvalues[-1])
+    return 4.0 * math.log(10.0) / largest if largest > 0.0 else math.inf
+
+
+def band_range(spectrum: Spectrum, display: Display) -> tuple[float, float]:
+    """Smallest and largest eigenvalue of the bands in force, in inverse squared length units."""
+    low, high = 0.0, float(spectrum.eigenvalues[-1])
+    if not display.band_automatic:
+        low = low if display.band_min is None else display.band_min
+        high = high if display.band_max is None else display.band_max
+    low, high = min(low, high), max(low, high)
+    return (low, high) if low < high else (low, low + 1.0)
+
+
+def _automatic_times(spectrum: Spectrum) -> tuple[float, float]:
+    values = spectrum.eigenvalues
+    if not len(values) or not values[-1] > 1e-9 * max(abs(float(values[0])), 1e-300):
+        return 1.0, 10.0
+    t_min, t_max = hks_time_range(values)
+    return float(t_min), float(t_max)
