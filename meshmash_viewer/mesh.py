@@ -5,19 +5,26 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.units import LENGTH_UNITS
 
-__all__ = ["Mesh", "MeshLike", "as_mesh"]
+if TYPE_CHECKING:
+    from scipy import sparse
+
+__all__ = ["Mesh", "MeshLike", "as_mesh", "mesh_to_poly"]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
 #: ``(vertices, faces)``, an object with these two attributes, or a pyvista ``PolyData``.
 MeshLike: TypeAlias = Any
+
+#: How many offenders a message names before it only counts.
+_NAMED_OFFENDERS = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,9 +34,9 @@ class Mesh:
     Parameters
     ----------
     vertices : ndarray of float64, shape (n, 3)
-        Coordinates in `unit`.
+        Coordinates in `unit`. Copied, and read-only from then on.
     faces : ndarray of int64, shape (m, 3)
-        Vertex indices of each triangle.
+        Vertex indices of each triangle. Copied, and read-only from then on.
     unit : str
         One of `meshmash_viewer.units.LENGTH_UNITS`.
     name : str
@@ -39,7 +46,7 @@ class Mesh:
     ------
     InputError
         If an array has the wrong shape, a coordinate is not finite, an index is out of range,
-        or there is no face.
+        there is no face, the faces have no area at all, or the unit is unknown.
     """
 
     vertices: FloatArray
@@ -48,11 +55,20 @@ class Mesh:
     name: str = ""
 
     def __post_init__(self) -> None:
-        vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
-        faces = np.ascontiguousarray(self.faces, dtype=np.int64)
+        vertices = _checked_vertices(self.vertices)
+        faces = _checked_faces(self.faces, len(vertices))
+        vertices.flags.writeable = False
+        faces.flags.writeable = False
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
-        # validation: NUM fills in
+        if self.unit not in LENGTH_UNITS:
+            known = ", ".join(unit or "none" for unit in LENGTH_UNITS)
+            raise InputError(f"{self.unit!r} is not a unit a mesh can have: give one of {known}.")
+        if not self.area > 0.0:
+            raise InputError(
+                "The faces have no area: all their vertices coincide or lie on lines. "
+                "Check that the coordinates are those of a surface."
+            )
 
     @property
     def n_vertices(self) -> int:
@@ -65,17 +81,221 @@ class Mesh:
         return len(self.faces)
 
     @cached_property
+    def bounds(self) -> FloatArray:
+        """Lowest and highest coordinates of all vertices, shape (2, 3), in `unit`."""
+        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+
+    @cached_property
+    def face_areas(self) -> FloatArray:
+        """Area of each face, shape (m,), in squared `unit`."""
+        return np.asarray(0.5 * np.linalg.norm(self._face_crosses, axis=1), dtype=np.float64)
+
+    @cached_property
+    def area(self) -> float:
+        """Area of the whole surface, in squared `unit`."""
+        return float(self.face_areas.sum())
+
+    @cached_property
+    def referenced(self) -> npt.NDArray[np.bool_]:
+        """Which vertices a face with three different corners uses, shape (n,)."""
+        used = np.zeros(self.n_vertices, dtype=np.bool_)
+        used[self.faces[self.distinct_corners]] = True
+        return used
+
+    @cached_property
+    def distinct_corners(self) -> npt.NDArray[np.bool_]:
+        """Which faces have three different corners, shape (m,); the others are no triangles."""
+        a, b, c = self.faces.T
+        return np.asarray((a != b) & (b != c) & (c != a))
+
+    @cached_property
+    def component_labels(self) -> IntArray:
+        """Connected component of each vertex, shape (n,); -1 where unreferenced.
+
+        Faces that share a vertex are connected. Components are numbered by their lowest vertex.
+        """
+        from scipy.sparse.csgraph import connected_components
+
+        _, labels = connected_components(self._adjacency(), directed=False)
+        labels = labels.astype(np.int64)
+        used = self.referenced
+        result = np.full(self.n_vertices, -1, dtype=np.int64)
+        _, first, inverse = np.unique(labels[used], return_index=True, return_inverse=True)
+        number = np.empty(len(first), dtype=np.int64)
+        number[np.argsort(first)] = np.arange(len(first))
+        result[used] = number[inverse]
+        return result
+
+    @property
+    def n_components(self) -> int:
+        """Number of connected components; unreferenced vertices are in none."""
+        return int(self.component_labels.max()) + 1
+
+    @cached_property
+    def vertex_normals(self) -> npt.NDArray[np.float32]:
+        """Unit normals, shape (n, 3): the area-weighted mean over the faces around a vertex.
+
+        Where it vanishes (unreferenced vertices, faces that cancel) the normal is (0, 0, 1), so
+        that nothing drawn with it is ever NaN.
+        """
+        total = np.zeros((self.n_vertices, 3))
+        for corner in range(3):
+            indices = self.faces[:, corner]
+            for axis in range(3):
+                total[:, axis] += np.bincount(
+                    indices, weights=self._face_crosses[:, axis], minlength=self.n_vertices
+                )
+        length = np.linalg.norm(total, axis=1, keepdims=True)
+        # Sums that are rounding beside the largest possible one have no direction.
+        vanishing = length[:, 0] <= 1e-12 * self.area / self.n_faces
+        total[vanishing] = (0.0, 0.0, 1.0)
+        length[vanishing] = 1.0
+        return np.asarray(total / length, dtype=np.float32)
+
+    @cached_property
     def content_hash(self) -> str:
         """SHA-256 of coordinates and indices: 64 hexadecimal digits."""
         digest = hashlib.sha256()
         for array in (self.vertices, self.faces):
             digest.update(str(array.shape).encode())
-            digest.update(memoryview(array).cast("B"))
+            digest.update(array.ravel().data)
         return digest.hexdigest()
 
+    @cached_property
+    def _face_crosses(self) -> FloatArray:
+        """Cross product of two edges of each face, shape (m, 3): twice its area, along its normal.
 
-def as_mesh(mesh: MeshLike) -> Mesh:
-    """Take a mesh in any of the accepted forms (see `MeshLike`)."""
+        An edge is a difference, so a far-away origin costs no digits here.
+        """
+        a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
+        return np.asarray(np.cross(b - a, c - a), dtype=np.float64)
+
+    def _adjacency(self) -> sparse.coo_array[Any]:
+        from scipy import sparse
+
+        faces = self.faces[self.distinct_corners]
+        rows = np.concatenate([faces[:, 0], faces[:, 1]])
+        columns = np.concatenate([faces[:, 1], faces[:, 2]])
+        ones = np.ones(len(rows), dtype=np.int8)
+        return sparse.coo_array((ones, (rows, columns)), shape=(self.n_vertices,) * 2)
+
+
+def as_mesh(mesh: MeshLike, *, unit: str = "", name: str = "") -> Mesh:
+    """Take a mesh in any of the accepted forms.
+
+    Parameters
+    ----------
+    mesh : Mesh, pair, object or PolyData
+        A `Mesh` (returned as it is), a pair ``(vertices, faces)``, an object with attributes
+        `vertices` and `faces` such as a ``trimesh.Trimesh``, or a pyvista ``PolyData``, whose
+        polygons are triangulated.
+    unit, name : str
+        What the new `Mesh` is told of its unit and name; a `Mesh` keeps its own.
+
+    Raises
+    ------
+    InputError
+        If it is none of these, or not a valid mesh (see `Mesh`).
+    """
     if isinstance(mesh, Mesh):
         return mesh
-    raise InputError("not a mesh")  # NUM fills in
+    if hasattr(mesh, "GetPolys") and hasattr(mesh, "triangulate"):
+        poly = mesh.triangulate()
+        faces = np.asarray(poly.faces).reshape(-1, 4)[:, 1:]
+        return Mesh(np.asarray(poly.points), faces, unit, name)
+    if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
+        return Mesh(mesh.vertices, mesh.faces, unit, name)
+    if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
+        if any(_is_sparse(part) for part in mesh):
+            raise InputError(
+                "A pair of matrices (L, M) is not accepted here: give the mesh itself, "
+                "as (vertices, faces)."
+            )
+        return Mesh(mesh[0], mesh[1], unit, name)
+    raise InputError(
+        f"A mesh is a pair (vertices, faces) or an object with these two attributes, "
+        f"not {_described(mesh)}."
+    )
+
+
+def mesh_to_poly(mesh: MeshLike) -> Any:
+    """Copy a mesh into a new pyvista ``PolyData``, ready to take per-vertex values.
+
+    Parameters
+    ----------
+    mesh : MeshLike
+        Any accepted form of a mesh.
+
+    Returns
+    -------
+    pyvista.PolyData
+        With the vertices in the same order; it shares no memory with `mesh`.
+    """
+    import pyvista
+
+    mesh = as_mesh(mesh)
+    padded = np.empty((mesh.n_faces, 4), dtype=np.int64)
+    padded[:, 0] = 3
+    padded[:, 1:] = mesh.faces
+    return pyvista.PolyData(mesh.vertices.copy(), padded.ravel())
+
+
+def _is_sparse(part: object) -> bool:
+    from scipy import sparse
+
+    return bool(sparse.issparse(part))
+
+
+def _described(thing: object) -> str:
+    if isinstance(thing, (tuple, list)):
+        return f"a {type(thing).__name__} of {len(thing)}"
+    return f"of type {type(thing).__name__}"
+
+
+def _offenders(indices: IntArray) -> str:
+    """Name the first few of a list of offenders: "3, 17, 21 and 40 more"."""
+    named = ", ".join(str(index) for index in indices[:_NAMED_OFFENDERS])
+    rest = len(indices) - _NAMED_OFFENDERS
+    return f"{named} and {rest} more" if rest > 0 else named
+
+
+def _checked_vertices(given: Any) -> FloatArray:
+    try:
+        vertices = np.array(given, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise InputError("Vertices are an array of numbers of shape (n, 3).") from None
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise InputError(
+            f"Vertices have shape {vertices.shape}: give x, y and z for each, shape (n, 3)."
+        )
+    bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+    if len(bad):
+        raise InputError(
+            f"The coordinates of some vertices are NaN or infinite (vertex {_offenders(bad)}): "
+            "remove or mend them first."
+        )
+    return vertices
+
+
+def _checked_faces(given: Any, n_vertices: int) -> IntArray:
+    array = np.asarray(given)
+    if array.size == 0:
+        raise InputError("The mesh has no faces: a surface is needed, not a cloud of points.")
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InputError(
+            f"Faces have shape {array.shape}: give three vertex indices for each triangle, "
+            "shape (m, 3); polygons have to be split into triangles first."
+        )
+    if array.dtype.kind not in "iuf":
+        raise InputError(f"Faces are vertex indices, not of type {array.dtype}.")
+    with np.errstate(invalid="ignore"):
+        wrong = (array < 0) | (array >= n_vertices)
+        if array.dtype.kind == "f":
+            wrong |= array != np.floor(array)
+    bad = np.flatnonzero(wrong.any(axis=1))
+    if len(bad):
+        raise InputError(
+            f"Faces name vertices that do not exist (face {_offenders(bad)}, the first as "
+            f"{array[bad[0]].tolist()}): indices run from 0 to {n_vertices - 1}."
+        )
+    return np.array(array, dtype=np.int64, order="C")

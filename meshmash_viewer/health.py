@@ -1,0 +1,220 @@
+"""What is wrong with a mesh, in numbers, and the repairs that mend it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.mesh import IntArray, Mesh, MeshLike, as_mesh
+
+__all__ = ["REPAIRS", "Health", "Repair", "degenerate_faces", "duplicate_faces", "mesh_health"]
+
+#: A face whose height is below this share of its longest edge has no area but rounding.
+_FLAT = 1e-12
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """The state of a mesh; plain numbers, so that ``dataclasses.asdict`` gives JSON.
+
+    Parameters
+    ----------
+    n_vertices, n_faces : int
+        Sizes of the mesh.
+    n_components : int
+        Connected components; faces that share a vertex are connected.
+    largest_component : int
+        Number of vertices of the largest.
+    boundary_edges : int
+        Edges of one face only.
+    nonmanifold_edges : int
+        Edges of more than two faces.
+    degenerate_faces : int
+        Faces with a corner twice, or without area but for rounding.
+    duplicate_faces : int
+        Faces that join the same three vertices as an earlier one, in any order.
+    unreferenced_vertices : int
+        Vertices that no face with three different corners uses.
+    coincident_vertices : int
+        Vertices at exactly the place of an earlier one.
+    area : float
+        Area of the surface, in squared unit of the mesh.
+    """
+
+    n_vertices: int
+    n_faces: int
+    n_components: int
+    largest_component: int
+    boundary_edges: int
+    nonmanifold_edges: int
+    degenerate_faces: int
+    duplicate_faces: int
+    unreferenced_vertices: int
+    coincident_vertices: int
+    area: float
+
+
+@dataclass(frozen=True, slots=True)
+class Repair:
+    """One way to mend a mesh.
+
+    Parameters
+    ----------
+    name : str
+        Its key in `REPAIRS`.
+    label : str
+        What a button says.
+    count : callable
+        Takes a `Health`, returns how many things the repair would mend; 0 means nothing to do.
+    apply : callable
+        Takes a `Mesh`, returns the mended one.
+    """
+
+    name: str
+    label: str
+    count: Callable[[Health], int]
+    apply: Callable[[Mesh], Mesh]
+
+
+def mesh_health(mesh: MeshLike) -> Health:
+    """Count what is wrong with a mesh.
+
+    Parameters
+    ----------
+    mesh : MeshLike
+        The mesh.
+
+    Returns
+    -------
+    Health
+        The counts. Edges are counted over the faces with three different corners.
+    """
+    mesh = as_mesh(mesh)
+    faces = mesh.faces[mesh.distinct_corners]
+    ends = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    # One integer an edge sorts several times faster than pairs; it cannot overflow below 3e9.
+    keys = ends[:, 0] * np.int64(mesh.n_vertices) + ends[:, 1]
+    _, faces_of_edge = np.unique(keys, return_counts=True)
+    sizes = np.bincount(mesh.component_labels[mesh.referenced])
+    return Health(
+        n_vertices=mesh.n_vertices,
+        n_faces=mesh.n_faces,
+        n_components=len(sizes),
+        largest_component=int(sizes.max(initial=0)),
+        boundary_edges=int((faces_of_edge == 1).sum()),
+        nonmanifold_edges=int((faces_of_edge > 2).sum()),
+        degenerate_faces=int(degenerate_faces(mesh).sum()),
+        duplicate_faces=int(duplicate_faces(mesh).sum()),
+        unreferenced_vertices=int((~mesh.referenced).sum()),
+        coincident_vertices=int((_first_at_place(mesh) != np.arange(mesh.n_vertices)).sum()),
+        area=mesh.area,
+    )
+
+
+def degenerate_faces(mesh: Mesh) -> npt.NDArray[np.bool_]:
+    """Tell which faces have a corner twice, or no area but for rounding, shape (m,)."""
+    a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
+    longest = np.max([np.square(p - q).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
+    return np.asarray(~mesh.distinct_corners | (2.0 * mesh.face_areas <= _FLAT * longest))
+
+
+def duplicate_faces(mesh: Mesh) -> npt.NDArray[np.bool_]:
+    """Tell which faces join the same three vertices as an earlier face, shape (m,)."""
+    corners = np.sort(mesh.faces, axis=1)
+    # A stable sort keeps equal faces in their order, so the first of each run is the earliest.
+    order = np.lexsort(corners.T[::-1])
+    in_order = corners[order]
+    repeated = np.zeros(mesh.n_faces, dtype=np.bool_)
+    repeated[order[1:]] = (in_order[1:] == in_order[:-1]).all(axis=1)
+    return repeated
+
+
+def _first_at_place(mesh: Mesh) -> IntArray:
+    """For each vertex, the lowest index of those at exactly the same place, shape (n,)."""
+    places = mesh.vertices + 0.0  # so that -0.0 and 0.0 are one place
+    order = np.lexsort(places.T[::-1])
+    in_order = places[order]
+    starts = np.ones(mesh.n_vertices, dtype=np.bool_)
+    starts[1:] = (in_order[1:] != in_order[:-1]).any(axis=1)
+    first = np.empty(mesh.n_vertices, dtype=np.int64)
+    first[order] = order[starts][np.cumsum(starts) - 1]
+    return first
+
+
+def _with_faces(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> Mesh:
+    if not kept.any():
+        raise InputError("This repair would leave no face: the mesh is kept as it is.")
+    return Mesh(mesh.vertices, mesh.faces[kept], mesh.unit, mesh.name)
+
+
+def _without_vertices(mesh: Mesh, kept: npt.NDArray[np.bool_], faces: IntArray) -> Mesh:
+    number = np.cumsum(kept) - 1
+    return Mesh(mesh.vertices[kept], number[faces], mesh.unit, mesh.name)
+
+
+def _merge_coincident_vertices(mesh: Mesh) -> Mesh:
+    first = _first_at_place(mesh)
+    kept = first == np.arange(mesh.n_vertices)
+    return _without_vertices(mesh, kept, first[mesh.faces])
+
+
+def _drop_unreferenced_vertices(mesh: Mesh) -> Mesh:
+    # Faces with a corner twice are no triangles, and may use vertices that nothing else does.
+    return _without_vertices(mesh, mesh.referenced, mesh.faces[mesh.distinct_corners])
+
+
+def _drop_degenerate_faces(mesh: Mesh) -> Mesh:
+    return _with_faces(mesh, ~degenerate_faces(mesh))
+
+
+def _drop_duplicate_faces(mesh: Mesh) -> Mesh:
+    return _with_faces(mesh, ~duplicate_faces(mesh))
+
+
+def _keep_largest_component(mesh: Mesh) -> Mesh:
+    sizes = np.bincount(mesh.component_labels[mesh.referenced])
+    kept = mesh.component_labels == int(sizes.argmax())
+    faces = mesh.faces[mesh.distinct_corners]
+    return _without_vertices(mesh, kept, faces[kept[faces[:, 0]]])
+
+
+#: The repairs by name, in the order in which they are best applied.
+REPAIRS: dict[str, Repair] = {
+    repair.name: repair
+    for repair in (
+        Repair(
+            "merge_coincident_vertices",
+            "Merge coincident vertices",
+            lambda health: health.coincident_vertices,
+            _merge_coincident_vertices,
+        ),
+        Repair(
+            "drop_degenerate_faces",
+            "Drop degenerate faces",
+            lambda health: health.degenerate_faces,
+            _drop_degenerate_faces,
+        ),
+        Repair(
+            "drop_duplicate_faces",
+            "Drop duplicate faces",
+            lambda health: health.duplicate_faces,
+            _drop_duplicate_faces,
+        ),
+        Repair(
+            "drop_unreferenced_vertices",
+            "Drop unreferenced vertices",
+            lambda health: health.unreferenced_vertices,
+            _drop_unreferenced_vertices,
+        ),
+        Repair(
+            "keep_largest_component",
+            "Keep the largest component",
+            lambda health: health.n_components - 1,
+            _keep_largest_component,
+        ),
+    )
+}

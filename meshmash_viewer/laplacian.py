@@ -1,0 +1,245 @@
+"""Stiffness and mass matrices of a triangle mesh.
+
+The eigenvalue problem of the surface is ``L φ = λ M φ``: `L` holds the cotangent weights (no
+unit), `M` the area of each vertex (squared unit of the mesh), so λ is per squared unit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from scipy import sparse
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.mesh import FloatArray, IntArray, Mesh, MeshLike, as_mesh
+
+__all__ = ["OperatorOptions", "area_matrix", "compute_vertex_areas", "cotangent_laplacian"]
+
+SparseMatrix: TypeAlias = Any
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorOptions:
+    """Which Laplacian is meant, for whoever stores, shows or repeats a result.
+
+    Parameters
+    ----------
+    robust : bool
+        Whether the operator is Sharp and Crane's, for any triangle soup, or the plain cotangent
+        one, for clean manifold meshes.
+    mollify_factor : float
+        How far the robust operator lengthens edges, relative to their mean, so that no triangle
+        is degenerate. Not used by the plain one.
+    """
+
+    robust: bool = True
+    mollify_factor: float = 1e-5
+
+
+def cotangent_laplacian(
+    mesh: MeshLike, robust: bool = False, mollify_factor: float = 1e-5
+) -> tuple[SparseMatrix, SparseMatrix]:
+    """Build the Laplacian and the mass matrix of a mesh.
+
+    Parameters
+    ----------
+    mesh : MeshLike
+        The mesh, n vertices.
+    robust : bool
+        False: cotangent weights and a third of the adjacent areas, straight from the triangles.
+        True: the same on the intrinsic Delaunay triangulation of the mollified tufted cover,
+        which takes non-manifold edges, slivers, zero-area and duplicate faces [1]_.
+    mollify_factor : float
+        See `OperatorOptions`; only with `robust`.
+
+    Returns
+    -------
+    L : scipy.sparse.csc_array of float64, shape (n, n)
+        Symmetric, positive semi-definite up to obtuse non-Delaunay edges, rows sum to zero.
+    M : scipy.sparse.dia_array of float64, shape (n, n)
+        Diagonal, in squared unit of the mesh. Unreferenced vertices have empty rows in both.
+
+    Raises
+    ------
+    InputError
+        If the mesh is not valid, if a face has no area and `robust` is False, or if
+        `mollify_factor` is negative or too small to mend the faces.
+
+    Notes
+    -----
+    Both are computed on the mesh moved to its centre and scaled by a power of two, so that
+    neither the unit nor the origin changes a decision taken on the way.
+
+    References
+    ----------
+    .. [1] Sharp, N. and Crane, K. (2020). "A Laplacian for Nonmanifold Triangle Meshes."
+       Computer Graphics Forum 39(5).
+    """
+    mesh = as_mesh(mesh)
+    vertices, faces, used = _referenced_part(mesh)
+    vertices, scale = _normalised(vertices)
+    if robust:
+        stiffness, areas = _robust_operator(vertices, faces, mollify_factor)
+    else:
+        _refuse_flat_faces(vertices, faces, used)
+        stiffness = _cotangent_weights(vertices, faces)
+        areas = _corner_areas(vertices, faces)
+    areas = areas * scale**2
+    return _spread(stiffness, used, mesh.n_vertices), _diagonal(areas, used, mesh.n_vertices)
+
+
+def area_matrix(mesh: MeshLike) -> SparseMatrix:
+    """Build the lumped mass matrix: a third of the area of the faces around each vertex.
+
+    Parameters
+    ----------
+    mesh : MeshLike
+        The mesh, n vertices.
+
+    Returns
+    -------
+    M : scipy.sparse.dia_array of float64, shape (n, n)
+        Diagonal, in squared unit of the mesh; its trace is the area of the mesh.
+    """
+    return sparse.diags_array(compute_vertex_areas(mesh))
+
+
+def compute_vertex_areas(
+    mesh: MeshLike, robust: bool = False, mollify_factor: float = 1e-5
+) -> FloatArray:
+    """Compute the area that belongs to each vertex.
+
+    Parameters
+    ----------
+    mesh : MeshLike
+        The mesh, n vertices.
+    robust : bool
+        False: a third of the area of the adjacent faces. True: the same on the triangulation of
+        the robust Laplacian (see `cotangent_laplacian`).
+    mollify_factor : float
+        See `OperatorOptions`; only with `robust`.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        In squared unit of the mesh; 0 for unreferenced vertices.
+    """
+    mesh = as_mesh(mesh)
+    if robust:
+        _, mass = cotangent_laplacian(mesh, robust=True, mollify_factor=mollify_factor)
+        return np.asarray(mass.diagonal(), dtype=np.float64)
+    vertices, scale = _normalised(mesh.vertices)
+    return _corner_areas(vertices, mesh.faces) * scale**2
+
+
+def _referenced_part(mesh: Mesh) -> tuple[FloatArray, IntArray, IntArray]:
+    """Vertices in use, faces with three corners that name them, and their indices in the mesh."""
+    used = np.flatnonzero(mesh.referenced)
+    number = np.full(mesh.n_vertices, -1, dtype=np.int64)
+    number[used] = np.arange(len(used))
+    return mesh.vertices[used], number[mesh.faces[mesh.distinct_corners]], used
+
+
+def _normalised(vertices: FloatArray) -> tuple[FloatArray, float]:
+    """Move to the centre and scale to a size of 1 to 2; return the scale to multiply back.
+
+    A power of two changes no digit; with any other, a mesh in nm and the same one in m would
+    differ by rounding already here.
+    """
+    centred = vertices - 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+    extent = float(np.abs(centred).max())
+    scale = float(2.0 ** np.floor(np.log2(extent)))
+    return centred / scale, scale
+
+
+def _corner_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """A third of the area of the faces around each vertex."""
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    thirds = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6.0
+    areas = np.bincount(faces.ravel(), weights=np.repeat(thirds, 3), minlength=len(vertices))
+    return np.asarray(areas, dtype=np.float64)
+
+
+def _refuse_flat_faces(vertices: FloatArray, faces: IntArray, used: IntArray) -> None:
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    longest = np.max([np.square(p - q).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
+    # Below this the sign and size of the area are rounding, and so would be the cotangents.
+    flat = np.flatnonzero(np.linalg.norm(np.cross(b - a, c - a), axis=1) <= 1e-14 * longest)
+    if len(flat):
+        raise InputError(
+            f"{len(flat)} faces have no area (the first joins vertices "
+            f"{used[faces[flat[0]]].tolist()}), so their cotangents are infinite: "
+            "use robust=True, or drop these faces."
+        )
+
+
+def _cotangent_weights(vertices: FloatArray, faces: IntArray) -> SparseMatrix:
+    n = len(vertices)
+    corners = [vertices[faces[:, corner]] for corner in range(3)]
+    rows, columns, weights = [], [], []
+    for corner in range(3):
+        # The cotangent of the angle at one corner weighs the edge between the other two.
+        here, first, second = (corners[(corner + step) % 3] for step in range(3))
+        u, v = first - here, second - here
+        sine = np.linalg.norm(np.cross(u, v), axis=1)
+        ends = np.sort(faces[:, [(corner + 1) % 3, (corner + 2) % 3]], axis=1)
+        rows.append(ends[:, 0])
+        columns.append(ends[:, 1])
+        weights.append(0.5 * np.einsum("ij,ij->i", u, v) / sine)
+    upper = sparse.coo_array(
+        (np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=(n, n)
+    ).tocsc()
+    return _from_upper_weights(upper)
+
+
+def _from_upper_weights(upper: SparseMatrix) -> SparseMatrix:
+    """L from the weights above the diagonal: symmetric to the last bit, rows summing to zero."""
+    adjacency = upper + upper.T
+    degree = np.asarray(adjacency.sum(axis=1)).ravel()
+    return sparse.csc_array(sparse.diags_array(degree) - adjacency)
+
+
+def _robust_operator(
+    vertices: FloatArray, faces: IntArray, mollify_factor: float
+) -> tuple[SparseMatrix, FloatArray]:
+    import robust_laplacian
+
+    if not mollify_factor >= 0.0:
+        raise InputError(f"mollify_factor is {mollify_factor}: give zero or a small positive one.")
+    try:
+        stiffness, mass = robust_laplacian.mesh_laplacian(
+            vertices, faces, mollify_factor=float(mollify_factor)
+        )
+    except RuntimeError as error:
+        raise InputError(
+            f"The robust Laplacian could not be built ({error}): "
+            "try a larger mollify_factor, or repair the mesh first."
+        ) from error
+    areas = np.asarray(mass.diagonal(), dtype=np.float64)
+    stiffness = sparse.csc_array(stiffness)
+    if not (np.isfinite(stiffness.data).all() and np.isfinite(areas).all() and areas.min() > 0):
+        raise InputError(
+            "The robust Laplacian has entries that are not finite, or vertices without area: "
+            f"mollify_factor {mollify_factor} is too small for the degenerate faces of this mesh."
+        )
+    return _from_upper_weights(-sparse.triu(stiffness, k=1, format="csc")), areas
+
+
+def _spread(stiffness: SparseMatrix, used: IntArray, n: int) -> SparseMatrix:
+    """Matrix of all n vertices from that of the ones in use."""
+    if len(used) == n:
+        spread = stiffness
+    else:
+        entries = stiffness.tocoo()
+        spread = sparse.csc_array((entries.data, (used[entries.row], used[entries.col])), (n, n))
+    spread.sum_duplicates()
+    spread.sort_indices()
+    return spread
+
+
+def _diagonal(areas: FloatArray, used: IntArray, n: int) -> SparseMatrix:
+    diagonal = np.zeros(n)
+    diagonal[used] = areas
+    return sparse.diags_array(diagonal)
