@@ -23,6 +23,7 @@ from meshmash_viewer.model.jobs import (
 )
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.progress import Progress
+from meshmash_viewer.units import parse_unit
 from meshmash_viewer.weyl import Target
 
 __all__ = ["PIN_COLORS", "Document", "Notice", "Pin", "Severity"]
@@ -54,6 +55,11 @@ class Pin:
 
     vertex: int
     color: str
+
+
+def _in_unit(ready: MeshReady, unit: str) -> MeshReady:
+    mesh = ready.mesh
+    return replace(ready, mesh=Mesh(mesh.vertices, mesh.faces, unit, mesh.name))
 
 
 class Document:
@@ -105,6 +111,37 @@ class Document:
     def open_mesh(self, path: str | Path, unit: str = "") -> None:
         """Ask for a mesh file to be read; the open mesh stays until that has succeeded."""
         self._request(ReadJob(Path(path), unit))
+
+    def set_unit(self, text: str) -> None:
+        """Say in what unit the coordinates are, or how large the voxels are that they count.
+
+        Parameters
+        ----------
+        text : str
+            See `meshmash_viewer.units.parse_unit`. Without a voxel size the numbers stay as they
+            are, so the spectrum stays too; with one the mesh is scaled and has to be solved again.
+
+        Raises
+        ------
+        InputError
+            If the text is not a unit.
+        """
+        factor, unit = parse_unit(text)
+        if self.ready is None:
+            return
+        if factor == 1.0:
+            self._undo = [_in_unit(ready, unit) for ready in self._undo]
+            self.ready = _in_unit(self.ready, unit)
+            self.mesh_changed.emit()
+            self.pins_changed.emit()
+            self.spectrum_changed.emit()
+            return
+        mesh, health = self.ready.mesh, self.ready.health
+        scaled = Mesh(mesh.vertices * factor, mesh.faces, unit, mesh.name)
+        self._undo.clear()
+        self._show(
+            replace(self.ready, mesh=scaled, health=replace(health, area=health.area * factor**2))
+        )
 
     def repair(self, name: str) -> None:
         """Ask for a repair of `meshmash_viewer.health.REPAIRS`."""

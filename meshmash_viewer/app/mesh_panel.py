@@ -1,0 +1,299 @@
+"""The Mesh panel: what was read, its health, the Laplacian, how much to compute, and the proof."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QFrame,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QProgressBar,
+    QPushButton,
+    QScrollArea,
+    QVBoxLayout,
+    QWidget,
+)
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.health_table import HealthTable
+from meshmash_viewer.app.number_box import QuantityBox
+from meshmash_viewer.app.target_box import TargetBox
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.model import cost
+from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.units import LENGTH_UNITS, format_quantity, power_unit
+
+__all__ = ["MeshPanel"]
+
+
+class MeshPanel(QWidget):
+    """Left panel; its foot with Compute and the proof stays in view while the rest scrolls."""
+
+    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("mesh_panel")
+        self.setAccessibleName("Mesh")
+        self._document = document
+        self.seconds_rate: float | None = None
+
+        content = QWidget(objectName="panel_content")
+        column = QVBoxLayout(content)
+        column.setContentsMargins(theme.MARGIN, theme.GAP, theme.MARGIN, theme.MARGIN)
+        column.setSpacing(6)
+        self._build_facts(column)
+        self._heading(column, "Health")
+        column.addWidget(HealthTable(document))
+        self.undo_button = theme.with_role(
+            QPushButton("Undo repair", objectName="undo_repair_button"), "link"
+        )
+        self.undo_button.setAccessibleName("Undo the last repair")
+        self.undo_button.clicked.connect(document.undo_repair)
+        column.addWidget(self.undo_button, 0, Qt.AlignmentFlag.AlignLeft)
+        self._heading(column, "Laplacian")
+        self._build_operator(column)
+        self._heading(column, "Decomposition")
+        self.target_box = TargetBox(document)
+        column.addWidget(self.target_box)
+        self.cost_label = theme.with_role(QLabel(objectName="cost_label", wordWrap=True), "muted")
+        self.cost_label.setAccessibleName("Estimated memory and time")
+        column.addWidget(self.cost_label)
+        column.addStretch(1)
+
+        scroll = QScrollArea(widgetResizable=True)
+        scroll.setWidget(content)
+        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        outer = QVBoxLayout(self)
+        outer.setContentsMargins(0, 0, 0, 0)
+        outer.setSpacing(0)
+        outer.addWidget(scroll, 1)
+        outer.addWidget(theme.with_role(QFrame(), "line"))
+        outer.addWidget(self._build_foot())
+        # wide enough that no row is cut off: the scroll area only scrolls up and down
+        self.setMinimumWidth(max(280, content.minimumSizeHint().width() + 16))
+
+        document.mesh_changed.connect(self._refresh_facts)
+        document.mesh_changed.connect(self._refresh_cost)
+        document.settings_changed.connect(self._refresh_operator)
+        document.settings_changed.connect(self._refresh_cost)
+        document.job_changed.connect(self._refresh_job)
+        document.spectrum_changed.connect(self._refresh_proof)
+        document.mesh_changed.connect(self._refresh_job)
+        self._refresh_facts()
+        self._refresh_operator()
+        self._refresh_cost()
+        self._refresh_job()
+
+    # -- what was read ------------------------------------------------------------------------
+
+    def _heading(self, column: QVBoxLayout, text: str) -> None:
+        column.addSpacing(theme.GAP)
+        column.addWidget(theme.with_role(QLabel(text), "heading"))
+
+    def _build_facts(self, column: QVBoxLayout) -> None:
+        self.name_label = theme.with_role(QLabel(objectName="mesh_name_label"), "heading")
+        self.name_label.setAccessibleName("Name of the mesh")
+        self.path_label = theme.with_role(QLabel(objectName="mesh_path_label"), "muted")
+        self.path_label.setAccessibleName("Path of the mesh")
+        column.addWidget(self.name_label)
+        column.addWidget(self.path_label)
+        grid = QGridLayout()
+        grid.setHorizontalSpacing(theme.GAP)
+        grid.setVerticalSpacing(3)
+        grid.setColumnStretch(0, 1)
+        self._facts: dict[str, QLabel] = {}
+        for at, name in enumerate(("Vertices", "Faces", "Area", "Extent")):
+            label = QLabel("–", objectName=f"mesh_{name.lower()}_label")
+            label.setAccessibleName(name)
+            label.setAlignment(Qt.AlignmentFlag.AlignRight)
+            label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+            self._facts[name] = label
+            grid.addWidget(QLabel(name), at, 0)
+            grid.addWidget(label, at, 1)
+        self.unit_combo = QComboBox(objectName="unit_combo", editable=True)
+        self.unit_combo.addItems([unit or "none" for unit in LENGTH_UNITS])
+        self.unit_combo.setInsertPolicy(QComboBox.InsertPolicy.NoInsert)
+        self.unit_combo.setAccessibleName("Unit of the coordinates")
+        self.unit_combo.setToolTip(
+            "Unit of the coordinates; or the size of a voxel, such as “8 nm”, "
+            "which multiplies coordinates counted in voxels"
+        )
+        self.unit_combo.setMaximumWidth(120)
+        self.unit_combo.lineEdit().editingFinished.connect(self._choose_unit)
+        self.unit_combo.activated.connect(self._choose_unit)
+        grid.addWidget(QLabel("Unit"), 4, 0)
+        grid.addWidget(self.unit_combo, 4, 1, Qt.AlignmentFlag.AlignRight)
+        column.addLayout(grid)
+
+    def _choose_unit(self) -> None:
+        ready = self._document.ready
+        text = self.unit_combo.currentText().strip()
+        if ready is None or text == (ready.mesh.unit or "none"):
+            return
+        try:
+            self._document.set_unit(text)
+        except InputError as fault:
+            self._document.notify(Notice(str(fault), Severity.ERROR))
+        self._refresh_facts()
+
+    def _refresh_facts(self) -> None:
+        ready = self._document.ready
+        self.unit_combo.setEnabled(ready is not None)
+        self.undo_button.setVisible(self._document.can_undo)
+        if ready is None:
+            self.name_label.setText("No mesh open")
+            self.path_label.setText("Drop one on the window, or press Ctrl+O.")
+            for label in self._facts.values():
+                label.setText("–")
+            self.unit_combo.setCurrentText("none")
+            return
+        mesh, health = ready.mesh, ready.health
+        self.name_label.setText(mesh.name or "Mesh in memory")
+        where = str(ready.path) if ready.path else "handed over in memory"
+        self.path_label.setToolTip(where)
+        self.path_label.setText(
+            self.path_label.fontMetrics().elidedText(where, Qt.TextElideMode.ElideMiddle, 244)
+        )
+        extent = mesh.bounds[1] - mesh.bounds[0]
+        size = " × ".join(f"{length:.3g}" for length in extent)
+        self._facts["Vertices"].setText(f"{health.n_vertices:,}")
+        self._facts["Faces"].setText(f"{health.n_faces:,}")
+        self._facts["Area"].setText(format_quantity(health.area, mesh.unit, 2))
+        self._facts["Extent"].setText(f"{size} {power_unit(mesh.unit, 1)}".strip())
+        self.unit_combo.setCurrentText(mesh.unit or "none")
+
+    # -- the Laplacian ------------------------------------------------------------------------
+
+    def _build_operator(self, column: QVBoxLayout) -> None:
+        self.robust_check = QCheckBox("Robust", objectName="robust_check")
+        self.robust_check.setAccessibleName("Robust Laplacian")
+        self.robust_check.setToolTip(
+            "Sharp & Crane 2020: right for any triangle mesh, also non-manifold ones. "
+            "Without it, the plain cotangent Laplacian, for clean meshes only"
+        )
+        self.mollify_spin = QuantityBox()
+        self.mollify_spin.setObjectName("mollify_spin")
+        self.mollify_spin.setAccessibleName("Mollify factor")
+        self.mollify_spin.setToolTip(
+            "How far edges are lengthened, relative to their mean, so that no triangle is "
+            "degenerate (no unit; 1e-05 suits nearly every mesh)"
+        )
+        self.mollify_label = QLabel("Mollify")
+        row = QHBoxLayout()
+        row.setSpacing(theme.GAP)
+        row.addWidget(self.robust_check)
+        row.addStretch(1)
+        row.addWidget(self.mollify_label)
+        row.addWidget(self.mollify_spin)
+        column.addLayout(row)
+        self.robust_check.toggled.connect(self._choose_operator)
+        self.mollify_spin.valueChanged.connect(self._choose_operator)
+
+    def _choose_operator(self) -> None:
+        robust = self.robust_check.isChecked()
+        self._document.operator = OperatorOptions(robust, self.mollify_spin.value())
+
+    def _refresh_operator(self) -> None:
+        operator = self._document.operator
+        blocked = self.robust_check.blockSignals(True)
+        self.robust_check.setChecked(operator.robust)
+        self.robust_check.blockSignals(blocked)
+        if not self.mollify_spin.hasFocus():
+            self.mollify_spin.show_quantity(operator.mollify_factor)
+        self.mollify_spin.setEnabled(operator.robust)
+        self.mollify_label.setEnabled(operator.robust)
+
+    # -- cost, progress and proof -------------------------------------------------------------
+
+    def _refresh_cost(self) -> None:
+        ready, target = self._document.ready, self._document.target
+        if ready is None or not ready.health.area > 0.0:
+            self.cost_label.setText("")
+            return
+        n = ready.health.n_vertices
+        pairs = min(target.estimated_count(ready.health.area), n)
+        memory = cost.written_bytes(cost.decomposition_bytes(n, pairs))
+        time = cost.written_duration(cost.decomposition_seconds(n, pairs, self.seconds_rate))
+        self.cost_label.setText(f"Takes about {memory} of memory and {time}.")
+
+    def _build_foot(self) -> QWidget:
+        foot = QWidget(objectName="mesh_panel_foot")
+        column = QVBoxLayout(foot)
+        column.setContentsMargins(theme.MARGIN, theme.MARGIN, theme.MARGIN, theme.MARGIN)
+        column.setSpacing(6)
+        self.compute_button = theme.with_role(
+            QPushButton("Compute", objectName="compute_button"), "primary"
+        )
+        self.compute_button.setAccessibleName("Compute eigenpairs")
+        self.compute_button.setToolTip("Decompose the mesh (Ctrl+Return)")
+        self.compute_button.clicked.connect(self._document.compute)
+        self.cancel_button = QPushButton("Cancel", objectName="cancel_button")
+        self.cancel_button.setAccessibleName("Cancel what runs")
+        self.cancel_button.setToolTip("Stop; eigenpairs that have converged stay (Esc)")
+        self.cancel_button.clicked.connect(self._document.cancel)
+        row = QHBoxLayout()
+        row.setSpacing(theme.GAP)
+        row.addWidget(self.compute_button, 2)
+        row.addWidget(self.cancel_button, 1)
+        self.progress_bar = QProgressBar(objectName="progress_bar", textVisible=False)
+        self.progress_bar.setAccessibleName("Progress")
+        self.progress_bar.setRange(0, 1000)
+        self.progress_label = theme.with_role(
+            QLabel(objectName="progress_label", wordWrap=True), "muted"
+        )
+        self.progress_label.setAccessibleName("What is being done")
+        self.proof_label = theme.with_role(QLabel(objectName="proof_label", wordWrap=True), "proof")
+        self.proof_label.setAccessibleName("Proof of the eigenpairs")
+        self.proof_label.setToolTip(
+            "Pairs computed, whether the count is certified complete, the worst residual "
+            "‖Lφ − λMφ‖ / λ‖Mφ‖, and the largest entry of |ΦᵀMΦ − I|"
+        )
+        self.proof_label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        column.addLayout(row)
+        column.addWidget(self.progress_bar)
+        column.addWidget(self.progress_label)
+        column.addWidget(self.proof_label)
+        return foot
+
+    def _refresh_job(self) -> None:
+        state = self._document.job
+        self.compute_button.setEnabled(state is None and self._document.ready is not None)
+        self.cancel_button.setEnabled(state is not None and not state.cancelling)
+        self.progress_bar.setVisible(state is not None)
+        self.progress_label.setVisible(state is not None)
+        if state is not None:
+            progress = state.progress
+            if progress.fraction is None:
+                self.progress_bar.setRange(0, 0)
+            else:
+                self.progress_bar.setRange(0, 1000)
+                self.progress_bar.setValue(round(1000 * min(max(progress.fraction, 0.0), 1.0)))
+            what = "Stopping" if state.cancelling else progress.message or progress.stage
+            parts = [what[:1].upper() + what[1:] if what else state.job.label]
+            if progress.remaining is not None and not state.cancelling:
+                parts.append(f"{cost.written_duration(progress.remaining)} left")
+            self.progress_label.setText(" · ".join(parts))
+        self._refresh_proof()
+
+    def _refresh_proof(self) -> None:
+        spectrum, state = self._document.spectrum, self._document.job
+        text, role = "", "muted"
+        if spectrum is not None and spectrum.proof:
+            text, role = spectrum.proof, "proof" if spectrum.complete else "warning"
+        elif spectrum is not None and state is None and len(spectrum):
+            owed = f" of {spectrum.total:,}" if spectrum.total else ""
+            text = f"{len(spectrum):,}{owed} pairs, stopped early: Compute goes on from here."
+            role = "warning"
+        elif state is None and self._document.ready is None:
+            text = "Open a mesh to compute its eigenfunctions."
+        elif state is None and spectrum is None:
+            text = "Nothing computed yet."
+        self.proof_label.setVisible(bool(text))
+        self.proof_label.setText(text)
+        if self.proof_label.property("role") != role:
+            theme.with_role(self.proof_label, role)
+            self.proof_label.style().unpolish(self.proof_label)
+            self.proof_label.style().polish(self.proof_label)

@@ -1,0 +1,110 @@
+"""The bar over the render that says what happened and what to do next."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QEvent, QObject, QSize, Qt, QTimer
+from PySide6.QtGui import QGuiApplication, QIcon
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QToolButton, QWidget
+
+from meshmash_viewer.app import icons, theme
+from meshmash_viewer.model.document import Notice, Severity
+
+__all__ = ["MessageBar"]
+
+#: How long good news stays, in milliseconds; warnings and errors stay until dismissed.
+_STAY = 7000
+_WIDEST = 760
+
+
+class MessageBar(QFrame):
+    """One notice at a time, floating at the top of its parent.
+
+    Parameters
+    ----------
+    parent : QWidget
+        The widget that it floats over; it follows its size.
+    """
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setObjectName("message_bar")
+        self.setAccessibleName("Message")
+        self.notice: Notice | None = None
+
+        self._icon = QLabel(objectName="message_icon")
+        self._text = QLabel(objectName="message_text", wordWrap=True)
+        self._text.setAccessibleName("Message text")
+        self._text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self._text.setTextFormat(Qt.TextFormat.PlainText)
+        self._copy = theme.with_role(QPushButton("Copy details", objectName="copy_details"), "link")
+        self._copy.setAccessibleName("Copy details of the message")
+        self._copy.setToolTip("Copy the message and its technical details to the clipboard")
+        self._copy.clicked.connect(self._copy_details)
+        self._dismiss = QToolButton(objectName="dismiss_message", toolTip="Dismiss")
+        self._dismiss.setAccessibleName("Dismiss the message")
+        self._dismiss.setIconSize(QSize(14, 14))
+        self._dismiss.clicked.connect(self.dismiss)
+
+        row = QHBoxLayout(self)
+        row.setContentsMargins(12, 8, 8, 8)
+        row.setSpacing(theme.GAP)
+        row.addWidget(self._icon, 0, Qt.AlignmentFlag.AlignTop)
+        row.addWidget(self._text, 1)
+        row.addWidget(self._copy, 0, Qt.AlignmentFlag.AlignTop)
+        row.addWidget(self._dismiss, 0, Qt.AlignmentFlag.AlignTop)
+
+        self._timer = QTimer(self, singleShot=True)
+        self._timer.timeout.connect(self.dismiss)
+        parent.installEventFilter(self)
+        theme.notifier().changed.connect(self._refresh)
+        self.hide()
+
+    def show_notice(self, notice: Notice) -> None:
+        """Show a notice in place of the one before."""
+        self.notice = notice
+        self._text.setText(notice.text)
+        self._copy.setText("Copy details")
+        self._copy.setVisible(bool(notice.details) or notice.severity is Severity.ERROR)
+        self.setProperty("severity", notice.severity.value)
+        self._refresh()
+        self.show()
+        self._place()
+        self.raise_()
+        self._timer.stop()
+        if notice.severity is Severity.INFORMATION:
+            self._timer.start(_STAY)
+
+    def dismiss(self) -> None:
+        """Take the bar away."""
+        self._timer.stop()
+        self.notice = None
+        self.hide()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Follow the size of the widget it floats over."""
+        if watched is self.parent() and event.type() == QEvent.Type.Resize and self.isVisible():
+            self._place()
+        return super().eventFilter(watched, event)
+
+    def _place(self) -> None:
+        room = self.parentWidget().rect()
+        width = min(_WIDEST, room.width() - 2 * theme.MARGIN)
+        height = self.layout().heightForWidth(width)
+        if height < 0:
+            height = self.sizeHint().height()
+        self.setGeometry((room.width() - width) // 2, theme.MARGIN, width, height)
+
+    def _refresh(self) -> None:
+        self.style().unpolish(self)
+        self.style().polish(self)
+        colors = theme.palette()
+        self._dismiss.setIcon(QIcon(icons.pixmap("close", colors.text, 14)))
+        if self.notice is not None:
+            severity = self.notice.severity.value
+            self._icon.setPixmap(icons.pixmap(severity, getattr(colors, severity), 18))
+
+    def _copy_details(self) -> None:
+        if self.notice is not None:
+            parts = [self.notice.text, self.notice.details]
+            QGuiApplication.clipboard().setText("\n\n".join(part for part in parts if part))
+            self._copy.setText("Copied")

@@ -1,0 +1,126 @@
+"""How much of the spectrum to compute: by count, by eigenvalue or by wavelength."""
+
+from __future__ import annotations
+
+from PySide6.QtWidgets import (
+    QAbstractSpinBox,
+    QButtonGroup,
+    QGridLayout,
+    QLabel,
+    QRadioButton,
+    QSpinBox,
+    QWidget,
+)
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.number_box import QuantityBox
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.units import power_unit
+from meshmash_viewer.weyl import Target
+
+__all__ = ["TargetBox"]
+
+_MOST = 100_000
+
+
+class TargetBox(QWidget):
+    """Three ways to say one thing; what is typed in one is translated live into the others.
+
+    The way that was edited last is the target, the others are estimates by Weyl's law.
+    """
+
+    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("target_box")
+        self._document = document
+
+        self.count_spin = QSpinBox(objectName="target_count_spin")
+        self.count_spin.setRange(1, _MOST)
+        self.count_spin.setSingleStep(10)
+        self.count_spin.setAccessibleName("Number of eigenpairs")
+        self.eigenvalue_spin = QuantityBox()
+        self.eigenvalue_spin.setObjectName("target_eigenvalue_spin")
+        self.eigenvalue_spin.setAccessibleName("Largest eigenvalue")
+        self.wavelength_spin = QuantityBox()
+        self.wavelength_spin.setObjectName("target_wavelength_spin")
+        self.wavelength_spin.setAccessibleName("Shortest wavelength")
+        rows: dict[str, tuple[str, str, QAbstractSpinBox]] = {
+            "count": ("Count", "That many of the lowest eigenpairs", self.count_spin),
+            "max_eigenvalue": (
+                "Largest λ",
+                "Every eigenpair up to this eigenvalue; the count is then exact",
+                self.eigenvalue_spin,
+            ),
+            "wavelength": (
+                "Shortest wave",
+                "Every eigenfunction with at least this wavelength 2π/√λ: "
+                "the smallest detail that is told apart",
+                self.wavelength_spin,
+            ),
+        }
+        self._boxes = {kind: row[2] for kind, row in rows.items()}
+        self._radios: dict[str, QRadioButton] = {}
+        group = QButtonGroup(self)
+        grid = QGridLayout(self)
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.setHorizontalSpacing(theme.GAP)
+        grid.setVerticalSpacing(6)
+        for at, (kind, (text, tooltip, box)) in enumerate(rows.items()):
+            radio = QRadioButton(text, objectName=f"target_{kind}_radio")
+            radio.setToolTip(tooltip)
+            radio.setAccessibleName(f"Compute by {text.lower()}")
+            box.setToolTip(tooltip)
+            group.addButton(radio)
+            self._radios[kind] = radio
+            radio.clicked.connect(lambda _checked=False, kind=kind: self._choose(kind))
+            box.valueChanged.connect(lambda _value, kind=kind: self._choose(kind))
+            grid.addWidget(radio, at, 0)
+            grid.addWidget(box, at, 1)
+        grid.setColumnStretch(1, 1)
+        self.note = theme.with_role(QLabel(wordWrap=True, objectName="weyl_note"), "muted")
+        grid.addWidget(self.note, len(rows), 0, 1, 2)
+        document.mesh_changed.connect(self.refresh)
+        document.settings_changed.connect(self.refresh)
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Show the document's target, and its translations where there is a mesh."""
+        target, ready = self._document.target, self._document.ready
+        self._radios[target.kind].setChecked(True)
+        self.setEnabled(ready is not None)
+        for kind, box in self._boxes.items():
+            box.setPrefix("" if kind == target.kind else "≈ ")
+        unit = ready.mesh.unit if ready else ""
+        for box, power in ((self.eigenvalue_spin, -2), (self.wavelength_spin, 1)):
+            written = power_unit(unit, power)
+            box.setSuffix(f" {written}" if written else "")
+        if target.kind == "count":
+            self._show_count(target.value)
+        if ready is None or not ready.health.area > 0.0:
+            self.note.setText("The three say the same thing: each is translated into the others.")
+            return
+        area = ready.health.area
+        # the box being typed in is left alone, so that the text under the cursor stays
+        if target.kind != "count":
+            self._show_count(round(target.estimated_count(area)))
+        if target.kind != "max_eigenvalue" or not self.eigenvalue_spin.hasFocus():
+            self.eigenvalue_spin.show_quantity(target.estimated_eigenvalue(area))
+        if target.kind != "wavelength" or not self.wavelength_spin.hasFocus():
+            self.wavelength_spin.show_quantity(target.estimated_wavelength(area))
+        self.note.setText(
+            "≈ by Weyl's law from the area; thin branches can make it twice or half as much."
+        )
+
+    def _show_count(self, count: float) -> None:
+        blocked = self.count_spin.blockSignals(True)
+        self.count_spin.setValue(max(1, min(int(count), _MOST)))
+        self.count_spin.blockSignals(blocked)
+
+    def _choose(self, kind: str) -> None:
+        box = self._boxes[kind]
+        try:
+            self._document.target = Target(kind, float(box.value()))
+        except InputError:
+            # half-typed; the next digit mends it
+            return
