@@ -1,0 +1,1 @@
+"""Meshes, eigenpairs, features and sessions on disk."""

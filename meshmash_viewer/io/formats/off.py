@@ -1,0 +1,60 @@
+"""OFF, the Object File Format of Geomview, with or without colours and normals."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.polygons import RawMesh, fan_triangles, parse_rows
+
+__all__ = ["read_off"]
+
+_HEADER = re.compile(rb"\s*(ST)?C?N?OFF\b\s*")
+
+
+def read_off(path: Path) -> RawMesh:
+    """Read the vertices and polygons of a text OFF file.
+
+    Raises
+    ------
+    InputError
+        If the header is missing, or the file ends before what its counts promise.
+    """
+    data = path.read_bytes()
+    header = _HEADER.match(re.sub(rb"#[^\n]*", b"", data[:10_000]))
+    if header is None:
+        raise InputError('does not begin with "OFF"')
+    if b"#" in data:
+        data = re.sub(rb"#[^\n]*", b"", data)
+    header = _HEADER.match(data)
+    assert header is not None
+    if data[header.end() :].startswith(b"BINARY"):
+        raise InputError("is a binary OFF file, of which only the text kind can be read")
+    numbers, counts = parse_rows(data[header.end() :].replace(b"\r", b"\n"), np.float64)
+    if not len(counts) or counts[0] < 2:
+        raise InputError("does not state how many vertices and faces it holds")
+    n_vertices, n_faces = int(numbers[0]), int(numbers[1])
+    if n_vertices < 0 or n_faces < 0 or len(counts) < 1 + n_vertices + n_faces:
+        raise InputError(
+            f"promises {n_vertices} vertices and {n_faces} faces but has {len(counts) - 1} lines"
+            " after that"
+        )
+    first = np.cumsum(counts) - counts
+    vertex_rows = first[1 : 1 + n_vertices]
+    if n_vertices and counts[1 : 1 + n_vertices].min() < 3:
+        raise InputError("has a vertex with fewer than three coordinates")
+    vertices = np.column_stack([numbers[vertex_rows + axis] for axis in range(3)])
+    face_rows = first[1 + n_vertices : 1 + n_vertices + n_faces]
+    corner_counts = numbers[face_rows].astype(np.int64)
+    if np.any(counts[1 + n_vertices : 1 + n_vertices + n_faces] < corner_counts + 1) or np.any(
+        corner_counts < 0
+    ):
+        raise InputError("has a face with fewer corners than it states")
+    within = np.arange(corner_counts.sum()) - np.repeat(
+        np.cumsum(corner_counts) - corner_counts, corner_counts
+    )
+    corners = numbers[np.repeat(face_rows + 1, corner_counts) + within]
+    return RawMesh(vertices, fan_triangles(corners.astype(np.int64), corner_counts))

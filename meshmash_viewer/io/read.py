@@ -1,0 +1,251 @@
+"""Mesh files of all kinds to a `Mesh`, or one clear sentence."""
+
+from __future__ import annotations
+
+import contextlib
+import gzip
+import io
+import logging
+import shutil
+import tempfile
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.formats.gltf import read_gltf
+from meshmash_viewer.io.formats.neuroimaging import (
+    FREESURFER_ENDINGS,
+    read_freesurfer,
+    read_gifti,
+)
+from meshmash_viewer.io.formats.npz import read_npz
+from meshmash_viewer.io.formats.obj import read_obj
+from meshmash_viewer.io.formats.off import read_off
+from meshmash_viewer.io.formats.ply import read_ply
+from meshmash_viewer.io.formats.stl import read_stl
+from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtp
+from meshmash_viewer.io.polygons import RawMesh
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.units import parse_unit
+
+__all__ = ["READABLE_ENDINGS", "READERS", "mesh_name", "read_mesh"]
+
+Reader: TypeAlias = Callable[[Path], RawMesh]
+
+#: The one table of formats: lower-case ending to reader.
+READERS: dict[str, Reader] = {
+    ".ply": read_ply,
+    ".obj": read_obj,
+    ".stl": read_stl,
+    ".off": read_off,
+    ".glb": read_gltf,
+    ".gltf": read_gltf,
+    ".vtp": read_vtp,
+    ".vtk": read_legacy_vtk,
+    ".npz": read_npz,
+    ".gii": read_gifti,
+    **dict.fromkeys(FREESURFER_ENDINGS, read_freesurfer),
+}
+
+#: Formats that are packed or refer to other files are not found gzipped.
+_NEVER_GZIPPED = (".npz", ".gltf", ".glb")
+
+#: Every ending that `read_mesh` takes.
+READABLE_ENDINGS: tuple[str, ...] = (
+    *READERS,
+    *(ending + ".gz" for ending in READERS if ending not in _NEVER_GZIPPED),
+)
+
+
+def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
+    """Read a triangle mesh from a file; the format is told by the file's ending.
+
+    Polygons become fans of triangles, a scene becomes one mesh, STL and glTF vertices with
+    equal coordinates are merged, and texture seams do not cut the surface.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file with one of `READABLE_ENDINGS`.
+    unit : str, optional
+        The unit of the file's coordinates: "nm", "µm", "mm", "m", "none", or the size of a
+        voxel such as "8 nm", by which coordinates are multiplied. None takes what the format
+        states: mm for GIFTI and FreeSurfer, otherwise no unit.
+
+    Returns
+    -------
+    Mesh
+        With `Mesh.unit` set and `Mesh.name` the file's name without its ending.
+
+    Raises
+    ------
+    InputError
+        If there is no such file or it holds no usable mesh; one sentence that names the file,
+        the fault and the way out.
+
+    Examples
+    --------
+    >>> mesh = read_mesh("neuron.obj", unit="8 nm")  # doctest: +SKIP
+    """
+    path = Path(path)
+    factor, given_unit = (1.0, None) if unit is None else parse_unit(unit)
+    _check_file(path)
+    ending = _ending(path)
+    reader = READERS[ending.removesuffix(".gz")]
+    try:
+        with _silence(), _unpacked(path, ending) as plain:
+            raw = reader(plain)
+            _check_content(raw)
+            stated = raw.unit or ""
+            return Mesh(
+                raw.vertices * factor if factor != 1.0 else raw.vertices,
+                raw.faces,
+                unit=stated if given_unit is None else given_unit,
+                name=mesh_name(path),
+            )
+    except InputError as fault:
+        raise InputError(f"{path} {_way_out(str(fault), ending)}") from fault
+    except PermissionError as fault:
+        raise _no_permission(path) from fault
+    except MemoryError as fault:
+        raise InputError(
+            f"{path} needs more memory than this machine has; read it on a larger one or"
+            " reduce the mesh first."
+        ) from fault
+    except Exception as fault:  # whatever a library raises on a broken file, it is the file's
+        detail = " ".join(str(fault).split())[:120] or type(fault).__name__
+        raise InputError(f"{path} {_way_out(f'is not readable ({detail})', ending)}") from fault
+
+
+def mesh_name(path: str | Path) -> str:
+    """Name of a mesh by its file: "neuron" for "neuron.obj" and "neuron.obj.gz"."""
+    name = Path(path).name
+    if name.lower().endswith(".gz"):
+        name = name[:-3]
+    stem, suffix = Path(name).stem, Path(name).suffix.lower()
+    if suffix not in READERS or suffix in FREESURFER_ENDINGS:
+        return name  # lh.pial and lh.white are two surfaces
+    return stem.removesuffix(".surf") if suffix == ".gii" else stem
+
+
+def _ending(path: Path) -> str:
+    suffixes = [suffix.lower() for suffix in path.suffixes]
+    ending = "".join(suffixes[-2:]) if suffixes[-1:] == [".gz"] else "".join(suffixes[-1:])
+    if ending not in READABLE_ENDINGS:
+        known = " ".join(key for key in READERS if key not in FREESURFER_ENDINGS)
+        raise InputError(
+            f"{path} has an ending ({ending or 'none'}) of no known mesh format; convert it to"
+            f" one of {known}, or a FreeSurfer surface such as lh.pial."
+        )
+    return ending
+
+
+def _check_file(path: Path) -> None:
+    try:
+        if not path.exists():
+            raise InputError(f"{path} does not exist; check the spelling of its name and folder.")
+        if path.is_dir():
+            raise InputError(f"{path} is a folder; name a mesh file in it.")
+        if not path.is_file():
+            raise InputError(f"{path} is not a regular file; name a mesh file.")
+        if path.stat().st_size == 0:
+            raise InputError(f"{path} is empty; copy or export it again.")
+        with path.open("rb"):
+            pass
+    except PermissionError as fault:
+        raise _no_permission(path) from fault
+    except OSError as fault:
+        raise InputError(
+            f"{path} cannot be opened ({fault.strerror}); check the disk, or copy it elsewhere."
+        ) from fault
+
+
+def _no_permission(path: Path) -> InputError:
+    return InputError(
+        f"{path} may not be read by you; give yourself read permission, or copy it elsewhere."
+    )
+
+
+def _check_content(raw: RawMesh) -> None:
+    n = len(raw.vertices)
+    if not n:
+        raise InputError("holds no vertices")
+    if not len(raw.faces):
+        raise InputError("has no faces, so it is a point cloud or a drawing")
+    wrong = np.flatnonzero((raw.faces < 0) | (raw.faces >= n)) // 3
+    if len(wrong):
+        face = int(wrong[0])
+        raise InputError(
+            f"has {len(np.unique(wrong))} faces with a vertex index out of range, the first being"
+            f" face {face} with {_offender(raw, face)} of {n} vertices"
+        )
+    broken = np.flatnonzero(~np.isfinite(raw.vertices).all(axis=1))
+    if len(broken):
+        raise InputError(
+            f"has {len(broken)} vertices with a coordinate that is not finite, the first being"
+            f" vertex {broken[0]}"
+        )
+    a, b, c = raw.faces.T
+    if not np.any((a != b) & (b != c) & (a != c)):
+        raise InputError("has no triangle with three different corners")
+
+
+def _offender(raw: RawMesh, face: int) -> str:
+    corners = raw.faces[face]
+    return f"index {next(int(i) for i in corners if not 0 <= i < len(raw.vertices))}"
+
+
+def _way_out(fault: str, ending: str) -> str:
+    """End the reader's clause with what the user can do about it."""
+    if "point cloud" in fault:
+        return f"{fault}; export it as a surface with triangles."
+    if any(word in fault for word in ("out of range", "finite", "three different corners")):
+        return f"{fault}; repair or export the mesh again."
+    kind = ending.removesuffix(".gz").lstrip(".").upper()
+    if "cut short" in fault:
+        return f"{fault}; copy or export it again."
+    return f"{fault}; check that it is a {kind} mesh, or export it again."
+
+
+@contextlib.contextmanager
+def _unpacked(path: Path, ending: str) -> Iterator[Path]:
+    """The file itself, or what its gzip holds as a temporary file of the same name."""
+    if not ending.endswith(".gz"):
+        yield path
+        return
+    with tempfile.TemporaryDirectory(prefix="meshmash-") as folder:
+        plain = Path(folder) / path.name[: -len(".gz")]
+        try:
+            with gzip.open(path, "rb") as packed, plain.open("wb") as unpacked:
+                shutil.copyfileobj(packed, unpacked)
+        except (gzip.BadGzipFile, EOFError, OSError) as fault:
+            detail = "ends too early" if isinstance(fault, EOFError) else "is no gzip file"
+            raise InputError(f"cannot be unpacked because it {detail}") from fault
+        if plain.stat().st_size == 0:
+            raise InputError("is empty once unpacked")
+        yield plain
+
+
+@contextlib.contextmanager
+def _silence() -> Iterator[None]:
+    """Keep what the libraries print, warn and log on broken files away from the user.
+
+    What they find wrong reaches the user in the one sentence of `InputError`; a file that
+    reads well is checked by `_check_content` whatever a library thought of it.
+    """
+    loggers = [logging.getLogger(name) for name in ("trimesh", "nibabel", "nibabel.global")]
+    before = [logger.disabled for logger in loggers]
+    for logger in loggers:
+        logger.disabled = True
+    try:
+        with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
+            warnings.simplefilter("ignore")
+            with contextlib.redirect_stderr(io.StringIO()):
+                yield
+    finally:
+        for logger, disabled in zip(loggers, before, strict=True):
+            logger.disabled = disabled

@@ -1,0 +1,418 @@
+"""Every format gives the same mesh; every broken file gives one sentence."""
+
+from __future__ import annotations
+
+import gzip
+import os
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.read import READABLE_ENDINGS, READERS, mesh_name, read_mesh
+from meshmash_viewer.mesh import Mesh
+
+# An octahedron stretched along x: closed, all corners exact in float32.
+VERTICES = np.array(
+    [[2, 0, 0], [-2, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64
+)
+FACES = np.array(
+    [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
+)
+
+
+def write_obj(path: Path) -> None:
+    lines = [f"v {x} {y} {z}" for x, y, z in VERTICES]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in FACES]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def write_off(path: Path) -> None:
+    lines = ["OFF", "# an octahedron", f"{len(VERTICES)} {len(FACES)} 12"]
+    lines += [" ".join(map(str, row)) for row in VERTICES]
+    lines += ["3 " + " ".join(map(str, row)) + " 255 0 0" for row in FACES]
+    path.write_text("\n".join(lines))
+
+
+def ply_header(kind: str, n_faces: int = len(FACES)) -> bytes:
+    return (
+        f"ply\nformat {kind} 1.0\ncomment test\nelement vertex {len(VERTICES)}\n"
+        "property float x\nproperty float y\nproperty float z\nproperty uchar red\n"
+        f"element face {n_faces}\nproperty list uchar int vertex_indices\n"
+        "property float quality\nend_header\n"
+    ).encode()
+
+
+def write_ply(path: Path, order: str = "<") -> None:
+    kind = "binary_little_endian" if order == "<" else "binary_big_endian"
+    body = b"".join(struct.pack(order + "3fB", *row, 7) for row in VERTICES)
+    body += b"".join(struct.pack(order + "B3if", 3, *row, 0.5) for row in FACES)
+    path.write_bytes(ply_header(kind) + body)
+
+
+def write_big_endian_ply(path: Path) -> None:
+    write_ply(path, ">")
+
+
+def write_text_ply(path: Path) -> None:
+    body = "".join(f"{x} {y} {z} 7\n" for x, y, z in VERTICES)
+    body += "".join(f"3 {a} {b} {c} 0.5\n" for a, b, c in FACES)
+    path.write_bytes(ply_header("ascii") + body.encode())
+
+
+def write_stl(path: Path) -> None:
+    body = b"".join(
+        struct.pack("<3f9fH", 0, 0, 0, *VERTICES[face].reshape(-1), 0) for face in FACES
+    )
+    # A header that begins with "solid" is legal in binary files too.
+    path.write_bytes(b"solid".ljust(80) + struct.pack("<I", len(FACES)) + body)
+
+
+def write_text_stl(path: Path) -> None:
+    lines = ["solid thing"]
+    for face in FACES:
+        lines += ["facet normal 0 0 0", " outer loop"]
+        lines += [f"  vertex {x:e} {y:e} {z:e}" for x, y, z in VERTICES[face]]
+        lines += [" endloop", "endfacet"]
+    path.write_text("\n".join([*lines, "endsolid thing"]))
+
+
+def write_npz(path: Path) -> None:
+    np.savez(path, vertices=VERTICES, faces=FACES)
+
+
+def write_glb(path: Path) -> None:
+    import trimesh
+
+    trimesh.Trimesh(VERTICES, FACES, process=False).export(path)
+
+
+def write_gltf(path: Path) -> None:
+    import trimesh
+
+    files = trimesh.Trimesh(VERTICES, FACES, process=False).scene().export(file_type="gltf")
+    for name, content in files.items():
+        (path if name.endswith(".gltf") else path.parent / name).write_bytes(content)
+
+
+def write_vtk(path: Path) -> None:
+    import pyvista
+
+    pyvista.PolyData.from_regular_faces(VERTICES, FACES).save(path)
+
+
+def write_gifti(path: Path) -> None:
+    from nibabel.gifti import GiftiDataArray, GiftiImage
+
+    arrays = [
+        GiftiDataArray(VERTICES.astype(np.float32), intent="NIFTI_INTENT_POINTSET"),
+        GiftiDataArray(FACES.astype(np.int32), intent="NIFTI_INTENT_TRIANGLE"),
+    ]
+    path.write_bytes(GiftiImage(darrays=arrays).to_bytes())
+
+
+def write_freesurfer(path: Path) -> None:
+    from nibabel.freesurfer import write_geometry
+
+    write_geometry(str(path), VERTICES, FACES, create_stamp="")
+
+
+WRITERS: dict[str, Callable[[Path], None]] = {
+    "mesh.obj": write_obj,
+    "mesh.off": write_off,
+    "mesh.ply": write_ply,
+    "big.ply": write_big_endian_ply,
+    "text.ply": write_text_ply,
+    "mesh.stl": write_stl,
+    "text.stl": write_text_stl,
+    "mesh.npz": write_npz,
+    "mesh.glb": write_glb,
+    "mesh.gltf": write_gltf,
+    "mesh.vtp": write_vtk,
+    "mesh.vtk": write_vtk,
+    "mesh.surf.gii": write_gifti,
+    "lh.pial": write_freesurfer,
+}
+
+
+def same_surface(mesh: Mesh, vertices: np.ndarray, faces: np.ndarray) -> bool:
+    """Equal as sets of oriented triangles, whatever the order of vertices and faces."""
+
+    def triangles(points: np.ndarray, corners: np.ndarray) -> list[tuple[float, ...]]:
+        rolled = []
+        for triangle in points[corners] + 0.0:
+            start = min(range(3), key=lambda i: tuple(triangle[i]))
+            rolled.append(tuple(np.roll(triangle, -start, axis=0).reshape(-1)))
+        return sorted(rolled)
+
+    return mesh.n_vertices == len(vertices) and np.allclose(
+        triangles(mesh.vertices, mesh.faces), triangles(vertices, faces)
+    )
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_every_format_gives_the_same_mesh(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    WRITERS[name](path)
+    mesh = read_mesh(path)
+    assert same_surface(mesh, VERTICES, FACES)
+    assert mesh.vertices.dtype == np.float64
+    assert mesh.faces.dtype == np.int64
+    assert mesh.unit == ("mm" if name in ("mesh.surf.gii", "lh.pial") else "")
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in WRITERS if Path(name).suffix + ".gz" in READABLE_ENDINGS]
+)
+def test_gzipped_files_read_the_same(name: str, tmp_path: Path) -> None:
+    plain, packed = tmp_path / name, tmp_path / f"{name}.gz"
+    WRITERS[name](plain)
+    packed.write_bytes(gzip.compress(plain.read_bytes()))
+    mesh = read_mesh(packed)
+    assert same_surface(mesh, VERTICES, FACES)
+    assert mesh.name == mesh_name(plain)
+
+
+def test_every_ending_is_tried() -> None:
+    tried = {Path(name).suffix for name in WRITERS}
+    assert tried >= {ending for ending in READERS if READERS[ending] is not READERS[".pial"]}
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor", "carried"),
+    [("nm", 1.0, "nm"), ("8 nm", 8.0, "nm"), ("none", 1.0, ""), ("0.5 um", 0.5, "µm")],
+)
+def test_unit_multiplies_voxels_and_is_carried(
+    unit: str, factor: float, carried: str, tmp_path: Path
+) -> None:
+    write_obj(tmp_path / "mesh.obj")
+    mesh = read_mesh(tmp_path / "mesh.obj", unit=unit)
+    assert mesh.unit == carried
+    np.testing.assert_allclose(mesh.vertices, VERTICES * factor)
+
+
+def test_given_unit_wins_over_the_formats(tmp_path: Path) -> None:
+    write_gifti(tmp_path / "mesh.gii")
+    assert read_mesh(tmp_path / "mesh.gii", unit="none").unit == ""
+
+
+def test_unknown_unit_is_refused(tmp_path: Path) -> None:
+    write_obj(tmp_path / "mesh.obj")
+    with pytest.raises(InputError, match="furlong"):
+        read_mesh(tmp_path / "mesh.obj", unit="furlong")
+
+
+def test_obj_is_not_split_at_texture_seams(tmp_path: Path) -> None:
+    # A square whose diagonal is a seam: four vertices, six texture coordinates.
+    path = tmp_path / "seam.obj"
+    path.write_text(
+        "mtllib none.mtl\no square\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+        + "".join(f"vt {i / 6} 0\n" for i in range(6))
+        + "vn 0 0 1\nusemtl none\ns off\nf 1/1/1 2/2/1 3/3/1\nf 1/4 3/5 4/6\n"
+    )
+    mesh = read_mesh(path)
+    assert mesh.n_vertices == 4
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3]]
+
+
+def test_obj_polygons_negative_indices_and_continued_lines(tmp_path: Path) -> None:
+    path = tmp_path / "odd.obj"
+    path.write_bytes(
+        b"# a square and a pentagon\r\n  v 0 0 0 1\r\nv 1 0 0 # corner\r\nv 1 1 0 .5 .5 .5\r\n"
+        b"v 0 1 0\r\nf -4//1 -3//1 \\\r\n -2//1 -1//1\r\nv 0.5 2 0\r\nf 1 2 3 5 4\r\nl 1 2\r\n"
+    )
+    mesh = read_mesh(path)
+    assert mesh.n_vertices == 5
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2], [0, 2, 4], [0, 4, 3]]
+
+
+def test_ply_polygons_of_differing_length_and_strips(tmp_path: Path) -> None:
+    header = (
+        "ply\nformat {kind} 1.0\nelement vertex 5\nproperty double x\nproperty double y\n"
+        "property double z\nelement {name} {count}\nproperty list uchar int vertex_indices\n"
+        "end_header\n"
+    )
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 2, 0]], dtype="<f8")
+    polygons = [[0, 1, 2], [0, 2, 4, 3]]
+    body = b"".join(struct.pack(f"<B{len(p)}i", len(p), *p) for p in polygons)
+    path = tmp_path / "mixed.ply"
+    head = header.format(kind="binary_little_endian", name="face", count=2)
+    path.write_bytes(head.encode() + points.tobytes() + body)
+    assert read_mesh(path).faces.tolist() == [[0, 1, 2], [0, 2, 4], [0, 4, 3]]
+
+    text = "".join(f"{x} {y} {z}\n" for x, y, z in points) + "8 0 1 3 2 -1 2 4 3\n"
+    head = header.format(kind="ascii", name="tristrips", count=1)
+    path.write_text(head + text)
+    assert read_mesh(path).faces.tolist() == [[0, 1, 3], [3, 1, 2], [2, 4, 3]]
+
+
+def test_stl_joins_residues_but_not_neighbours(tmp_path: Path) -> None:
+    step = float(np.spacing(np.float32(1000.0)))  # the nearest two float32 there can be
+    corners = np.array(
+        [[[1000, 0, 0], [1000 + step, 1, 0], [0, 0, 1e-17]], [[1000, 0, 0], [0, 0, 0], [0, 1, 0]]],
+        dtype=np.float32,
+    )
+    body = b"".join(struct.pack("<3f9fH", 0, 0, 0, *tri.reshape(-1), 0) for tri in corners)
+    path = tmp_path / "near.stl"
+    path.write_bytes(bytes(80) + struct.pack("<I", 2) + body)
+    assert read_mesh(path).n_vertices == 4
+
+
+def test_scene_is_placed_by_its_transforms(tmp_path: Path) -> None:
+    import trimesh
+
+    scene = trimesh.Scene()
+    box = trimesh.Trimesh(VERTICES, FACES, process=False)
+    scene.add_geometry(box, transform=trimesh.transformations.translation_matrix([10, 0, 0]))
+    scene.add_geometry(box, transform=trimesh.transformations.translation_matrix([0, 20, 0]))
+    scene.export(tmp_path / "scene.glb")
+    mesh = read_mesh(tmp_path / "scene.glb")
+    assert (mesh.n_vertices, mesh.n_faces) == (12, 16)
+    np.testing.assert_allclose(mesh.vertices.max(axis=0), [12, 21, 1])
+    np.testing.assert_allclose(mesh.vertices.min(axis=0), [-2, -1, -1])
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [("a.obj", "a"), ("a.b.PLY.gz", "a.b"), ("lh.pial", "lh.pial"), ("lh.pial.gz", "lh.pial")],
+)
+def test_name_is_the_stem(name: str, shown: str) -> None:
+    assert mesh_name(name) == shown
+
+
+# Bad input: one sentence that names the file, the fault and the way out.
+
+
+def fault_of(path: Path) -> str:
+    with pytest.raises(InputError) as caught:
+        read_mesh(path)
+    sentence = str(caught.value)
+    assert "\n" not in sentence
+    assert sentence.startswith(str(path))
+    assert sentence.endswith(".")
+    assert len(sentence) < 400 + len(str(path))
+    return sentence
+
+
+@pytest.mark.parametrize("ending", READABLE_ENDINGS)
+def test_random_bytes(
+    ending: str, tmp_path: Path, capfd: pytest.CaptureFixture[str], recwarn: object
+) -> None:
+    path = tmp_path / f"noise{ending}"
+    path.write_bytes(np.random.default_rng(7).bytes(2_000_000))
+    fault_of(path)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("ending", READABLE_ENDINGS)
+def test_empty_file(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"empty{ending}"
+    path.touch()
+    assert "is empty" in fault_of(path)
+
+
+@pytest.mark.parametrize("ending", READABLE_ENDINGS)
+def test_text_under_a_mesh_ending(
+    ending: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / f"letter{ending}"
+    path.write_text("Dear colleague,\nplease find the mesh attached.\n")
+    fault_of(path)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_every_truncation(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / name
+    WRITERS[name](path)
+    whole = path.read_bytes()
+    for share in (0.1, 0.5, 0.7, 0.9):
+        path.write_bytes(whole[: int(share * len(whole))])
+        # Text formats without counts end legally after any line: fewer faces, but no nonsense.
+        if name == "mesh.obj" and share > 0.5:
+            continue
+        fault_of(path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_truncated_ply_says_how_much_is_there(tmp_path: Path) -> None:
+    path = tmp_path / "cut.ply"
+    write_ply(path)
+    path.write_bytes(path.read_bytes()[:-20])
+    assert "promises 8 of its element 'face' but ends after 6, so it was cut short" in fault_of(
+        path
+    )
+
+
+@pytest.mark.parametrize(
+    ("content", "clause"),
+    [
+        ("v 0 0 0\nv 1 0 0\nv 0 nan 0\nf 1 2 3\n", "1 vertices with a coordinate"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 7\n", "index 6 of 3 vertices"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "index 0"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf -4 1 2\n", "before the first vertex"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", "no faces"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\nf 1 2\n", "no faces"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 1 2\n", "three different corners"),
+        ("v 0 0 0\nv 1 0\nv 0 1 0\nf 1 2 3\n", "fewer than three coordinates"),
+        ("v 0 0 0\nv \nv 0 1 0\nf 1 2 3\n", "fewer than three coordinates"),
+        ("v 0 0 0\nv 1 0 zero\nv 0 1 0\nf 1 2 3\n", "'zero' where a number should be"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3.5\n", "'3.5' where a number should be"),
+    ],
+)
+def test_faulty_obj(content: str, clause: str, tmp_path: Path) -> None:
+    path = tmp_path / "faulty.obj"
+    path.write_text(content)
+    assert clause in fault_of(path)
+
+
+def test_index_out_of_range_in_binary_formats(tmp_path: Path) -> None:
+    np.savez(tmp_path / "far.npz", vertices=VERTICES, faces=FACES + 1)
+    assert "index 6 of 6 vertices" in fault_of(tmp_path / "far.npz")
+    np.savez(tmp_path / "negative.npz", vertices=VERTICES, faces=FACES - 1)
+    assert "index -1 of 6 vertices" in fault_of(tmp_path / "negative.npz")
+
+
+def test_no_triangle_left_after_merging(tmp_path: Path) -> None:
+    path = tmp_path / "needle.stl"
+    body = struct.pack("<3f9fH", 0, 0, 0, 1, 2, 3, 1, 2, 3, 4, 5, 6, 0)
+    path.write_bytes(bytes(80) + struct.pack("<I", 1) + body)
+    assert "no triangle left" in fault_of(path)
+    path.write_bytes(bytes(80) + struct.pack("<I", 0))
+    assert "no vertices" in fault_of(path)
+
+
+def test_npz_of_other_things(tmp_path: Path) -> None:
+    np.savez(tmp_path / "other.npz", features=np.zeros(3))
+    assert "holds features" in fault_of(tmp_path / "other.npz")
+    np.savez(tmp_path / "objects.npz", vertices=np.array([None]), faces=FACES)
+    fault_of(tmp_path / "objects.npz")
+
+
+def test_missing_folder_and_unknown_ending(tmp_path: Path) -> None:
+    assert "does not exist" in fault_of(tmp_path / "absent.ply")
+    folder = tmp_path / "folder.ply"
+    folder.mkdir()
+    assert "is a folder" in fault_of(folder)
+    (tmp_path / "notes.docx").write_text("x")
+    assert ".ply .obj" in fault_of(tmp_path / "notes.docx")
+    (tmp_path / "bare").write_text("x")
+    assert "(none)" in fault_of(tmp_path / "bare")
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="needs the permissions of POSIX")
+def test_no_permission(tmp_path: Path) -> None:
+    path = tmp_path / "secret.obj"
+    write_obj(path)
+    path.chmod(0)
+    if os.geteuid() != 0:
+        assert "may not be read" in fault_of(path)
+        return
+    os.seteuid(65534)  # the administrator may read all; nobody may not
+    try:
+        assert "may not be read" in fault_of(path)
+    finally:
+        os.seteuid(0)
