@@ -1,0 +1,307 @@
+"""Generate the meshes that come with the package; nothing is downloaded, every run is the same.
+
+    python assets/make_samples.py
+
+writes ``meshmash_viewer/samples/dendrite.npz``, a piece of spiny dendrite in nm, and
+``meshmash_viewer/samples/two_components.npz``, a small mesh with the faults of raw data.
+
+The dendrite is the zero level of a distance field: round cones along wandering centre lines,
+joined by the polynomial smooth minimum, so that necks flow into the shaft as membranes do. The
+field is sampled on a grid, contoured, evened out, and thinned by quadric decimation. Sizes follow
+the electron microscopy of cortical pyramidal cells: shafts 0.5 to 1.1 µm across, spine necks
+0.1 to 0.2 µm, heads 0.3 to 0.7 µm, two to three spines a µm (Harris & Stevens 1989; Arellano et
+al. 2007).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pyvista as pv
+
+SAMPLES = Path(__file__).resolve().parent.parent / "meshmash_viewer" / "samples"
+SEED = 7
+#: How much a branch bends.
+WANDER = 0.009
+#: Edge of a grid cell, nm: a third of the thinnest neck.
+SPACING = 34.0
+N_VERTICES = 44_000
+#: Where the piece lies in its volume, nm, as in a data set of a cubic millimetre.
+ORIGIN = np.array([612_400.0, 418_900.0, 287_300.0])
+#: Coordinates are rounded to this, nm: far below what a microscope sees, and it packs better.
+RESOLUTION = 0.25
+
+Array = npt.NDArray[np.float64]
+
+
+# ------------------------------------------------------------------------------- centre lines
+
+
+@dataclass
+class Tube:
+    """A centre line (s, 3) with its radius at each point (s,), both in nm."""
+
+    points: Array
+    radii: Array
+
+    @property
+    def tangents(self) -> Array:
+        tangents = np.gradient(self.points, axis=0)
+        return tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
+
+
+def unit_vector(vector: Array) -> Array:
+    """The vector of length 1 in the same direction."""
+    return vector / np.linalg.norm(vector)
+
+
+def smooth_noise(rng: np.random.Generator, n: int, wavelength: float) -> Array:
+    """Random values of unit variance, smooth over `wavelength` samples."""
+    reach = int(4 * wavelength)
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / wavelength) ** 2)
+    noise = np.convolve(rng.standard_normal(n + 2 * reach), kernel, mode="valid")
+    return noise / np.sqrt((kernel**2).sum())
+
+
+def wandering_tube(
+    rng: np.random.Generator,
+    start: Array,
+    direction: Array,
+    length: float,
+    radii: tuple[float, float],
+    wander: float,
+    step: float = 40.0,
+) -> Tube:
+    """A tapering tube that bends gently, with the swellings that mitochondria make."""
+    n = int(length / step)
+    heading = unit_vector(direction)
+    bends = np.stack([smooth_noise(rng, n, 45.0) for _ in range(3)], axis=1)
+    bends[:, 2] *= 0.6
+    points = np.empty((n, 3))
+    points[0] = start
+    for i in range(1, n):
+        sideways = bends[i] - (bends[i] @ heading) * heading
+        # It bends, yet it is on its way somewhere.
+        heading = unit_vector(heading + wander * sideways + 0.02 * unit_vector(direction))
+        points[i] = points[i - 1] + step * heading
+    taper = np.linspace(0.0, 1.0, n)
+    profile = radii[0] * (radii[1] / radii[0]) ** taper
+    profile *= 1.0 + 0.10 * smooth_noise(rng, n, 16.0)
+    return Tube(points, profile)
+
+
+@dataclass
+class Spine:
+    """A neck, and the balls that make its head."""
+
+    neck: Tube
+    centres: Array
+    radii: Array
+
+
+def make_spine(
+    rng: np.random.Generator, base: Array, outward: Array, tangent: Array, shaft_radius: float
+) -> Spine:
+    """A mushroom, thin or stubby spine that leaves the shaft at `base`."""
+    kind = rng.choice(["mushroom", "thin", "stubby"], p=[0.62, 0.26, 0.12])
+    if kind == "mushroom":
+        neck, head, length = rng.uniform(60, 80), rng.uniform(175, 300), rng.uniform(350, 900)
+    elif kind == "thin":
+        neck, head, length = rng.uniform(54, 66), rng.uniform(115, 165), rng.uniform(600, 1300)
+    else:
+        neck, head, length = rng.uniform(120, 160), rng.uniform(180, 240), rng.uniform(120, 240)
+    # It begins inside the shaft, so that the fillet has something to hold on to.
+    root = 0.6 * shaft_radius
+    total = root + length + 0.6 * head
+    along = np.linspace(0.0, total, max(int(total / 20.0), 10))
+    lean = unit_vector(outward + rng.normal(0.0, 0.35) * tangent)
+    side = unit_vector(np.cross(lean, rng.standard_normal(3)))
+    phase = rng.uniform(0.5, 1.5)
+    curl = rng.normal(0.0, 0.11) * total * np.sin(phase * np.pi * along / total)
+    points = base - root * outward + along[:, None] * lean + curl[:, None] * side
+    flare = 0.8 * neck * np.exp(-np.maximum(along - root, 0.0) / 80.0)
+    tube = Tube(points, neck + flare)
+    # Balls around the tip, spread across the neck: a cap wider than it is high, never quite round.
+    tip = unit_vector(points[-1] - points[-3])
+    n_balls = 1 if head < 150 else int(rng.integers(3, 6))
+    spread = rng.standard_normal((n_balls, 3))
+    spread -= 0.75 * (spread @ tip)[:, None] * tip
+    spread *= 0.42 * head / np.linalg.norm(spread, axis=1, keepdims=True)
+    radii = head * (rng.uniform(0.62, 0.8, n_balls) if n_balls > 1 else np.ones(1))
+    centres = points[-1] + (spread if n_balls > 1 else 0.0 * spread)
+    return Spine(tube, centres, radii)
+
+
+# ------------------------------------------------------------------------------ distance field
+
+
+class Field:
+    """Signed distance, nm, on a regular grid; negative inside."""
+
+    def __init__(self, low: Array, high: Array) -> None:
+        self.low = low
+        self.shape = np.ceil((high - low) / SPACING).astype(int) + 1
+        self.values = np.full(tuple(self.shape), 4000.0, dtype=np.float32)
+
+    def _box(self, points: Array, reach: float) -> tuple[slice, slice, slice]:
+        first = np.floor((points.min(axis=0) - reach - self.low) / SPACING).astype(int)
+        last = np.ceil((points.max(axis=0) + reach - self.low) / SPACING).astype(int) + 1
+        first, last = np.maximum(first, 0), np.minimum(last, self.shape)
+        return tuple(slice(a, b) for a, b in zip(first, last, strict=True))  # type: ignore[return-value]
+
+    def add(self, tube: Tube, blend: float) -> None:
+        """Join a tube to what is there, with a fillet of about `blend` nm."""
+        reach = 2.0 * blend + 4.0 * SPACING
+        whole = self._box(tube.points, tube.radii.max() + reach)
+        origin = np.array([side.start for side in whole])
+        part = np.full(self.values[whole].shape, 4000.0, dtype=np.float32)
+        pieces = zip(
+            tube.points[:-1], tube.points[1:], tube.radii[:-1], tube.radii[1:], strict=True
+        )
+        for a, b, radius_a, radius_b in pieces:
+            box = self._box(np.stack([a, b]), max(radius_a, radius_b) + reach)
+            grid = np.meshgrid(
+                *(self.low[i] + SPACING * np.arange(box[i].start, box[i].stop) for i in range(3)),
+                indexing="ij",
+                sparse=True,
+            )
+            axis = b - a
+            from_a = [grid[i] - a[i] for i in range(3)]
+            t = np.clip(sum(from_a[i] * axis[i] for i in range(3)) / (axis @ axis), 0.0, 1.0)
+            squared = sum((from_a[i] - t * axis[i]) ** 2 for i in range(3))
+            distance = np.sqrt(squared) - (radius_a + t * (radius_b - radius_a))
+            local = tuple(
+                slice(side.start - o, side.stop - o) for side, o in zip(box, origin, strict=True)
+            )
+            np.minimum(part[local], distance, out=part[local])
+        here, there = self.values[whole], part
+        overlap = np.maximum(blend - np.abs(here - there), 0.0) / blend
+        self.values[whole] = np.minimum(here, there) - 0.25 * blend * overlap**2
+
+    def at(self, points: Array) -> Array:
+        index = np.round((points - self.low) / SPACING).astype(int)
+        index = np.clip(index, 0, self.shape - 1)
+        return self.values[tuple(index.T)].astype(float)
+
+    def roughen(self, rng: np.random.Generator, amplitude: float, wavelength: float) -> None:
+        """Move the surface by smooth noise of `amplitude` nm, as a real membrane undulates."""
+        coarse = np.maximum((self.shape * SPACING / wavelength).astype(int) + 3, 4)
+        noise = pv.ImageData(dimensions=tuple(int(c) for c in coarse))
+        noise["noise"] = rng.standard_normal(int(np.prod(coarse)))
+        from scipy.ndimage import zoom  # a cubic spline through the coarse values
+
+        values = zoom(noise["noise"].reshape(coarse), self.shape / coarse, order=3)
+        self.values += (amplitude * values).astype(np.float32)
+
+    def surface(self) -> pv.PolyData:
+        image = pv.ImageData(dimensions=tuple(int(s) for s in self.shape), spacing=(SPACING,) * 3)
+        image["distance"] = self.values.ravel(order="F")
+        return image.contour([0.0], scalars="distance", method="flying_edges")
+
+
+# --------------------------------------------------------------------------------- the meshes
+
+
+def make_dendrite() -> tuple[Array, npt.NDArray[np.int64]]:
+    """A shaft that forks twice, with its spines: one closed surface of genus 0."""
+    rng = np.random.default_rng(SEED)
+    shaft = wandering_tube(rng, np.zeros(3), np.array([1.0, 0.0, 0.0]), 18_500, (430, 260), WANDER)
+    fork = int(0.36 * len(shaft.points))
+    limb = wandering_tube(
+        rng, shaft.points[fork], np.array([0.72, 0.66, 0.16]), 11_000, (300, 190), WANDER
+    )
+    twig_at = int(0.62 * len(shaft.points))
+    twig = wandering_tube(
+        rng, shaft.points[twig_at], np.array([0.66, -0.72, -0.2]), 7_500, (250, 170), WANDER
+    )
+    tubes = [shaft, limb, twig]
+    corners = np.concatenate([tube.points for tube in tubes])
+    field = Field(corners.min(axis=0) - 2600.0, corners.max(axis=0) + 2600.0)
+    for tube in tubes:
+        field.add(tube, blend=260.0)
+
+    n_spines = 0
+    for tube in tubes:
+        # Branches are bare near the fork, and spines sit at random, never on one another.
+        bare = 0 if tube is shaft else 34
+        length = 40.0 * (len(tube.points) - bare)
+        for _ in range(round(length / 1000.0 * 5.0)):
+            at = int(rng.integers(bare + 12, len(tube.points) - 4))
+            tangent = tube.tangents[at]
+            outward = rng.standard_normal(3)
+            outward = unit_vector(outward - (outward @ tangent) * tangent)
+            base = tube.points[at] + tube.radii[at] * outward
+            spine = make_spine(rng, base, outward, tangent, tube.radii[at])
+            reach = np.linalg.norm(spine.neck.points - spine.neck.points[0], axis=1)
+            beyond = reach - 0.6 * tube.radii[at] - 160.0
+            # A neck starts at the shaft; from there on two membranes keep apart.
+            neck_free = field.at(spine.neck.points) - spine.neck.radii
+            head_free = field.at(spine.centres) - spine.radii
+            crowded = (neck_free < np.minimum(beyond, 170.0) - 60.0)[beyond > 0.0]
+            if crowded.any() or (head_free < min(beyond[-1], 150.0) - 60.0).any():
+                continue
+            field.add(spine.neck, blend=110.0)
+            for centre, radius in zip(spine.centres, spine.radii, strict=True):
+                field.add(Tube(np.stack([centre, centre + 1.0]), np.full(2, radius)), blend=90.0)
+            n_spines += 1
+    field.roughen(rng, amplitude=11.0, wavelength=420.0)
+
+    surface = field.surface().connectivity("largest")
+    surface = surface.smooth_taubin(n_iter=12, pass_band=0.12)
+    surface = surface.decimate(
+        1.0 - N_VERTICES / surface.n_points, volume_preservation=True
+    ).smooth_taubin(n_iter=6, pass_band=0.25)
+    vertices = np.asarray(surface.points, dtype=float)
+    # The contour looks towards growing distance from within; normals point outwards.
+    faces = surface.faces.reshape(-1, 4)[:, [1, 3, 2]].astype(np.int64)
+    vertices += ORIGIN - vertices.mean(axis=0)
+    print(f"dendrite: {n_spines} spines, {len(vertices)} vertices, {len(faces)} faces")
+    return vertices, faces
+
+
+def make_two_components() -> tuple[Array, npt.NDArray[np.int64]]:
+    """A ball with a hole and a fin, an edge of three faces, and a small ball of its own, nm."""
+    ball = pv.Icosphere(radius=900.0, nsub=3)
+    vertices = np.asarray(ball.points, dtype=float)
+    faces = ball.faces.reshape(-1, 4)[:, 1:].astype(np.int64)
+    top = vertices[faces].mean(axis=1)[:, 2].argsort()[-6:]
+    faces = np.delete(faces, top, axis=0)
+    # The third face on one edge: what a segmentation leaves where two membranes touch.
+    a, b = faces[0, :2]
+    tip = vertices[[a, b]].mean(axis=0) * 1.4
+    faces = np.concatenate([faces, [[a, b, len(vertices)]]])
+    vertices = np.concatenate([vertices, tip[None]])
+    small = pv.Icosphere(radius=250.0, nsub=1)
+    faces = np.concatenate([faces, small.faces.reshape(-1, 4)[:, 1:] + len(vertices)])
+    vertices = np.concatenate([vertices, np.asarray(small.points) + np.array([1800.0, 300.0, 0.0])])
+    return vertices + ORIGIN, faces
+
+
+def save(name: str, vertices: Array, faces: npt.NDArray[np.int64]) -> None:
+    """Write a mesh to the package, small."""
+    # Neighbours in space become neighbours in the file, which halves what the faces take.
+    order = np.lexsort(np.floor(vertices.T / 300.0))
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    faces = rank[faces]
+    # Every triangle starts at its lowest index, orientation kept, and triangles are sorted.
+    turn = (faces.argmin(axis=1)[:, None] + np.arange(3)) % 3
+    faces = np.take_along_axis(faces, turn, axis=1)
+    faces = faces[np.lexsort(faces.T[::-1])]
+    path = SAMPLES / f"{name}.npz"
+    np.savez_compressed(
+        path,
+        vertices=(np.round(vertices[order] / RESOLUTION) * RESOLUTION).astype(np.float32),
+        faces=faces.astype(np.int32),
+        unit=np.array("nm"),
+    )
+    print(f"{path.name}: {path.stat().st_size / 1e6:.2f} MB")
+
+
+if __name__ == "__main__":
+    SAMPLES.mkdir(exist_ok=True)
+    save("dendrite", *make_dendrite())
+    save("two_components", *make_two_components())

@@ -1,0 +1,33 @@
+"""Meshes that come with the package, made by ``assets/make_samples.py``; coordinates are in nm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from meshmash_viewer.errors import InputError
+
+__all__ = ["SAMPLES", "sample_path"]
+
+#: Name and what it is.
+SAMPLES: dict[str, str] = {
+    "dendrite": "a forking piece of spiny dendrite, one closed surface",
+    "two_components": "two balls with a hole, a boundary and a non-manifold edge, for tests",
+}
+
+
+def sample_path(name: str = "dendrite") -> Path:
+    """Where a sample lies on disk, as an NPZ file with `vertices`, `faces` and `unit`.
+
+    Parameters
+    ----------
+    name : str
+        One of `SAMPLES`.
+
+    Raises
+    ------
+    InputError
+        If there is no sample of this name.
+    """
+    if name not in SAMPLES:
+        raise InputError(f"There is no sample {name!r}: choose one of {', '.join(SAMPLES)}.")
+    return Path(__file__).with_name(f"{name}.npz")
