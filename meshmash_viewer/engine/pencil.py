@@ -1,0 +1,208 @@
+"""The matrix pencil L φ = λ M φ, reduced to one symmetric matrix in natural units.
+
+The reduced matrix is ``A = M^-1/2 L M^-1/2 / unit`` on the vertices that carry mass, where
+``unit`` is the power of two next to Weyl's spacing 4π / area. Its eigenvalues are then about
+their own index, whatever the unit of the mesh, so no tolerance in the engine is absolute.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from meshmash_viewer.errors import InputError
+
+__all__ = ["Pencil", "reduce_pencil"]
+
+FloatArray = npt.NDArray[np.float64]
+
+#: A component's constant is taken as a null vector below this, relative to its diagonal.
+_NULL_TOLERANCE = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class Pencil:
+    """The reduced eigenproblem ``A y = θ y`` with ``λ = unit θ`` and ``φ = root_mass^-1 y``.
+
+    Parameters
+    ----------
+    matrix : scipy.sparse.csc_array, shape (n, n)
+        Symmetric positive semidefinite ``A``, sorted indices.
+    root_mass : ndarray, shape (n,)
+        Square roots of the masses of the active vertices.
+    unit : float
+        Eigenvalue that is 1 in the reduced problem; a power of two.
+    active : ndarray of int, shape (n,)
+        Indices of the active vertices among all.
+    n_all : int
+        Number of rows of L, vertices without mass included.
+    labels : ndarray of int, shape (n,)
+        Component of each active vertex if its constant is in the null space, else -1.
+    n_null : int
+        Dimension of the null space that is known exactly.
+    """
+
+    matrix: Any
+    root_mass: FloatArray
+    unit: float
+    active: npt.NDArray[np.int64]
+    n_all: int
+    labels: npt.NDArray[np.int64]
+    n_null: int
+
+    @property
+    def n(self) -> int:
+        """Number of active vertices."""
+        return len(self.active)
+
+    @cached_property
+    def norm(self) -> float:
+        """Bound of the largest eigenvalue of the reduced matrix (Gershgorin)."""
+        return float(abs(self.matrix).sum(axis=0).max())
+
+    @cached_property
+    def noise(self) -> float:
+        """Eigenvalues of the reduced matrix below this can't be told from zero."""
+        return 64.0 * float(np.finfo(np.float64).eps) * self.norm
+
+    @cached_property
+    def null_norms(self) -> FloatArray:
+        """Norms of ``root_mass`` on each null component, shape (n_null,)."""
+        used = self.labels >= 0
+        squares = np.bincount(
+            self.labels[used], weights=self.root_mass[used] ** 2, minlength=self.n_null
+        )
+        return np.sqrt(squares)
+
+    def null_rows(self) -> FloatArray:
+        """Orthonormal basis of the null space of the reduced matrix, shape (n_null, n)."""
+        rows = np.zeros((self.n_null, self.n))
+        used = np.flatnonzero(self.labels >= 0)
+        labels = self.labels[used]
+        rows[labels, used] = self.root_mass[used] / self.null_norms[labels]
+        return rows
+
+    def remove_null(self, columns: FloatArray) -> None:
+        """Project the null space out of columns, shape (n,) or (n, b), in place."""
+        if self.n_null == 0:
+            return
+        block = columns.reshape(self.n, -1)
+        used = self.labels >= 0
+        labels = self.labels[used]
+        direction = self.root_mass[used] / self.null_norms[labels]
+        for column in block.T:
+            weights = np.bincount(labels, weights=direction * column[used], minlength=self.n_null)
+            column[used] -= direction * weights[labels]
+
+
+def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:
+    """Reduce (L, M) to the symmetric problem on the vertices that carry mass.
+
+    Parameters
+    ----------
+    stiffness : sparse matrix or array, shape (n, n)
+        Symmetric positive semidefinite L.
+    mass : sparse matrix or array, shape (n, n), or ndarray, shape (n,)
+        Diagonal M, or its diagonal.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ, an entry is not finite, M is not diagonal or negative, L is not
+        symmetric, or a vertex without mass is tied to others by L.
+    """
+    laplacian: Any = sp.csr_array(stiffness).astype(np.float64)
+    n_all = laplacian.shape[0]
+    if laplacian.shape != (n_all, n_all):
+        raise InputError(f"The Laplacian must be square, this one is {laplacian.shape}.")
+    diagonal = mass_diagonal(mass, n_all)
+    if not np.isfinite(laplacian.data).all():
+        row = int(
+            np.repeat(np.arange(n_all), np.diff(laplacian.indptr))[
+                np.flatnonzero(~np.isfinite(laplacian.data))[0]
+            ]
+        )
+        raise InputError(
+            f"The Laplacian has an entry that is not finite at vertex {row}: "
+            "degenerate faces make it so, use robust=True."
+        )
+    laplacian.sum_duplicates()
+    asymmetry = abs(laplacian - laplacian.T)
+    largest = abs(laplacian).max() if laplacian.nnz else 0.0
+    if asymmetry.nnz and asymmetry.max() > 1e-9 * largest:
+        raise InputError("The Laplacian is not symmetric; its eigenpairs would not be real.")
+    if asymmetry.nnz and asymmetry.max() > 0.0:
+        laplacian = sp.csr_array((laplacian + laplacian.T) * 0.5)
+    laplacian.eliminate_zeros()
+
+    used = diagonal > 0.0
+    tied = ~used & (np.diff(laplacian.indptr) > 0)
+    if tied.any():
+        first = np.flatnonzero(tied)[:3].tolist()
+        raise InputError(
+            f"{int(tied.sum())} vertices have faces but no area (first: {first}): "
+            "use robust=True, or drop degenerate faces."
+        )
+    active = np.flatnonzero(used)
+    if len(active) == 0:
+        raise InputError("The mass matrix is zero: the mesh has no face with area.")
+    if len(active) < n_all:
+        laplacian = sp.csr_array(laplacian[active][:, active])
+    masses = diagonal[active]
+    root_mass = np.sqrt(masses)
+    # A power of two keeps the reduced problem the same, bit for bit, when the mesh is scaled by
+    # one; the scaling of L needs none in two dimensions.
+    unit = 2.0 ** float(np.round(np.log2(4.0 * np.pi / masses.sum())))
+    scale = sp.diags_array(1.0 / root_mass)
+    matrix: Any = sp.csc_array(scale @ laplacian @ scale) / unit
+    matrix = sp.csc_array((matrix + matrix.T) * 0.5)
+    matrix.sort_indices()
+
+    count, labels = connected_components(laplacian, directed=False)
+    row_sums = np.abs(laplacian @ np.ones(len(active)))
+    worst = np.zeros(count)
+    np.maximum.at(worst, labels, row_sums)
+    strength = np.zeros(count)
+    np.maximum.at(strength, labels, np.abs(laplacian.diagonal()))
+    is_null = worst <= _NULL_TOLERANCE * np.maximum(strength, 0.0)
+    numbers = np.where(is_null, np.cumsum(is_null) - 1, -1)
+    return Pencil(
+        matrix=matrix,
+        root_mass=root_mass,
+        unit=unit,
+        active=active,
+        n_all=n_all,
+        labels=numbers[labels].astype(np.int64),
+        n_null=int(is_null.sum()),
+    )
+
+
+def mass_diagonal(mass: Any, n: int) -> FloatArray:
+    """Take the diagonal of a mass matrix given as matrix or as vector, shape (n,)."""
+    given: Any = mass
+    if sp.issparse(given):
+        rest: Any = sp.coo_array(given)
+        if rest.shape != (n, n):
+            raise InputError(f"The mass matrix is {rest.shape}, the Laplacian ({n}, {n}).")
+        diagonal = np.asarray(rest.diagonal(), dtype=np.float64)
+        if np.any(rest.data[rest.row != rest.col] != 0.0):
+            raise InputError("The mass matrix is not diagonal; lump it first.")
+    else:
+        given = np.asarray(given, dtype=np.float64)
+        if given.shape == (n, n):
+            diagonal = np.diagonal(given).copy()
+            if np.any(given != np.diag(diagonal)):
+                raise InputError("The mass matrix is not diagonal; lump it first.")
+        else:
+            diagonal = given
+    if diagonal.shape != (n,):
+        raise InputError(f"The mass matrix is {diagonal.shape}, the Laplacian ({n}, {n}).")
+    if not np.isfinite(diagonal).all() or diagonal.min(initial=0.0) < 0.0:
+        raise InputError("The mass matrix has an entry that is negative or not finite.")
+    return diagonal

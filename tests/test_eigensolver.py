@@ -1,0 +1,302 @@
+"""The eigensolver against closed forms, dense solutions and invariances."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import scipy.linalg
+import scipy.sparse as sp
+
+from meshmash_viewer.eigensolver import Decomposition, estimate_memory, iterate, solve
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.progress import Cancelled, Progress
+
+Matrices = tuple[Any, Any]
+N_POINTS = 800
+
+
+def ring(n: int, length: float) -> Any:
+    """Second difference on a circle of n points."""
+    step = length / n
+    shape = sp.diags_array([-np.ones(n - 1), 2 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1])
+    matrix = sp.lil_array(shape)
+    matrix[0, n - 1] = matrix[n - 1, 0] = -1.0
+    return sp.csr_array(matrix) / step**2
+
+
+def torus(nx: int, ny: int, a: float, b: float) -> tuple[Matrices, npt.NDArray[np.float64]]:
+    """Flat torus a x b by finite differences: (L, M) and all its exact eigenvalues, sorted."""
+    cell = a * b / (nx * ny)
+    pencil = sp.kron(ring(nx, a), sp.eye_array(ny)) + sp.kron(sp.eye_array(nx), ring(ny, b))
+    one = (2 * nx / a * np.sin(np.pi * np.arange(nx) / nx)) ** 2
+    two = (2 * ny / b * np.sin(np.pi * np.arange(ny) / ny)) ** 2
+    exact = np.sort((one[:, None] + two[None, :]).ravel())
+    return (sp.csc_array(pencil * cell), sp.diags_array(np.full(nx * ny, cell))), exact
+
+
+def random_mesh(seed: int, copies: int = 1) -> Matrices:
+    """Irregular weighted graph Laplacian with uneven masses, in several components."""
+    rng = np.random.default_rng(seed)
+    blocks, masses = [], []
+    for _ in range(copies):
+        points = rng.random((N_POINTS, 2))
+        from scipy.spatial import Delaunay
+
+        triangles = Delaunay(points).simplices
+        i = triangles[:, [0, 1, 2]].ravel()
+        j = triangles[:, [1, 2, 0]].ravel()
+        weights = np.exp(rng.normal(0.0, 1.0, len(i)))
+        adjacency = sp.coo_array((weights, (i, j)), shape=(N_POINTS, N_POINTS)).tocsr()
+        adjacency = adjacency + adjacency.T
+        blocks.append(sp.diags_array(adjacency.sum(axis=1)) - adjacency)
+        masses.append(np.exp(rng.normal(-7.0, 1.0, N_POINTS)))
+    return sp.csc_array(sp.block_diag(blocks)), sp.diags_array(np.concatenate(masses))
+
+
+def dense(matrices: Matrices) -> npt.NDArray[np.float64]:
+    stiffness, mass = matrices
+    scale = 1.0 / np.sqrt(mass.diagonal())
+    values = scipy.linalg.eigvalsh(scale[:, None] * stiffness.toarray() * scale)
+    return np.asarray(values)
+
+
+def check(decomposition: Decomposition, exact: npt.NDArray[np.float64]) -> None:
+    """Eigenvalues, residuals, orthonormality and certificate, all at once."""
+    assert decomposition.complete
+    floor = 1e-9 * exact[exact > 1e-9 * exact[-1]][:1].sum()
+    np.testing.assert_allclose(decomposition.eigenvalues, exact, rtol=1e-9, atol=floor)
+    assert decomposition.residuals.max() < 1e-9
+    assert decomposition.orthonormality < 1e-12
+
+
+def test_torus_multiplicities_match_the_closed_form() -> None:
+    matrices, exact = torus(40, 40, 1.0, 1.0)  # four- and eightfold eigenvalues
+    for k in (1, 7, 49, 150):
+        decomposition = solve(*matrices, k)
+        check(decomposition, exact[:k])
+        assert decomposition.rows.shape == (k, 1600)
+
+
+def test_threshold_counts_first_and_keeps_exactly_what_is_below() -> None:
+    matrices, exact = torus(60, 50, 3.0, 2.0)
+    for threshold in (exact[20] * 1.001, exact[101], exact[0]):
+        decomposition = solve(*matrices, max_eigenvalue=float(threshold))
+        # The closed form is itself rounded: the threshold is exactly on a multiple eigenvalue.
+        check(decomposition, exact[exact <= threshold * (1 + 1e-12)])
+        assert (decomposition.eigenvalues <= threshold).all()
+
+
+def test_pairs_nearest_an_interior_shift() -> None:
+    matrices, exact = torus(50, 41, 1.0, 1.1)
+    for sigma in (exact[300] * 1.0007, exact[3] * 0.9):
+        nearest = np.sort(exact[np.argsort(np.abs(exact - sigma), kind="stable")[:25]])
+        decomposition = solve(*matrices, 25, sigma=float(sigma))
+        check(decomposition, nearest)
+
+
+def test_many_components_have_an_exact_null_space() -> None:
+    matrices = random_mesh(1, copies=5)
+    decomposition = solve(*matrices, 60)
+    check(decomposition, np.concatenate([np.zeros(5), dense(matrices)[5:60]]))
+    assert (decomposition.eigenvalues[:5] == 0.0).all()
+    fewer = solve(*matrices, 3)  # less than the null space
+    check(fewer, np.zeros(3))
+
+
+@pytest.mark.parametrize("copies", [1, 2])
+def test_whole_spectrum_and_all_but_one(copies: int) -> None:
+    matrices = random_mesh(2, copies=copies)
+    n = N_POINTS * copies
+    exact = dense(matrices)
+    exact[:copies] = 0.0
+    for k in (n - 1, n, n + 50):
+        check(solve(*matrices, k), exact[: min(k, n)])
+    check(solve(*matrices, max_eigenvalue=float(2.0 * exact[-1])), exact)
+
+
+def test_small_problems_are_dense() -> None:
+    matrices, exact = torus(5, 4, 1.0, 1.0)
+    check(solve(*matrices, 4), exact[:4])
+    check(solve(*matrices, 1000), exact)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 0.37, 1e9])
+def test_scaled_mesh_gives_scaled_eigenvalues(scale: float) -> None:
+    stiffness, mass = random_mesh(3, copies=2)
+    reference = solve(stiffness, mass, 80)
+    scaled = solve(stiffness, mass * scale**2, 80)
+    np.testing.assert_allclose(scaled.eigenvalues * scale**2, reference.eigenvalues, rtol=1e-10)
+    np.testing.assert_allclose(scaled.rows[:20] * scale, reference.rows[:20], atol=1e-6 * 300)
+
+
+def test_same_input_gives_the_same_bits() -> None:
+    matrices = random_mesh(4)
+    one, two = solve(*matrices, 120), solve(*matrices, 120)
+    assert one.rows.tobytes() == two.rows.tobytes()
+    assert one.eigenvalues.tobytes() == two.eigenvalues.tobytes()
+
+
+def test_entry_of_largest_magnitude_is_positive() -> None:
+    rows = solve(*random_mesh(5), 40).rows
+    leading = np.take_along_axis(rows, np.abs(rows).argmax(axis=1)[:, None], axis=1)
+    assert (leading > 0.0).all()
+
+
+def test_vertices_without_mass_come_back_as_nan() -> None:
+    stiffness, mass = random_mesh(6)
+    n = stiffness.shape[0]
+    wide = sp.lil_array((n + 3, n + 3))
+    places = np.concatenate([np.arange(0, 400), np.arange(403, n + 3)])
+    wide = sp.csr_array((n + 3, n + 3))
+    spread = sp.coo_array((np.ones(n), (places, np.arange(n))), shape=(n + 3, n))
+    wide = spread @ stiffness @ spread.T
+    masses = np.zeros(n + 3)
+    masses[places] = mass.diagonal()
+    decomposition = solve(wide, sp.diags_array(masses), 30)
+    assert np.isnan(decomposition.rows[:, 400:403]).all()
+    np.testing.assert_allclose(
+        decomposition.eigenvalues, solve(stiffness, mass, 30).eigenvalues, rtol=1e-12
+    )
+
+
+def test_every_sparse_kind_and_a_mass_vector_are_taken() -> None:
+    stiffness, mass = random_mesh(7)
+    reference = solve(stiffness, mass, 10).eigenvalues
+    for kind in (sp.csr_matrix, sp.coo_matrix, sp.csc_array, sp.lil_array):
+        np.testing.assert_array_equal(solve(kind(stiffness), kind(mass), 10).eigenvalues, reference)
+    vector = solve(stiffness, mass.diagonal(), 10).eigenvalues
+    np.testing.assert_array_equal(vector, reference)
+
+
+def test_single_precision_rows() -> None:
+    matrices, exact = torus(45, 40, 1.0, 1.3)
+    decomposition = solve(*matrices, 30, dtype=np.float32)
+    assert decomposition.rows.dtype == np.float32
+    assert decomposition.eigenvalues.dtype == np.float64
+    np.testing.assert_allclose(decomposition.eigenvalues[1:], exact[1:30], rtol=1e-7)
+    assert decomposition.orthonormality < 1e-5
+
+
+def test_known_pairs_are_kept_and_only_the_rest_is_found() -> None:
+    matrices = random_mesh(8, copies=2)
+    exact = dense(matrices)
+    exact[:2] = 0.0
+    known = solve(*matrices, 70)
+    more = solve(*matrices, 140, known=known)
+    check(more, exact[:140])
+    np.testing.assert_allclose(more.rows[:70], known.rows, atol=1e-7 * np.abs(known.rows).max())
+    check(solve(*matrices, 40, known=known), exact[:40])
+
+
+def test_known_pairs_of_another_problem_are_not_believed() -> None:
+    matrices = random_mesh(9)
+    exact = dense(matrices)
+    exact[0] = 0.0
+    check(solve(*matrices, 60, known=solve(*random_mesh(10), 40)), exact[:60])
+
+
+def test_pairs_arrive_in_order_and_final() -> None:
+    matrices = random_mesh(11)
+    rows: list[npt.NDArray[np.float64]] = []
+    starts: list[int] = []
+
+    def allocate(k: int, n: int) -> npt.NDArray[np.float64]:
+        rows.append(np.full((k, n), np.inf))
+        return rows[0]
+
+    def arrived(
+        start: int, values: npt.NDArray[np.float64], residuals: npt.NDArray[np.float64]
+    ) -> None:
+        assert start == sum(starts)
+        assert np.isfinite(rows[0][start : start + len(values)]).all()
+        starts.append(len(values))
+
+    reports: list[Progress] = []
+    decomposition = solve(
+        *matrices, 250, allocate=allocate, on_pairs=arrived, progress=reports.append
+    )
+    assert len(rows) == 1
+    assert decomposition.rows is rows[0]
+    assert sum(starts) == 250
+    assert reports[-1].converged == reports[-1].total == 250
+    assert [r.converged for r in reports] == sorted(r.converged for r in reports)
+
+
+def test_iterate_yields_the_same_pairs_and_can_be_left() -> None:
+    matrices = random_mesh(12)
+    reference = solve(*matrices, 150)
+    batches = list(iterate(*matrices, 150))
+    assert [b.start for b in batches] == [0, *(b.stop for b in batches[:-1])]
+    np.testing.assert_array_equal(np.concatenate([b.rows for b in batches]), reference.rows)
+    before = threading.active_count()
+    for _ in iterate(*matrices, 250):
+        break
+    assert threading.active_count() == before
+
+
+@pytest.mark.parametrize("patience", [0, 1, 5, 40])
+def test_cancel_is_heard(patience: int) -> None:
+    asked = 0
+
+    def cancel() -> bool:
+        nonlocal asked
+        asked += 1
+        return asked > patience
+
+    with pytest.raises(Cancelled):
+        solve(*random_mesh(13), 200, cancel=cancel)
+
+
+def test_given_inverse_is_used() -> None:
+    from scipy.sparse.linalg import LinearOperator, splu
+
+    stiffness, mass = random_mesh(14)
+    exact = dense((stiffness, mass))
+    exact[0] = 0.0
+    sigma = -0.01 * exact[1]
+    factor = splu(sp.csc_matrix(stiffness - sigma * mass))
+    calls = 0
+
+    def apply(column: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        nonlocal calls
+        calls += 1
+        return np.asarray(factor.solve(column))
+
+    inverse = LinearOperator(stiffness.shape, matvec=apply, dtype=np.float64)
+    check(solve(stiffness, mass, 20, sigma=sigma, op_inv=inverse), exact[:20])
+    assert calls > 0
+
+
+def test_nonsense_is_refused_in_a_sentence() -> None:
+    stiffness, mass = random_mesh(15)
+    with pytest.raises(InputError, match="either"):
+        solve(stiffness, mass)
+    with pytest.raises(InputError, match="either"):
+        solve(stiffness, mass, 5, max_eigenvalue=1.0)
+    with pytest.raises(InputError, match="At least one"):
+        solve(stiffness, mass, 0)
+    with pytest.raises(InputError, match="negative"):
+        solve(stiffness, mass, max_eigenvalue=-1.0)
+    with pytest.raises(InputError, match="float"):
+        solve(stiffness, mass, 5, dtype=np.int32)
+    with pytest.raises(InputError, match="not finite"):
+        solve(stiffness * np.nan, mass, 5)
+    with pytest.raises(InputError, match="diagonal"):
+        solve(stiffness, stiffness, 5)
+    with pytest.raises(InputError, match="no area"):
+        solve(stiffness, np.zeros(N_POINTS), 5)
+    with pytest.raises(InputError, match="no face"):
+        solve(stiffness * 0.0, np.zeros(N_POINTS), 5)
+    with pytest.raises(InputError, match="symmetric"):
+        solve(stiffness + sp.coo_array(([1e9], ([0], [1])), shape=(N_POINTS, N_POINTS)), mass, 5)
+
+
+def test_proof_is_one_line_and_memory_grows_with_pairs() -> None:
+    proof = solve(*random_mesh(16), 30).proof()
+    assert "30 pairs · complete (" in proof
+    assert "\n" not in proof
+    assert estimate_memory(10_000, 70_000, 300) > estimate_memory(10_000, 70_000, 100) > 0
