@@ -8,6 +8,7 @@ without harm.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -17,6 +18,7 @@ import numpy.typing as npt
 from meshmash_viewer.health import Health
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.weyl import Target
 
@@ -24,6 +26,7 @@ __all__ = [
     "Channel",
     "DecomposeJob",
     "ExportJob",
+    "InspectJob",
     "Job",
     "JobState",
     "MeshReady",
@@ -64,26 +67,69 @@ class Job(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class SpectrumGrew:
+    """The leading eigenpairs are final, and their rows can be mapped from a file.
+
+    Parameters
+    ----------
+    rows_path : Path
+        ``.npy`` file of shape (>= k, n); only the first k rows are to be read.
+    eigenvalues, residuals : ndarray of float64, shape (k,)
+    total, complete, proof, preview, operator
+        See `Spectrum`.
+    remark : str
+        A sentence for the message bar, where there is something to say.
+    """
+
+    rows_path: Path
+    eigenvalues: npt.NDArray[np.float64]
+    residuals: npt.NDArray[np.float64]
+    total: int = 0
+    complete: bool = False
+    proof: str = ""
+    preview: bool = False
+    operator: OperatorOptions | None = None
+    remark: str = ""
+
+    @cached_property
+    def spectrum(self) -> Spectrum:
+        """The same as the views read it; the first access opens the file."""
+        rows = np.load(self.rows_path, mmap_mode="r")
+        return Spectrum(
+            self.eigenvalues,
+            rows,
+            self.residuals,
+            total=self.total,
+            complete=self.complete,
+            proof=self.proof,
+            preview=self.preview,
+            operator=self.operator,
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class MeshReady:
-    """A mesh with all that the window needs to draw it (result of `ReadJob` and `RepairJob`)."""
+    """A mesh with all that the window needs to draw it.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    health : Health
+    normals : ndarray of float32, shape (n, 3)
+    path : Path, optional
+        The file it came from.
+    repair : str
+        Name of the repair it came from.
+    known : SpectrumGrew, optional
+        Eigenpairs found in the store.
+    """
 
     mesh: Mesh
     health: Health
     normals: npt.NDArray[np.float32]
     path: Path | None = None
     repair: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class SpectrumGrew:
-    """Eigenpairs 0 .. len(eigenvalues) are final and can be mapped from `folder`."""
-
-    folder: Path
-    eigenvalues: npt.NDArray[np.float64]
-    residuals: npt.NDArray[np.float64]
-    total: int
-    complete: bool = False
-    proof: str = ""
+    known: SpectrumGrew | None = None
 
 
 @dataclass(frozen=True)
@@ -96,15 +142,50 @@ class Written:
 
 @dataclass(frozen=True)
 class ReadJob:
-    """Read a mesh file, in a unit; returns `MeshReady`."""
+    """Read a mesh file; returns `MeshReady`.
+
+    Parameters
+    ----------
+    path : Path
+    unit : str
+        Of its coordinates, as `units.parse_unit` takes it; empty for what the format states.
+    operator : OperatorOptions
+        The Laplacian whose stored eigenpairs are looked for.
+    """
 
     path: Path
     unit: str = ""
+    operator: OperatorOptions = OperatorOptions()
 
     @property
     def label(self) -> str:
         """See `Job.label`."""
         return f"Reading {self.path.name}"
+
+    def run(self, channel: Channel) -> MeshReady:
+        """See `Job.run`."""
+        from meshmash_viewer.io.read import read_mesh
+
+        channel.report(Progress("reading", message=f"Reading {self.path.name}"))
+        mesh = read_mesh(self.path, self.unit or None)
+        return _inspect(mesh, self.operator, channel, path=self.path)
+
+
+@dataclass(frozen=True, eq=False)
+class InspectJob:
+    """Take a mesh handed over in memory; returns `MeshReady`."""
+
+    mesh: Mesh
+    operator: OperatorOptions = OperatorOptions()
+
+    @property
+    def label(self) -> str:
+        """See `Job.label`."""
+        return f"Inspecting {self.mesh.name or 'the mesh'}"
+
+    def run(self, channel: Channel) -> MeshReady:
+        """See `Job.run`."""
+        return _inspect(self.mesh, self.operator, channel)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +195,21 @@ class RepairJob:
     mesh: Mesh
     repair: str
     path: Path | None = None
+    operator: OperatorOptions = OperatorOptions()
+
+    @property
+    def label(self) -> str:
+        """See `Job.label`."""
+        return f"Repairing {self.mesh.name or 'the mesh'}"
+
+    def run(self, channel: Channel) -> MeshReady:
+        """See `Job.run`."""
+        from meshmash_viewer.health import REPAIRS
+
+        repair = REPAIRS[self.repair]
+        channel.report(Progress("repairing", message=repair.label))
+        mesh = repair.apply(self.mesh)
+        return _inspect(mesh, self.operator, channel, path=self.path, repair=self.repair)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,10 +220,37 @@ class DecomposeJob:
     operator: OperatorOptions
     target: Target
 
+    @property
+    def label(self) -> str:
+        """See `Job.label`."""
+        return f"Decomposing {self.mesh.name or 'the mesh'}"
+
+    def run(self, channel: Channel) -> SpectrumGrew:
+        """See `Job.run`."""
+        from meshmash_viewer.model.decomposition import decompose
+
+        return decompose(self.mesh, self.operator, self.target, channel)
+
 
 @dataclass(frozen=True, eq=False)
 class ExportJob:
-    """Compute features by the direct sum, or take the eigenpairs, and write a file."""
+    """Compute features by the direct sum, or take the eigenpairs, and write a file.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    operator : OperatorOptions
+        Of the eigenpairs that are looked up in the store.
+    path : Path
+        Its ending says the format.
+    kind : str
+        One of `meshmash_viewer.model.export.KINDS`.
+    n_pairs : int
+        Number of leading eigenpairs to use.
+    parameters : dict
+        By kind: ``t_min, t_max, n_scales`` (hks), ``e_min, e_max, n_bands``
+        (geometry-vectors).
+    """
 
     mesh: Mesh
     operator: OperatorOptions
@@ -135,6 +258,17 @@ class ExportJob:
     kind: str
     n_pairs: int
     parameters: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """See `Job.label`."""
+        return f"Writing {self.path.name}"
+
+    def run(self, channel: Channel) -> Written:
+        """See `Job.run`."""
+        from meshmash_viewer.model.export import export
+
+        return export(self, channel)
 
 
 @dataclass(frozen=True)
@@ -144,3 +278,23 @@ class JobState:
     job: Job
     progress: Progress
     cancelling: bool = False
+
+
+def _inspect(
+    mesh: Mesh,
+    operator: OperatorOptions,
+    channel: Channel,
+    *,
+    path: Path | None = None,
+    repair: str = "",
+) -> MeshReady:
+    """Measure a mesh, and look for its eigenpairs in the store."""
+    from meshmash_viewer.health import mesh_health
+    from meshmash_viewer.model.decomposition import find_known
+
+    channel.report(Progress("inspecting", message="Looking for faults of the mesh"))
+    health = mesh_health(mesh)
+    channel.report(Progress("preparing", message="Preparing the render"))
+    normals = mesh.vertex_normals
+    known = find_known(mesh, operator)
+    return MeshReady(mesh, health, normals, path, repair, known)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.laplacian import OperatorOptions
+
 __all__ = ["Multiplet", "Spectrum"]
 
 
@@ -39,6 +41,8 @@ class Spectrum:
         The proof line; empty until the solve has ended.
     preview : bool
         Whether these are coarse approximations that exact ones will replace.
+    operator : OperatorOptions, optional
+        The Laplacian that these belong to.
     """
 
     eigenvalues: npt.NDArray[np.float64]
@@ -48,6 +52,7 @@ class Spectrum:
     complete: bool = False
     proof: str = ""
     preview: bool = False
+    operator: OperatorOptions | None = None
 
     def __len__(self) -> int:
         return len(self.eigenvalues)

@@ -1,0 +1,150 @@
+"""Runs what the document asks for, and tells it what comes back."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QObject, Qt, Slot
+
+from meshmash_viewer.app.worker import Worker
+from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.jobs import (
+    DecomposeJob,
+    ExportJob,
+    InspectJob,
+    Job,
+    MeshReady,
+    ReadJob,
+    RepairJob,
+    SpectrumGrew,
+    Written,
+)
+from meshmash_viewer.model.process import Failure
+from meshmash_viewer.progress import Progress
+
+__all__ = ["Tasks"]
+
+
+class Tasks(QObject):
+    """The one job of a document.
+
+    A job that brings another mesh, or another decomposition, stops the one that runs and goes
+    next: converged pairs are in the store, so nothing is lost. An export waits its turn, and
+    while one is being written the others wait for it.
+    """
+
+    def __init__(self, document: Document, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._document = document
+        self._worker = Worker(self)
+        self._job: Job | None = None
+        self._queue: list[Job] = []
+        queued = Qt.ConnectionType.QueuedConnection
+        self._worker.progressed.connect(self._on_progressed, queued)
+        self._worker.sent.connect(self._on_sent, queued)
+        self._worker.finished.connect(self._on_finished, queued)
+        self._worker.failed.connect(self._on_failed, queued)
+        self._worker.cancelled.connect(self._on_cancelled, queued)
+        document.job_requested.connect(self.run)
+        document.cancel_requested.connect(self.cancel)
+        document.mesh_changed.connect(self._on_mesh_changed)
+
+    @property
+    def worker(self) -> Worker:
+        """What runs the jobs."""
+        return self._worker
+
+    @property
+    def job(self) -> Job | None:
+        """The job that runs."""
+        return self._job
+
+    def run(self, job: Job) -> None:
+        """Run a job now, or as soon as the one before it has ended."""
+        if self._job is None:
+            self._start(job)
+        elif isinstance(job, ExportJob) or isinstance(self._job, ExportJob):
+            self._queue.append(job)
+            self._document.notify(Notice(f"{job.label} waits for: {self._job.label}."))
+        elif isinstance(job, DecomposeJob) and not isinstance(self._job, DecomposeJob):
+            text = f"{self._job.label} is not done yet: compute when it is."
+            self._document.notify(Notice(text, Severity.WARNING))
+        else:
+            self._queue = [waiting for waiting in self._queue if isinstance(waiting, ExportJob)]
+            self._queue.insert(0, job)
+            self._worker.cancel()
+
+    def cancel(self) -> None:
+        """Stop the running job, and forget those that wait."""
+        self._queue.clear()
+        self._worker.cancel()
+
+    def close(self) -> None:
+        """Stop everything; no process and no temporary file remains."""
+        document = self._document
+        document.job_requested.disconnect(self.run)
+        document.cancel_requested.disconnect(self.cancel)
+        document.mesh_changed.disconnect(self._on_mesh_changed)
+        self._queue.clear()
+        self._worker.close()
+
+    def _start(self, job: Job) -> None:
+        self._job = job
+        self._document.job_started(job)
+        self._worker.submit(job)
+
+    def _end(self, notice: Notice | None = None) -> None:
+        self._job = None
+        self._document.job_ended(notice)
+        if self._queue and self._job is None:
+            self._start(self._queue.pop(0))
+
+    def _on_mesh_changed(self) -> None:
+        """Stop a decomposition of a mesh that is no longer shown, as after an undo."""
+        if isinstance(self._job, DecomposeJob) and self._job.mesh is not self._document.mesh:
+            self._worker.cancel()
+
+    @Slot(object)
+    def _on_progressed(self, progress: Progress) -> None:
+        self._document.job_progressed(progress)
+
+    @Slot(object)
+    def _on_sent(self, message: object) -> None:
+        job = self._job
+        if isinstance(message, Notice):
+            self._document.notify(message)
+        elif (
+            isinstance(message, SpectrumGrew)
+            and isinstance(job, DecomposeJob)
+            and job.mesh is self._document.mesh
+        ):
+            self._document.accept_spectrum(message.spectrum)
+            if message.remark:
+                self._document.notify(Notice(message.remark, Severity.WARNING))
+
+    @Slot(object)
+    def _on_finished(self, result: object) -> None:
+        if isinstance(result, MeshReady) and isinstance(
+            self._job, ReadJob | InspectJob | RepairJob
+        ):
+            self._document.accept_mesh(result)
+            remark = result.known.remark if result.known is not None else ""
+            self._end(Notice(remark, Severity.WARNING) if remark else None)
+        elif isinstance(result, Written):
+            self._end(Notice(f"{result.description} written to {result.path}."))
+        else:
+            self._on_sent(result)
+            self._end()
+
+    @Slot(object)
+    def _on_failed(self, failure: Failure) -> None:
+        self._end(Notice(failure.text, Severity.ERROR, failure.details))
+
+    @Slot()
+    def _on_cancelled(self) -> None:
+        job = self._job
+        replaced = bool(self._queue)
+        if replaced or job is None:
+            self._end()
+        elif isinstance(job, DecomposeJob):
+            self._end(Notice("Cancelled; eigenpairs that have converged are kept."))
+        else:
+            self._end(Notice(f"Cancelled: {job.label}."))

@@ -1,0 +1,256 @@
+"""Runs jobs in a process of their own, so that nothing heavy ever holds up the window."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import queue
+import shutil
+import subprocess
+import tempfile
+import threading
+import traceback
+from pathlib import Path
+
+from PySide6.QtCore import QObject, QThread, QTimer, Signal
+
+from meshmash_viewer.model.jobs import Job, MeshReady, SpectrumGrew
+from meshmash_viewer.model.process import Failure, child_command, end_group
+from meshmash_viewer.model.transport import Wire
+
+__all__ = ["Worker"]
+
+#: Time that a cancelled job has to stop by itself, in milliseconds.
+_CANCEL_PATIENCE = 1000
+#: Seconds that the processes of a job have to delete their temporary files on closing.
+_CLOSE_PATIENCE = 3.0
+
+
+class Worker(QObject):
+    """One job at a time, in a warm process; every signal but `started` comes when it has passed.
+
+    A job ends with exactly one of `finished`, `failed` and `cancelled`, after which the next can
+    be submitted.  Arrays are written and read by a thread of the worker, never by the caller's.
+    """
+
+    started = Signal(object)
+    progressed = Signal(object)
+    sent = Signal(object)
+    finished = Signal(object)
+    failed = Signal(object)
+    cancelled = Signal()
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._folder = Path(tempfile.mkdtemp(prefix="meshmash-viewer-"))
+        self._thread = _WorkerThread(self, self._folder)
+        self._numbers = itertools.count(1)
+        self._number = 0  # of the running job; 0 while idle
+        for ended in (self.finished, self.failed, self.cancelled):
+            ended.connect(self._end)
+        self._thread.start()
+
+    @property
+    def busy(self) -> bool:
+        """Whether a job runs."""
+        return self._number != 0
+
+    @property
+    def process_id(self) -> int | None:
+        """Id of the process that does the work; None between two of them."""
+        return self._thread.process_id
+
+    @property
+    def folder(self) -> Path:
+        """Where arrays pass through; gone after `close`."""
+        return self._folder
+
+    def submit(self, job: Job) -> None:
+        """Start a job.
+
+        Raises
+        ------
+        RuntimeError
+            If one runs already, or the worker is closed.
+        """
+        if self.busy or not self._thread.isRunning():
+            raise RuntimeError("the worker is busy or closed")
+        self._number = next(self._numbers)
+        self.started.emit(job)
+        self._thread.orders.put(job)
+
+    def cancel(self) -> None:
+        """Ask the running job to stop, and end its process if it has not after a second."""
+        if not self.busy:
+            return
+        number = self._number
+        self._thread.ask_to_stop()
+        QTimer.singleShot(_CANCEL_PATIENCE, self, lambda: self._insist(number))
+
+    def close(self) -> None:
+        """Stop whatever runs and wait until its processes and files are gone."""
+        self._thread.close()
+        self._thread.wait()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _end(self) -> None:
+        self._number = 0
+
+    def _insist(self, number: int) -> None:
+        if self._number == number:
+            self._thread.end_process()
+
+
+class _WorkerThread(QThread):
+    """Speaks with the process: the only place that blocks."""
+
+    def __init__(self, worker: Worker, folder: Path) -> None:
+        super().__init__(worker)
+        self._worker = worker
+        self._folder = folder
+        self._lock = threading.Lock()  # guards the three below
+        self._process: subprocess.Popen[bytes] | None = None
+        self._wire: Wire | None = None
+        self._closing = False
+        self._stop_asked = False
+        self.orders: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
+
+    @property
+    def process_id(self) -> int | None:
+        process = self._process
+        return process.pid if process is not None else None
+
+    # -- called by the interface thread -------------------------------------------------------
+
+    def ask_to_stop(self) -> None:
+        with self._lock:
+            self._stop_asked = True
+            wire = self._wire
+        if wire is not None:
+            with contextlib.suppress(OSError, ValueError):  # the process has just ended: as wished
+                wire.send(("stop", None))
+
+    def end_process(self) -> None:
+        with self._lock:
+            if self._process is not None:
+                end_group(self._process.pid)
+
+    def close(self) -> None:
+        with self._lock:
+            self._closing = True
+        self.orders.put(None)
+        self.end_process()
+
+    # -- the thread ---------------------------------------------------------------------------
+
+    def run(self) -> None:
+        """Keep a process warm, give it one job after the other."""
+        try:
+            self._start_process()
+            while (job := self.orders.get()) is not None:
+                self._run(job)
+        finally:
+            self._drop_process(patience=_CLOSE_PATIENCE)
+
+    def _run(self, job: Job) -> None:
+        worker = self._worker
+        with self._lock:
+            self._stop_asked = False
+        try:
+            if self._process is None or self._process.poll() is not None:
+                self._drop_process()
+                self._start_process()
+            if self._wire is None:
+                raise EOFError
+            self._wire.send(("run", job))
+            while True:
+                kind, message = self._wire.receive()  # type: ignore[misc]
+                if isinstance(message, SpectrumGrew):
+                    _ = message.spectrum  # opens its file here, not where it is looked at
+                elif isinstance(message, MeshReady) and message.known is not None:
+                    _ = message.known.spectrum
+                if kind == "progressed":
+                    worker.progressed.emit(message)
+                elif kind == "sent":
+                    worker.sent.emit(message)
+                elif kind == "finished":
+                    return worker.finished.emit(message)
+                elif kind == "failed":
+                    return worker.failed.emit(message)
+                else:
+                    return worker.cancelled.emit()
+        except (EOFError, BrokenPipeError):
+            self._report_end(job)
+        except OSError as error:
+            text = f"{job.label} stopped: {error.strerror or error}."
+            worker.failed.emit(Failure(text, repr(error), mendable=True))
+        except Exception as error:  # noqa: BLE001  a defect must not end the thread in silence
+            self._drop_process()
+            text = f"{job.label} failed by a defect of the program ({type(error).__name__})."
+            worker.failed.emit(Failure(text, traceback.format_exc()))
+
+    def _report_end(self, job: Job) -> None:
+        """Say why the process has gone, and warm up another one."""
+        process, folder = self._process, self._folder
+        code = process.wait() if process is not None else 0
+        details = _tail(folder / "stderr.txt")
+        with self._lock:
+            stop_asked, closing = self._stop_asked, self._closing
+        self._drop_process()
+        if stop_asked or closing:
+            self._worker.cancelled.emit()
+        else:
+            self._worker.failed.emit(_crash(job, code, details))
+        if not closing:
+            self._start_process()
+
+    def _start_process(self) -> None:
+        with self._lock:
+            if self._closing:
+                return
+            # Messages of libraries must not end up in the terminal of the window.
+            with open(self._folder / "stderr.txt", "wb") as errors:
+                self._process = subprocess.Popen(
+                    child_command(self._folder),
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    stderr=errors,
+                    start_new_session=True,
+                )
+            assert self._process.stdout is not None
+            assert self._process.stdin is not None
+            self._wire = Wire(self._process.stdout, self._process.stdin, self._folder)
+
+    def _drop_process(self, patience: float = 0.5) -> None:
+        with self._lock:
+            process, self._process = self._process, None
+            wire, self._wire = self._wire, None
+        if process is None:
+            return
+        end_group(process.pid, patience)
+        process.wait()
+        if wire is not None:
+            wire.close()
+
+
+def _crash(job: Job, code: int, details: str) -> Failure:
+    """A sentence about a process that ended without a word."""
+    if code == -9:
+        text = (
+            f"{job.label} was stopped by the system, most likely because memory ran out: "
+            "ask for fewer eigenpairs, or close other programs."
+        )
+    else:
+        how = f"signal {-code}" if code < 0 else f"status {code}"
+        text = (
+            f"{job.label} failed: its process ended with {how}. What had converged is kept; "
+            "compute again to go on from there."
+        )
+    return Failure(text, details)
+
+
+def _tail(path: Path, size: int = 4000) -> str:
+    try:
+        return path.read_bytes()[-size:].decode(errors="replace")
+    except FileNotFoundError:
+        return ""

@@ -1,0 +1,215 @@
+"""The process that does long work: it takes jobs from a pipe, one at a time.
+
+The window starts it with `child_command` and keeps it warm. It leads a process group of its own,
+so that it ends together with whatever processes the solver has started: when told to, and when
+the window's end of the pipe closes for any reason, a crash of the window included.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import os
+import queue
+import shutil
+import signal
+import sys
+import threading
+import time
+import traceback
+from dataclasses import dataclass
+from pathlib import Path
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.model.jobs import Job
+from meshmash_viewer.model.transport import Wire
+from meshmash_viewer.progress import Cancelled, Progress
+
+__all__ = ["Failure", "child_command", "end_group", "serve"]
+
+#: Seconds between two reports; a person reads no faster.
+_REPORT_SECONDS = 0.05
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a job failed.
+
+    Parameters
+    ----------
+    text : str
+        One sentence for the message bar.
+    details : str
+        For the copy button; empty where the sentence says it all.
+    mendable : bool
+        Whether what was given is at fault, not the program.
+    """
+
+    text: str
+    details: str = ""
+    mendable: bool = False
+
+
+def child_command(folder: Path) -> list[str]:
+    """Command line that starts the process; `folder` is where arrays pass through."""
+    code = (
+        "import sys; sys.path[:] = sys.argv[2:]; "
+        "from meshmash_viewer.model.process import serve; serve(sys.argv[1])"
+    )
+    return [sys.executable, "-c", code, str(folder), *sys.path]
+
+
+def serve(folder: str) -> None:
+    """Run jobs until the pipe on standard input closes; then end, with all descendants."""
+    faulthandler.enable()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl+C in the terminal is the window's
+    _be_considerate()
+    # The pipe moves to descriptors of its own: a stray print must not end up in it, and
+    # processes of the solver must not inherit it.
+    source = os.fdopen(os.dup(0), "rb")
+    sink = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    with open(os.devnull, "rb") as nothing:
+        os.dup2(nothing.fileno(), 0)
+    wire = Wire(source, sink, Path(folder))
+    jobs: queue.SimpleQueue[Job] = queue.SimpleQueue()
+    asked_to_stop = threading.Event()
+    listener = threading.Thread(
+        target=_listen, args=(wire, jobs, asked_to_stop, folder), daemon=True
+    )
+    listener.start()
+    _warm_up()
+    while True:
+        _run(jobs.get(), _PipeChannel(wire, asked_to_stop), wire)
+
+
+def _listen(
+    wire: Wire, jobs: queue.SimpleQueue[Job], asked_to_stop: threading.Event, folder: str
+) -> None:
+    """Take orders while the main thread works."""
+    try:
+        while True:
+            order, job = wire.receive()  # type: ignore[misc]
+            if order == "run":
+                asked_to_stop.clear()
+                jobs.put(job)
+            else:
+                asked_to_stop.set()
+    except (EOFError, OSError):
+        # The window is gone, maybe without a chance to tidy up.
+        shutil.rmtree(folder, ignore_errors=True)
+    finally:
+        end_group(os.getpid())
+        os._exit(0)
+
+
+def _run(job: Job, channel: _PipeChannel, wire: Wire) -> None:
+    message: tuple[str, object]
+    try:
+        wire.send(("finished", job.run(channel)))
+        return
+    except Cancelled:
+        message = ("cancelled", None)
+    except InputError as error:
+        message = ("failed", Failure(str(error), mendable=True))
+    except MemoryError:
+        text = "Memory ran out: ask for fewer eigenpairs, or close other programs."
+        message = ("failed", Failure(text, traceback.format_exc(), mendable=True))
+    except OSError as error:
+        named = f"{error.filename}: " if error.filename else ""
+        text = f"{named}{error.strerror or error}."
+        message = ("failed", Failure(text, traceback.format_exc(), mendable=True))
+    except Exception as error:  # noqa: BLE001  whatever it is, the window must hear of it
+        text = f"{job.label} failed by a defect of the program ({type(error).__name__}: {error})."
+        message = ("failed", Failure(text, traceback.format_exc()))
+    wire.send(message)
+
+
+class _PipeChannel:
+    """A `Channel` into the pipe; reports are thinned to what a person can read."""
+
+    def __init__(self, wire: Wire, asked_to_stop: threading.Event) -> None:
+        self._wire = wire
+        self._asked_to_stop = asked_to_stop
+        self._reported = -_REPORT_SECONDS
+        self._stage = ""
+
+    def report(self, progress: Progress) -> None:
+        now = time.monotonic()
+        if progress.stage == self._stage and now - self._reported < _REPORT_SECONDS:
+            return
+        self._reported, self._stage = now, progress.stage
+        self._wire.send(("progressed", progress))
+
+    def send(self, message: object) -> None:
+        self._wire.send(("sent", message))
+
+    def cancelled(self) -> bool:
+        return self._asked_to_stop.is_set()
+
+
+def end_group(leader: int, patience: float = 0.0) -> None:
+    """End a process that leads a group, with its descendants.
+
+    They are asked with SIGTERM, which nobody here handles, so it is certain and immediate; only
+    multiprocessing's resource trackers ignore it, to delete temporary files and then leave.
+
+    Parameters
+    ----------
+    leader : int
+        Its process id.
+    patience : float
+        Seconds to wait for descendants that clean up, before they are killed.
+    """
+    import psutil
+
+    if os.name != "posix":
+        with contextlib.suppress(psutil.NoSuchProcess):
+            process = psutil.Process(leader)
+            for member in [*process.children(recursive=True), process]:
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    member.kill()
+        return
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(leader, signal.SIGTERM)
+    deadline = time.monotonic() + patience
+    while patience and _lives(leader):
+        if time.monotonic() > deadline:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(leader, signal.SIGKILL)
+            return
+        time.sleep(0.01)
+
+
+def _lives(leader: int) -> bool:
+    """Whether a process of the group still does anything (a zombie does not)."""
+    import psutil
+
+    try:
+        os.killpg(leader, 0)
+    except ProcessLookupError:
+        return False
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error, ProcessLookupError):
+            if os.getpgid(process.pid) == leader and process.status() != psutil.STATUS_ZOMBIE:
+                return True
+    return False
+
+
+def _be_considerate() -> None:
+    """Leave the processor to the window first, and be the first to go when memory runs out."""
+    if hasattr(os, "nice"):
+        os.nice(5)
+    with contextlib.suppress(OSError):  # other systems have no such file
+        Path("/proc/self/oom_score_adj").write_text("500")
+
+
+def _warm_up() -> None:
+    """Import what every job needs before the first one is asked for."""
+    import scipy.sparse.linalg  # noqa: F401
+
+    import meshmash_viewer.eigensolver
+    import meshmash_viewer.health
+    import meshmash_viewer.io.read
+    import meshmash_viewer.model.decomposition
+    import meshmash_viewer.laplacian  # noqa: F401

@@ -1,0 +1,112 @@
+"""Messages between two processes: pickles on a pipe, large arrays through files beside it.
+
+Pickling an array into a pipe would copy it several times while holding the interpreter lock,
+which the person at the window would feel. Out-of-band pickling (PEP 574) hands over the bare
+memory instead; it is written to a file and read back into fresh memory with the lock released.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import threading
+import uuid
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+__all__ = ["Wire"]
+
+#: Arrays of at least this many bytes go through a file.
+_FILE_BYTES = 1 << 16
+
+
+class Wire:
+    """One end of a connection: whole Python objects over two byte streams.
+
+    Parameters
+    ----------
+    source, sink : binary file
+        Where messages come from and go to.
+    folder : Path
+        Where large arrays pass through; the reader deletes each file as it takes it.
+    """
+
+    def __init__(self, source: BinaryIO, sink: BinaryIO, folder: Path) -> None:
+        self._source = source
+        self._sink = sink
+        self._folder = folder
+        self._lock = threading.Lock()
+
+    def send(self, message: object) -> None:
+        """Send a picklable object; may be called from any thread.
+
+        Raises
+        ------
+        OSError
+            If the other end is gone, or the folder's disk is full.
+        """
+        files: list[tuple[str, int]] = []
+
+        def keep_in_band(buffer: pickle.PickleBuffer) -> bool:
+            raw = buffer.raw()
+            if raw.nbytes < _FILE_BYTES:
+                return True
+            name = uuid.uuid4().hex
+            with open(self._folder / name, "xb") as file:
+                file.write(raw)
+            files.append((name, raw.nbytes))
+            return False
+
+        try:
+            payload = pickle.dumps(message, protocol=5, buffer_callback=keep_in_band)
+            frame = pickle.dumps((files, payload), protocol=5)
+            with self._lock:
+                self._sink.write(len(frame).to_bytes(8, "little"))
+                self._sink.write(frame)
+                self._sink.flush()
+        except BaseException:
+            for name, _ in files:
+                (self._folder / name).unlink(missing_ok=True)
+            raise
+
+    def receive(self) -> object:
+        """Wait for the next object; one thread only.
+
+        Raises
+        ------
+        EOFError
+            If the other end is gone.
+        """
+        length = int.from_bytes(self._read(8), "little")
+        files, payload = pickle.loads(self._read(length))
+        buffers = [self._take(name, size) for name, size in files]
+        return pickle.loads(payload, buffers=buffers)
+
+    def close(self) -> None:
+        """Close both streams, which tells the other end."""
+        for stream in (self._sink, self._source):
+            try:
+                stream.close()
+            except BrokenPipeError:  # unsent bytes of a dead connection: nothing is lost
+                continue
+
+    def _read(self, count: int) -> bytes:
+        data = self._source.read(count)
+        if len(data) < count:
+            raise EOFError("the other end of the connection is gone")
+        return data
+
+    def _take(self, name: str, size: int) -> np.ndarray:
+        memory = np.empty(size, dtype=np.uint8)
+        path = self._folder / name
+        with open(path, "rb", buffering=0) as file:
+            view, start = memoryview(memory), 0
+            while start < size:
+                count = file.readinto(view[start:])
+                if not count:
+                    raise EOFError(f"{os.fspath(path)} is shorter than its {size} bytes")
+                start += count
+        path.unlink()
+        return memory
