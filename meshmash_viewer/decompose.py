@@ -1,0 +1,585 @@
+"""Eigenpairs of a mesh and the features made of them: the documented functions.
+
+Eigenvalues are per squared unit of the mesh (1e-8 is a wavelength of 63 µm for coordinates in
+nm, and below every eigenvalue but zero for a mesh of size 1), times are in squared unit, and all
+features of this module have the unit of φ², one over squared unit.
+
+To project a function `f` on the eigenvectors, weigh it by the mass matrix:
+``coefficients = eigenvectors.T @ (M @ f)``; they are orthonormal with respect to `M`.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features import accumulate_features
+from meshmash_viewer.filters import (
+    bspline_bank,
+    construct_bspline_basis,
+    construct_bspline_filter,
+    get_hks_filter,
+)
+from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
+from meshmash_viewer.mesh import MeshLike
+from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback
+from meshmash_viewer.weyl import weyl_eigenvalue
+
+if TYPE_CHECKING:
+    from meshmash_viewer.eigensolver import Decomposition
+
+__all__ = [
+    "compute_geometry_vectors",
+    "compute_hks",
+    "construct_bspline_basis",
+    "construct_bspline_filter",
+    "decompose_laplacian",
+    "decompose_laplacian_by_bands",
+    "decompose_mesh",
+    "get_hks_filter",
+    "spectral_geometry_filter",
+]
+
+Array: TypeAlias = npt.NDArray[np.floating[Any]]
+#: Any accepted form of a mesh, or its ``(L, M)``.
+MeshOrMatrices: TypeAlias = Any
+Filter: TypeAlias = Callable[[npt.NDArray[np.float64]], npt.ArrayLike]
+
+#: The documented default of `sigma`: its meaning is "just below zero", whatever the unit.
+_BELOW_ZERO = -1e-10
+#: Share of the free memory that eigenvectors may take before they go to a temporary file.
+_MEMORY_SHARE = 0.25
+#: What a message proposes as a useful number of eigenpairs.
+_USEFUL_COUNT = 100
+
+
+def decompose_laplacian(
+    L: SparseMatrix,
+    M: SparseMatrix,
+    n_components: int = 100,
+    op_inv: Any = None,
+    sigma: float = _BELOW_ZERO,
+    tol: float = 1e-10,
+    ncv: int | None = None,
+    prefactor: str | None = None,
+    *,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCallback | None = None,
+) -> tuple[npt.NDArray[np.float64], Array]:
+    """Solve ``L φ = λ M φ`` for the lowest eigenpairs, or for those nearest `sigma`.
+
+    Parameters
+    ----------
+    L : sparse matrix or array, shape (n, n)
+        Laplacian. float32 matrices give float32 eigenvectors, and tolerances no tighter than
+        1e-7.
+    M : sparse matrix or array, shape (n, n)
+        Diagonal mass matrix.
+    n_components : int
+        Number of eigenpairs; all n of them if it exceeds n.
+    op_inv : LinearOperator, optional
+        ``(L - sigma M)^-1``, used in place of a factorization.
+    sigma : float
+        Shift, per squared unit of the mesh. The default, and any other up to zero, gives the
+        lowest pairs; a shift inside the spectrum gives the pairs nearest to it.
+    tol : float
+        Residual to reach, relative to λ.
+    ncv : int, optional
+        Number of Lanczos vectors.
+    prefactor : {None, "lu"}
+        Both factor the shifted matrix beforehand; accepted for compatibility.
+    progress, cancel : callable, optional
+        See `meshmash_viewer.progress`.
+
+    Returns
+    -------
+    eigenvalues : ndarray of float64, shape (k,)
+        Ascending; exactly 0 once for each connected component.
+    eigenvectors : ndarray, shape (n, k)
+        M-orthonormal columns, their entry of largest magnitude positive; NaN where a vertex has
+        no mass. A view of rows: ``eigenvectors.T`` is C-contiguous.
+
+    Raises
+    ------
+    InputError
+        If `n_components` < 1, `prefactor` is unknown, or the matrices make no sense.
+    """
+    if prefactor not in (None, "lu"):
+        raise InputError(f'prefactor is {prefactor!r}: give "lu" or None.')
+    result = _solve(
+        L,
+        M,
+        n_components=_whole(n_components, "n_components"),
+        sigma=None if sigma is None or sigma == _BELOW_ZERO else float(sigma),
+        tol=tol,
+        ncv=ncv,
+        op_inv=op_inv,
+        progress=progress,
+        cancel=cancel,
+    )
+    return result.eigenvalues, result.eigenvectors
+
+
+def decompose_mesh(
+    mesh: MeshLike,
+    n_components: int = 100,
+    op_inv: Any = None,
+    sigma: float = _BELOW_ZERO,
+    tol: float = 1e-10,
+    robust: bool = True,
+    mollify_factor: float = 1e-5,
+    prefactor: str | None = None,
+    *,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCallback | None = None,
+) -> tuple[npt.NDArray[np.float64], Array]:
+    """Solve the eigenproblem of a mesh: `cotangent_laplacian`, then `decompose_laplacian`.
+
+    Parameters
+    ----------
+    mesh : MeshLike
+        The mesh, n vertices.
+    robust, mollify_factor : bool, float
+        See `meshmash_viewer.laplacian.cotangent_laplacian`.
+    n_components, op_inv, sigma, tol, prefactor, progress, cancel
+        See `decompose_laplacian`.
+
+    Returns
+    -------
+    eigenvalues : ndarray of float64, shape (k,)
+        Per squared unit of the mesh.
+    eigenvectors : ndarray of float64, shape (n, k)
+        NaN at unreferenced vertices.
+    """
+    stiffness, mass = cotangent_laplacian(mesh, robust=robust, mollify_factor=mollify_factor)
+    return decompose_laplacian(
+        stiffness,
+        mass,
+        n_components=n_components,
+        op_inv=op_inv,
+        sigma=sigma,
+        tol=tol,
+        prefactor=prefactor,
+        progress=progress,
+        cancel=cancel,
+    )
+
+
+def decompose_laplacian_by_bands(
+    L: SparseMatrix,
+    M: SparseMatrix,
+    max_eigenvalue: float = 1e-9,
+    band_size: int = 50,
+    truncate_extra: bool = True,
+    verbose: int = False,
+    *,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCallback | None = None,
+) -> tuple[npt.NDArray[np.float64], Array]:
+    """Solve ``L φ = λ M φ`` for every eigenpair up to a threshold.
+
+    Parameters
+    ----------
+    L, M : sparse matrix or array, shape (n, n)
+        See `decompose_laplacian`.
+    max_eigenvalue : float
+        Per squared unit of the mesh; pairs with λ ≤ max_eigenvalue are returned, all n if it is
+        above the whole spectrum. `meshmash_viewer.weyl.weyl_count` says about how many.
+    band_size : int
+        Accepted for compatibility: the solver divides the spectrum by itself, and no choice of
+        bands changes what it finds.
+    truncate_extra : bool
+        Accepted for compatibility. The number of pairs below the threshold is counted before
+        they are computed, so there is never an overshoot to truncate.
+    verbose : int
+        1 draws a progress bar on stderr and ends it with the proof of completeness.
+    progress, cancel : callable, optional
+        See `meshmash_viewer.progress`.
+
+    Returns
+    -------
+    eigenvalues : ndarray of float64, shape (k,)
+    eigenvectors : ndarray, shape (n, k)
+
+    Raises
+    ------
+    InputError
+        If `max_eigenvalue` is negative or NaN, or `band_size` < 1.
+
+    References
+    ----------
+    .. [1] Vallet, B. and Lévy, B. (2008). "Spectral Geometry Processing with Manifold
+       Harmonics." Computer Graphics Forum 27(2).
+    """
+    _check_bands(max_eigenvalue, band_size)
+    result = _solve(
+        L, M, max_eigenvalue=max_eigenvalue, verbose=verbose, progress=progress, cancel=cancel
+    )
+    return result.eigenvalues, result.eigenvectors
+
+
+def spectral_geometry_filter(
+    mesh: MeshOrMatrices,
+    filter: Filter | None = None,
+    max_eigenvalue: float = 1e-8,
+    band_size: int = 50,
+    truncate_extra: bool = True,
+    drop_first: bool = True,
+    decomposition_dtype: npt.DTypeLike | None = np.float64,
+    robust: bool = True,
+    mollify_factor: float = 1e-5,
+    verbose: int = False,
+    *,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCallback | None = None,
+) -> Any:
+    """Compute ``F[v, f] = Σ_k filter(λ)[f, k] φ_k(v)²`` over all eigenpairs up to a threshold.
+
+    Parameters
+    ----------
+    mesh : MeshLike or pair of sparse matrices
+        The mesh, n vertices, or its (L, M).
+    filter : callable, optional
+        Called once with all eigenvalues, a 1-D array of shape (k,); returns coefficients of
+        shape (n_filters, k). None: return the eigenpairs themselves.
+    max_eigenvalue, band_size, truncate_extra
+        See `decompose_laplacian_by_bands`.
+    drop_first : bool
+        Leave out the first pair, exactly one, however many zero eigenvalues there are.
+    decomposition_dtype : dtype
+        float32 halves the memory of eigenvectors and loosens tolerances to 1e-7; the result has
+        the same dtype. None is float64.
+    robust, mollify_factor
+        See `meshmash_viewer.laplacian.cotangent_laplacian`.
+    verbose : int
+        1 draws a progress bar on stderr.
+    progress, cancel : callable, optional
+        See `meshmash_viewer.progress`.
+
+    Returns
+    -------
+    ndarray, shape (n, n_filters)
+        NaN at unreferenced vertices. With ``filter=None``: a tuple of eigenvalues, shape (k,),
+        and eigenvectors, shape (n, k).
+
+    Raises
+    ------
+    InputError
+        If the threshold is negative, no eigenpair is left to filter, or the filter returns a
+        wrong shape or values that are not finite.
+
+    Notes
+    -----
+    Where the eigenvectors would take a large part of the free memory they go to a temporary
+    file (in ``TMPDIR``), and are read back once, a few rows at a time.
+    """
+    _check_bands(max_eigenvalue, band_size)
+    dtype = np.dtype(np.float64 if decomposition_dtype is None else decomposition_dtype)
+    stiffness, mass = _matrices(mesh, robust, mollify_factor)
+    start = 1 if drop_first else 0
+
+    def solve(allocate: Callable[[int, int], Array] | None) -> Decomposition:
+        return _solve(
+            stiffness,
+            mass,
+            max_eigenvalue=max_eigenvalue,
+            dtype=dtype,
+            allocate=allocate,
+            verbose=verbose,
+            progress=progress,
+            cancel=cancel,
+        )
+
+    if filter is None:
+        result = solve(None)
+        return result.eigenvalues[start:], result.eigenvectors[:, start:]
+    with _scratch_rows(dtype) as allocate:
+        result = solve(allocate)
+        eigenvalues, rows = result.eigenvalues[start:], result.rows[start:]
+        _require_pairs(len(eigenvalues), max_eigenvalue, result)
+        try:
+            returned = filter(eigenvalues.copy())
+        except InputError as fault:
+            if eigenvalues.any():
+                raise
+            raise InputError(f"{fault} {_useful_range(result)}") from fault
+        coefficients = _checked_coefficients(returned, eigenvalues)
+        features = accumulate_features(eigenvalues, rows, coefficients)
+        del rows, result
+    return features.astype(dtype, copy=False)
+
+
+def compute_hks(
+    mesh: MeshOrMatrices,
+    max_eigenvalue: float = 1e-8,
+    t_max: float | None = None,
+    t_min: float | None = None,
+    n_components: int = 32,
+    band_size: int = 50,
+    truncate_extra: bool = False,
+    drop_first: bool = False,
+    robust: bool = True,
+    mollify_factor: float = 1e-5,
+    decomposition_dtype: npt.DTypeLike | None = np.float64,
+    verbose: int = False,
+    *,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCallback | None = None,
+) -> Array:
+    """Compute the heat kernel signature, ``Σ_k exp(-λ_k t) φ_k(v)²``, at a range of times.
+
+    Parameters
+    ----------
+    mesh : MeshLike or pair of sparse matrices
+        The mesh, n vertices, or its (L, M).
+    max_eigenvalue : float
+        Largest eigenvalue to take part. Times much below ``1 / max_eigenvalue`` need more.
+    t_max, t_min : float, optional
+        Longest and shortest time, in squared unit of the mesh; None: from the spectrum, see
+        `meshmash_viewer.filters.hks_time_range`.
+    n_components : int
+        Number of times, evenly spaced in log t.
+    band_size, truncate_extra, drop_first, robust, mollify_factor, decomposition_dtype, verbose
+        See `spectral_geometry_filter`.
+    progress, cancel : callable, optional
+        See `meshmash_viewer.progress`.
+
+    Returns
+    -------
+    ndarray, shape (n, n_components)
+        Columns from short to long times; one over squared unit.
+
+    Raises
+    ------
+    InputError
+        If times are to be chosen but every eigenvalue up to `max_eigenvalue` is zero, or an
+        argument makes no sense.
+
+    References
+    ----------
+    .. [1] Sun, J., Ovsjanikov, M. and Guibas, L. (2009). "A Concise and Provably Informative
+       Multi-Scale Signature Based on Heat Diffusion." Computer Graphics Forum 28(5).
+    """
+    features: Array = spectral_geometry_filter(
+        mesh,
+        get_hks_filter(t_max=t_max, t_min=t_min, n_scales=_whole(n_components, "n_components")),
+        max_eigenvalue=max_eigenvalue,
+        band_size=band_size,
+        truncate_extra=truncate_extra,
+        drop_first=drop_first,
+        decomposition_dtype=decomposition_dtype,
+        robust=robust,
+        mollify_factor=mollify_factor,
+        verbose=verbose,
+        progress=progress,
+        cancel=cancel,
+    )
+    return features
+
+
+def compute_geometry_vectors(
+    mesh: MeshOrMatrices,
+    max_eigenvalue: float = 1e-8,
+    n_components: int = 32,
+    band_size: int = 50,
+    truncate_extra: bool = False,
+    drop_first: bool = False,
+    robust: bool = True,
+    mollify_factor: float = 1e-5,
+    decomposition_dtype: npt.DTypeLike | None = np.float64,
+    verbose: int = False,
+    *,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCallback | None = None,
+) -> Array:
+    """Compute ``Σ_k B_f(λ_k) φ_k(v)²`` for cubic B-splines over ``[0, max_eigenvalue]``.
+
+    Parameters
+    ----------
+    mesh : MeshLike or pair of sparse matrices
+        The mesh, n vertices, or its (L, M).
+    max_eigenvalue : float
+        End of the range that the bands divide evenly.
+    n_components : int
+        Number of bands.
+    band_size, truncate_extra, drop_first, robust, mollify_factor, decomposition_dtype, verbose
+        See `spectral_geometry_filter`.
+    progress, cancel : callable, optional
+        See `meshmash_viewer.progress`.
+
+    Returns
+    -------
+    ndarray, shape (n, n_components)
+        Columns from low to high eigenvalues; their sum is that of all φ². One over squared unit.
+
+    Raises
+    ------
+    InputError
+        If `max_eigenvalue` is not positive and finite, or an argument makes no sense.
+
+    References
+    ----------
+    .. [1] Litman, R. and Bronstein, A. M. (2014). "Learning Spectral Descriptors for Deformable
+       Shape Correspondence." IEEE TPAMI 36(1).
+    """
+    features: Array = spectral_geometry_filter(
+        mesh,
+        bspline_bank(0.0, max_eigenvalue, _whole(n_components, "n_components")),
+        max_eigenvalue=max_eigenvalue,
+        band_size=band_size,
+        truncate_extra=truncate_extra,
+        drop_first=drop_first,
+        decomposition_dtype=decomposition_dtype,
+        robust=robust,
+        mollify_factor=mollify_factor,
+        verbose=verbose,
+        progress=progress,
+        cancel=cancel,
+    )
+    return features
+
+
+def _solve(
+    stiffness: SparseMatrix,
+    mass: SparseMatrix,
+    *,
+    dtype: npt.DTypeLike | None = None,
+    verbose: int = False,
+    progress: ProgressCallback | None = None,
+    **options: Any,
+) -> Decomposition:
+    from meshmash_viewer.eigensolver import solve
+
+    single = getattr(stiffness, "dtype", None) == np.float32
+    if single:
+        stiffness = _with_exact_null_space(stiffness)
+    if dtype is None:
+        dtype = np.float32 if single else np.float64
+    with _bar(verbose, progress) as reports:
+        result = solve(stiffness, mass, dtype=dtype, progress=reports, **options)
+    if verbose:
+        _say(result.proof())
+    return result
+
+
+def _with_exact_null_space(stiffness: SparseMatrix) -> SparseMatrix:
+    """Undo what rounding to float32 did to the row sums of a Laplacian.
+
+    Constants are its null space; off by 1e-7 of the largest eigenvalue, they would be lost among
+    the lowest ones. A matrix whose rows do not sum to zero even in float32 is left as it is.
+    """
+    from scipy import sparse
+
+    exact = sparse.csr_array(stiffness).astype(np.float64)
+    excess = np.asarray(exact.sum(axis=1)).ravel()
+    size = np.asarray(abs(exact).sum(axis=1)).ravel()
+    rounding = np.abs(excess) <= 64.0 * np.finfo(np.float32).eps * size
+    return sparse.csc_array(exact - sparse.diags_array(np.where(rounding, excess, 0.0)))
+
+
+def _matrices(
+    mesh: MeshOrMatrices, robust: bool, mollify_factor: float
+) -> tuple[SparseMatrix, SparseMatrix]:
+    from scipy import sparse
+
+    if isinstance(mesh, (tuple, list)) and len(mesh) == 2 and sparse.issparse(mesh[0]):
+        return mesh[0], mesh[1]
+    return cotangent_laplacian(mesh, robust=robust, mollify_factor=mollify_factor)
+
+
+def _checked_coefficients(
+    returned: npt.ArrayLike, eigenvalues: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    coefficients = np.asarray(returned, dtype=np.float64)
+    if coefficients.shape == eigenvalues.shape:
+        coefficients = coefficients[np.newaxis]  # one filter, written without the axis for it
+    bad = np.argwhere(~np.isfinite(coefficients))
+    if len(bad) and coefficients.shape[-1] == len(eigenvalues):
+        raise InputError(
+            f"The filter returned {coefficients[tuple(bad[0])]} for the eigenvalue "
+            f"{eigenvalues[bad[0][-1]]:.4g}: let it return finite numbers for every eigenvalue, "
+            "zero included."
+        )
+    return coefficients
+
+
+def _require_pairs(count: int, max_eigenvalue: float, result: Decomposition) -> None:
+    if not count:
+        raise InputError(
+            f"Only the zero eigenvalue lies below max_eigenvalue ({max_eigenvalue:.4g}), and "
+            f"drop_first leaves it out. {_useful_range(result)}"
+        )
+
+
+def _useful_range(result: Decomposition) -> str:
+    useful = weyl_eigenvalue(float(result.mass.sum()), _USEFUL_COUNT)
+    return (
+        f"About {_USEFUL_COUNT} eigenpairs of this mesh lie below {useful:.2g} per squared unit "
+        "of its coordinates."
+    )
+
+
+def _check_bands(max_eigenvalue: float, band_size: int) -> None:
+    if not max_eigenvalue >= 0.0:
+        raise InputError(
+            f"max_eigenvalue is {max_eigenvalue}: no eigenvalue of a Laplacian is negative, "
+            "give a positive number."
+        )
+    _whole(band_size, "band_size")
+
+
+def _whole(count: int, name: str) -> int:
+    if not (math.isfinite(count) and count >= 1 and count == int(count)):
+        raise InputError(f"{name} is {count}: give a whole number from 1.")
+    return int(count)
+
+
+@contextmanager
+def _scratch_rows(dtype: np.dtype[Any]) -> Iterator[Callable[[int, int], Array]]:
+    """Lend an allocator of rows that are in memory if they fit, else in a temporary file."""
+    with ExitStack() as files:
+
+        def allocate(k: int, n: int) -> Array:
+            import psutil
+
+            size = k * n * dtype.itemsize
+            if size <= _MEMORY_SHARE * psutil.virtual_memory().available:
+                return np.empty((k, n), dtype=dtype)
+            file = files.enter_context(tempfile.TemporaryFile(prefix="meshmash-viewer-"))
+            return np.memmap(file, dtype=dtype, mode="w+", shape=(k, n))
+
+        yield allocate
+
+
+@contextmanager
+def _bar(verbose: int, progress: ProgressCallback | None) -> Iterator[ProgressCallback | None]:
+    """Draw a progress bar on stderr if asked for, passing reports on to `progress`."""
+    if not verbose:
+        yield progress
+        return
+    from tqdm import tqdm
+
+    with tqdm(total=None, unit="pair", file=sys.stderr, desc="eigenpairs") as bar:
+
+        def report(state: Progress) -> None:
+            if state.total and bar.total != state.total:
+                bar.total = state.total
+            bar.update(state.converged - bar.n)
+            if progress is not None:
+                progress(state)
+
+        yield report
+
+
+def _say(line: str) -> None:
+    from tqdm import tqdm
+
+    tqdm.write(line, file=sys.stderr)

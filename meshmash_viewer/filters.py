@@ -1,0 +1,461 @@
+"""Filter banks: functions of the eigenvalue that turn eigenpairs into feature columns.
+
+A bank maps k eigenvalues to coefficients of shape (f, k); column f of the features is then
+``Σ_k coefficients[f, k] φ_k²`` (see `meshmash_viewer.features`). Banks are plain data with a
+module-level function behind them, so they can be pickled, compared and shown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
+__all__ = [
+    "FilterBank",
+    "band_pass_bank",
+    "bspline_bank",
+    "construct_bspline_basis",
+    "construct_bspline_filter",
+    "first_nonzero_eigenvalue",
+    "gaussian_pyramid_bank",
+    "get_hks_filter",
+    "heat_kernel_bank",
+    "hks_time_range",
+    "hks_times",
+    "low_pass_bank",
+    "wave_kernel_bank",
+]
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+#: (k,) eigenvalues -> (f, k) coefficients.
+SpectralFilter: TypeAlias = Callable[[FloatArray], FloatArray]
+
+#: Eigenvalues below this share of the largest are zero but for rounding.
+_ZERO_SHARE = 1e-10
+_DEGREE = 3
+
+
+@dataclass(frozen=True, eq=False)
+class FilterBank:
+    """A named set of filters; call it with k eigenvalues to get coefficients of shape (f, k).
+
+    Parameters
+    ----------
+    kind : str
+        What the features are: "hks", "geometry-vectors", "wks", "low-pass", ...
+    columns : tuple of str
+        Name of each of the f columns.
+    parameters : ndarray of float64, shape (f,)
+        What tells the columns apart: a time, a centre, a cutoff.
+    parameter_name : str
+        What that is, as an axis says it.
+    parameter_power : int
+        Its unit as a power of the mesh's unit: 2 for a time, -2 for an eigenvalue.
+    response : callable
+        ``(k,) -> (f, k)``.
+    """
+
+    kind: str
+    columns: tuple[str, ...]
+    parameters: FloatArray
+    parameter_name: str
+    parameter_power: int
+    response: SpectralFilter
+
+    @property
+    def n_filters(self) -> int:
+        """Number of columns it makes."""
+        return len(self.columns)
+
+    def __call__(self, eigenvalues: npt.ArrayLike) -> FloatArray:
+        """Coefficients of shape (f, k) for k eigenvalues, a 1-D array."""
+        return self.response(_as_spectrum(eigenvalues))
+
+
+def heat_kernel_bank(times: npt.ArrayLike) -> FilterBank:
+    """Heat kernel signature, ``exp(-λ t)`` [1]_.
+
+    Parameters
+    ----------
+    times : array_like, shape (f,)
+        Diffusion times in squared unit of the mesh; ``√t`` is about how far heat has got.
+
+    Raises
+    ------
+    InputError
+        If a time is negative or not finite, or there is none.
+
+    References
+    ----------
+    .. [1] Sun, J., Ovsjanikov, M. and Guibas, L. (2009). "A Concise and Provably Informative
+       Multi-Scale Signature Based on Heat Diffusion." Computer Graphics Forum 28(5).
+    """
+    scales = _as_parameters(times, "diffusion time")
+    columns = tuple(f"hks_t={_short(scales, i)}" for i in range(len(scales)))
+    return FilterBank("hks", columns, scales, "t", 2, partial(_heat_response, scales))
+
+
+def wave_kernel_bank(
+    eigenvalues: npt.ArrayLike, n_energies: int = 100, width: float = 7.0
+) -> FilterBank:
+    """Wave kernel signature: Gaussian bands in log λ, each normalised to unit sum [1]_.
+
+    Parameters
+    ----------
+    eigenvalues : array_like, shape (k,)
+        The spectrum that sets the range of energies; zero eigenvalues take no part.
+    n_energies : int
+        Number of columns.
+    width : float
+        Standard deviation of the bands, in steps between them.
+
+    Raises
+    ------
+    InputError
+        If the spectrum has no two different eigenvalues above zero, or `n_energies` < 1.
+
+    References
+    ----------
+    .. [1] Aubry, M., Schlickewei, U. and Cremers, D. (2011). "The Wave Kernel Signature: A
+       Quantum Mechanical Approach to Shape Analysis." ICCV Workshops.
+    """
+    spectrum = _as_spectrum(eigenvalues)
+    n_energies = _as_count(n_energies, "energies")
+    if not (np.isfinite(width) and width > 0.0):
+        raise InputError(f"The width of the energy bands is {width:g}: give a positive number.")
+    first = first_nonzero_eigenvalue(spectrum)
+    low, high = float(np.log(first)), float(np.log(spectrum.max()))
+    if not high > low:
+        raise InputError(
+            "The wave kernel needs two different eigenvalues above zero: compute more eigenpairs."
+        )
+    # The outermost bands end two deviations inside the range, as in the paper, where the
+    # deviation is itself a multiple of the step: solve for the step.
+    step = (high - low) / (n_energies - 1 + 4.0 * width)
+    energies = np.asarray(low + step * (2.0 * width + np.arange(n_energies)), dtype=np.float64)
+    columns = tuple(f"wks_λ={_short(np.exp(energies), i)}" for i in range(n_energies))
+    response = partial(_wave_response, energies, width * step, 0.5 * first)
+    return FilterBank("wks", columns, np.exp(energies), "λ", -2, response)
+
+
+def bspline_bank(e_min: float, e_max: float, n_components: int) -> FilterBank:
+    """Cubic B-splines over λ that sum to one on the range: the geometry vectors [1]_.
+
+    Parameters
+    ----------
+    e_min, e_max : float
+        Range of eigenvalues, per squared unit; outside of it all bands are 0.
+    n_components : int
+        Number of bands.
+
+    Raises
+    ------
+    InputError
+        If the range is empty or `n_components` < 1.
+
+    References
+    ----------
+    .. [1] Litman, R. and Bronstein, A. M. (2014). "Learning Spectral Descriptors for Deformable
+       Shape Correspondence." IEEE TPAMI 36(1).
+    """
+    bases = tuple(construct_bspline_basis(e_min, e_max, n_components))
+    digits = max(2, len(str(len(bases) - 1)))
+    columns = tuple(f"band_{i:0{digits}d}" for i in range(len(bases)))
+    degree = bases[0].k
+    # Greville points: the mean of a spline's inner knots, where its weight is centred.
+    knots = _clamped_knots(float(e_min), float(e_max), len(bases), degree)
+    if degree:
+        centres = np.array([knots[i + 1 : i + degree + 1].mean() for i in range(len(bases))])
+    else:
+        centres = np.array([0.5 * (e_min + e_max)])
+    return FilterBank(
+        "geometry-vectors", columns, centres, "λ", -2, partial(_spline_response, bases)
+    )
+
+
+def low_pass_bank(cutoff: float) -> FilterBank:
+    """One column with all eigenvalues below `cutoff` (per squared unit), weight 1."""
+    bound = _as_parameters([cutoff], "cutoff")
+    columns = (f"low_pass_λ<{_short(bound, 0)}",)
+    return FilterBank("low-pass", columns, bound, "λ", -2, partial(_low_pass_response, bound[0]))
+
+
+def band_pass_bank(low: float, high: float) -> FilterBank:
+    """One column with all eigenvalues from `low` to `high`, both included, weight 1."""
+    bounds = _as_parameters([low, high], "bound of a band")
+    if low > high:
+        raise InputError(f"The band from {low:g} to {high:g} is empty: swap its bounds.")
+    columns = (f"band_pass_λ={_short(bounds, 0)}..{_short(bounds, 1)}",)
+    centre = np.array([bounds.mean()])
+    response = partial(_band_pass_response, bounds[0], bounds[1])
+    return FilterBank("band-pass", columns, centre, "λ", -2, response)
+
+
+def gaussian_pyramid_bank(scales: npt.ArrayLike) -> FilterBank:
+    """Smoothing ever further: ``exp(-s λ)`` is a Gaussian of variance 2 s along the surface.
+
+    Parameters
+    ----------
+    scales : array_like, shape (f,)
+        In squared unit of the mesh.
+    """
+    variances = _as_parameters(scales, "scale")
+    columns = tuple(f"gaussian_s={_short(variances, i)}" for i in range(len(variances)))
+    response = partial(_heat_response, variances)
+    return FilterBank("gaussian-pyramid", columns, variances, "s", 2, response)
+
+
+def first_nonzero_eigenvalue(eigenvalues: npt.ArrayLike) -> float:
+    """Lowest eigenvalue that is more than rounding beside the largest.
+
+    Raises
+    ------
+    InputError
+        If all are zero.
+    """
+    spectrum = _as_spectrum(eigenvalues)
+    largest = float(spectrum.max(initial=0.0))
+    above = spectrum[spectrum > _ZERO_SHARE * largest] if largest > 0.0 else spectrum[:0]
+    if not len(above):
+        raise InputError(
+            "All eigenvalues are zero, one for each connected component, so there is no scale to "
+            "choose times or energies from: go further up the spectrum (max_eigenvalue is per "
+            "squared unit of the mesh), or give t_min and t_max."
+        )
+    return float(above.min())
+
+
+def hks_time_range(eigenvalues: npt.ArrayLike) -> tuple[float, float]:
+    """Times between which a heat kernel signature says something about this spectrum.
+
+    Parameters
+    ----------
+    eigenvalues : array_like, shape (k,)
+        Ascending or not; zeros take no part.
+
+    Returns
+    -------
+    t_min, t_max : float
+        ``4 ln 10 / λ_max`` and ``4 ln 10 / λ_2``, λ_2 the lowest above zero (Sun et al. 2009), in
+        squared unit of the mesh: where the highest and the lowest mode have sunk to 1e-4.
+
+    Raises
+    ------
+    InputError
+        If all eigenvalues are zero.
+    """
+    spectrum = _as_spectrum(eigenvalues)
+    first = first_nonzero_eigenvalue(spectrum)
+    decades = 4.0 * np.log(10.0)
+    return float(decades / spectrum.max()), float(decades / first)
+
+
+def hks_times(
+    eigenvalues: npt.ArrayLike,
+    t_min: float | None = None,
+    t_max: float | None = None,
+    n_scales: int = 32,
+) -> FloatArray:
+    """Diffusion times, evenly spaced in log t, from short to long.
+
+    Parameters
+    ----------
+    eigenvalues : array_like, shape (k,)
+        The spectrum; looked at only if a bound is None.
+    t_min, t_max : float, optional
+        Bounds in squared unit of the mesh; None takes that of `hks_time_range`.
+    n_scales : int
+        Number of times.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_scales,)
+
+    Raises
+    ------
+    InputError
+        If a bound is not positive, the bounds are out of order, or `n_scales` < 1.
+    """
+    n_scales = _as_count(n_scales, "time scales")
+    for bound, name in ((t_min, "t_min"), (t_max, "t_max")):
+        if bound is not None and not (np.isfinite(bound) and bound > 0.0):
+            raise InputError(f"{name} is {bound:g}: give a positive time, or None.")
+    if t_min is None or t_max is None:
+        shortest, longest = hks_time_range(eigenvalues)
+        t_min = shortest if t_min is None else t_min
+        t_max = longest if t_max is None else t_max
+    if t_min > t_max:
+        raise InputError(f"t_min ({t_min:.4g}) is above t_max ({t_max:.4g}): swap them.")
+    return np.geomspace(t_min, t_max, n_scales)
+
+
+def get_hks_filter(
+    t_max: float | None = None,
+    t_min: float | None = None,
+    n_scales: int = 32,
+    dtype: npt.DTypeLike = np.float64,
+) -> Callable[[npt.ArrayLike], npt.NDArray[Any]]:
+    """Make the filter of the heat kernel signature.
+
+    Parameters
+    ----------
+    t_max, t_min : float, optional
+        Longest and shortest time, in squared unit of the mesh; None: chosen from the eigenvalues
+        that the filter is called with (see `hks_time_range`).
+    n_scales : int
+        Number of times.
+    dtype : dtype
+        Of the coefficients.
+
+    Returns
+    -------
+    callable
+        ``(k,) -> (n_scales, k)``, from short to long times; it can be pickled.
+    """
+    hks_times([], t_min or 1.0, t_max or t_min or 1.0, n_scales)  # complain now, not when called
+    return partial(_automatic_heat_response, t_min, t_max, n_scales, np.dtype(dtype))
+
+
+def construct_bspline_basis(e_min: float, e_max: float, n_components: int) -> list[BSpline[Any]]:
+    """Make cubic B-splines on uniform knots that sum to one on [e_min, e_max] and are 0 outside.
+
+    Parameters
+    ----------
+    e_min, e_max : float
+        Range of eigenvalues, per squared unit.
+    n_components : int
+        Number of splines. Four are needed for the third degree; fewer get the highest degree
+        that there is: parabolas for 3, straight lines for 2, a constant for 1.
+
+    Returns
+    -------
+    list of scipy.interpolate.BSpline
+        Ascending; to be evaluated anywhere.
+
+    Raises
+    ------
+    InputError
+        If the range is empty or `n_components` < 1.
+    """
+    from scipy.interpolate import BSpline
+
+    n_components = _as_count(n_components, "B-splines")
+    low, high = float(e_min), float(e_max)
+    if not (np.isfinite(low) and np.isfinite(high) and high > low):
+        raise InputError(
+            f"B-splines need a finite range of eigenvalues with e_max above e_min, not {low:g} to "
+            f"{high:g}."
+        )
+    degree = min(_DEGREE, n_components - 1)
+    # SciPy continues the outermost polynomials beyond the knots. A further interval at each end
+    # on which all coefficients are zero makes that continuation zero. Splines hold from the left
+    # of an interval, so the range is closed at e_max by ending it one rounding unit later.
+    end = float(np.nextafter(high, np.inf))
+    inner = _clamped_knots(low, end, n_components, degree)
+    outer = np.full(degree + 1, 1.0)
+    knots = np.concatenate([(low - (high - low)) * outer, inner, (end + (high - low)) * outer])
+    bases = []
+    for component in range(n_components):
+        coefficients = np.zeros(n_components + 2 * (degree + 1))
+        coefficients[degree + 1 + component] = 1.0
+        bases.append(BSpline(knots, coefficients, degree, extrapolate=True))
+    return bases
+
+
+def construct_bspline_filter(
+    e_min: float, e_max: float, n_components: int
+) -> Callable[[npt.ArrayLike], FloatArray]:
+    """Make the filter of the geometry vectors: `construct_bspline_basis` evaluated.
+
+    Returns
+    -------
+    callable
+        ``(k,) -> (n_components, k)``; it can be pickled.
+    """
+    return bspline_bank(e_min, e_max, n_components)
+
+
+def _clamped_knots(low: float, high: float, n_components: int, degree: int) -> FloatArray:
+    spans = n_components - degree
+    between = low + (high - low) * np.arange(1, spans) / spans
+    return np.concatenate([np.full(degree + 1, low), between, np.full(degree + 1, high)])
+
+
+def _heat_response(times: FloatArray, eigenvalues: FloatArray) -> FloatArray:
+    return np.asarray(np.exp(-np.outer(times, eigenvalues)))
+
+
+def _automatic_heat_response(
+    t_min: float | None,
+    t_max: float | None,
+    n_scales: int,
+    dtype: np.dtype[Any],
+    eigenvalues: npt.ArrayLike,
+) -> npt.NDArray[Any]:
+    spectrum = _as_spectrum(eigenvalues)
+    return _heat_response(hks_times(spectrum, t_min, t_max, n_scales), spectrum).astype(dtype)
+
+
+def _wave_response(
+    energies: FloatArray, deviation: float, floor: float, eigenvalues: FloatArray
+) -> FloatArray:
+    positive = eigenvalues > floor
+    bands = np.zeros((len(energies), len(eigenvalues)))
+    distance = (energies[:, None] - np.log(eigenvalues[positive])) / deviation
+    bands[:, positive] = np.exp(-0.5 * np.square(distance))
+    total = bands.sum(axis=1, keepdims=True)
+    np.divide(bands, total, out=bands, where=total > 0.0)
+    return bands
+
+
+def _spline_response(bases: tuple[BSpline[Any], ...], eigenvalues: FloatArray) -> FloatArray:
+    return np.stack([np.asarray(basis(eigenvalues)) for basis in bases])
+
+
+def _low_pass_response(cutoff: float, eigenvalues: FloatArray) -> FloatArray:
+    return (eigenvalues < cutoff).astype(np.float64)[np.newaxis]
+
+
+def _band_pass_response(low: float, high: float, eigenvalues: FloatArray) -> FloatArray:
+    return ((eigenvalues >= low) & (eigenvalues <= high)).astype(np.float64)[np.newaxis]
+
+
+def _as_spectrum(eigenvalues: npt.ArrayLike) -> FloatArray:
+    spectrum = np.asarray(eigenvalues, dtype=np.float64)
+    if spectrum.ndim != 1:
+        raise InputError(f"Eigenvalues have shape {spectrum.shape}: give a 1-D array.")
+    return spectrum
+
+
+def _as_parameters(values: npt.ArrayLike, name: str) -> FloatArray:
+    parameters = np.array(values, dtype=np.float64)
+    if parameters.ndim != 1 or not len(parameters):
+        raise InputError(f"Give a 1-D list of at least one {name}.")
+    if not (np.isfinite(parameters).all() and (parameters >= 0.0).all()):
+        raise InputError(f"A {name} is negative or not finite: {parameters.tolist()}.")
+    return parameters
+
+
+def _as_count(count: int, name: str) -> int:
+    if count < 1 or count != int(count):
+        raise InputError(f"The number of {name} is {count}: give a whole number from 1.")
+    return int(count)
+
+
+def _short(parameters: FloatArray, index: int) -> str:
+    """A parameter with as few digits as tell all of them apart, three at least."""
+    for digits in range(3, 18):
+        written = [f"{value:.{digits - 1}e}" for value in parameters]
+        if len(set(written)) == len(set(parameters.tolist())):
+            break
+    return written[index]

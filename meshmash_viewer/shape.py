@@ -1,0 +1,323 @@
+"""Comparing shapes, and parts of them, by their spectra and features.
+
+Everything here weighs functions by the mass matrix where it projects them on eigenvectors, and
+leaves unreferenced vertices (NaN rows) out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features import Features
+from meshmash_viewer.laplacian import compute_vertex_areas, cotangent_laplacian
+from meshmash_viewer.mesh import MeshLike, as_mesh
+
+if TYPE_CHECKING:
+    from meshmash_viewer.eigensolver import Decomposition
+
+__all__ = [
+    "Matches",
+    "feature_distance",
+    "low_pass_vertices",
+    "match_features",
+    "reconstruct",
+    "spectral_coefficients",
+    "spectral_distance",
+]
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+#: `Features`, or their values alone, shape (n, f).
+FeaturesLike: TypeAlias = Any
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """For each vertex of one shape, the vertex of another that looks most like it.
+
+    Parameters
+    ----------
+    indices : ndarray of int64, shape (n,)
+        Vertex of the other shape; -1 where a vertex has no features.
+    scores : ndarray of float64, shape (n,)
+        Distance to it in feature space, the lower the better; NaN where there is none.
+    confident : ndarray of bool, shape (n,)
+        Whether the score is among the best `quantile` of all.
+    quantile : float
+        The share asked for.
+    """
+
+    indices: npt.NDArray[np.int64]
+    scores: FloatArray
+    confident: npt.NDArray[np.bool_]
+    quantile: float
+
+
+def spectral_coefficients(decomposition: Decomposition, function: npt.ArrayLike) -> FloatArray:
+    """Project functions on the eigenvectors, ``Φᵀ M f``.
+
+    Parameters
+    ----------
+    decomposition : Decomposition
+        k eigenpairs of n vertices.
+    function : array_like, shape (n,) or (n, d)
+        One or d functions; what they are at unreferenced vertices is not looked at.
+
+    Returns
+    -------
+    ndarray of float64, shape (k,) or (k, d)
+        Their unit is that of the function times the unit of the mesh.
+    """
+    values = np.asarray(function, dtype=np.float64)
+    n = decomposition.rows.shape[1]
+    if values.ndim not in (1, 2) or len(values) != n:
+        raise InputError(f"A function has one value a vertex: shape ({n},), not {values.shape}.")
+    used = decomposition.mass > 0.0
+    weighted = (decomposition.mass[used] * values[used].T).T
+    rows = decomposition.rows if used.all() else decomposition.rows[:, used]
+    return np.asarray(rows @ weighted, dtype=np.float64)
+
+
+def reconstruct(decomposition: Decomposition, coefficients: npt.ArrayLike) -> FloatArray:
+    """Sum eigenvectors with coefficients, lowest first: ``Σ_k c_k φ_k``.
+
+    Parameters
+    ----------
+    decomposition : Decomposition
+        Eigenpairs of n vertices.
+    coefficients : array_like, shape (k,) or (k, d)
+        For the first k of them.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,) or (n, d)
+        NaN at unreferenced vertices.
+    """
+    weights = np.asarray(coefficients, dtype=np.float64)
+    if weights.ndim not in (1, 2) or len(weights) > decomposition.n_components:
+        raise InputError(
+            f"Coefficients of shape {weights.shape} do not go with "
+            f"{decomposition.n_components} eigenpairs."
+        )
+    return np.asarray(decomposition.rows[: len(weights)].T @ weights, dtype=np.float64)
+
+
+def low_pass_vertices(mesh: MeshLike, decomposition: Decomposition, n: int) -> FloatArray:
+    """Rebuild the coordinates from the first `n` eigenvectors: a smoothed shape [1]_.
+
+    Parameters
+    ----------
+    mesh : MeshLike
+        The mesh that was decomposed.
+    decomposition : Decomposition
+        Its eigenpairs.
+    n : int
+        Number of eigenpairs to use, zero eigenvalues included.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_vertices, 3)
+        In the unit of the mesh. Each connected component keeps its centre of mass even where
+        `n` is below the number of components, and unreferenced vertices stay where they are.
+
+    Raises
+    ------
+    InputError
+        If `n` < 1 or more than there are, or the decomposition is of another mesh.
+
+    References
+    ----------
+    .. [1] Vallet, B. and Lévy, B. (2008). "Spectral Geometry Processing with Manifold
+       Harmonics." Computer Graphics Forum 27(2).
+    """
+    mesh = as_mesh(mesh)
+    if decomposition.rows.shape[1] != mesh.n_vertices:
+        raise InputError(
+            f"The eigenpairs are of {decomposition.rows.shape[1]} vertices, the mesh has "
+            f"{mesh.n_vertices}: decompose this mesh."
+        )
+    if not 1 <= n <= decomposition.n_components:
+        raise InputError(
+            f"{n} eigenpairs were asked for: give 1 to {decomposition.n_components}, or compute "
+            "more."
+        )
+    used = decomposition.mass > 0.0
+    labels, mass = mesh.component_labels[used], decomposition.mass[used]
+    total = np.bincount(labels, weights=mass)
+    moments = [np.bincount(labels, weights=mass * mesh.vertices[used, axis]) for axis in range(3)]
+    centres = np.stack(moments, axis=1) / total[:, np.newaxis]
+    # The null space carries the centres exactly. Taking them off first gives the same sum, with
+    # no digits lost to an origin far away.
+    offsets = np.zeros_like(mesh.vertices)
+    offsets[used] = mesh.vertices[used] - centres[labels]
+    smooth = reconstruct(decomposition, spectral_coefficients(decomposition, offsets)[:n])
+    result: FloatArray = mesh.vertices.copy()
+    result[used] = smooth[used] + centres[labels]
+    return result
+
+
+def spectral_distance(
+    mesh_a: MeshLike,
+    mesh_b: MeshLike,
+    n_components: int = 100,
+    *,
+    normalize: bool = True,
+    robust: bool = True,
+    mollify_factor: float = 1e-5,
+) -> float:
+    """Distance of two shapes by their lowest eigenvalues, "Shape-DNA" [1]_.
+
+    Parameters
+    ----------
+    mesh_a, mesh_b : MeshLike
+        The meshes, each with at least `n_components` referenced vertices.
+    n_components : int
+        Number of eigenvalues to compare, zeros included.
+    normalize : bool
+        True: multiply eigenvalues by the area of their mesh, so that neither size nor unit
+        matters and the distance is a plain number. False: compare them as they are, per squared
+        unit; both meshes have to be in the same unit.
+    robust, mollify_factor : bool, float
+        See `meshmash_viewer.laplacian.cotangent_laplacian`.
+
+    Returns
+    -------
+    float
+        Euclidean distance of the two lists of eigenvalues.
+
+    Raises
+    ------
+    InputError
+        If a mesh has fewer vertices, or without `normalize` the units differ.
+
+    References
+    ----------
+    .. [1] Reuter, M., Wolter, F.-E. and Peinecke, N. (2006). "Laplace–Beltrami spectra as
+       'Shape-DNA' of surfaces and solids." Computer-Aided Design 38(4).
+    """
+    from meshmash_viewer.eigensolver import solve
+
+    meshes = as_mesh(mesh_a), as_mesh(mesh_b)
+    if not normalize and meshes[0].unit != meshes[1].unit:
+        raise InputError(
+            f"The meshes are in {meshes[0].unit or 'no unit'} and {meshes[1].unit or 'no unit'}: "
+            "bring them to one unit, or use normalize=True."
+        )
+    spectra = []
+    for mesh in meshes:
+        count = int(np.count_nonzero(compute_vertex_areas(mesh)))
+        if count < n_components:
+            raise InputError(
+                f"{n_components} eigenvalues cannot be compared: a mesh has {count} vertices."
+            )
+        stiffness, mass = cotangent_laplacian(mesh, robust=robust, mollify_factor=mollify_factor)
+        spectrum = solve(stiffness, mass, n_components).eigenvalues
+        spectra.append(spectrum * (mass.diagonal().sum() if normalize else 1.0))
+    return float(np.linalg.norm(spectra[0] - spectra[1]))
+
+
+def match_features(
+    a: FeaturesLike, b: FeaturesLike, *, quantile: float = 0.1, standardize: bool = False
+) -> Matches:
+    """For each vertex of `a`, find the vertex of `b` with the nearest features.
+
+    Parameters
+    ----------
+    a, b : Features or array_like, shapes (n, f) and (m, f)
+        Features of the two shapes, made with the same filters.
+    quantile : float
+        Share of the matches to call confident: those with the lowest scores.
+    standardize : bool
+        Divide each column by its standard deviation over `b` first. Otherwise the columns with
+        the largest values decide: the shortest times of a heat kernel signature.
+
+    Returns
+    -------
+    Matches
+        Found with a k-d tree: memory is linear in n + m.
+
+    Raises
+    ------
+    InputError
+        If the numbers of columns differ, or one side has no row without NaN.
+    """
+    from scipy.spatial import KDTree
+
+    values_a, values_b = _values(a), _values(b)
+    if values_a.shape[1] != values_b.shape[1]:
+        raise InputError(
+            f"Features of {values_a.shape[1]} and {values_b.shape[1]} columns cannot be matched: "
+            "make both with the same filters."
+        )
+    if not 0.0 <= quantile <= 1.0:
+        raise InputError(f"quantile is {quantile}: give a share from 0 to 1.")
+    rows_a, rows_b = (np.flatnonzero(np.isfinite(v).all(axis=1)) for v in (values_a, values_b))
+    if not (len(rows_a) and len(rows_b)):
+        raise InputError("One of the two shapes has no vertex with features to match.")
+    scale = _deviations(values_b[rows_b]) if standardize else 1.0
+    tree = KDTree(values_b[rows_b] / scale)
+    distances, nearest = tree.query(values_a[rows_a] / scale, workers=-1)
+    indices = np.full(len(values_a), -1, dtype=np.int64)
+    scores = np.full(len(values_a), np.nan)
+    confident = np.zeros(len(values_a), dtype=np.bool_)
+    indices[rows_a] = rows_b[nearest]
+    scores[rows_a] = distances
+    # "At most", so that perfect matches, all of score 0, are confident too.
+    confident[rows_a] = distances <= np.quantile(distances, quantile)
+    return Matches(indices, scores, confident, quantile)
+
+
+def feature_distance(
+    features: FeaturesLike, vertex: int, *, standardize: bool = True
+) -> FloatArray:
+    """Distance of every vertex from one of them in feature space: "similar to this".
+
+    Parameters
+    ----------
+    features : Features or array_like, shape (n, f)
+        The features.
+    vertex : int
+        Index of the one to compare with.
+    standardize : bool
+        Divide each column by its standard deviation over the mesh first, so that all columns
+        count alike and the distance is a plain number.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        0 at `vertex`; NaN at unreferenced vertices.
+
+    Raises
+    ------
+    InputError
+        If there is no such vertex, or it has no features.
+    """
+    values = _values(features)
+    if not 0 <= vertex < len(values):
+        raise InputError(f"There is no vertex {vertex}: indices run from 0 to {len(values) - 1}.")
+    if not np.isfinite(values[vertex]).all():
+        raise InputError(f"Vertex {vertex} has no features: no face uses it.")
+    used = np.isfinite(values).all(axis=1)
+    scale = _deviations(values[used]) if standardize else 1.0
+    return np.asarray(np.linalg.norm((values - values[vertex]) / scale, axis=1), dtype=np.float64)
+
+
+def _values(features: FeaturesLike) -> FloatArray:
+    values = np.asarray(
+        features.values if isinstance(features, Features) else features, dtype=np.float64
+    )
+    if values.ndim != 2:
+        raise InputError(f"Features have one row a vertex, shape (n, f), not {values.shape}.")
+    return values
+
+
+def _deviations(values: FloatArray) -> FloatArray:
+    """Standard deviation of each column; 1 for a constant one, which then tells nothing apart."""
+    deviations = np.asarray(values.std(axis=0), dtype=np.float64)
+    rounding = 1e-12 * np.abs(values).max(axis=0)
+    deviations[deviations <= rounding] = 1.0
+    return deviations
