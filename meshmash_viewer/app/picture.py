@@ -1,0 +1,123 @@
+"""Pictures without a window, and without Qt; on a machine without a display where VTK can."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from vtkmodules.vtkRenderingCore import vtkRenderWindow
+
+from meshmash_viewer.app.render.drawing import Drawing, read_pixels
+from meshmash_viewer.mesh import Mesh
+
+__all__ = ["draw_picture", "render_picture"]
+
+
+def render_picture(
+    mesh: Mesh,
+    values: npt.NDArray[np.floating] | None,
+    path: str | Path,
+    *,
+    size: tuple[int, int] = (1600, 1200),
+    colormap: str = "RdBu_r",
+    limits: tuple[float, float] | None = None,
+    title: str = "",
+    quantity: str = "",
+    unit: str = "",
+    transparent: bool = False,
+    dark: bool = False,
+) -> None:
+    """Draw a field on a mesh and write it as PNG.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    values : ndarray, shape (n,), or None
+        A value a vertex, NaN where there is none; None draws the bare mesh.
+    path : str or Path
+        Where the PNG goes; an older file is replaced only when the new one is whole.
+    size : (int, int)
+        Width and height in pixels.
+    colormap : str
+        Name of one of matplotlib's colour maps.
+    limits : (float, float) or None
+        Ends of the colour bar; None takes the smallest and the largest value, or a range
+        symmetric about zero if there are values of both signs.
+    title, quantity : str
+        First and second line of the caption.
+    unit : str
+        Unit of the values.
+    transparent : bool
+        Leave the background out.
+    dark : bool
+        Light text on a dark ground.
+    """
+    drawing = Drawing(dark)
+    drawing.set_mesh(mesh, mesh.vertex_normals)
+    if values is not None:
+        values = np.asarray(values, dtype=np.float32)
+        drawing.set_field(values, limits or _limits(values), colormap, title, quantity, unit)
+    pixels = draw_picture(drawing, size, transparent)
+    # Late: the writers load more than a picture on the screen needs.
+    from meshmash_viewer.io.write import write_picture
+
+    write_picture(path, pixels)
+
+
+def _limits(values: npt.NDArray[np.float32]) -> tuple[float, float]:
+    from meshmash_viewer.model.limits import MinMaxLimits, SymmetricLimits
+
+    signed = bool((values < 0.0).any() and (values > 0.0).any())
+    return (SymmetricLimits() if signed else MinMaxLimits()).limits(values)
+
+
+def draw_picture(
+    drawing: Drawing, size: tuple[int, int], transparent: bool = False
+) -> npt.NDArray[np.uint8]:
+    """Draw off the screen; returns RGBA, shape (height, width, 4), first row on top.
+
+    The overlay grows with the picture, so that text stays as legible as on the screen.
+    """
+    width, height = (int(side) for side in size)
+    window = _new_window()
+    try:
+        window.SetOffScreenRendering(True)
+        window.SetMultiSamples(8)
+        window.SetAlphaBitPlanes(transparent)
+        window.SetDPI(72)
+        window.SetSize(width, height)
+        window.AddRenderer(drawing.renderer)
+        if transparent:
+            # Black and clear: what comes out is colour times opacity, which is then undone.
+            drawing.renderer.GradientBackgroundOff()
+            drawing.renderer.SetBackground(0.0, 0.0, 0.0)
+            drawing.renderer.SetBackgroundAlpha(0.0)
+        drawing.prepare(width, height, max(1.0, min(width / 1000, height / 750)))
+        window.Render()
+        pixels = read_pixels(window, alpha=transparent)
+    finally:
+        window.RemoveRenderer(drawing.renderer)
+        window.Finalize()
+    if not transparent:
+        opaque = np.full((*pixels.shape[:2], 1), 255, dtype=np.uint8)
+        return np.concatenate([pixels[..., :3], opaque], axis=2)
+    opacity = pixels[..., 3:].astype(np.float32) / 255.0
+    straight = pixels[..., :3] / np.maximum(opacity, 1.0 / 255.0)
+    pixels[..., :3] = np.minimum(straight, 255.0).round().astype(np.uint8)
+    return pixels
+
+
+def _new_window() -> vtkRenderWindow:
+    """A render window that needs no display where there is none."""
+    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        # Asked for by name: the general one tries the display first, and complains.
+        import vtkmodules.vtkRenderingOpenGL2 as opengl
+
+        for name in ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"):
+            kind = getattr(opengl, name, None)
+            if kind is not None:
+                return kind()
+    return vtkRenderWindow()

@@ -1,0 +1,187 @@
+"""The camera as plain numbers: a parallel projection, so that a scale bar holds everywhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.mesh import Mesh
+
+__all__ = ["Margins", "View", "default_axes", "fitted_view"]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Pixels at the edges that the fitted mesh leaves to the overlay."""
+
+    left: float = 0.0
+    right: float = 0.0
+    top: float = 0.0
+    bottom: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """Where the camera looks, in mesh coordinates.
+
+    Parameters
+    ----------
+    focus : ndarray, shape (3,)
+        The point in the middle of the picture, about which it turns.
+    axes : ndarray, shape (3, 3)
+        Unit vectors to the right, up and towards the eye, as rows.
+    half_size : float
+        Half of the smaller side of the picture, in the mesh's length unit.
+    """
+
+    focus: FloatArray
+    axes: FloatArray
+    half_size: float
+
+    def length_per_pixel(self, width: int, height: int) -> float:
+        """Length in the mesh's unit that one pixel spans, everywhere in the picture."""
+        return 2.0 * self.half_size / max(min(width, height), 1)
+
+    def to_pixels(self, points: FloatArray, width: int, height: int) -> FloatArray:
+        """Project points of shape (m, 3) to pixels from the lower left, with height above focus.
+
+        Returns
+        -------
+        ndarray, shape (m, 3)
+            x and y in pixels, and the distance from the focal plane towards the eye.
+        """
+        seen = (np.atleast_2d(points) - self.focus) @ self.axes.T
+        pixel = self.length_per_pixel(width, height)
+        seen[:, 0] = seen[:, 0] / pixel + width / 2
+        seen[:, 1] = seen[:, 1] / pixel + height / 2
+        return seen
+
+    def from_pixels(self, x: float, y: float, width: int, height: int) -> FloatArray:
+        """The point of the focal plane under a pixel counted from the lower left."""
+        pixel = self.length_per_pixel(width, height)
+        across, along = (x - width / 2) * pixel, (y - height / 2) * pixel
+        return np.asarray(self.focus + across * self.axes[0] + along * self.axes[1])
+
+    def turned(self, right: float, up: float, roll: float = 0.0) -> View:
+        """Turn the mesh by angles in radians, as if it were pushed to the right and up."""
+        axes = self.axes
+        for axis, angle in ((1, -right), (0, up), (2, -roll)):
+            axes = axes @ _rotation(axes[axis], angle).T
+        u, _, vt = np.linalg.svd(axes)  # keeps the axes orthonormal over thousands of turns
+        return replace(self, axes=u @ vt)
+
+    def moved(self, dx: float, dy: float, width: int, height: int) -> View:
+        """Shift the mesh by pixels to the right and up."""
+        pixel = self.length_per_pixel(width, height)
+        return replace(self, focus=self.focus - pixel * (dx * self.axes[0] + dy * self.axes[1]))
+
+    def zoomed(self, factor: float, x: float, y: float, width: int, height: int) -> View:
+        """Magnify by a factor; what is under the pixel (x, y) stays under it."""
+        fixed = self.from_pixels(x, y, width, height)
+        focus = fixed + (self.focus - fixed) / factor
+        return replace(self, focus=focus, half_size=self.half_size / factor)
+
+    def to_json(self) -> dict[str, Any]:
+        """The view as plain lists and numbers."""
+        return {
+            "focus": [float(value) for value in self.focus],
+            "axes": [[float(value) for value in row] for row in self.axes],
+            "half_size": float(self.half_size),
+        }
+
+    @classmethod
+    def from_json(cls, state: dict[str, Any]) -> View:
+        """The view of a dictionary made by `to_json`.
+
+        Raises
+        ------
+        ValueError
+            If it is not one.
+        """
+        try:
+            focus = np.array(state["focus"], dtype=np.float64)
+            axes = np.array(state["axes"], dtype=np.float64)
+            half_size = float(state["half_size"])
+        except (KeyError, TypeError) as error:
+            raise ValueError("a camera needs focus, axes and half_size") from error
+        orthonormal = axes.shape == (3, 3) and np.allclose(axes @ axes.T, np.eye(3), atol=1e-6)
+        finite = focus.shape == (3,) and bool(np.isfinite(focus).all())
+        if not (orthonormal and finite and 0.0 < half_size < np.inf):
+            raise ValueError("a camera's axes are orthonormal and its numbers finite")
+        return cls(focus, axes, half_size)
+
+
+def _rotation(axis: FloatArray, angle: float) -> FloatArray:
+    """Rodrigues' rotation matrix about a unit vector."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
+
+
+def _compactness(mesh: Mesh) -> float:
+    """Isoperimetric quotient 36 pi V² / A³: 1 for a ball, near 0 for a neurite or a sheet."""
+    corners = mesh.vertices[mesh.faces] - mesh.vertices[mesh.faces[0, 0]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = 0.5 * float(np.linalg.norm(normals, axis=1).sum())
+    volume = float(np.einsum("ij,ij->", corners[:, 0], normals)) / 6.0
+    return 36.0 * np.pi * volume**2 / area**3 if area > 0.0 else 0.0
+
+
+def default_axes(mesh: Mesh) -> FloatArray:
+    """Right, up and eye directions from which a mesh is best seen first, as rows, shape (3, 3).
+
+    Spindly meshes (neurons) have no up: they lie with their longest principal axis across the
+    picture and their shortest towards the eye. Bodies stand on their feet, y up as in graphics
+    or z up where the unit is that of medical images or the mesh stands tall along z, turned by a
+    quarter of a right angle so that depth shows.
+    """
+    used = np.unique(mesh.faces)
+    points = mesh.vertices[used]
+    if mesh.unit in ("nm", "µm") or _compactness(mesh) < 0.01:
+        centred = points - points.mean(axis=0)
+        scale = np.abs(centred).max() or 1.0
+        _, _, principal = np.linalg.svd(np.cov((centred / scale).T))
+        right, up = (_signed(axis) for axis in principal[:2])
+        return np.array([right, up, np.cross(right, up)])
+    low, high = points.min(axis=0), points.max(axis=0)
+    extent = high - low
+    up_axis = 2 if mesh.unit == "mm" or extent[2] > 1.15 * max(extent[0], extent[1]) else 1
+    flat = [axis for axis in range(3) if axis != up_axis]
+    eye_axis = min(flat, key=lambda axis: extent[axis])
+    if extent[eye_axis] > 0.8 * max(extent[axis] for axis in flat):
+        eye_axis = flat[1]  # no clear side: the front, +z of a y-up and -y of a z-up body
+    middle = (low[eye_axis] + high[eye_axis]) / 2
+    front = -1.0 if (up_axis, eye_axis) == (2, 1) else 1.0
+    # A half of something, such as the left hemisphere of a brain, shows its outer side.
+    side = np.sign(middle) if abs(middle) > 0.2 * extent[eye_axis] else front
+    up, eye = np.eye(3)[up_axis], side * np.eye(3)[eye_axis]
+    view = View(np.zeros(3), np.array([np.cross(up, eye), up, eye]), 1.0)
+    return view.turned(np.radians(22.5), 0.0).turned(0.0, np.radians(12.0)).axes
+
+
+def _signed(axis: FloatArray) -> FloatArray:
+    """The axis with its largest component positive, so that a view does not depend on luck."""
+    return axis * (1.0 if axis[np.argmax(np.abs(axis))] > 0.0 else -1.0)
+
+
+def fitted_view(
+    points: FloatArray, axes: FloatArray, width: int, height: int, margins: Margins
+) -> View:
+    """The view along given axes in which points of shape (m, 3) just fit between the margins."""
+    centre = points.mean(axis=0)
+    seen = (points - centre) @ axes.T
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    free_width = max(width - margins.left - margins.right, 0.3 * width)
+    free_height = max(height - margins.top - margins.bottom, 0.3 * height)
+    extent = np.maximum(high - low, 1e-12 * max(float(np.abs(points).max()), 1e-300))
+    pixel = max(extent[0] / free_width, extent[1] / free_height)
+    focus = centre + ((low + high) / 2) @ axes
+    view = View(focus, axes, pixel * min(width, height) / 2)
+    return view.moved(
+        (margins.left - margins.right) / 2, (margins.bottom - margins.top) / 2, width, height
+    )

@@ -1,0 +1,71 @@
+"""Colours of the render: themes, and tables of named colour maps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["DARK", "LIGHT", "NAN_COLOR", "RenderTheme", "color_table", "rgb"]
+
+#: Where a field has no value: a grey that neither end nor middle of a colour map has.
+NAN_COLOR = "#8c8c8c"
+
+
+@dataclass(frozen=True)
+class RenderTheme:
+    """Colours around the field, as "#rrggbb"."""
+
+    background_top: str
+    background_bottom: str
+    ink: str
+    faint_ink: str
+    surface: str
+    line: str
+    halo: str
+
+
+LIGHT = RenderTheme(
+    background_top="#eef1f4",
+    background_bottom="#cdd4dc",
+    ink="#1d232b",
+    faint_ink="#4d5762",
+    surface="#b9c4d0",
+    line="#14181d",
+    halo="#ffffff",
+)
+DARK = RenderTheme(
+    background_top="#2a2f36",
+    background_bottom="#16191d",
+    ink="#eef1f4",
+    faint_ink="#a3adb8",
+    surface="#8d9aa8",
+    line="#101317",
+    halo="#ffffff",
+)
+
+
+def rgb(color: str) -> tuple[float, float, float]:
+    """Red, green and blue from 0 to 1 of "#rrggbb"."""
+    return tuple(int(color[k : k + 2], 16) / 255.0 for k in (1, 3, 5))  # type: ignore[return-value]
+
+
+@lru_cache(maxsize=32)
+def color_table(name: str, count: int = 256) -> npt.NDArray[np.uint8]:
+    """Colours of one of matplotlib's colour maps, shape (count, 4), RGBA.
+
+    Raises
+    ------
+    ValueError
+        If there is no colour map of that name.
+    """
+    # Late: it takes a tenth of a second, and pictures without a field do not need it.
+    from matplotlib import colormaps
+
+    if name not in colormaps:
+        raise ValueError(f"{name!r} is not a colour map of matplotlib.")
+    table = colormaps[name].resampled(count)(np.arange(count), bytes=True)
+    table.setflags(write=False)  # shared by the cache
+    return np.asarray(table)

@@ -1,0 +1,269 @@
+"""The whole picture: mesh, field, lines, pins and overlay, in a renderer that any window can show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
+from vtkmodules.vtkRenderingCore import vtkLight, vtkRenderer, vtkRenderWindow
+
+from meshmash_viewer.app.render import overlay
+from meshmash_viewer.app.render.camera import View, default_axes, fitted_view
+from meshmash_viewer.app.render.colors import DARK, LIGHT, color_table, rgb
+from meshmash_viewer.app.render.overlay import Caption, Mark
+from meshmash_viewer.app.render.painter import Painter
+from meshmash_viewer.app.render.picking import Picker
+from meshmash_viewer.app.render.surface import LineSet, Surface, new_lookup_table, set_colors
+from meshmash_viewer.clustering import CoarseMesh
+from meshmash_viewer.mesh import Mesh
+
+__all__ = ["Drawing", "read_pixels"]
+
+
+class Drawing:
+    """What is drawn, without a window: `renderer` is added to one, and `prepare` runs per frame.
+
+    Coordinates are moved to the middle of the mesh before they become single precision; `view`
+    is in mesh coordinates.
+
+    Parameters
+    ----------
+    dark : bool
+        Which theme.
+    """
+
+    def __init__(self, dark: bool = False) -> None:
+        self.renderer = vtkRenderer()
+        self.renderer.SetUseDepthPeeling(False)
+        self.renderer.AutomaticLightCreationOff()
+        # From over the left shoulder, and a weak one from the other side; both go with the eye.
+        for x, y, z, intensity in ((-0.5, 0.7, 1.6, 0.92), (0.9, -0.5, 0.8, 0.30)):
+            light = vtkLight()
+            light.SetLightTypeToCameraLight()
+            light.SetPosition(x, y, z)
+            light.SetFocalPoint(0.0, 0.0, 0.0)
+            light.SetIntensity(intensity)
+            self.renderer.AddLight(light)
+        self.renderer.GetActiveCamera().ParallelProjectionOn()
+        self._table = new_lookup_table()
+        self._lines = LineSet()
+        self._lines.actor.GetProperty().SetLineWidth(1.6)
+        self.renderer.AddActor(self._lines.actor)
+        self._painter = Painter(self.renderer)
+        self.mesh: Mesh | None = None
+        self.normals: npt.NDArray[np.float32] | None = None
+        self.centre = np.zeros(3)
+        self.view: View | None = None
+        self.caption: Caption | None = None
+        self.surface: Surface | None = None
+        self.coarse: Surface | None = None
+        self.picker: Picker | None = None
+        self._coarse_mesh: CoarseMesh | None = None
+        self._segments: npt.NDArray[np.float32] | None = None
+        self._pins: tuple[tuple[int, str], ...] = ()
+        self.set_theme(dark)
+
+    # -- what is drawn ----------------------------------------------------------------------
+
+    def set_theme(self, dark: bool) -> None:
+        """Colours of the background and of all that is not the field."""
+        self.dark = dark
+        self.theme = DARK if dark else LIGHT
+        self.renderer.GradientBackgroundOn()
+        self.renderer.SetBackground(*rgb(self.theme.background_bottom))
+        self.renderer.SetBackground2(*rgb(self.theme.background_top))
+        self._lines.actor.GetProperty().SetColor(*rgb(self.theme.line))
+        for surface in (self.surface, self.coarse):
+            if surface is not None:
+                surface.actor.GetProperty().SetColor(*rgb(self.theme.surface))
+
+    def set_mesh(
+        self, mesh: Mesh | None, normals: npt.NDArray[np.float32] | None, *, picking: bool = False
+    ) -> None:
+        """Take a mesh with normals of shape (n, 3), or none; field, lines and pins go."""
+        for surface in (self.surface, self.coarse):
+            if surface is not None:
+                self.renderer.RemoveActor(surface.actor)
+        self.surface = self.coarse = self.picker = self._coarse_mesh = None
+        self.mesh, self.normals = mesh, normals
+        self.caption, self._pins = None, ()
+        self.set_segments(None)
+        if mesh is None:
+            self.view = None
+            return
+        used = mesh.vertices[np.unique(mesh.faces)] if mesh.n_faces else mesh.vertices
+        self.centre = (used.min(axis=0) + used.max(axis=0)) / 2
+        points = (mesh.vertices - self.centre).astype(np.float32)
+        self.surface = self._new_surface(points, mesh.faces, normals)
+        if picking:
+            self.picker = Picker(self.surface.data, points, mesh.faces)
+
+    def _new_surface(self, points, faces, normals) -> Surface:
+        surface = Surface(points, faces, normals, self._table)
+        surface.actor.GetProperty().SetColor(*rgb(self.theme.surface))
+        surface.show_field(self.caption is not None)
+        self.renderer.AddActor(surface.actor)
+        return surface
+
+    def set_coarse(self, coarse: CoarseMesh) -> None:
+        """Take a stand-in that `show_coarse` draws in place of the mesh."""
+        chosen = coarse.representatives
+        points = (self.mesh.vertices[chosen] - self.centre).astype(np.float32)
+        self.coarse = self._new_surface(points, coarse.faces, self.normals[chosen])
+        self.coarse.actor.VisibilityOff()
+        self._coarse_mesh = coarse
+        self.coarse.write(self.surface.values[chosen])
+
+    def show_coarse(self, shown: bool) -> None:
+        """Draw the stand-in, if there is one, or the mesh."""
+        shown = shown and self.coarse is not None
+        if self.surface is not None:
+            self.surface.actor.SetVisibility(not shown)
+        if self.coarse is not None:
+            self.coarse.actor.SetVisibility(shown)
+
+    def set_field(
+        self,
+        values: npt.NDArray[np.floating] | None,
+        limits: tuple[float, float],
+        colormap: str,
+        title: str = "",
+        quantity: str = "",
+        unit: str = "",
+    ) -> None:
+        """Colour the mesh by values of shape (n,), or by none.
+
+        Raises
+        ------
+        ValueError
+            If there is not one value a vertex, or no such colour map.
+        """
+        if self.surface is None:
+            return
+        if values is None:
+            self.caption = None
+        else:
+            if values.shape != (self.mesh.n_vertices,):
+                raise ValueError(
+                    f"A field of shape {values.shape} does not fit a mesh of "
+                    f"{self.mesh.n_vertices} vertices."
+                )
+            colors = color_table(colormap)
+            if self.caption is None or colors is not self.caption.table:
+                set_colors(self._table, colors)
+            low, high = (float(limit) for limit in limits)
+            if (low, high) != tuple(self._table.GetRange()):
+                self._table.SetRange(low, high)
+            self.surface.write(values)
+            if self.coarse is not None:
+                self.coarse.write(self.surface.values[self._coarse_mesh.representatives])
+            # The sum is NaN as soon as one entry is: one pass, without a temporary array.
+            missing = bool(np.isnan(self.surface.values.sum()))
+            self.caption = Caption(title, quantity, unit, low, high, colors, missing)
+        for surface in (self.surface, self.coarse):
+            if surface is not None:
+                surface.show_field(values is not None)
+
+    def set_segments(self, segments: npt.NDArray[np.float32] | None) -> None:
+        """Draw segments of shape (s, 2, 3) relative to `centre`, or none."""
+        self._segments = segments
+        self._lines.show(segments)
+
+    def set_pins(self, pins: Sequence[tuple[int, str]]) -> None:
+        """Mark vertices in their colours."""
+        self._pins = tuple(pins)
+
+    # -- the eye ----------------------------------------------------------------------------
+
+    def reset_view(self, width: int, height: int, scale: float) -> None:
+        """Show the whole mesh from its best side."""
+        if self.mesh is not None:
+            self.fit_view(default_axes(self.mesh), width, height, scale)
+
+    def fit_view(self, axes: npt.NDArray, width: int, height: int, scale: float) -> None:
+        """Show the whole mesh along given axes."""
+        used = self.mesh.vertices[np.unique(self.mesh.faces)]
+        space = overlay.margins(self.caption is not None, width, height, scale)
+        self.view = fitted_view(used, axes, width, height, space)
+
+    def prepare(self, width: int, height: int, scale: float) -> None:
+        """Set the camera and paint the overlay for a frame of this size.
+
+        Parameters
+        ----------
+        width, height : int
+            In pixels.
+        scale : float
+            Pixels to one point of the overlay.
+        """
+        painter = self._painter
+        painter.begin()
+        if self.mesh is not None:
+            if self.view is None:
+                self.reset_view(width, height, scale)
+            self._place_camera(width, height)
+            self._lines.actor.GetProperty().SetLineWidth(1.6 * scale)
+            overlay.paint_marks(painter, self._marks(), self.view, self.theme, width, height, scale)
+            overlay.paint_axes(painter, self.view, self.theme, height, scale)
+            overlay.paint_scale(
+                painter, self.view, self.mesh.unit, self.theme, width, height, scale
+            )
+            if self.caption is not None:
+                overlay.paint_caption(painter, self.caption, self.theme, width, height, scale)
+        painter.end()
+
+    def _place_camera(self, width: int, height: int) -> None:
+        camera = self.renderer.GetActiveCamera()
+        view = self.view
+        focus = view.focus - self.centre
+        bounds = np.reshape(self.surface.data.GetBounds(), (3, 2))
+        reach = float(np.linalg.norm(bounds).clip(1e-300)) + float(np.linalg.norm(focus))
+        camera.SetFocalPoint(*focus)
+        camera.SetPosition(*(focus + 2.0 * reach * view.axes[2]))
+        camera.SetViewUp(*view.axes[1])
+        camera.SetParallelScale(view.half_size * height / max(min(width, height), 1))
+        camera.SetClippingRange(0.9 * reach, 3.1 * reach)
+
+    def _marks(self) -> list[Mark]:
+        marks = []
+        for number, (vertex, color) in enumerate(self._pins, start=1):
+            hidden = self.picker is not None and self.picker.hidden(vertex, self.view.axes[2])
+            label = str(number) if len(self._pins) > 1 else ""
+            marks.append(Mark(self.mesh.vertices[vertex], color, label, hidden))
+        return marks
+
+    # -- another one of the same ------------------------------------------------------------
+
+    def twin(self) -> Drawing:
+        """The same picture for another window; the mesh's arrays are shared, the field copied."""
+        other = Drawing(self.dark)
+        if self.mesh is None:
+            return other
+        other.set_mesh(self.mesh, self.normals)
+        other.view, other.picker, other._pins = self.view, self.picker, self._pins
+        if self.caption is not None:
+            set_colors(other._table, self.caption.table)
+            other._table.SetRange(self.caption.low, self.caption.high)
+            other.surface.write(self.surface.values)
+            other.surface.show_field(True)
+            other.caption = self.caption
+        other.set_segments(self._segments)
+        return other
+
+    def camera_state(self) -> dict[str, Any] | None:
+        """The view for a session file."""
+        return self.view.to_json() if self.view is not None else None
+
+
+def read_pixels(window: vtkRenderWindow, alpha: bool) -> npt.NDArray[np.uint8]:
+    """The frame that was rendered last, shape (height, width, 3 or 4), first row on top."""
+    width, height = window.GetSize()
+    pixels = vtkUnsignedCharArray()
+    read = window.GetRGBACharPixelData if alpha else window.GetPixelData
+    read(0, 0, width - 1, height - 1, 0, pixels, 0)
+    return vtk_to_numpy(pixels).reshape(height, width, -1)[::-1].copy()

@@ -1,0 +1,218 @@
+"""What lies over the mesh: title, colour bar, scale bar, axes and pins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.app.render.camera import Margins, View
+from meshmash_viewer.app.render.colors import NAN_COLOR, RenderTheme
+from meshmash_viewer.app.render.painter import (
+    BOTTOM,
+    CENTRE,
+    LEFT,
+    MIDDLE,
+    RIGHT,
+    TOP,
+    Painter,
+)
+from meshmash_viewer.app.render.ticks import exponent_text, round_length, scale_bar_text, ticks
+
+__all__ = [
+    "Caption",
+    "Mark",
+    "margins",
+    "paint_axes",
+    "paint_caption",
+    "paint_marks",
+    "paint_scale",
+]
+
+#: Red, green and blue of the x, y and z axis, apart in brightness too.
+_AXIS_COLORS = ("#d1495b", "#3f9b5c", "#3b76c4")
+
+
+@dataclass(frozen=True, eq=False)
+class Caption:
+    """What is written about the field.
+
+    Parameters
+    ----------
+    title : str
+        Name of the field.
+    quantity : str
+        Second line, such as an eigenvalue or a time with its unit.
+    unit : str
+        Unit of the values on the colour bar.
+    low, high : float
+        Ends of the colour bar.
+    table : ndarray of uint8, shape (m, 4)
+        Its colours.
+    missing : bool
+        Whether some vertices have no value.
+    """
+
+    title: str
+    quantity: str
+    unit: str
+    low: float
+    high: float
+    table: npt.NDArray[np.uint8] = field(repr=False)
+    missing: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Mark:
+    """A pinned vertex on the picture."""
+
+    position: npt.NDArray[np.float64]
+    color: str
+    label: str
+    hidden: bool
+
+
+def margins(captioned: bool, width: int, height: int, scale: float) -> Margins:
+    """What the overlay takes of a picture, for fitting the mesh beside it."""
+    if width < 260 * scale or height < 200 * scale:
+        return Margins(*(8.0 * scale,) * 4)
+    return Margins(
+        left=28 * scale,
+        right=(108 if captioned else 28) * scale,
+        top=(66 if captioned else 28) * scale,
+        bottom=58 * scale,
+    )
+
+
+def _fitted(painter: Painter, text: str, size: float, bold: bool, width: float) -> str:
+    """The text, or as much of it as fits with an ellipsis."""
+    if painter.text_size(text, size, bold)[0] <= width:
+        return text
+    while text and painter.text_size(text + "…", size, bold)[0] > width:
+        text = text[:-1].rstrip()
+    return text + "…" if text else ""
+
+
+def paint_caption(
+    painter: Painter, caption: Caption, theme: RenderTheme, width: int, height: int, scale: float
+) -> None:
+    """Title at the upper left, and the colour bar at the right."""
+    edge = 16 * scale
+    top = height - edge
+    free = width - 2 * edge
+    title = _fitted(painter, caption.title, 15 * scale, True, free)
+    painter.text(title, edge, top, 15 * scale, theme.ink, LEFT, TOP, bold=True)
+    if caption.quantity and height > 160 * scale:
+        quantity = _fitted(painter, caption.quantity, 12 * scale, False, free)
+        painter.text(quantity, edge, top - 24 * scale, 12 * scale, theme.faint_ink, LEFT, TOP)
+    bar_height = min(300 * scale, 0.5 * height)
+    if bar_height < 70 * scale or width < 220 * scale:
+        return
+    size = 11 * scale
+    values, texts, exponent = ticks(
+        caption.low, caption.high, int(np.clip(bar_height / (34 * scale), 2, 7))
+    )
+    labels = max((painter.text_size(text, size)[0] for text in texts), default=0)
+    bar_width, gap = 14 * scale, 7 * scale
+    x = width - edge - labels - gap - bar_width
+    y = (height - bar_height) / 2
+    hair = max(1.0, round(scale))
+    painter.rectangle(
+        x - hair, y - hair, bar_width + 2 * hair, bar_height + 2 * hair, theme.faint_ink, 0.55
+    )
+    painter.column(x, y, bar_width, bar_height, caption.table)
+    for value, text in zip(values, texts, strict=True):
+        at = y + bar_height * (value - caption.low) / (caption.high - caption.low)
+        painter.rectangle(x + bar_width, at - hair / 2, 4 * scale, hair, theme.faint_ink)
+        painter.text(text, width - edge, at, size, theme.ink, RIGHT, MIDDLE)
+    heading = " ".join(part for part in (exponent_text(exponent), caption.unit) if part)
+    if heading:
+        heading_x = width - edge
+        painter.text(
+            heading, heading_x, y + bar_height + 10 * scale, size, theme.faint_ink, RIGHT, BOTTOM
+        )
+    if caption.missing:
+        below = y - 26 * scale
+        painter.rectangle(x, below, bar_width, 12 * scale, NAN_COLOR)
+        painter.text("none", width - edge, below + 6 * scale, size, theme.faint_ink, RIGHT, MIDDLE)
+
+
+def paint_scale(
+    painter: Painter,
+    view: View,
+    unit: str,
+    theme: RenderTheme,
+    width: int,
+    height: int,
+    scale: float,
+) -> None:
+    """A scale bar of round length at the lower right."""
+    if width < 220 * scale or height < 120 * scale:
+        return
+    pixel = view.length_per_pixel(width, height)
+    length = round_length(min(150 * scale, 0.25 * width) * pixel)
+    long = length / pixel
+    edge, thick = 16 * scale, max(2.0, round(2.5 * scale))
+    x, y = width - edge - long, edge
+    painter.rectangle(x, y, long, thick, theme.ink)
+    for end in (x, x + long - max(1.0, round(1.5 * scale))):
+        painter.rectangle(end, y - 2 * scale, max(1.0, round(1.5 * scale)), 7 * scale, theme.ink)
+    painter.text(
+        scale_bar_text(length, unit),
+        x + long / 2,
+        y + 9 * scale,
+        12 * scale,
+        theme.ink,
+        CENTRE,
+        BOTTOM,
+    )
+
+
+def paint_axes(painter: Painter, view: View, theme: RenderTheme, height: int, scale: float) -> None:
+    """The directions of x, y and z at the lower left, the nearest last."""
+    if height < 160 * scale:
+        return
+    arm = 26 * scale
+    origin = np.array([16 * scale + arm + 6 * scale, 16 * scale + arm + 4 * scale])
+    directions = view.axes.T  # row k: axis k as seen (right, up, towards the eye)
+    for k in np.argsort(directions[:, 2]):
+        tip = origin + arm * directions[k, :2]
+        painter.line(origin, tip, 2.2 * scale, _AXIS_COLORS[k])
+        painter.disc(*tip, 2.6 * scale, _AXIS_COLORS[k])
+        at = origin + (arm + 9 * scale) * directions[k, :2]
+        if np.hypot(*directions[k, :2]) > 0.25:
+            painter.text("xyz"[k], *at, 11 * scale, theme.ink, CENTRE, MIDDLE)
+    painter.disc(*origin, 2.2 * scale, theme.faint_ink)
+
+
+def paint_marks(
+    painter: Painter,
+    marks: Sequence[Mark],
+    view: View,
+    theme: RenderTheme,
+    width: int,
+    height: int,
+    scale: float,
+) -> None:
+    """Pins as discs with numbers; those behind the mesh are fainter."""
+    for mark in marks:
+        x, y, _ = view.to_pixels(mark.position, width, height)[0]
+        opacity = 0.4 if mark.hidden else 1.0
+        painter.disc(x, y, 7.5 * scale, "#14181d", 0.5 * opacity)
+        painter.disc(x, y, 6.6 * scale, theme.halo, opacity)
+        painter.disc(x, y, 4.9 * scale, mark.color, opacity)
+        if mark.label:
+            painter.disc(x + 13 * scale, y + 12 * scale, 8 * scale, "#14181d", 0.75 * opacity)
+            painter.text(
+                mark.label,
+                x + 13 * scale,
+                y + 12 * scale,
+                10 * scale,
+                "#ffffff",
+                CENTRE,
+                MIDDLE,
+                bold=True,
+                opacity=opacity,
+            )

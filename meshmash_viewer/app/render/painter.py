@@ -1,0 +1,184 @@
+"""Flat shapes and text over the render, painted anew for each frame."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import vtkmodules.vtkRenderingFreeType
+import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
+from vtkmodules.util.numpy_support import numpy_to_vtk
+from vtkmodules.vtkCommonCore import VTK_FONT_FILE, vtkPoints
+from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+from vtkmodules.vtkRenderingCore import (
+    vtkActor2D,
+    vtkPolyDataMapper2D,
+    vtkRenderer,
+    vtkTextActor,
+    vtkTextProperty,
+    vtkTextRenderer,
+)
+
+from meshmash_viewer.app.render.colors import rgb
+
+__all__ = ["Painter"]
+
+#: Horizontal place of a text's anchor, and vertical.
+LEFT, CENTRE, RIGHT = 0, 1, 2
+BOTTOM, MIDDLE, TOP = 0, 1, 2
+
+
+@lru_cache(maxsize=2)
+def _font_file(bold: bool) -> str:
+    """DejaVu Sans as matplotlib brings it: VTK's own fonts lack Greek letters and superscripts."""
+    spec = find_spec("matplotlib")
+    folder = Path(spec.origin).parent / "mpl-data" / "fonts" / "ttf"
+    return str(folder / ("DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"))
+
+
+def _text_property(size: int, bold: bool) -> vtkTextProperty:
+    properties = vtkTextProperty()
+    properties.SetFontFamily(VTK_FONT_FILE)
+    properties.SetFontFile(_font_file(bold))
+    properties.SetFontSize(size)
+    return properties
+
+
+@lru_cache(maxsize=512)
+def _text_size(text: str, size: int, bold: bool) -> tuple[int, int]:
+    box = [0, 0, 0, 0]
+    vtkTextRenderer.GetInstance().GetBoundingBox(_text_property(size, bold), text, box, 72)
+    return box[1] - box[0] + 1, box[3] - box[2] + 1
+
+
+class Painter:
+    """Shapes and text in pixels from the lower left of a renderer.
+
+    `begin`, then shapes in the order they cover one another, then `end`; text lies over shapes.
+    All shapes of a frame are one actor, and text actors are used again, so that a frame costs
+    about a millisecond.
+
+    Parameters
+    ----------
+    renderer : vtkRenderer
+    """
+
+    def __init__(self, renderer: vtkRenderer) -> None:
+        self._renderer = renderer
+        self._texts: list[vtkTextActor] = []
+        self._used = 0
+        self._points: list[npt.NDArray[np.float64]] = []
+        self._sizes: list[int] = []
+        self._colors: list[npt.NDArray[np.uint8]] = []
+        self._shapes = vtkPolyData()
+        mapper = vtkPolyDataMapper2D()
+        mapper.SetInputData(self._shapes)
+        mapper.SetScalarModeToUseCellData()
+        self._actor = vtkActor2D()
+        self._actor.SetMapper(mapper)
+        renderer.AddViewProp(self._actor)
+
+    def begin(self) -> None:
+        """Start a frame."""
+        self._used = 0
+        self._points.clear()
+        self._sizes.clear()
+        self._colors.clear()
+
+    def end(self) -> None:
+        """Show what was painted since `begin`."""
+        for actor in self._texts[self._used :]:
+            actor.SetVisibility(False)
+        self._actor.SetVisibility(bool(self._sizes))
+        if not self._sizes:
+            return
+        flat = np.concatenate(self._points)
+        points = vtkPoints()
+        points.SetData(numpy_to_vtk(np.c_[flat, np.zeros(len(flat))].astype(np.float32), deep=True))
+        cells = vtkCellArray()
+        ends = np.concatenate([[0], np.cumsum(self._sizes)]).astype(np.int64)
+        cells.SetData(numpy_to_vtk(ends, deep=True), numpy_to_vtk(np.arange(len(flat)), deep=True))
+        self._shapes.SetPoints(points)
+        self._shapes.SetPolys(cells)
+        self._shapes.GetCellData().SetScalars(numpy_to_vtk(np.concatenate(self._colors), deep=True))
+
+    def polygon(self, points: npt.ArrayLike, color: str, opacity: float = 1.0) -> None:
+        """A filled convex polygon with corners of shape (m, 2)."""
+        corners = np.asarray(points, dtype=np.float64)
+        rgba = np.array([*(255 * part for part in rgb(color)), 255 * opacity])
+        self._points.append(corners)
+        self._sizes.append(len(corners))
+        self._colors.append(rgba.round().astype(np.uint8)[None])
+
+    def rectangle(
+        self, x: float, y: float, width: float, height: float, color: str, opacity: float = 1.0
+    ) -> None:
+        """A filled rectangle, on whole pixels so that its edges are sharp."""
+        x0, y0, x1, y1 = round(x), round(y), round(x + width), round(y + height)
+        self.polygon([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], color, opacity)
+
+    def line(
+        self, start: npt.ArrayLike, end: npt.ArrayLike, width: float, color: str, opacity: float = 1
+    ) -> None:
+        """A straight line of any width."""
+        a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
+        length = float(np.hypot(*(b - a)))
+        if length > 0.0:
+            side = np.array([a[1] - b[1], b[0] - a[0]]) * (width / 2 / length)
+            self.polygon([a - side, b - side, b + side, a + side], color, opacity)
+
+    def disc(self, x: float, y: float, radius: float, color: str, opacity: float = 1.0) -> None:
+        """A filled circle."""
+        angles = np.linspace(0.0, 2 * np.pi, 40, endpoint=False)
+        circle = np.c_[np.cos(angles), np.sin(angles)] * radius
+        self.polygon(circle + (x, y), color, opacity)
+
+    def column(
+        self, x: float, y: float, width: float, height: float, table: npt.NDArray[np.uint8]
+    ) -> None:
+        """A rectangle filled from below with the colours of a table of shape (m, 4)."""
+        edges = np.linspace(round(y), round(y + height), len(table) + 1)
+        low, high = edges[:-1, None], edges[1:, None]
+        left, right = np.full_like(low, round(x)), np.full_like(low, round(x + width))
+        corners = np.concatenate([left, low, right, low, right, high, left, high], axis=1)
+        self._points.append(corners.reshape(-1, 2))
+        self._sizes.extend([4] * len(table))
+        self._colors.append(table)
+
+    def text_size(self, text: str, size: float, bold: bool = False) -> tuple[int, int]:
+        """Width and height of a text in pixels."""
+        return _text_size(text, round(size), bold)
+
+    def text(
+        self,
+        text: str,
+        x: float,
+        y: float,
+        size: float,
+        color: str,
+        across: int = LEFT,
+        along: int = BOTTOM,
+        bold: bool = False,
+        opacity: float = 1.0,
+    ) -> None:
+        """A line of text anchored at (x, y)."""
+        if self._used == len(self._texts):
+            self._texts.append(vtkTextActor())
+            self._texts[-1].SetLayerNumber(1)
+            self._renderer.AddViewProp(self._texts[-1])
+        actor = self._texts[self._used]
+        self._used += 1
+        properties = actor.GetTextProperty()
+        properties.SetFontFamily(VTK_FONT_FILE)
+        properties.SetFontFile(_font_file(bold))
+        properties.SetFontSize(round(size))
+        properties.SetColor(*rgb(color))
+        properties.SetOpacity(opacity)
+        properties.SetJustification(across)
+        properties.SetVerticalJustification(along)
+        actor.SetInput(text)
+        actor.SetPosition(round(x), round(y))
+        actor.SetVisibility(True)

@@ -1,0 +1,75 @@
+"""Round numbers: ticks of a colour bar and lengths of a scale bar."""
+
+from __future__ import annotations
+
+from math import ceil, floor, log10
+
+from meshmash_viewer.units import format_quantity
+
+__all__ = ["exponent_text", "round_length", "scale_bar_text", "ticks"]
+
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+#: Each unit with the next larger one and how many of it make one of that.
+_LARGER = {"nm": ("µm", 1000.0), "µm": ("mm", 1000.0), "mm": ("m", 1000.0)}
+_SMALLER = {"m": ("mm", 1000.0), "mm": ("µm", 1000.0), "µm": ("nm", 1000.0)}
+
+
+def round_length(longest: float) -> float:
+    """The largest of 1, 2 and 5 times a power of ten that is at most `longest` (positive)."""
+    power = 10.0 ** floor(log10(longest))
+    return max(step * power for step in (0.5, 1.0, 2.0, 5.0) if step * power <= longest * 1.000001)
+
+
+def scale_bar_text(length: float, unit: str) -> str:
+    """Write a length in the unit that suits its size: 2000 nm is "2 µm"."""
+    while unit in _LARGER and length >= 1000.0:
+        unit, factor = _LARGER[unit]
+        length /= factor
+    while unit in _SMALLER and length < 0.1:
+        unit, factor = _SMALLER[unit]
+        length *= factor
+    if not unit:
+        return f"{length:g} units" if 1e-4 <= length < 1e6 else f"{length:.0e} units"
+    return format_quantity(length, unit)
+
+
+def exponent_text(exponent: int) -> str:
+    """Write a power of ten as a factor: "×10⁻⁵", and nothing for 0."""
+    return f"×10{str(exponent).translate(_SUPERSCRIPTS)}" if exponent else ""
+
+
+def ticks(low: float, high: float, most: int = 6) -> tuple[list[float], list[str], int]:
+    """Round values within ``[low, high]`` with one common power of ten.
+
+    Parameters
+    ----------
+    low, high : float
+        Ends of the bar, ``low < high``.
+    most : int
+        Largest number of ticks, at least 2.
+
+    Returns
+    -------
+    values : list of float
+    texts : list of str
+        Each value over ``10**exponent``, all with the same number of decimals.
+    exponent : int
+        0 where plain numbers are short.
+    """
+    largest = max(abs(low), abs(high))
+    exponent = floor(log10(largest)) if largest > 0.0 else 0
+    if -3 < exponent < 4:
+        exponent = 0
+    # 10.0**-320 is no longer a normal number; texts are taken relative to it all the same.
+    low, high = low / 10.0**exponent, high / 10.0**exponent
+    coarsest = (high - low) / max(most - 1, 1)
+    power = 10.0 ** floor(log10(coarsest))
+    step = next(s * power for s in (1.0, 2.0, 5.0, 10.0) if s * power >= coarsest * (1 - 1e-9))
+    decimals = max(0, -floor(log10(step) + 1e-9))
+    first, last = ceil(low / step - 1e-6), floor(high / step + 1e-6)
+    multiples = range(first, last + 1)
+    texts = [f"{k * step:.{decimals}f}".replace("-", "−") for k in multiples]
+    if decimals > 6:
+        # A narrow range far from zero: the common part cannot be left out without lying.
+        texts = [f"{k * step:.9g}".replace("-", "−") for k in multiples]
+    return [k * step * 10.0**exponent for k in multiples], texts, exponent

@@ -1,0 +1,379 @@
+"""The render in the window: draws the document's field, turns with the mouse, picks vertices."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from PySide6.QtCore import QEvent, QPoint, QPointF, QThreadPool, QTimer, Signal
+from PySide6.QtWidgets import QVBoxLayout, QWidget
+
+from meshmash_viewer.app.canvas import Canvas, Ring
+from meshmash_viewer.app.picture import draw_picture
+from meshmash_viewer.app.render.camera import View
+from meshmash_viewer.app.render.drawing import Drawing
+from meshmash_viewer.clustering import cluster_vertices
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.nodal_lines import nodal_lines
+
+__all__ = ["Scene"]
+
+#: A frame that takes longer than this (s) is slow: while something moves, a stand-in is drawn.
+SLOW_FRAME = 0.045
+#: How long (ms) nothing must move before the full mesh is drawn again.
+REST = 220
+#: About how many vertices the stand-in has.
+COARSE_VERTICES = 60_000
+
+
+class Scene(QWidget):
+    """The render, its pointer and its camera.
+
+    Drag turns, with Shift or the right button it shifts, with Ctrl it rolls; the wheel zooms to
+    the pointer, and with Ctrl it steps; a click picks, a click of the middle button puts what is
+    under the pointer in the middle. There are no keys here.
+
+    Parameters
+    ----------
+    document : meshmash_viewer.model.document.Document
+    parent : QWidget or None
+    """
+
+    #: Vertex under the pointer, -1 for none.
+    vertex_hovered = Signal(int)
+    #: Vertex that was clicked (not dragged from).
+    vertex_clicked = Signal(int)
+    #: Ctrl and the wheel: one step forward or back in whatever is being scrolled.
+    stepped = Signal(int)
+    #: The first frame is on the screen.
+    first_frame = Signal()
+    #: The search structure for picking is there.
+    picking_ready = Signal()
+
+    _computed = Signal(object, object, object)
+
+    def __init__(self, document: Any, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("scene")
+        self.setAccessibleName("Render of the mesh")
+        self.document = document
+        self._drawing = Drawing()
+        self._canvas = Canvas(self)
+        self._canvas.window.AddRenderer(self._drawing.renderer)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(self._canvas)
+        self._ring = Ring(self._canvas)
+        self._full_frame: float | None = None
+        self._coarse_asked = False
+        self._user_moved_camera = False
+        self._closed = False
+        self._first = True
+        self._line_values: npt.NDArray[np.floating] | None = None
+        self._hovered = -1
+        self._generation = 0
+        # One thread for what takes longer than a frame; the newest request counts.
+        self._pool = QThreadPool(self)
+        self._pool.setMaxThreadCount(1)
+        self._computed.connect(self._take_computed)
+        self._rest = self._timer(REST, self._come_to_rest)
+        self._line_delay = self._timer(90, self._compute_lines)
+        self._hover_delay = self._timer(15, self._hover)
+        self._connect_canvas()
+        self._picking_poll = QTimer(self, interval=30)
+        self._picking_poll.timeout.connect(self._poll_picking)
+
+    def _connect_canvas(self) -> None:
+        canvas = self._canvas
+        canvas.frame_due.connect(self._draw_frame)
+        canvas.resized.connect(self._resized)
+        canvas.dragged.connect(self._dragged)
+        canvas.drag_ended.connect(self._come_to_rest)
+        canvas.wheeled.connect(self._wheeled)
+        canvas.stepped.connect(self.stepped)
+        canvas.clicked.connect(self._clicked)
+        canvas.middle_clicked.connect(self._centre_on)
+        canvas.pointer_moved.connect(self._hover_delay.start)
+
+    def _timer(self, interval: int, slot: Any) -> QTimer:
+        timer = QTimer(self, interval=interval, singleShot=True)
+        timer.timeout.connect(slot)
+        return timer
+
+    # -- what is drawn ----------------------------------------------------------------------
+
+    @property
+    def mesh(self) -> Mesh | None:
+        """The mesh that is drawn."""
+        return self._drawing.mesh
+
+    def set_mesh(self, mesh: Mesh | None, normals: npt.NDArray[np.float32] | None = None) -> None:
+        """Draw a mesh with vertex normals of shape (n, 3), or nothing."""
+        if mesh is not None and normals is None:
+            normals = mesh.vertex_normals
+        self._generation += 1
+        self._full_frame, self._coarse_asked, self._line_values = None, False, None
+        self._line_delay.stop()
+        self._rest.stop()
+        self._drawing.set_mesh(mesh, normals, picking=True)
+        self._set_hovered(-1)
+        if mesh is not None:
+            self._picking_poll.start()
+            self.reset_camera()
+        self._canvas.update()
+
+    def set_field(
+        self, field: Any | None, limits: tuple[float, float] = (-1.0, 1.0), colormap: str = "RdBu_r"
+    ) -> None:
+        """Colour the mesh by a field (`meshmash_viewer.model.field.Field`), or by none.
+
+        One write into the displayed array and one frame, however often it is called meanwhile.
+        """
+        if self._drawing.mesh is None:
+            return
+        had_caption = self._drawing.caption is not None
+        if field is None:
+            self._drawing.set_field(None, limits, colormap)
+        else:
+            self._drawing.set_field(
+                field.values, limits, colormap, field.title, field.quantity, field.unit
+            )
+        if self._line_values is not None:
+            # The lines of another field would be wrong; new ones follow `set_nodal_lines`.
+            self._drawing.set_segments(None)
+            self._line_delay.stop()
+        if had_caption != (field is not None) and not self._user_moved_camera:
+            self.reset_camera()
+        self._moves()
+
+    def set_pins(self, pins: Iterable[Any]) -> None:
+        """Mark vertices: objects with `vertex` and `color`."""
+        self._drawing.set_pins([(pin.vertex, pin.color) for pin in pins])
+        self._canvas.update()
+
+    def set_nodal_lines(self, values: npt.NDArray[np.floating] | None) -> None:
+        """Draw the zeros of values of shape (n,) as soon as they rest, or none."""
+        self._line_values = values
+        if self._drawing.mesh is None:
+            return
+        if values is None:
+            self._line_delay.stop()
+            self._drawing.set_segments(None)
+            self._canvas.update()
+        else:
+            self._line_delay.start()
+
+    def set_theme(self, dark: bool) -> None:
+        """Light or dark."""
+        self._drawing.set_theme(dark)
+        self._canvas.update()
+
+    # -- the camera -------------------------------------------------------------------------
+
+    def reset_camera(self) -> None:
+        """Show the whole mesh from its best side."""
+        self._drawing.reset_view(*self._canvas.pixels())
+        self._user_moved_camera = False
+        self._canvas.update()
+
+    def camera(self) -> dict[str, Any] | None:
+        """The camera as plain numbers for a session, None without a mesh."""
+        return self._drawing.camera_state()
+
+    def set_camera(self, state: dict[str, Any]) -> None:
+        """Look from where `camera` was taken; ValueError if that is not a camera."""
+        self._drawing.view = View.from_json(state)
+        self._user_moved_camera = True
+        self._canvas.update()
+
+    def _set_view(self, view: View) -> None:
+        self._drawing.view = view
+        self._user_moved_camera = True
+        self._moves()
+
+    # -- pictures and places ----------------------------------------------------------------
+
+    def picture(
+        self, size: tuple[int, int] | None = None, transparent: bool = False
+    ) -> npt.NDArray[np.uint8]:
+        """What is on the screen as RGBA of shape (height, width, 4), at any size."""
+        return draw_picture(
+            self._drawing.twin(), size or self._canvas.pixels()[:2], transparent=transparent
+        )
+
+    def display_point(self, vertex: int) -> QPoint:
+        """Where a vertex is on this widget."""
+        width, height, ratio = self._canvas.pixels()
+        x, y, _ = self._drawing.view.to_pixels(self.mesh.vertices[vertex], width, height)[0]
+        return QPoint(round(x / ratio - 0.5), round((height - y) / ratio - 0.5))
+
+    def vertex_at(self, x: float, y: float) -> int:
+        """Vertex that is drawn at a place of this widget, -1 for none."""
+        drawing = self._drawing
+        if drawing.picker is None or drawing.view is None:
+            return -1
+        width, height, _ = self._canvas.pixels()
+        through = drawing.view.from_pixels(*self._canvas.to_pixels(x, y), width, height)
+        return drawing.picker.vertex(through - drawing.centre, drawing.view.axes[2])
+
+    @property
+    def can_pick(self) -> bool:
+        """Whether the search structure for picking is there."""
+        return self._drawing.picker is not None and self._drawing.picker.ready
+
+    def _poll_picking(self) -> None:
+        if self.can_pick:
+            self._picking_poll.stop()
+            self._canvas.update()  # pins know now whether they are hidden
+            self.picking_ready.emit()
+
+    # -- frames -----------------------------------------------------------------------------
+
+    def _moves(self) -> None:
+        """Something moves: a frame is due, and one in full when it has come to rest."""
+        if self._is_slow():
+            self._rest.start()
+            self._set_hovered(-1)
+        self._canvas.update()
+
+    def _come_to_rest(self) -> None:
+        if self._canvas.dragging:
+            self._rest.start()
+        else:
+            self._canvas.update()
+
+    def _is_slow(self) -> bool:
+        return self._full_frame is not None and self._full_frame > SLOW_FRAME
+
+    def _draw_frame(self) -> None:
+        """Draw now; only the canvas calls it, when Qt says that a frame is due."""
+        if self._closed:
+            return
+        drawing, window = self._drawing, self._canvas.window
+        coarse = self._rest.isActive() and drawing.coarse is not None
+        drawing.show_coarse(coarse)
+        # Smooth edges cost a software renderer as much again: they wait for rest, too.
+        window.SetMultiSamples(0 if coarse else 4)
+        started = perf_counter()
+        drawing.prepare(*self._canvas.pixels())
+        window.Render()
+        window.WaitForCompletion()  # a graphics card would otherwise look fast and be late
+        took = perf_counter() - started
+        if self._first:
+            # The first one also compiles shaders, and says nothing about the next.
+            self._first = False
+            self.first_frame.emit()
+        elif drawing.surface is not None and not coarse:
+            self._full_frame = took
+            if self._is_slow() and not self._coarse_asked:
+                self._ask_coarse()
+
+    def _ask_coarse(self) -> None:
+        """Make a stand-in for slow frames, if the mesh is large enough for it to help."""
+        self._coarse_asked = True
+        mesh = self._drawing.mesh
+        if mesh.n_vertices > 2 * COARSE_VERTICES:
+            self._run(
+                "coarse", lambda: cluster_vertices(mesh.vertices, mesh.faces, COARSE_VERTICES)
+            )
+
+    def _compute_lines(self) -> None:
+        mesh, values, centre = self._drawing.mesh, self._line_values, self._drawing.centre
+
+        def compute() -> npt.NDArray[np.float32]:
+            return (nodal_lines(mesh.vertices, mesh.faces, values) - centre).astype(np.float32)
+
+        self._run("lines", compute, values)
+
+    def _run(self, what: str, compute: Any, key: Any = None) -> None:
+        """Compute in the pool; `_take_computed` gets the result on this thread."""
+        generation, computed = self._generation, self._computed
+        self._pool.start(lambda: computed.emit((what, generation), key, compute()))
+
+    def _take_computed(self, what: tuple[str, int], key: Any, result: Any) -> None:
+        if self._closed or what[1] != self._generation:
+            return
+        if what[0] == "coarse":
+            self._drawing.set_coarse(result)
+        elif key is self._line_values:
+            self._drawing.set_segments(result)
+            self._canvas.update()
+
+    # -- the mouse --------------------------------------------------------------------------
+
+    def _dragged(self, how: str, dx: float, dy: float) -> None:
+        view = self._drawing.view
+        if view is None:
+            return
+        width, height, ratio = self._canvas.pixels()
+        angle = np.pi * ratio / min(width, height)
+        if how == "shift":
+            self._set_view(view.moved(ratio * dx, ratio * dy, width, height))
+        elif how == "roll":
+            self._set_view(view.turned(0.0, 0.0, angle * dx))
+        else:
+            self._set_view(view.turned(angle * dx, angle * dy))
+
+    def _wheeled(self, notches: float, at: QPointF) -> None:
+        view = self._drawing.view
+        if view is not None:
+            width, height, _ = self._canvas.pixels()
+            x, y = self._canvas.to_pixels(at.x(), at.y())
+            self._set_view(view.zoomed(1.15**notches, x, y, width, height))
+
+    def _hover(self) -> None:
+        inside = self._canvas.pointer
+        if inside is None or self._canvas.dragging:
+            self._set_hovered(-1)
+        else:
+            self._set_hovered(self.vertex_at(inside.x(), inside.y()))
+
+    def _set_hovered(self, vertex: int) -> None:
+        if vertex >= 0:
+            self._ring.show_at(self.display_point(vertex))
+        else:
+            self._ring.hide()
+        if vertex != self._hovered:
+            self._hovered = vertex
+            self.vertex_hovered.emit(vertex)
+
+    def _clicked(self, at: QPointF) -> None:
+        vertex = self.vertex_at(at.x(), at.y())
+        if vertex >= 0:
+            self.vertex_clicked.emit(vertex)
+
+    def _centre_on(self, at: QPointF) -> None:
+        vertex = self.vertex_at(at.x(), at.y())
+        if vertex >= 0:
+            view = self._drawing.view
+            self._set_view(View(self.mesh.vertices[vertex], view.axes, view.half_size))
+
+    def _resized(self) -> None:
+        if self._drawing.view is not None and not self._user_moved_camera:
+            self._drawing.fit_view(self._drawing.view.axes, *self._canvas.pixels())
+        self._set_hovered(-1)
+
+    # -- the end ----------------------------------------------------------------------------
+
+    def closeEvent(self, event: QEvent) -> None:
+        """Let go of the graphics, once; nothing is drawn afterwards."""
+        self.release()
+        super().closeEvent(event)
+
+    def release(self) -> None:
+        """Wait for the threads and free what the graphics card holds."""
+        if self._closed:
+            return
+        self._closed = True
+        for timer in (self._rest, self._line_delay, self._hover_delay, self._picking_poll):
+            timer.stop()
+        self._ring.hide()
+        self._pool.waitForDone()
+        if self._drawing.picker is not None:
+            self._drawing.picker.wait()
+        self._canvas.window.RemoveRenderer(self._drawing.renderer)
+        self._canvas.close()
+        self._drawing.set_mesh(None, None)

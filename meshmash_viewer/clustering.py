@@ -1,0 +1,102 @@
+"""A coarse stand-in of a mesh, made of some of its own vertices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["CoarseMesh", "cluster_vertices"]
+
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class CoarseMesh:
+    """Faces between representatives, so that a field on the mesh is only picked, not computed.
+
+    Parameters
+    ----------
+    representatives : ndarray of int64, shape (c,)
+        Vertex of the full mesh that each coarse vertex is; rising.
+    faces : ndarray of int64, shape (m, 3)
+        Indices into `representatives`.
+    """
+
+    representatives: IntArray
+    faces: IntArray
+
+
+def cluster_vertices(
+    vertices: npt.NDArray[np.floating], faces: npt.NDArray[np.integer], count: int
+) -> CoarseMesh:
+    """Merge the vertices that share a cell of a regular grid (Rossignac & Borrel 1993).
+
+    Each cell is represented by its vertex nearest to the cell's mean; faces that no longer span
+    three cells go, and so do copies. Time is that of one sort of the vertices and one of the
+    faces left.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (n, 3)
+    faces : ndarray of int, shape (m, 3)
+    count : int
+        About how many cells the surface should meet.
+
+    Returns
+    -------
+    CoarseMesh
+    """
+    used = np.zeros(len(vertices), dtype=bool)
+    used[faces.ravel()] = True
+    members = np.flatnonzero(used)
+    points = vertices[members].astype(np.float64)
+    points -= points.min(axis=0)
+    size = float(points.max()) or 1.0
+    # Cells met by a surface grow with its area over the cell's: one trial gives the constant.
+    cells_per_side = max(2.0, np.sqrt(count / 4.0))
+    for _ in range(3):
+        met = len(np.unique(_keys(points[:: max(1, len(points) // 200_000)], size, cells_per_side)))
+        cells_per_side = float(np.clip(cells_per_side * np.sqrt(count / max(met, 1)), 1.0, 2e6))
+    keys = _keys(points, size, cells_per_side)
+    order = np.argsort(keys, kind="stable")
+    ordered = keys[order]
+    first = np.flatnonzero(np.r_[True, ordered[1:] != ordered[:-1]])
+    cluster = np.empty(len(points), dtype=np.int64)
+    sizes = np.diff(np.r_[first, len(points)])
+    cluster[order] = np.repeat(np.arange(len(first)), sizes)
+    means = np.stack([np.bincount(cluster, points[:, axis]) for axis in range(3)], axis=1)
+    means /= sizes[:, None]
+    distance = ((points - means[cluster]) ** 2).sum(axis=1)
+    nearest = np.lexsort((distance, cluster))[first]
+    chosen = members[nearest]
+    # Rising order of representatives keeps picking a field's values kind to the memory.
+    rank = np.empty(len(chosen), dtype=np.int64)
+    rising = np.argsort(chosen, kind="stable")
+    rank[rising] = np.arange(len(chosen))
+    coarse_of = np.full(len(vertices), -1, dtype=np.int64)
+    coarse_of[members] = rank[cluster]
+    corners = coarse_of[faces]
+    a, b, c = corners.T
+    corners = corners[(a != b) & (b != c) & (c != a)]
+    if len(corners):
+        # Turn each face so that its smallest corner leads: copies are then equal rows.
+        turn = np.argmin(corners, axis=1)
+        row = np.arange(len(corners))[:, None]
+        corners = corners[row, (turn[:, None] + np.arange(3)) % 3]
+        _, unique = np.unique(corners @ _strides(len(chosen)), return_index=True)
+        corners = corners[unique]
+    return CoarseMesh(chosen[rising], corners)
+
+
+def _keys(points: npt.NDArray[np.float64], size: float, per_side: float) -> IntArray:
+    """The number of each point's cell."""
+    cells = np.minimum((points * (per_side / size)).astype(np.int64), int(per_side))
+    side = int(per_side) + 1
+    return np.asarray((cells[:, 0] * side + cells[:, 1]) * side + cells[:, 2])
+
+
+def _strides(count: int) -> IntArray:
+    """Weights that make one integer of three indices below `count` (at most two million)."""
+    return np.array([count * count, count, 1], dtype=np.int64)

@@ -1,0 +1,53 @@
+"""Nodal lines: where a function on the vertices is zero, by marching triangles."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["nodal_lines"]
+
+
+def nodal_lines(
+    vertices: npt.NDArray[np.floating],
+    faces: npt.NDArray[np.integer],
+    values: npt.NDArray[np.floating],
+) -> npt.NDArray[np.floating]:
+    """Segments along which the linear interpolation of `values` is zero.
+
+    A vertex of value zero counts as positive, so that each face that is crossed gives exactly one
+    segment and the segments of neighbouring faces meet. Faces with a vertex that is not finite
+    give none.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (n, 3)
+    faces : ndarray of int, shape (m, 3)
+    values : ndarray, shape (n,)
+
+    Returns
+    -------
+    ndarray, shape (s, 2, 3), dtype of `vertices`
+        Both ends of each segment.
+    """
+    values = np.asarray(values)
+    with np.errstate(invalid="ignore"):
+        # One byte a vertex: 0 below, 1 above, 4 unknown. The sum over a face tells all.
+        side = (values >= 0.0).astype(np.uint8)
+    side[~np.isfinite(values)] = 4
+    corners = side[faces]
+    count = corners[:, 0] + corners[:, 1] + corners[:, 2]
+    crossed = np.flatnonzero((count == 1) | (count == 2))
+    kept, count, corners = faces[crossed], count[crossed], corners[crossed]
+    # The lone corner is the only 1 among zeros, or the only 0 among ones.
+    lone = np.argmax(corners == np.where(count == 1, 1, 0)[:, None], axis=1)
+    row = np.arange(len(kept))
+    apex, left, right = (kept[row, (lone + turn) % 3] for turn in range(3))
+    segments = np.empty((len(kept), 2, 3), dtype=vertices.dtype)
+    for end, other in enumerate((left, right)):
+        # In double precision: the difference of two tiny float32 values may underflow.
+        a, b = values[apex].astype(np.float64), values[other].astype(np.float64)
+        # Signs differ, so the denominator is zero only if both are: 0 counts as positive.
+        share = (a / (a - b)).astype(vertices.dtype)[:, None]
+        segments[:, end] = (1 - share) * vertices[apex] + share * vertices[other]
+    return segments
