@@ -4,11 +4,31 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from meshmash_viewer.filters import hks_time_range
 from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.spectrum import Spectrum
 
-__all__ = ["band_range", "hks_range", "hks_time", "resolved_from"]
+__all__ = [
+    "band_range",
+    "first_nonzero",
+    "hks_range",
+    "hks_time",
+    "required_eigenvalue",
+    "resolved_from",
+]
+
+
+def first_nonzero(spectrum: Spectrum) -> int:
+    """Index of the first eigenvalue that is more than rounding; their number if there is none.
+
+    Without one there is no scale to take times or bands from.
+    """
+    values = spectrum.eigenvalues
+    if not len(values):
+        return 0
+    return int(np.searchsorted(values, 1e-10 * abs(float(values[-1])), side="right"))
 
 
 def hks_range(spectrum: Spectrum, display: Display) -> tuple[float, float]:
@@ -38,9 +58,18 @@ def hks_time(spectrum: Spectrum, display: Display) -> float:
 
 
 def resolved_from(spectrum: Spectrum) -> float:
-    """Time from which the known pairs tell the whole HKS: ``exp(-λ_max t) <= 1e-4``."""
+    """Time from which the known pairs tell the whole HKS: ``exp(-λ_max t) <= 1e-4``.
+
+    Weyl's law spreads λ evenly, so that is the share of the heat trace which the pairs beyond the
+    last one hold. The automatic range begins here.
+    """
     largest = float(spectrum.eigenvalues[-1])
     return 4.0 * math.log(10.0) / largest if largest > 0.0 else math.inf
+
+
+def required_eigenvalue(time: float) -> float:
+    """Largest eigenvalue that has to be known for a time to be told whole (`resolved_from`)."""
+    return 4.0 * math.log(10.0) / time
 
 
 def band_range(spectrum: Spectrum, display: Display) -> tuple[float, float]:
