@@ -1,0 +1,390 @@
+"""The main window: its docks, and which part listens to which."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtGui import (
+    QCloseEvent,
+    QDragEnterEvent,
+    QDragLeaveEvent,
+    QDropEvent,
+    QGuiApplication,
+)
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QApplication,
+    QComboBox,
+    QDockWidget,
+    QLabel,
+    QMainWindow,
+    QTabBar,
+    QToolBar,
+    QWidget,
+)
+
+from meshmash_viewer.app import icons, theme
+from meshmash_viewer.app.actions import Actions
+from meshmash_viewer.app.commands import Commands
+from meshmash_viewer.app.field_source import FieldSource
+from meshmash_viewer.app.mesh_panel import MeshPanel
+from meshmash_viewer.app.settings import Settings
+from meshmash_viewer.app.stage import Stage
+from meshmash_viewer.app.tasks import Tasks
+from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.field import Field
+from meshmash_viewer.model.jobs import DecomposeJob, ReadJob
+from meshmash_viewer.model.limits import automatic_limits
+from meshmash_viewer.units import format_quantity
+
+__all__ = ["MainWindow"]
+
+_LAYOUT_VERSION = 1
+
+
+class MainWindow(QMainWindow):
+    """One document in one window.
+
+    Parameters
+    ----------
+    document : Document, optional
+        A new one if none is given.
+    fresh : bool
+        Whether to ignore the stored settings.
+    deferred : bool
+        Whether the render and the plots are left out until `load` is called, so that the window
+        can be on the screen before their libraries are.
+    """
+
+    def __init__(
+        self, document: Document | None = None, fresh: bool = False, *, deferred: bool = False
+    ) -> None:
+        super().__init__()
+        self.setObjectName("main_window")
+        self.setWindowTitle("MeshMash Viewer")
+        self.setWindowIcon(icons.application_icon())
+        self.setAcceptDrops(True)
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose, False)
+        self.document = document or Document()
+        self.settings = Settings(fresh)
+        application = QApplication.instance()
+        theme.set_mode(self.settings.theme)
+        theme.apply(application)
+
+        self.loaded = False
+        self._closed = False
+        self._shown_mesh = ""
+        self._started_at: tuple[float, int] = (0.0, 0)
+        self.stage = Stage()
+        self.setCentralWidget(self.stage)
+        self.mesh_panel = MeshPanel(self.document)
+        self.mesh_panel.seconds_rate = self.settings.seconds_rate
+        self.actions_ = Actions(self)
+        self.menus = self.actions_.fill_menus(self)
+        self._build_docks()
+        self._build_toolbar()
+        self._build_status_bar()
+        self.tasks = Tasks(self.document, self)
+        self.commands = Commands(self)
+        self._listen_to_document()
+        theme.notifier().changed.connect(self._on_theme_changed)
+        application.installEventFilter(self)
+        self._place()
+        self._on_mesh_changed()
+        if not deferred:
+            self.load()
+
+    # -- building -----------------------------------------------------------------------------
+
+    def _build_docks(self) -> None:
+        self.setDockNestingEnabled(True)
+        for corner, area in (
+            (Qt.Corner.BottomLeftCorner, Qt.DockWidgetArea.LeftDockWidgetArea),
+            (Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea),
+        ):
+            self.setCorner(corner, area)
+        self.docks: dict[str, QDockWidget] = {}
+        areas = Qt.DockWidgetArea
+        for name, title, area in (
+            ("mesh", "Mesh", areas.LeftDockWidgetArea),
+            ("field", "Field", areas.RightDockWidgetArea),
+            ("spectrum", "Spectrum", areas.BottomDockWidgetArea),
+            ("profile", "Profiles", areas.BottomDockWidgetArea),
+        ):
+            dock = QDockWidget(title, self, objectName=f"{name}_dock")
+            dock.setAccessibleName(title)
+            dock.setWidget(QWidget())
+            self.addDockWidget(area, dock)
+            self.docks[name] = dock
+            self.menus["View"].insertAction(self.actions_["reset_camera"], dock.toggleViewAction())
+        self.splitDockWidget(
+            self.docks["spectrum"], self.docks["profile"], Qt.Orientation.Horizontal
+        )
+        self.docks["mesh"].setWidget(self.mesh_panel)
+        self._first_state = None
+
+    def _build_toolbar(self) -> None:
+        self.toolbar = QToolBar("Toolbar", self, objectName="toolbar")
+        self.toolbar.setMovable(False)
+        self.toolbar.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
+        self.toolbar.setContextMenuPolicy(Qt.ContextMenuPolicy.PreventContextMenu)
+        self.actions_.fill_toolbar(self.toolbar)
+        self.addToolBar(self.toolbar)
+
+    def _build_status_bar(self) -> None:
+        self.hover_label = QLabel(objectName="hover_label")
+        self.hover_label.setAccessibleName("Vertex under the pointer")
+        self.hover_label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.statusBar().setSizeGripEnabled(False)
+        self.statusBar().addPermanentWidget(self.hover_label, 1)
+
+    def _place(self) -> None:
+        """Take the size of last time, or a good part of the screen."""
+        screen = QGuiApplication.primaryScreen().availableGeometry()
+        self.resize(min(1440, screen.width() - 40), min(900, screen.height() - 60))
+        self.reset_layout()
+        layout = self.settings.layout
+        if layout is not None:
+            self.restoreGeometry(layout[0])
+            self.restoreState(layout[1], _LAYOUT_VERSION)
+
+    def reset_layout(self) -> None:
+        """Put the panels where they are on the first day."""
+        if self._first_state is None:
+            self._first_state = self.saveState(_LAYOUT_VERSION)
+        self.restoreState(self._first_state, _LAYOUT_VERSION)
+        sides = [self.docks["mesh"], self.docks["field"]]
+        self.resizeDocks(sides, [290, 300], Qt.Orientation.Horizontal)
+        below = [self.docks["spectrum"], self.docks["profile"]]
+        self.resizeDocks(below, [230, 230], Qt.Orientation.Vertical)
+        self.resizeDocks(below, [400, 400], Qt.Orientation.Horizontal)
+
+    def load(self) -> None:
+        """Build the render and the plots; importing their libraries takes a moment."""
+        if self.loaded or self._closed:
+            return
+        from meshmash_viewer.app.field_panel import FieldPanel
+        from meshmash_viewer.app.profile_panel import ProfilePanel
+        from meshmash_viewer.app.scene import Scene
+        from meshmash_viewer.app.spectrum_panel import SpectrumPanel
+
+        self.scene = Scene(self.document, self.stage)
+        self.stage.set_scene(self.scene)
+        self.field_panel = FieldPanel(self.document)
+        self.spectrum_panel = SpectrumPanel(self.document)
+        self.profile_panel = ProfilePanel(self.document)
+        for name in ("field", "spectrum", "profile"):
+            placeholder = self.docks[name].widget()
+            self.docks[name].setWidget(getattr(self, f"{name}_panel"))
+            placeholder.deleteLater()
+        self.field_source = FieldSource(self.document, self)
+        self.field_source.field_ready.connect(self._on_field)
+        self.field_source.failed.connect(
+            lambda text: self.document.notify(Notice(text, Severity.ERROR))
+        )
+        self.scene.vertex_clicked.connect(self.document.toggle_pin)
+        self.scene.vertex_hovered.connect(self._on_hover)
+        self.scene.stepped.connect(self.commands.step)
+        display = self.document.display
+        for event in ("limits", "diverging_colormap", "sequential_colormap", "nodal_lines"):
+            getattr(display.events, event).connect(self._show_field)
+        self.loaded = True
+        self.stage.welcome.set_loading("")
+        if self._first_state is not None and self.settings.layout is None:
+            self.reset_layout()
+        self.scene.set_theme(theme.is_dark())
+        self._on_mesh_changed()
+        self._on_pins_changed()
+        self.field_source.refresh()
+
+    # -- wiring -------------------------------------------------------------------------------
+
+    def _listen_to_document(self) -> None:
+        document = self.document
+        document.mesh_changed.connect(self._on_mesh_changed)
+        document.spectrum_changed.connect(self._refresh_actions)
+        document.pins_changed.connect(self._on_pins_changed)
+        document.job_changed.connect(self._on_job_changed)
+        document.noticed.connect(self._on_notice)
+        for name in ("nodal_lines", "playing"):
+            getattr(document.display.events, name).connect(self._refresh_actions)
+
+    def _stop_listening(self) -> None:
+        document = self.document
+        document.mesh_changed.disconnect(self._on_mesh_changed)
+        document.spectrum_changed.disconnect(self._refresh_actions)
+        document.pins_changed.disconnect(self._on_pins_changed)
+        document.job_changed.disconnect(self._on_job_changed)
+        document.noticed.disconnect(self._on_notice)
+        for name in ("nodal_lines", "playing"):
+            getattr(document.display.events, name).disconnect(self._refresh_actions)
+        if self.loaded:
+            for name in ("limits", "diverging_colormap", "sequential_colormap", "nodal_lines"):
+                getattr(document.display.events, name).disconnect(self._show_field)
+
+    def open_mesh(self, path: str | Path, unit: str = "") -> None:
+        """Read a mesh file and show it; the open one stays if that fails."""
+        self.document.open_mesh(path, unit)
+
+    def _on_mesh_changed(self) -> None:
+        ready = self.document.ready
+        name = f"{ready.mesh.name or 'Mesh in memory'} – " if ready else ""
+        self.setWindowTitle(f"{name}MeshMash Viewer")
+        if ready is not None and ready.path is not None and not ready.repair:
+            self.settings.add_recent(ready.path)
+        self.commands.refresh_recent()
+        self.hover_label.setText(self._mesh_summary())
+        if self.loaded and ready is not None:
+            self.scene.set_mesh(ready.mesh, ready.normals)
+            self._show_field()
+        self.stage.show_scene(self.loaded and ready is not None)
+        self._refresh_actions()
+
+    def _on_pins_changed(self) -> None:
+        if self.loaded:
+            self.scene.set_pins(self.document.pins)
+
+    def _on_field(self, field: Field | None) -> None:
+        self._show_field()
+
+    def _show_field(self, *_: object) -> None:
+        """Put the last field on the render, with the limits of the policy in force."""
+        field = self.field_source.field if self.document.ready is not None else None
+        display = self.document.display
+        if field is None or len(field.values) != self.document.ready.mesh.n_vertices:
+            self.scene.set_field(None, (0.0, 1.0), display.sequential_colormap)
+            self.scene.set_nodal_lines(None)
+            self.field_panel.set_field(None, (0.0, 1.0))
+            return
+        policy = display.limits or automatic_limits(signed=field.signed)
+        limits = policy.limits(field.values)
+        colormap = display.diverging_colormap if field.signed else display.sequential_colormap
+        self.scene.set_field(field, limits, colormap)
+        self.scene.set_nodal_lines(field.values if display.nodal_lines and field.signed else None)
+        self.field_panel.set_field(field, limits)
+
+    def _on_hover(self, vertex: int) -> None:
+        ready = self.document.ready
+        if ready is None or vertex < 0:
+            self.hover_label.setText(self._mesh_summary())
+            return
+        unit = ready.mesh.unit
+        place = ", ".join(f"{x:.6g}" for x in ready.mesh.vertices[vertex])
+        parts = [f"Vertex {vertex:,}"]
+        field = self.field_source.field
+        if field is not None and vertex < len(field.values):
+            parts.append(
+                f"value {format_quantity(float(field.values[vertex]), '', digits=5)}"
+                f" {field.unit}".rstrip()
+            )
+        parts.append(f"at ({place}) {unit}".rstrip())
+        parts.append("click to pin")
+        self.hover_label.setText("  ·  ".join(parts))
+
+    def _mesh_summary(self) -> str:
+        ready = self.document.ready
+        if ready is None:
+            return ""
+        health = ready.health
+        unit = ready.mesh.unit or "no unit"
+        return f"{health.n_vertices:,} vertices  ·  {health.n_faces:,} faces  ·  {unit}"
+
+    def _on_notice(self, notice: Notice) -> None:
+        self.stage.message_bar.show_notice(notice)
+
+    def _on_job_changed(self) -> None:
+        """Learn how fast this machine solves, and follow what may be done now."""
+        state, spectrum = self.document.job, self.document.spectrum
+        if state is not None and isinstance(state.job, DecomposeJob):
+            if self._started_at[1] != id(state.job):
+                self._started_at = (time.monotonic(), id(state.job))
+        elif state is None and self._started_at[1]:
+            took = time.monotonic() - self._started_at[0]
+            self._started_at = (0.0, 0)
+            # short runs, and those that only read the store, say nothing about speed
+            if spectrum is not None and spectrum.complete and took > 2.0:
+                rate = took / (spectrum.rows.shape[1] * (len(spectrum) + 15))
+                self.settings.seconds_rate = rate
+                self.mesh_panel.seconds_rate = rate
+        if state is not None and isinstance(state.job, ReadJob):
+            self.stage.welcome.set_loading(f"Reading {state.job.path.name} …")
+        elif self.loaded:
+            self.stage.welcome.set_loading("")
+        self._refresh_actions()
+
+    def _refresh_actions(self, *_: object) -> None:
+        document = self.document
+        spectrum = document.spectrum
+        self.actions_.enable(
+            mesh=document.ready is not None,
+            spectrum=self.loaded and spectrum is not None and len(spectrum) > 0,
+        )
+        running = document.job is not None
+        self.actions_["compute"].setEnabled(document.ready is not None and not running)
+        self.actions_["cancel"].setEnabled(running)
+        self.actions_["undo_repair"].setEnabled(document.can_undo and not running)
+        self.actions_["clear_pins"].setEnabled(bool(document.pins))
+        self.actions_["similar"].setEnabled(bool(document.pins) and spectrum is not None)
+        for name in ("save_picture", "copy_picture", "reset_camera", "pin"):
+            self.actions_[name].setEnabled(self.loaded and document.ready is not None)
+        self.actions_["nodal_lines"].setChecked(document.display.nodal_lines)
+        self.actions_["play"].setChecked(document.display.playing)
+
+    def _on_theme_changed(self) -> None:
+        self.actions_.refresh_icons()
+        for mode in theme.Mode:
+            self.actions_[f"theme_{mode.value}"].setChecked(theme.mode() is mode)
+        if self.loaded:
+            self.scene.set_theme(theme.is_dark())
+
+    # -- events -------------------------------------------------------------------------------
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Leave Space and the arrows to a focused control that has a use for them."""
+        if event.type() == QEvent.Type.ShortcutOverride and isinstance(watched, QWidget):
+            key = event.key()
+            buttons = (QAbstractButton, QComboBox)
+            arrows = (Qt.Key.Key_Left, Qt.Key.Key_Right, Qt.Key.Key_Home, Qt.Key.Key_End)
+            if (key == Qt.Key.Key_Space and isinstance(watched, buttons)) or (
+                key in arrows and isinstance(watched, QTabBar)
+            ):
+                event.accept()
+                return True
+        return super().eventFilter(watched, event)
+
+    def dragEnterEvent(self, event: QDragEnterEvent) -> None:
+        """Take files."""
+        if any(url.isLocalFile() for url in event.mimeData().urls()):
+            event.acceptProposedAction()
+            self.stage.welcome.set_dropping(True)
+
+    def dragLeaveEvent(self, event: QDragLeaveEvent) -> None:
+        """Nothing is dropped after all."""
+        self.stage.welcome.set_dropping(False)
+
+    def dropEvent(self, event: QDropEvent) -> None:
+        """Open the first file that was dropped: a session or a mesh."""
+        self.stage.welcome.set_dropping(False)
+        paths = [Path(url.toLocalFile()) for url in event.mimeData().urls() if url.isLocalFile()]
+        if paths:
+            event.acceptProposedAction()
+            self.commands.open_path(paths[0])
+        if len(paths) > 1:
+            self.document.notify(Notice(f"Opening {paths[0].name}; one mesh at a time."))
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """Stop what runs, leave no process and no temporary file, and forget nothing."""
+        if not self._closed:
+            self._closed = True
+            self.settings.layout = (self.saveGeometry(), self.saveState(_LAYOUT_VERSION))
+            self.document.display.playing = False
+            self._stop_listening()
+            theme.notifier().changed.disconnect(self._on_theme_changed)
+            QApplication.instance().removeEventFilter(self)
+            self.tasks.close()
+            if self.loaded:
+                self.field_source.close()
+                self.scene.close()
+        super().closeEvent(event)

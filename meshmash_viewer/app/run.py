@@ -1,0 +1,178 @@
+"""Opening the window: from the command line, or on a mesh in memory."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QObject, QTimer
+from PySide6.QtGui import QFont
+from PySide6.QtWidgets import QApplication
+
+from meshmash_viewer.app import icons, theme
+
+if TYPE_CHECKING:
+    from meshmash_viewer.app.main_window import MainWindow
+    from meshmash_viewer.mesh import MeshLike
+
+__all__ = ["application", "run_app", "view"]
+
+#: What the window waits for, and what it says meanwhile.
+_LIBRARIES = (
+    ("meshmash_viewer.app.scene", "Loading the render …"),
+    ("meshmash_viewer.app.spectrum_panel", "Loading the plots …"),
+    ("meshmash_viewer.app.profile_panel", "Loading the plots …"),
+    ("meshmash_viewer.app.field_panel", "Loading the controls …"),
+)
+#: Windows opened by `view`, which nobody else may hold.
+_windows: list[MainWindow] = []
+
+
+def application() -> QApplication:
+    """The application of this process, made and dressed if there is none."""
+    existing = QApplication.instance()
+    if isinstance(existing, QApplication):
+        return existing
+    made = QApplication(sys.argv[:1] or ["meshmash-viewer"])
+    made.setApplicationName("meshmash-viewer")
+    made.setApplicationDisplayName("")
+    made.setDesktopFileName("meshmash-viewer")
+    made.setWindowIcon(icons.application_icon())
+    if made.font().pointSizeF() < 9.0:
+        font = QFont(made.font())
+        font.setPointSizeF(9.0)
+        made.setFont(font)
+    theme.apply(made)
+    return made
+
+
+def run_app(argv: Sequence[str] | None = None) -> int:
+    """Open the window and stay until it is closed.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        ``[MESH] [--unit UNIT] [--fresh]``; the process's own arguments if not given.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    parser = argparse.ArgumentParser(prog="meshmash-viewer")
+    parser.add_argument("mesh", nargs="*", type=Path, help="mesh or session file to open")
+    parser.add_argument("--unit", default="", help='nm, µm, mm, m, none, or a voxel like "8 nm"')
+    parser.add_argument("--fresh", action="store_true", help="ignore stored settings")
+    options = parser.parse_args(argv)
+
+    app = application()
+    # Ctrl+C in the terminal closes the window as its cross does
+    signal.signal(signal.SIGINT, lambda *_: QApplication.closeAllWindows())
+    pulse = QTimer(interval=200)
+    pulse.timeout.connect(lambda: None)
+    pulse.start()
+
+    from meshmash_viewer.app.main_window import MainWindow
+
+    window = MainWindow(fresh=options.fresh, deferred=True)
+    window.show()
+    _Loader(window)
+    if options.mesh:
+        first = options.mesh[0]
+        if options.unit:
+            window.open_mesh(first, options.unit)
+        else:
+            window.commands.open_path(first)
+    status = app.exec()
+    pulse.stop()
+    return status
+
+
+def view(
+    mesh: MeshLike, *, unit: str = "", name: str = "", block: bool | None = None
+) -> MainWindow:
+    """Open the window on a mesh in memory, from a script or a notebook.
+
+    Parameters
+    ----------
+    mesh : MeshLike
+        ``(vertices, faces)``, a `Mesh`, a ``trimesh.Trimesh`` or a pyvista ``PolyData``.
+    unit : str
+        Length unit of its coordinates, unless the mesh states one.
+    name : str
+        What the window calls it.
+    block : bool, optional
+        Whether to wait until the window is closed. By default a script waits and a notebook (with
+        ``%gui qt``) does not.
+
+    Returns
+    -------
+    MainWindow
+        Its `document` can be read and driven from the script.
+    """
+    from meshmash_viewer.mesh import Mesh, as_mesh
+    from meshmash_viewer.units import parse_unit
+
+    taken = as_mesh(mesh)
+    if unit or name:
+        factor, length_unit = parse_unit(unit or taken.unit)
+        taken = Mesh(taken.vertices * factor, taken.faces, length_unit, name or taken.name)
+    app = application()
+
+    from meshmash_viewer.app.main_window import MainWindow
+
+    window = MainWindow()
+    window.document.show_mesh(taken)
+    window.show()
+    _windows.append(window)
+    window.destroyed.connect(lambda: None)
+    if block if block is not None else not _has_prompt():
+        app.exec()
+    return window
+
+
+def _has_prompt() -> bool:
+    """Whether somebody types while the window is open."""
+    return hasattr(sys, "ps1") or "IPython" in sys.modules or bool(sys.flags.interactive)
+
+
+class _Loader(QObject):
+    """Imports heavy libraries behind the window that is already there, then completes it."""
+
+    def __init__(self, window: MainWindow) -> None:
+        super().__init__(window)
+        self._window = window
+        self._stage = ""
+        self._fault: BaseException | None = None
+        self._thread = threading.Thread(target=self._import, name="import", daemon=True)
+        self._timer = QTimer(self, interval=30)
+        self._timer.timeout.connect(self._poll)
+        # the first picture of the window goes first
+        QTimer.singleShot(0, self._start)
+
+    def _start(self) -> None:
+        self._thread.start()
+        self._timer.start()
+
+    def _import(self) -> None:
+        try:
+            for module, text in _LIBRARIES:
+                self._stage = text
+                importlib.import_module(module)
+        except BaseException as fault:  # noqa: BLE001  raised again where it is seen
+            self._fault = fault
+
+    def _poll(self) -> None:
+        if self._thread.is_alive():
+            self._window.stage.welcome.set_loading(self._stage)
+            return
+        self._timer.stop()
+        if self._fault is not None:
+            raise self._fault
+        self._window.load()

@@ -1,0 +1,98 @@
+"""What the window remembers from one run to the next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from PySide6.QtCore import QByteArray, QSettings
+
+from meshmash_viewer.app.theme import Mode
+
+__all__ = ["Settings"]
+
+_RECENT_KEPT = 10
+
+
+class Settings:
+    """Recent files, theme, layout and the speed of the last solve.
+
+    Parameters
+    ----------
+    fresh : bool
+        Whether to start as on the first day, and to leave what is stored as it is.
+    """
+
+    def __init__(self, fresh: bool = False) -> None:
+        self._store = None if fresh else QSettings("meshmash-viewer", "meshmash-viewer")
+        self._kept: dict[str, object] = {}
+
+    def _get(self, key: str) -> object:
+        if self._store is None:
+            return self._kept.get(key)
+        return self._store.value(key)
+
+    def _set(self, key: str, value: object) -> None:
+        if self._store is None:
+            self._kept[key] = value
+        else:
+            self._store.setValue(key, value)
+
+    @property
+    def recent(self) -> list[Path]:
+        """Mesh files opened before that are still there, newest first."""
+        stored = self._get("recent")
+        # one string comes back as a string, not as a list of one
+        texts = [stored] if isinstance(stored, str) else stored or []
+        return [path for path in map(Path, texts) if path.exists()]  # type: ignore[arg-type]
+
+    def add_recent(self, path: Path) -> None:
+        """Put a file first."""
+        path = path.absolute()
+        kept = [path, *(other for other in self.recent if other != path)][:_RECENT_KEPT]
+        self._set("recent", [str(each) for each in kept])
+
+    @property
+    def folder(self) -> Path:
+        """Where the last file was opened or saved."""
+        folder = Path(str(self._get("folder") or Path.home()))
+        return folder if folder.is_dir() else Path.home()
+
+    @folder.setter
+    def folder(self, folder: Path) -> None:
+        self._set("folder", str(folder))
+
+    @property
+    def theme(self) -> Mode:
+        """Light, dark, or as the system is."""
+        stored = self._get("theme")
+        return Mode(stored) if stored in set(Mode) else Mode.SYSTEM
+
+    @theme.setter
+    def theme(self, mode: Mode) -> None:
+        self._set("theme", mode.value)
+
+    @property
+    def seconds_rate(self) -> float | None:
+        """Seconds a vertex and pair of the last solve on this machine."""
+        try:
+            rate = float(str(self._get("seconds_rate")))
+        except ValueError:
+            return None
+        return rate if 0.0 < rate < 1.0 else None
+
+    @seconds_rate.setter
+    def seconds_rate(self, rate: float) -> None:
+        self._set("seconds_rate", rate)
+
+    @property
+    def layout(self) -> tuple[QByteArray, QByteArray] | None:
+        """Geometry and state of the main window."""
+        geometry, state = self._get("geometry"), self._get("state")
+        if isinstance(geometry, QByteArray) and isinstance(state, QByteArray):
+            return geometry, state
+        return None
+
+    @layout.setter
+    def layout(self, layout: tuple[QByteArray, QByteArray]) -> None:
+        self._set("geometry", layout[0])
+        self._set("state", layout[1])

@@ -1,0 +1,38 @@
+"""The middle of the window: the welcome or the render, with the message bar over it."""
+
+from __future__ import annotations
+
+from PySide6.QtWidgets import QStackedLayout, QWidget
+
+from meshmash_viewer.app.message_bar import MessageBar
+from meshmash_viewer.app.welcome import Welcome
+
+__all__ = ["Stage"]
+
+
+class Stage(QWidget):
+    """Shows one of two pages; the message bar floats over either."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("stage")
+        self.setMinimumSize(320, 240)
+        self._pages = QStackedLayout(self)
+        self.welcome = Welcome()
+        self._pages.addWidget(self.welcome)
+        self._scene: QWidget | None = None
+        self.message_bar = MessageBar(self)
+
+    def set_scene(self, scene: QWidget) -> None:
+        """Take the render as the second page."""
+        self._scene = scene
+        self._pages.addWidget(scene)
+        self.message_bar.raise_()
+
+    def show_scene(self, shown: bool) -> None:
+        """Show the render, or the welcome."""
+        page = self._scene if shown and self._scene is not None else self.welcome
+        if self._pages.currentWidget() is not page:
+            self._pages.setCurrentWidget(page)
+        if self.message_bar.isVisible():
+            self.message_bar.raise_()
