@@ -1,0 +1,183 @@
+"""Controls of the heat kernel signature on the render."""
+
+from __future__ import annotations
+
+import math
+
+from PySide6.QtWidgets import (
+    QHBoxLayout,
+    QLabel,
+    QSpinBox,
+    QVBoxLayout,
+    QWidget,
+)
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.facts import Facts, note, show_note
+from meshmash_viewer.app.listening import listen
+from meshmash_viewer.app.play_button import PlayButton
+from meshmash_viewer.app.range_box import RangeBox
+from meshmash_viewer.app.scale_marks import decade_marks
+from meshmash_viewer.app.step_slider import StepSlider
+from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.ranges import (
+    first_nonzero,
+    hks_range,
+    hks_time,
+    required_eigenvalue,
+    resolved_from,
+)
+from meshmash_viewer.units import format_quantity, power_unit
+from meshmash_viewer.weyl import weyl_count
+
+__all__ = ["HksTab"]
+
+#: Positions of the slider: finer than a pixel.
+_POSITIONS = 1000
+
+
+class HksTab(QWidget):
+    """Choose a time, in log scale, its range, and the number of times that are exported."""
+
+    kind = FieldKind.HKS
+
+    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._document = document
+        self._build()
+        listen(document.spectrum_changed, self.refresh)
+        listen(document.display.events, self.refresh)
+        self.refresh()
+
+    def _build(self) -> None:
+        column = QVBoxLayout(self)
+        column.setContentsMargins(theme.MARGIN, theme.MARGIN, theme.MARGIN, theme.GAP)
+        column.setSpacing(theme.GAP)
+        self.title = theme.with_role(QLabel(self), "title")
+        self.title.setObjectName("hks_time_label")
+        self.title.setAccessibleName("Time of the heat kernel signature")
+        column.addWidget(self.title)
+        self.slider = StepSlider(self)
+        self.slider.setObjectName("hks_time_slider")
+        self.slider.setAccessibleName("Time, in log scale")
+        self.slider.setRange(0, _POSITIONS)
+        self.slider.valueChanged.connect(self._choose)
+        column.addWidget(self.slider)
+
+        row = QHBoxLayout()
+        row.setSpacing(theme.GAP)
+        self.play_button = PlayButton(self._document, "hks_play_button", self)
+        self.facts = Facts({"hks_length_label": "Length √t"}, self)
+        row.addWidget(self.facts, 1)
+        row.addWidget(self.play_button)
+        column.addLayout(row)
+        self.missing_note = note("hks_missing_label", "warning", self)
+        column.addWidget(self.missing_note)
+
+        column.addWidget(theme.with_role(QLabel("Range of times", self), "heading"))
+        self.range_box = RangeBox(
+            ("hks_automatic_check", "hks_t_min_field", "hks_t_max_field"),
+            ("Automatic, from the spectrum", "Shortest", "Longest"),
+            "time",
+            self,
+            zero_allowed=False,
+        )
+        self.range_box.check.setToolTip("4 ln 10 / λ_max to 4 ln 10 / λ₂ (Sun et al. 2009)")
+        self.range_box.automatic_chosen.connect(self._set_automatic)
+        self.range_box.range_given.connect(self._set_range)
+        column.addWidget(self.range_box)
+        self.scales_spin = QSpinBox(self)
+        self.scales_spin.setObjectName("hks_scales_spin")
+        self.scales_spin.setAccessibleName("Number of times")
+        self.scales_spin.setToolTip("Columns of the exported feature, evenly spaced in log t")
+        self.scales_spin.setRange(1, 1024)
+        self.scales_spin.setKeyboardTracking(False)
+        self.scales_spin.valueChanged.connect(self._set_scales)
+        line = QHBoxLayout()
+        line.addWidget(theme.with_role(QLabel("Number of times", self), "muted"))
+        line.addStretch(1)
+        line.addWidget(self.scales_spin)
+        column.addLayout(line)
+        column.addStretch(1)
+
+    # -- from the person --------------------------------------------------------------------
+
+    def _range(self) -> tuple[float, float] | None:
+        spectrum = self._document.spectrum
+        if spectrum is None or first_nonzero(spectrum) >= len(spectrum):
+            return None
+        return hks_range(spectrum, self._document.display)
+
+    def _choose(self, position: int) -> None:
+        between = self._range()
+        if between is not None:
+            low, high = between
+            share = position / self.slider.maximum()
+            self._document.display.time = low * math.exp(share * math.log(high / low))
+
+    def _set_automatic(self, on: bool) -> None:
+        between, display = self._range(), self._document.display
+        if not on and between is not None:
+            display.hks_t_min, display.hks_t_max = between  # go on from what was automatic
+        display.hks_automatic = on
+
+    def _set_range(self, low: float, high: float) -> None:
+        display = self._document.display
+        display.hks_t_min, display.hks_t_max = low, high
+        display.hks_automatic = False
+
+    def _set_scales(self, count: int) -> None:
+        self._document.display.hks_scales = count
+
+    # -- from the model ---------------------------------------------------------------------
+
+    def refresh(self) -> None:
+        """Show what the model holds."""
+        document, display = self._document, self._document.display
+        unit = document.mesh.unit if document.mesh is not None else ""
+        blocked = self.scales_spin.blockSignals(True)
+        self.scales_spin.setValue(display.hks_scales)
+        self.scales_spin.blockSignals(blocked)
+        between = self._range()
+        self.slider.setEnabled(between is not None)
+        one = max(round(_POSITIONS / max(display.hks_scales - 1, 1)), 1)  # a time of the feature
+        self.slider.setSingleStep(one)
+        self.slider.setPageStep(min(10 * one, _POSITIONS))
+        self.range_box.show_range(between, power_unit(unit, 2), automatic=display.hks_automatic)
+        if between is None or document.spectrum is None:
+            self._show_nothing()
+            return
+        time = hks_time(document.spectrum, display)
+        low, high = between
+        span = math.log(high / low)
+        blocked = self.slider.blockSignals(True)
+        self.slider.setValue(round(math.log(time / low) / span * self.slider.maximum()))
+        self.slider.blockSignals(blocked)
+        self.slider.set_marks(decade_marks(low, high))
+        self.title.setText(f"t = {format_quantity(time, unit, 2)}")
+        self.facts.show_value("hks_length_label", format_quantity(math.sqrt(time), unit))
+        self._mark_missing(low, high, time, resolved_from(document.spectrum))
+
+    def _show_nothing(self) -> None:
+        self.title.setText("t")
+        self.facts.show_value("hks_length_label", "")
+        self.slider.set_marks(())
+        self.slider.set_hatched(None)
+        show_note(self.missing_note, "")
+
+    def _mark_missing(self, low: float, high: float, time: float, resolved: float) -> None:
+        """Hatch the times that the pairs at hand cannot resolve, and say what would do it."""
+        if resolved <= low:
+            self.slider.set_hatched(None)
+            show_note(self.missing_note, "")
+            return
+        share = min(math.log(resolved / low) / math.log(high / low), 1.0)
+        self.slider.set_hatched((0.0, share))
+        mesh = self._document.mesh
+        unit = mesh.unit if mesh is not None else ""
+        target = required_eigenvalue(min(time, resolved) if time < resolved else low)
+        pairs = f", about {weyl_count(mesh.area, target):,.0f} pairs" if mesh is not None else ""
+        text = f"Hatched: needs more eigenpairs, up to λ = {format_quantity(target, unit, -2, 2)}"
+        where = " for this time." if time < resolved else " for all of it."
+        show_note(self.missing_note, text + pairs + where)

@@ -1,0 +1,108 @@
+"""A field for a number that may be 1e-8, with its unit."""
+
+from __future__ import annotations
+
+import math
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QFocusEvent, QKeyEvent
+from PySide6.QtWidgets import QLineEdit, QWidget
+
+from meshmash_viewer.app import theme
+
+__all__ = ["NumberField"]
+
+
+class NumberField(QLineEdit):
+    """Takes a number in any notation, with or without its unit; speaks when it is finished.
+
+    Qt's spin boxes count decimals, which is of no use for 1e-8.
+
+    Signals
+    -------
+    edited(float)
+        A person gave a new number that is allowed.
+    refused(str)
+        One sentence: what was wrong with what they gave; empty once it is mended.
+    """
+
+    edited = Signal(float)
+    refused = Signal(str)
+
+    def __init__(
+        self, name: str, accessible_name: str, parent: QWidget | None = None, *, least: float = 0.0
+    ) -> None:
+        super().__init__(parent)
+        self.setObjectName(name)
+        self.setAccessibleName(accessible_name)
+        self.setAlignment(Qt.AlignmentFlag.AlignRight)
+        self.setMinimumWidth(self.fontMetrics().horizontalAdvance("-0.0000e+00") + 16)
+        self._least = least
+        self._unit = ""
+        self._value: float | None = None
+        self._quiet = True
+        self.returnPressed.connect(self._commit)
+        self.textEdited.connect(self._forgive)
+
+    @property
+    def value(self) -> float | None:
+        """The number last shown or given."""
+        return self._value
+
+    def show_value(self, value: float | None, unit: str = "") -> None:
+        """Show what the model holds, unless someone is typing."""
+        self._unit = unit
+        if value is not None:
+            self.setToolTip(f"{self.accessibleName()}: {value:.10g} {unit}".rstrip())
+        if value == self._value and self._quiet and self.text():
+            return
+        self._value = value
+        if not (self.hasFocus() and self.isModified()):
+            self._restore()
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        """Take what was typed; if it is no number, go back to what was."""
+        self._commit()
+        self._restore()
+        super().focusOutEvent(event)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Escape goes back to what was."""
+        if event.key() == Qt.Key.Key_Escape and self.isModified():
+            self._restore()
+            return
+        super().keyPressEvent(event)
+
+    def _restore(self) -> None:
+        self._quiet = True
+        self.setText("" if self._value is None else f"{self._value:.5g}")
+        self.setModified(False)
+        self._forgive()
+
+    def _commit(self) -> None:
+        if not self.isModified():
+            return
+        text = self.text().strip().replace("−", "-").replace(",", ".")
+        if self._unit and text.endswith(self._unit):
+            text = text[: -len(self._unit)]
+        try:
+            value = float(text)
+        except ValueError:
+            self._refuse(f"{self.text().strip() or 'Nothing'} is not a number: write 3.1e5.")
+            return
+        if not math.isfinite(value) or value < self._least:
+            self._refuse(f"{self.accessibleName()} is at least {self._least:g}.")
+            return
+        self._value = value
+        self._quiet = False
+        self.setModified(False)
+        self.edited.emit(value)
+
+    def _refuse(self, sentence: str) -> None:
+        self.setStyleSheet(f"border: 1px solid {theme.palette().error};")
+        self.refused.emit(sentence)
+
+    def _forgive(self) -> None:
+        if self.styleSheet():
+            self.setStyleSheet("")
+        self.refused.emit("")
