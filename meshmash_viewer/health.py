@@ -11,10 +11,7 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import IntArray, Mesh, MeshLike, as_mesh
 
-__all__ = ["REPAIRS", "Health", "Repair", "degenerate_faces", "duplicate_faces", "mesh_health"]
-
-#: A face whose height is below this share of its longest edge has no area but rounding.
-_FLAT = 1e-12
+__all__ = ["REPAIRS", "Health", "Repair", "duplicate_faces", "mesh_health"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,19 +104,12 @@ def mesh_health(mesh: MeshLike) -> Health:
         largest_component=int(sizes.max(initial=0)),
         boundary_edges=int((faces_of_edge == 1).sum()),
         nonmanifold_edges=int((faces_of_edge > 2).sum()),
-        degenerate_faces=int(degenerate_faces(mesh).sum()),
+        degenerate_faces=int(mesh.degenerate_faces.sum()),
         duplicate_faces=int(duplicate_faces(mesh).sum()),
         unreferenced_vertices=int((~mesh.referenced).sum()),
         coincident_vertices=int((_first_at_place(mesh) != np.arange(mesh.n_vertices)).sum()),
         area=mesh.area,
     )
-
-
-def degenerate_faces(mesh: Mesh) -> npt.NDArray[np.bool_]:
-    """Tell which faces have a corner twice, or no area but for rounding, shape (m,)."""
-    a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
-    longest = np.max([np.square(p - q).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
-    return np.asarray(~mesh.distinct_corners | (2.0 * mesh.face_areas <= _FLAT * longest))
 
 
 def duplicate_faces(mesh: Mesh) -> npt.NDArray[np.bool_]:
@@ -168,7 +158,7 @@ def _drop_unreferenced_vertices(mesh: Mesh) -> Mesh:
 
 
 def _drop_degenerate_faces(mesh: Mesh) -> Mesh:
-    return _with_faces(mesh, ~degenerate_faces(mesh))
+    return _with_faces(mesh, ~mesh.degenerate_faces)
 
 
 def _drop_duplicate_faces(mesh: Mesh) -> Mesh:

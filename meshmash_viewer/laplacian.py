@@ -83,7 +83,7 @@ def cotangent_laplacian(
     if robust:
         stiffness, areas = _robust_operator(vertices, faces, mollify_factor)
     else:
-        _refuse_flat_faces(vertices, faces, used)
+        _refuse_flat_faces(mesh)
         stiffness = _cotangent_weights(vertices, faces)
         areas = _corner_areas(vertices, faces)
     areas = areas * scale**2
@@ -162,15 +162,12 @@ def _corner_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return np.asarray(areas, dtype=np.float64)
 
 
-def _refuse_flat_faces(vertices: FloatArray, faces: IntArray, used: IntArray) -> None:
-    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    longest = np.max([np.square(p - q).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
-    # Below this the sign and size of the area are rounding, and so would be the cotangents.
-    flat = np.flatnonzero(np.linalg.norm(np.cross(b - a, c - a), axis=1) <= 1e-14 * longest)
+def _refuse_flat_faces(mesh: Mesh) -> None:
+    flat = np.flatnonzero(mesh.degenerate_faces & mesh.distinct_corners)
     if len(flat):
         raise InputError(
             f"{len(flat)} faces have no area (the first joins vertices "
-            f"{used[faces[flat[0]]].tolist()}), so their cotangents are infinite: "
+            f"{mesh.faces[flat[0]].tolist()}), so their cotangents are infinite: "
             "use robust=True, or drop these faces."
         )
 

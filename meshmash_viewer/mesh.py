@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,6 +26,8 @@ MeshLike: TypeAlias = Any
 
 #: How many offenders a message names before it only counts.
 _NAMED_OFFENDERS = 5
+#: A face whose height is below this share of its longest edge has no area but rounding.
+_FLAT = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +112,17 @@ class Mesh:
         return np.asarray((a != b) & (b != c) & (c != a))
 
     @cached_property
+    def degenerate_faces(self) -> npt.NDArray[np.bool_]:
+        """Which faces have a corner twice, or no area but for rounding, shape (m,)."""
+        a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
+        squares = [np.square(p - q).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))]
+        longest = np.sqrt(np.max(squares, axis=0))
+        # The height over the longest edge is known no better than the coordinates themselves.
+        rounding = 4.0 * np.finfo(np.float64).eps * np.abs(self.bounds).max()
+        flat = 2.0 * self.face_areas <= (_FLAT * longest + rounding) * longest
+        return np.asarray(~self.distinct_corners | flat)
+
+    @cached_property
     def component_labels(self) -> IntArray:
         """Connected component of each vertex, shape (n,); -1 where unreferenced.
 
@@ -160,6 +174,24 @@ class Mesh:
             digest.update(str(array.shape).encode())
             digest.update(array.ravel().data)
         return digest.hexdigest()
+
+    def in_unit(self, unit: str) -> Mesh:
+        """The same numbers said to be in another unit; what was derived from them is kept."""
+        if unit not in LENGTH_UNITS:
+            raise InputError(f"{unit!r} is not a unit a mesh can have.")
+        mesh = copy.copy(self)
+        mesh.__dict__.update(self.__dict__, unit=unit)
+        return mesh
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What goes to another process: derived arrays that are large are derived there."""
+        small = ("vertices", "faces", "unit", "name", "content_hash", "area", "bounds")
+        return {name: self.__dict__[name] for name in small if name in self.__dict__}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.vertices.flags.writeable = False
+        self.faces.flags.writeable = False
 
     @cached_property
     def _face_crosses(self) -> FloatArray:

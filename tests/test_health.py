@@ -1,0 +1,125 @@
+"""What is wrong with a mesh, counted, and mended."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+import shapes
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.health import REPAIRS, mesh_health
+from meshmash_viewer.laplacian import cotangent_laplacian
+from meshmash_viewer.mesh import Mesh
+
+FAULTS = (
+    "boundary_edges",
+    "nonmanifold_edges",
+    "degenerate_faces",
+    "duplicate_faces",
+    "unreferenced_vertices",
+    "coincident_vertices",
+)
+
+
+def test_a_clean_closed_mesh_has_no_faults(sphere):
+    health = mesh_health(sphere)
+    assert all(getattr(health, fault) == 0 for fault in FAULTS)
+    assert (health.n_vertices, health.n_faces) == (642, 1280)
+    assert (health.n_components, health.largest_component) == (1, 642)
+    assert health.area == sphere.area
+
+
+def test_the_boundary_of_a_rectangle():
+    assert mesh_health(shapes.rectangle(7, 5)).boundary_edges == 2 * (6 + 4)
+
+
+def test_each_fault_is_counted(neuron):
+    health = mesh_health(neuron)
+    assert health.n_components == 6
+    # The hole opens 4 edges, the shared edge closes on 4 faces, the flat face has 3 edges of
+    # which one lies on the trunk.
+    assert health.nonmanifold_edges > 0
+    assert health.boundary_edges > 0
+    assert health.degenerate_faces == 1
+    assert health.duplicate_faces == 1
+    assert health.unreferenced_vertices == 3
+
+
+def test_edges_agree_with_counting_by_hand(neuron):
+    faces_of_edge: dict[tuple[int, int], int] = {}
+    for face in neuron.faces.tolist():
+        for i, j in ((0, 1), (1, 2), (2, 0)):
+            edge = (min(face[i], face[j]), max(face[i], face[j]))
+            faces_of_edge[edge] = faces_of_edge.get(edge, 0) + 1
+    counts = np.array(list(faces_of_edge.values()))
+    health = mesh_health(neuron)
+    assert health.boundary_edges == (counts == 1).sum()
+    assert health.nonmanifold_edges == (counts > 2).sum()
+
+
+def test_triangle_soup_is_counted_and_merged(sphere):
+    soup = Mesh(sphere.vertices[sphere.faces].reshape(-1, 3), np.arange(3840).reshape(-1, 3))
+    health = mesh_health(soup)
+    assert health.coincident_vertices == 3840 - 642
+    assert health.n_components == 1280
+    merged = REPAIRS["merge_coincident_vertices"].apply(soup)
+    assert all(getattr(mesh_health(merged), fault) == 0 for fault in FAULTS)
+    assert merged.n_vertices == 642
+    assert merged.area == pytest.approx(sphere.area, rel=1e-14)
+
+
+def test_a_needle_is_flat_in_any_unit():
+    needle = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 1e-14, 0], [0.0, 1, 0]])
+    for scale in (1e-9, 1.0, 1e9):
+        mesh = Mesh(needle * scale, [[0, 1, 2], [0, 1, 3]])
+        assert mesh_health(mesh).degenerate_faces == 1
+
+
+def test_minus_zero_is_at_zero():
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [-0.0, 0, 0]])
+    assert mesh_health(Mesh(vertices, [[0, 1, 2]])).coincident_vertices == 1
+
+
+def test_health_is_plain_json(neuron):
+    assert json.loads(json.dumps(asdict(mesh_health(neuron)))) == asdict(mesh_health(neuron))
+
+
+@pytest.mark.parametrize("name", REPAIRS)
+def test_each_repair_leaves_nothing_of_what_it_counts(neuron, name):
+    repair = REPAIRS[name]
+    mended = repair.apply(neuron)
+    assert repair.name == name
+    assert repair.label
+    assert repair.count(mesh_health(mended)) == 0
+    assert mended.unit == "nm"
+    assert mended.name == neuron.name
+    # and what was whole is left as it was
+    assert REPAIRS[name].apply(mended).content_hash == mended.content_hash
+
+
+def test_all_repairs_make_a_mesh_for_the_plain_operator(neuron):
+    mesh = neuron
+    for repair in REPAIRS.values():
+        mesh = repair.apply(mesh)
+    cotangent_laplacian(mesh, robust=False)
+    assert mesh.n_components == 1
+
+
+def test_a_repair_that_would_leave_nothing_is_refused():
+    mesh = Mesh(np.diag([1.0, 1.0, 1.0]) * 1e-3, [[0, 1, 2]])
+    assert REPAIRS["drop_duplicate_faces"].apply(mesh).n_faces == 1
+    needle = Mesh([[0.0, 0, 0], [1, 0, 0], [0.5, 1e-14, 0]], [[0, 1, 2]])
+    with pytest.raises(InputError, match="leave no face"):
+        REPAIRS["drop_degenerate_faces"].apply(needle)
+
+
+def test_a_flat_face_far_from_the_origin_is_still_flat():
+    # Rounding of the coordinates gives it a height of some 1e-11.
+    vertices = np.array([[0.1, 0.2, 0.3], [100.7, 30.1, 5.9], [0.0, 0, 0], [3.0, 50, 7]])
+    vertices[2] = 0.3 * vertices[0] + 0.7 * vertices[1]
+    far = np.array([250_000.0, 180_000.0, 90_000.0])
+    mesh = Mesh(vertices + far, [[0, 1, 2], [0, 1, 3]])
+    np.testing.assert_array_equal(mesh.degenerate_faces, [True, False])

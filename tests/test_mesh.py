@@ -1,0 +1,161 @@
+"""The mesh: what it accepts, what it refuses, and what it says of itself."""
+
+from __future__ import annotations
+
+import pickle
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import shapes
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.mesh import Mesh, as_mesh, mesh_to_poly
+
+TRIANGLE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "words"),
+    [
+        (TRIANGLE[:, :2], [[0, 1, 2]], r"shape \(3, 2\)"),
+        ("abc", [[0, 1, 2]], "array of numbers"),
+        (TRIANGLE, [[0, 1, 2, 0]], r"Faces have shape \(1, 4\)"),
+        (TRIANGLE, np.zeros((0, 3), int), "no faces"),
+        (TRIANGLE, [], "no faces"),
+        (TRIANGLE, [[0, 1, 3]], r"face 0, the first as \[0, 1, 3\].*0 to 2"),
+        (TRIANGLE, [[0, 1, 2], [0, -1, 2]], r"face 1, the first as \[0, -1, 2\]"),
+        (TRIANGLE, [[0.0, 1.0, 1.5]], "do not exist"),
+        (TRIANGLE, [[0.0, 1.0, np.nan]], "do not exist"),
+        (TRIANGLE, [["a", "b", "c"]], "indices, not of type"),
+        (TRIANGLE, [[True, False, True]], "indices, not of type bool"),
+        (TRIANGLE, [[0, 0, 1]], "no area"),
+        (TRIANGLE * [1.0, 0.0, 0.0], [[0, 1, 2]], "no area"),
+        (np.zeros((0, 3)), [[0, 1, 2]], "do not exist"),
+    ],
+)
+def test_invalid_meshes_are_refused_by_name(vertices, faces, words):
+    with pytest.raises(InputError, match=words):
+        Mesh(vertices, faces)
+
+
+def test_first_offenders_are_named_and_the_others_counted():
+    vertices = np.zeros((20, 3))
+    vertices[[3, 5, 7, 9, 11, 13, 15], 1] = np.nan
+    vertices[17, 2] = np.inf
+    with pytest.raises(InputError, match="vertex 3, 5, 7, 9, 11 and 3 more"):
+        Mesh(vertices, [[0, 1, 2]])
+
+
+def test_an_unknown_unit_is_refused():
+    with pytest.raises(InputError, match=r"furlong.*none, nm"):
+        Mesh(TRIANGLE, [[0, 1, 2]], "furlong")
+
+
+def test_arrays_are_copied_and_read_only():
+    given = TRIANGLE.copy()
+    mesh = Mesh(given, np.array([[0, 1, 2]]))
+    given[0] = 9.0
+    np.testing.assert_array_equal(mesh.vertices, TRIANGLE)
+    with pytest.raises(ValueError, match="read-only"):
+        mesh.vertices[0, 0] = 1.0
+    assert mesh.vertices.dtype == np.float64
+    assert mesh.faces.dtype == np.int64
+
+
+def test_every_accepted_form_is_the_same_mesh(neuron):
+    import pyvista
+    import trimesh
+
+    padded = np.column_stack([np.full(neuron.n_faces, 3), neuron.faces]).ravel()
+    forms = {
+        "pair": (neuron.vertices, neuron.faces),
+        "list": [neuron.vertices.tolist(), neuron.faces.astype(np.uint32)],
+        "object": SimpleNamespace(vertices=neuron.vertices, faces=neuron.faces.astype(np.int32)),
+        "trimesh": trimesh.Trimesh(neuron.vertices, neuron.faces, process=False),
+        "polydata": pyvista.PolyData(neuron.vertices.copy(), padded),
+    }
+    for name, form in forms.items():
+        assert as_mesh(form).content_hash == neuron.content_hash, name
+    assert as_mesh(neuron) is neuron
+
+
+def test_polygons_of_polydata_become_triangles():
+    import pyvista
+
+    square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    mesh = as_mesh(pyvista.PolyData(square, [4, 0, 1, 2, 3]))
+    assert mesh.n_faces == 2
+    assert mesh.area == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("thing", [None, 3, "mesh.ply", (1, 2, 3), np.zeros((4, 3))])
+def test_other_things_are_not_meshes(thing):
+    with pytest.raises(InputError, match="A mesh is a pair"):
+        as_mesh(thing)
+
+
+def test_matrices_are_not_taken_for_a_mesh():
+    with pytest.raises(InputError, match="give the mesh itself"):
+        as_mesh(shapes.flat_torus(4))
+
+
+def test_polydata_shares_nothing_and_carries_values(neuron):
+    poly = mesh_to_poly(neuron)
+    np.testing.assert_array_equal(poly.points, neuron.vertices)
+    np.testing.assert_array_equal(poly.faces.reshape(-1, 4)[:, 1:], neuron.faces)
+    poly.points[0] = 0.0
+    poly["values"] = np.arange(neuron.n_vertices)
+    assert neuron.vertices[0].any()
+    assert mesh_to_poly(neuron).n_points == neuron.n_vertices
+    assert as_mesh(mesh_to_poly(neuron)).content_hash == neuron.content_hash
+
+
+def test_area_and_bounds_of_known_shapes(rectangle):
+    assert rectangle.area == pytest.approx(3.0, rel=1e-13)
+    np.testing.assert_allclose(rectangle.bounds, [[0, 0, 0], [2, 1.5, 0]], atol=1e-15)
+    assert shapes.icosphere(5, 3.0).area == pytest.approx(36.0 * np.pi, rel=2e-3)
+
+
+def test_components_by_shared_vertices_numbered_by_their_lowest():
+    one = shapes.icosphere(0)
+    spacer = np.array([[9.0, 9.0, 9.0]])
+    vertices = np.concatenate([one.vertices, spacer, one.vertices + 5.0])
+    faces = np.concatenate([one.faces + 13, one.faces])
+    mesh = Mesh(vertices, faces)
+    np.testing.assert_array_equal(mesh.component_labels, [0] * 12 + [-1] + [1] * 12)
+    assert mesh.n_components == 2
+    assert not mesh.referenced[12]
+
+
+def test_a_vertex_of_collapsed_faces_only_is_unreferenced():
+    mesh = Mesh(np.concatenate([TRIANGLE, [[2.0, 2.0, 2.0]]]), [[0, 1, 2], [0, 3, 3]])
+    np.testing.assert_array_equal(mesh.referenced, [True, True, True, False])
+
+
+def test_normals_point_out_and_are_never_nan(sphere, neuron):
+    outward = np.einsum("ij,ij->i", sphere.vertex_normals, sphere.vertices)
+    assert outward.min() > 0.999
+    normals = neuron.vertex_normals
+    assert normals.dtype == np.float32
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=1e-6)
+    np.testing.assert_array_equal(normals[~neuron.referenced][0], [0, 0, 1])
+
+
+def test_faces_that_cancel_have_a_normal_all_the_same():
+    mesh = Mesh(TRIANGLE, [[0, 1, 2], [2, 1, 0]])
+    assert np.isfinite(mesh.vertex_normals).all()
+
+
+def test_hash_tells_content_not_name(sphere):
+    renamed = Mesh(sphere.vertices, sphere.faces, "nm", "other")
+    moved = Mesh(sphere.vertices + 1e-12, sphere.faces)
+    assert renamed.content_hash == sphere.content_hash
+    assert moved.content_hash != sphere.content_hash
+    assert len(sphere.content_hash) == 64
+
+
+def test_a_mesh_travels_to_another_process(neuron):
+    copy = pickle.loads(pickle.dumps(neuron))
+    assert copy.content_hash == neuron.content_hash
+    assert copy.unit == "nm"

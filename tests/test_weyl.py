@@ -1,0 +1,62 @@
+"""Weyl's law and the three ways to say how much of a spectrum is wanted."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import shapes
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.weyl import (
+    Target,
+    wavelength,
+    wavelength_eigenvalue,
+    weyl_count,
+    weyl_eigenvalue,
+)
+
+
+def test_the_law_holds_on_the_sphere():
+    below = shapes.sphere_eigenvalues(10_000)
+    assert weyl_count(4.0 * math.pi, below[-1]) == pytest.approx(10_000, rel=0.01)
+
+
+def test_each_function_undoes_the_other():
+    assert weyl_count(3.0, weyl_eigenvalue(3.0, 70)) == pytest.approx(70)
+    assert wavelength(wavelength_eigenvalue(250.0)) == pytest.approx(250.0)
+    assert wavelength(0.0) == math.inf
+    # a standing wave on a rectangle's side: cos(2 π x / a) has wavelength a
+    assert wavelength(math.pi**2 * (2 / 1.5) ** 2) == pytest.approx(1.5)
+
+
+def test_targets_translate_into_each_other():
+    area = 5.0
+    count = Target("count", 60)
+    value = Target("max_eigenvalue", count.estimated_eigenvalue(area))
+    length = Target("wavelength", count.estimated_wavelength(area))
+    for target in (count, value, length):
+        assert target.estimated_count(area) == pytest.approx(60)
+        assert target.estimated_eigenvalue(area) == pytest.approx(48 * math.pi)
+        assert target.estimated_wavelength(area) == pytest.approx(length.value)
+    assert (count.n_components, count.max_eigenvalue) == (60, None)
+    assert (length.n_components, length.max_eigenvalue) == (
+        None,
+        pytest.approx(48 * math.pi),
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "words"),
+    [
+        ("count", 0, "positive"),
+        ("count", 2.5, "whole"),
+        ("max_eigenvalue", -1.0, "largest eigenvalue is -1"),
+        ("wavelength", math.inf, "positive"),
+        ("wavelength", math.nan, "positive"),
+        ("length", 1.0, "A target is"),
+    ],
+)
+def test_senseless_targets_are_refused(kind, value, words):
+    with pytest.raises(InputError, match=words):
+        Target(kind, value)
