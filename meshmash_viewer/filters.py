@@ -287,15 +287,12 @@ def hks_times(
         If a bound is not positive, the bounds are out of order, or `n_scales` < 1.
     """
     n_scales = _as_count(n_scales, "time scales")
-    for bound, name in ((t_min, "t_min"), (t_max, "t_max")):
-        if bound is not None and not (np.isfinite(bound) and bound > 0.0):
-            raise InputError(f"{name} is {bound:g}: give a positive time, or None.")
+    _check_times(t_min, t_max)
     if t_min is None or t_max is None:
         shortest, longest = hks_time_range(eigenvalues)
         t_min = shortest if t_min is None else t_min
         t_max = longest if t_max is None else t_max
-    if t_min > t_max:
-        raise InputError(f"t_min ({t_min:.4g}) is above t_max ({t_max:.4g}): swap them.")
+        _check_times(t_min, t_max)
     return np.geomspace(t_min, t_max, n_scales)
 
 
@@ -322,7 +319,9 @@ def get_hks_filter(
     callable
         ``(k,) -> (n_scales, k)``, from short to long times; it can be pickled.
     """
-    hks_times([], t_min or 1.0, t_max or t_min or 1.0, n_scales)  # complain now, not when called
+    # Complain now, not after the decomposition.
+    n_scales = _as_count(n_scales, "time scales")
+    _check_times(t_min, t_max)
     return partial(_automatic_heat_response, t_min, t_max, n_scales, np.dtype(dtype))
 
 
@@ -383,6 +382,14 @@ def construct_bspline_filter(
         ``(k,) -> (n_components, k)``; it can be pickled.
     """
     return bspline_bank(e_min, e_max, n_components)
+
+
+def _check_times(t_min: float | None, t_max: float | None) -> None:
+    for bound, name in ((t_min, "t_min"), (t_max, "t_max")):
+        if bound is not None and not (np.isfinite(bound) and bound > 0.0):
+            raise InputError(f"{name} is {bound:g}: give a positive time, or None.")
+    if t_min is not None and t_max is not None and t_min > t_max:
+        raise InputError(f"t_min ({t_min:.4g}) is above t_max ({t_max:.4g}): swap them.")
 
 
 def _clamped_knots(low: float, high: float, n_components: int, degree: int) -> FloatArray:

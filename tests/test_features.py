@@ -1,0 +1,91 @@
+"""Features: sums of coefficients times squared eigenvectors."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from meshmash_viewer.eigensolver import solve
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features import Features, accumulate_features, compute_features
+from meshmash_viewer.filters import bspline_bank, heat_kernel_bank
+from meshmash_viewer.laplacian import cotangent_laplacian
+
+
+@pytest.fixture(scope="module")
+def decomposition(sphere):
+    return solve(*cotangent_laplacian(sphere), 40)
+
+
+@pytest.mark.parametrize(("k", "n"), [(1, 5), (31, 100), (33, 16385), (70, 40000)])
+def test_chunks_make_no_difference(rng, k, n):
+    rows, coefficients = rng.standard_normal((k, n)), rng.standard_normal((6, k))
+    expected = np.einsum("fk,kn->nf", coefficients, rows**2)
+    actual = accumulate_features(np.arange(k), rows, coefficients)
+    np.testing.assert_allclose(actual, expected, atol=1e-11)
+    assert actual.flags.c_contiguous
+
+
+def test_bands_add_up_to_the_whole(rng):
+    rows, coefficients = rng.standard_normal((20, 50)), rng.standard_normal((3, 20))
+    whole = accumulate_features(np.arange(20), rows, coefficients)
+    out = np.zeros((50, 3))
+    for band in (slice(0, 7), slice(7, 20)):
+        back = accumulate_features(np.arange(20)[band], rows[band], coefficients[:, band], out)
+        assert back is out
+    np.testing.assert_allclose(out, whole)
+
+
+def test_rows_may_be_a_memory_map_of_float32(rng, tmp_path):
+    rows = np.memmap(tmp_path / "rows", np.float32, "w+", shape=(50, 200))
+    rows[:] = rng.standard_normal((50, 200))
+    coefficients = rng.random((4, 50))
+    expected = (rows.astype(np.float64) ** 2).T @ coefficients.T
+    actual = accumulate_features(np.arange(50), rows, coefficients)
+    assert actual.dtype == np.float64
+    np.testing.assert_allclose(actual, expected, rtol=1e-13)
+
+
+def test_nan_rows_stay_nan_and_touch_nothing_else(rng):
+    rows = rng.standard_normal((8, 30))
+    clean = accumulate_features(np.arange(8), rows, np.ones((2, 8)))
+    rows[:, 4] = np.nan
+    features = accumulate_features(np.arange(8), rows, np.ones((2, 8)))
+    assert np.isnan(features[4]).all()
+    np.testing.assert_array_equal(np.delete(features, 4, 0), np.delete(clean, 4, 0))
+
+
+@pytest.mark.parametrize("shape", [(8,), (3, 7), (8, 3), (1, 1, 8)])
+def test_coefficients_of_a_wrong_shape_are_refused(shape):
+    with pytest.raises(InputError, match="for 8 eigenvalues"):
+        accumulate_features(np.arange(8), np.ones((8, 5)), np.ones(shape))
+
+
+def test_columns_and_units_follow_bank_and_mesh(decomposition):
+    bank = heat_kernel_bank([0.1, 0.5])
+    features = compute_features(decomposition, bank, unit="nm")
+    assert features.columns == bank.columns
+    assert (features.unit, features.kind) == ("nm⁻²", "hks")
+    assert features.meta["parameter_unit"] == "nm²"
+    assert features.meta["parameters"] == [0.1, 0.5]
+    json.dumps(features.meta)
+    direct = decomposition.eigenvectors**2 @ bank(decomposition.eigenvalues).T
+    np.testing.assert_allclose(features.values, direct, rtol=1e-12)
+    assert compute_features(decomposition, bank).unit == ""
+
+
+def test_dropping_the_first_drops_exactly_one(decomposition):
+    bank = bspline_bank(0.0, decomposition.eigenvalues[-1], 5)
+    whole = compute_features(decomposition, bank).values
+    rest = compute_features(decomposition, bank, drop_first=True).values
+    first = np.outer(decomposition.rows[0] ** 2, bank([0.0])[:, 0])
+    np.testing.assert_allclose(whole - rest, first, atol=1e-13)
+    single = compute_features(decomposition, bank, dtype=np.float32).values
+    assert single.dtype == np.float32
+
+
+def test_one_name_a_column():
+    with pytest.raises(InputError, match="column"):
+        Features(np.zeros((4, 2)), ("a",))

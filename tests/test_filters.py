@@ -1,0 +1,213 @@
+"""Filter banks: their shapes, sums and scales."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+import shapes
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.filters import (
+    band_pass_bank,
+    bspline_bank,
+    construct_bspline_basis,
+    construct_bspline_filter,
+    first_nonzero_eigenvalue,
+    gaussian_pyramid_bank,
+    get_hks_filter,
+    heat_kernel_bank,
+    hks_time_range,
+    hks_times,
+    low_pass_bank,
+    wave_kernel_bank,
+)
+
+SPECTRUM = shapes.sphere_eigenvalues(64) * 1e-8
+
+
+@pytest.mark.parametrize("n_components", [1, 2, 3, 4, 5, 8, 32, 128])
+@pytest.mark.parametrize(("e_min", "e_max"), [(0.0, 1e-8), (2e-9, 1e-8), (0.0, 3e4), (-1.0, 7.0)])
+def test_bsplines_sum_to_one_on_the_range_and_vanish_outside(e_min, e_max, n_components):
+    bases = construct_bspline_basis(e_min, e_max, n_components)
+    assert len(bases) == n_components
+    span = e_max - e_min
+    inside = np.linspace(e_min, e_max, 1001)
+    values = np.stack([basis(inside) for basis in bases])
+    np.testing.assert_allclose(values.sum(axis=0), 1.0, atol=1e-12)
+    assert values.min() >= 0.0
+    outside = np.concatenate(
+        [e_min - span * np.geomspace(1e-9, 5), e_max + span * np.array([1e-9, 1, 9])]
+    )
+    assert all((basis(outside) == 0.0).all() for basis in bases)
+
+
+def test_bsplines_are_cubic_and_uniform():
+    bases = construct_bspline_basis(0.0, 1.0, 12)
+    assert all(basis.k == 3 for basis in bases)
+    # 12 - 3 equal spans: inside, every basis is a shift of the next
+    at = np.linspace(0.0, 4.0 / 9.0, 50)
+    for index in range(3, 8):
+        shift = (index - 3) / 9.0
+        np.testing.assert_allclose(bases[index](at + shift), bases[3](at), atol=1e-12)
+    # cubic between the knots, where the fourth difference vanishes, and not below cubic
+    piece = bases[5](np.linspace(3.0 / 9.0, 4.0 / 9.0, 9))
+    assert np.abs(np.diff(piece, 4)).max() < 1e-12
+    assert np.abs(np.diff(piece, 3)).min() > 1e-6
+    # and smooth across one: the second difference goes with the square of the step
+    for step in (1e-3, 1e-4):
+        around = bases[5](4.0 / 9.0 + step * np.array([-1.0, 0.0, 1.0]))
+        assert abs(np.diff(around, 2)[0]) < 500.0 * step**2
+
+
+def test_bsplines_are_ordered_and_reach_both_ends():
+    bank = bspline_bank(0.0, 2.0, 9)
+    coefficients = bank(np.linspace(0.0, 2.0, 301))
+    assert (np.diff(coefficients.argmax(axis=1)) > 0).all()
+    assert bank([0.0])[:, 0] == pytest.approx(np.eye(9)[0], abs=1e-12)
+    assert bank([2.0])[:, 0] == pytest.approx(np.eye(9)[8], abs=1e-12)
+    assert (np.diff(bank.parameters) > 0.0).all()
+    assert bank.columns[:2] == ("band_00", "band_01")
+    assert (bank.parameter_name, bank.parameter_power) == ("λ", -2)
+
+
+def test_the_documented_filter_is_the_basis_evaluated():
+    bases = construct_bspline_basis(0.0, 1e-8, 32)
+    coefficients = construct_bspline_filter(0.0, 1e-8, 32)(SPECTRUM)
+    np.testing.assert_array_equal(coefficients, [basis(SPECTRUM) for basis in bases])
+
+
+@pytest.mark.parametrize("arguments", [(0.0, 1.0, 0), (0.0, 1.0, 2.5), (1.0, 1.0, 4)])
+def test_senseless_bsplines_are_refused(arguments):
+    with pytest.raises(InputError):
+        construct_bspline_basis(*arguments)
+    with pytest.raises(InputError, match="finite range"):
+        construct_bspline_filter(0.0, np.inf, 4)
+
+
+def test_automatic_times_are_those_of_the_paper():
+    t_min, t_max = hks_time_range(SPECTRUM)
+    assert t_min == pytest.approx(4.0 * np.log(10.0) / SPECTRUM[-1])
+    assert t_max == pytest.approx(4.0 * np.log(10.0) / SPECTRUM[1])
+    many_components = np.concatenate([np.zeros(80), SPECTRUM[1:]])
+    assert hks_time_range(many_components) == (t_min, t_max)
+    noisy = np.concatenate([[-1e-24, 3e-25, 1e-22], SPECTRUM[1:]])
+    assert hks_time_range(noisy) == (t_min, t_max)
+
+
+@pytest.mark.parametrize("scale", [1e-18, 1e18])
+def test_automatic_times_follow_the_unit(scale):
+    np.testing.assert_allclose(hks_times(SPECTRUM * scale), hks_times(SPECTRUM) / scale, rtol=1e-12)
+
+
+def test_given_times_are_kept_and_ascend():
+    times = hks_times(SPECTRUM, 1e6, 1e9, 7)
+    np.testing.assert_allclose(times, np.geomspace(1e6, 1e9, 7))
+    assert hks_times(SPECTRUM, t_min=5.0)[0] == pytest.approx(5.0)
+    assert hks_times(SPECTRUM, t_max=1e12)[-1] == pytest.approx(1e12)
+    assert len(hks_times(SPECTRUM, n_scales=1)) == 1
+    assert hks_times([], 1.0, 2.0, 2).tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"t_min": 2.0, "t_max": 1.0}, "swap"),
+        ({"t_min": -1.0}, "t_min is -1"),
+        ({"t_max": 0.0}, "t_max is 0"),
+        ({"t_max": np.nan}, "t_max is nan"),
+        ({"n_scales": 0}, "whole number"),
+    ],
+)
+def test_senseless_times_are_refused(arguments, words):
+    with pytest.raises(InputError, match=words):
+        hks_times(SPECTRUM, **arguments)
+    with pytest.raises(InputError, match=words):
+        get_hks_filter(**arguments)
+
+
+def test_a_spectrum_of_zeros_has_no_scale():
+    for nothing in (np.zeros(3), [], [-1e-20]):
+        with pytest.raises(InputError, match="All eigenvalues are zero"):
+            first_nonzero_eigenvalue(nothing)
+
+
+def test_the_documented_hks_filter():
+    coefficients = get_hks_filter(t_max=1e9, t_min=1e7, n_scales=5)(SPECTRUM)
+    expected = np.exp(-np.outer(np.geomspace(1e7, 1e9, 5), SPECTRUM))
+    np.testing.assert_allclose(coefficients, expected)
+    single = get_hks_filter(dtype=np.float32)(SPECTRUM)
+    assert (single.shape, single.dtype) == ((32, 64), np.float32)
+    np.testing.assert_allclose(single[-1, 1], 1e-4, rtol=1e-5)
+    np.testing.assert_allclose(single[0, -1], 1e-4, rtol=1e-5)
+
+
+def test_heat_bank_names_its_times_apart():
+    bank = heat_kernel_bank([123456.0, 2e6])
+    assert bank.columns == ("hks_t=1.23e+05", "hks_t=2.00e+06")
+    assert (bank.parameter_name, bank.parameter_power, bank.n_filters) == ("t", 2, 2)
+    near = heat_kernel_bank(np.linspace(1.0, 1.001, 50))
+    assert len(set(near.columns)) == 50
+    with pytest.raises(InputError, match="negative"):
+        heat_kernel_bank([-1.0])
+    with pytest.raises(InputError, match="at least one"):
+        heat_kernel_bank([])
+
+
+def test_wave_kernel_bands_are_normalised_gaussians_in_log_energy():
+    bank = wave_kernel_bank(SPECTRUM, n_energies=20)
+    coefficients = bank(SPECTRUM)
+    assert coefficients.shape == (20, 64)
+    np.testing.assert_allclose(coefficients.sum(axis=1), 1.0)
+    assert (coefficients[:, 0] == 0.0).all()
+    centres = np.log(bank.parameters)
+    step = centres[1] - centres[0]
+    np.testing.assert_allclose(np.diff(centres), step)
+    # two deviations, each of seven steps, inside the range
+    np.testing.assert_allclose(centres[0] - 14.0 * step, np.log(SPECTRUM[1]))
+    np.testing.assert_allclose(centres[-1] + 14.0 * step, np.log(SPECTRUM[-1]))
+    positive = SPECTRUM[1:]
+    band = np.exp(-np.square(centres[4] - np.log(positive)) / (2.0 * (7.0 * step) ** 2))
+    np.testing.assert_allclose(coefficients[4, 1:], band / band.sum())
+
+
+def test_wave_kernel_does_not_depend_on_the_unit():
+    metres = wave_kernel_bank(SPECTRUM * 1e18, 10)(SPECTRUM * 1e18)
+    np.testing.assert_allclose(metres, wave_kernel_bank(SPECTRUM, 10)(SPECTRUM), rtol=1e-9)
+    assert wave_kernel_bank(SPECTRUM, 1)(SPECTRUM).shape == (1, 64)
+    with pytest.raises(InputError, match="two different"):
+        wave_kernel_bank([0.0, 1.0, 1.0])
+
+
+def test_ready_banks_do_what_their_examples_do():
+    cutoff, low = 2e-7, 5e-8
+    np.testing.assert_array_equal(low_pass_bank(cutoff)(SPECTRUM), [cutoff > SPECTRUM])
+    np.testing.assert_array_equal(
+        band_pass_bank(low, cutoff)(SPECTRUM), [(low <= SPECTRUM) & (cutoff >= SPECTRUM)]
+    )
+    scales = np.geomspace(1e5, 1e8, 8)
+    np.testing.assert_allclose(
+        gaussian_pyramid_bank(scales)(SPECTRUM), np.exp(-np.outer(scales, SPECTRUM))
+    )
+    with pytest.raises(InputError, match="swap"):
+        band_pass_bank(2.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    "bank",
+    [
+        heat_kernel_bank([1e7, 1e8]),
+        bspline_bank(0.0, 1e-6, 6),
+        wave_kernel_bank(SPECTRUM, 5),
+        low_pass_bank(1e-7),
+        band_pass_bank(1e-8, 1e-7),
+        gaussian_pyramid_bank([1e7]),
+        get_hks_filter(),
+    ],
+)
+def test_banks_travel_to_other_processes(bank):
+    copy = pickle.loads(pickle.dumps(bank))
+    np.testing.assert_array_equal(copy(SPECTRUM), bank(SPECTRUM))
+    with pytest.raises(InputError, match="1-D"):
+        bank(SPECTRUM.reshape(8, 8))
