@@ -1,0 +1,265 @@
+"""Cut the graph of a mesh into overlapping pieces of bounded size, along its geodesics.
+
+Every vertex is in the core of exactly one piece. A piece is its core and all that lies within a
+given distance of it, so that what is computed on a piece is undisturbed by the cut over its core.
+
+Large components are first condensed into small cells (nearest seed by edge distance), then
+halved again and again: with two far ends a and b, a vertex goes to a's half if d_a − d_b is small.
+Both halves are connected, because such a set holds the shortest path from a to each of its members.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.mesh import Mesh
+
+if TYPE_CHECKING:
+    from scipy import sparse
+
+    Graph: TypeAlias = sparse.csr_array[Any]
+
+__all__ = ["edge_graph", "interior_depth", "overlapping_pieces"]
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+IntArray: TypeAlias = npt.NDArray[np.int64]
+
+#: Cells to a piece. More follow the geodesics more closely, fewer are halved faster.
+_CELLS_PER_PIECE = 64
+#: Cores that are widened to see how large cores may be.
+_SAMPLES = 8
+#: A core is not halved below this share of a piece for the sake of the overlap: where the mesh is
+#: so dense that the overlap alone fills the piece, the overlap becomes narrower instead.
+_SMALLEST_CORE = 0.25
+
+
+def edge_graph(mesh: Mesh) -> Graph:
+    """Symmetric graph of edge lengths, shape (n, n), in the unit of `mesh`.
+
+    Coincident vertices are a tiny positive length apart, because a stored zero is no edge.
+    """
+    from scipy import sparse
+
+    faces = mesh.faces[mesh.distinct_corners]
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    edges.sort(axis=1)
+    # Sorted and freed of repetitions by hand: np.unique takes ten times as long here.
+    keys = np.sort(edges[:, 0] * mesh.n_vertices + edges[:, 1])
+    a, b = np.divmod(keys[np.diff(keys, prepend=-1) > 0], mesh.n_vertices)
+    lengths = np.linalg.norm(mesh.vertices[a] - mesh.vertices[b], axis=1)
+    lengths = np.maximum(lengths, 1e-9 * lengths.max(initial=0.0))
+    half = sparse.coo_array((lengths, (a, b)), shape=(mesh.n_vertices,) * 2)
+    return sparse.csr_array(half + half.T)
+
+
+def interior_depth(graph: Graph, members: IntArray) -> FloatArray:
+    """Distance of each member from the members that have a neighbour outside, shape (members,).
+
+    Measured along edges inside the set; infinite where nothing was cut off.
+    """
+    degrees = np.diff(graph.indptr)
+    inner = _subgraph(graph, members)
+    border = np.flatnonzero(np.diff(inner.indptr) < degrees[members])
+    if len(border) == 0:
+        return np.full(len(members), np.inf)
+    return _distances(inner, border)
+
+
+def overlapping_pieces(
+    graph: Graph, labels: IntArray, max_size: int, width: float
+) -> list[IntArray]:
+    """Cut a graph into overlapping pieces of at most `max_size` vertices.
+
+    Parameters
+    ----------
+    graph : csr_array, shape (n, n)
+        From `edge_graph`.
+    labels : ndarray of int, shape (n,)
+        Connected component of each vertex, -1 for those that belong to no piece.
+    max_size : int
+        Vertices that a piece may have.
+    width : float
+        How far a piece reaches beyond its core, in the unit of the graph; less where the piece
+        would be too large for it, but always at least all neighbours of the core.
+
+    Returns
+    -------
+    list of ndarray of int
+        Sorted vertices of each piece. Components that fit are whole, and grouped to fill pieces.
+
+    Raises
+    ------
+    InputError
+        If a vertex and its neighbours alone are more than `max_size`.
+    """
+    degrees = np.diff(graph.indptr)
+    if degrees.max(initial=0) + 1 > max_size:
+        vertex = int(degrees.argmax())
+        raise InputError(
+            f"Vertex {vertex} has {degrees[vertex]} neighbours, so no piece of {max_size} vertices "
+            f"can hold it: give a max_vertex_threshold above {degrees[vertex]}."
+        )
+    sizes = np.bincount(labels[labels >= 0])
+    order = np.argsort(labels, kind="stable")[np.count_nonzero(labels < 0) :]
+    components = np.split(order, np.cumsum(sizes)[:-1]) if len(sizes) else []
+    pieces = _grouped([c for c in components if len(c) <= max_size], max_size)
+    for component in components:
+        if len(component) > max_size:
+            pieces += _cut(graph, component, max_size, width)
+    return pieces
+
+
+def _grouped(components: list[IntArray], max_size: int) -> list[IntArray]:
+    """Fill pieces with whole components, the largest first, each into the first with room."""
+    groups: list[list[IntArray]] = []
+    room: list[int] = []
+    for component in sorted(components, key=len, reverse=True):
+        fits = next((i for i, free in enumerate(room) if free >= len(component)), None)
+        if fits is None:
+            groups.append([])
+            room.append(max_size)
+            fits = len(groups) - 1
+        groups[fits].append(component)
+        room[fits] -= len(component)
+    return [np.sort(np.concatenate(group)) for group in groups]
+
+
+def _cut(graph: Graph, component: IntArray, max_size: int, width: float) -> list[IntArray]:
+    """Cut one connected component that is too large."""
+    local = _subgraph(graph, component)
+    cells = _Cells(local, _CELLS_PER_PIECE * len(component) // max_size)
+    # Cut once without regard to the overlap, see what it adds, and cut so that it fits.
+    trial = cells.unions(0.9 * max_size)
+    sample = trial[:: max(1, len(trial) // _SAMPLES)]
+    sizes = np.array([[len(core), len(_within(local, core, width))] for core in sample])
+    pieces = []
+    waiting = cells.unions(_fitting_core(sizes, max_size))[::-1]
+    while waiting:
+        core = waiting.pop()
+        if len(core) <= max_size:
+            piece = _widened(local, core, max_size, width)
+            if piece is not None:
+                pieces.append(component[piece])
+                continue
+        waiting += reversed(_parted(_subgraph(local, core), core, np.ones(len(core)), 0.5))
+    return pieces
+
+
+def _fitting_core(sizes: IntArray, max_size: int) -> float:
+    """Size of cores that fill a piece with their overlap, from pairs (core, with overlap).
+
+    A disc of size c has a rim of √c · constant, whatever its density: what the overlap adds to √c
+    is then the same for all sizes.
+    """
+    rim = np.diff(np.sqrt(sizes), axis=1)
+    core = np.clip(0.96 * np.sqrt(max_size) - rim, 0.0, None) ** 2
+    return max(float(np.quantile(core, 0.25)), _SMALLEST_CORE * max_size, 1.0)
+
+
+class _Cells:
+    """A connected graph condensed into small cells around random seeds."""
+
+    def __init__(self, graph: Graph, n_cells: int) -> None:
+        from scipy import sparse
+        from scipy.sparse.csgraph import dijkstra
+
+        n = graph.shape[0]
+        if n_cells > n // 4:
+            self.graph = graph
+            self.cell = np.arange(n)
+            self.weights = np.ones(n)
+            return
+        seeds = np.sort(np.random.default_rng(0).choice(n, n_cells, replace=False))
+        distances, _, nearest = dijkstra(
+            graph, indices=seeds, min_only=True, return_predecessors=True
+        )
+        cell = np.searchsorted(seeds, nearest)
+        a, b = np.repeat(np.arange(n), np.diff(graph.indptr)), graph.indices
+        crossing = np.flatnonzero(cell[a] < cell[b])
+        a, b = a[crossing], b[crossing]
+        # Two cells are as far apart as their seeds are over the shortest crossing.
+        length = distances[a] + graph.data[crossing] + distances[b]
+        by_pair = np.lexsort((length, cell[b], cell[a]))
+        keys = (cell[a] * n_cells + cell[b])[by_pair]
+        keys, first = np.unique(keys, return_index=True)
+        half = sparse.coo_array(
+            (length[by_pair][first], np.divmod(keys, n_cells)), shape=(n_cells, n_cells)
+        )
+        self.graph = sparse.csr_array(half + half.T)
+        self.cell = cell
+        self.weights = np.bincount(cell, minlength=n_cells).astype(np.float64)
+
+    def unions(self, size: float) -> list[IntArray]:
+        """Sorted vertices of connected unions of cells, each of about `size` or less."""
+        unions, waiting = [], [np.arange(len(self.weights))]
+        while waiting:
+            members = waiting.pop()
+            n_parts = int(np.ceil(self.weights[members].sum() / size))
+            if n_parts <= 1 or len(members) == 1:
+                unions.append(members)
+            else:
+                share = (n_parts // 2) / n_parts
+                part = _subgraph(self.graph, members)
+                waiting += reversed(_parted(part, members, self.weights[members], share))
+        by_cell = np.argsort(self.cell, kind="stable")
+        start = np.concatenate([[0], np.cumsum(self.weights).astype(np.int64)])
+        return [
+            np.sort(np.concatenate([by_cell[start[i] : start[i + 1]] for i in members]))
+            for members in unions
+        ]
+
+
+def _parted(graph: Graph, members: IntArray, weights: FloatArray, share: float) -> list[IntArray]:
+    """Split `members`, whose graph this is, in two; the first has about `share` of the weight."""
+    from scipy.sparse.csgraph import connected_components
+
+    n_parts, part = connected_components(graph, directed=False)
+    if n_parts > 1:
+        # Ties may leave crumbs; they are cut off rather than carried along.
+        largest = np.bincount(part).argmax()
+        return [members[part == largest], members[part != largest]]
+    a = _distances(graph, [0]).argmax()
+    from_a = _distances(graph, [a])
+    from_b = _distances(graph, [from_a.argmax()])
+    order = np.argsort(from_a - from_b, kind="stable")
+    filled = np.cumsum(weights[order])
+    at = int(np.searchsorted(filled, share * filled[-1])) + 1
+    at = min(max(at, 1), len(members) - 1)
+    return [np.sort(members[order[:at]]), np.sort(members[order[at:]])]
+
+
+def _within(graph: Graph, core: IntArray, width: float) -> IntArray:
+    return np.flatnonzero(np.isfinite(_distances(graph, core, width)))
+
+
+def _widened(graph: Graph, core: IntArray, max_size: int, width: float) -> IntArray | None:
+    """The core and what is within `width` of it; None where the core has to be cut first."""
+    distances = _distances(graph, core, width)
+    # The neighbours come first, whatever their distance: without them the core itself is cut.
+    distances[graph[core].indices] = 0.0
+    reached = np.flatnonzero(np.isfinite(distances))
+    if len(reached) <= max_size:
+        return reached
+    n_needed = int(np.count_nonzero(distances[reached] == 0.0))
+    if n_needed > max_size or len(core) > max(_SMALLEST_CORE * max_size, 1):
+        return None
+    nearest = np.argsort(distances[reached], kind="stable")[:max_size]
+    return np.sort(reached[nearest])
+
+
+def _distances(graph: Graph, sources: Any, limit: float = np.inf) -> FloatArray:
+    """Distance of every vertex from the nearest source; infinite beyond `limit`."""
+    from scipy.sparse.csgraph import dijkstra
+
+    sources = np.asarray(sources)
+    return np.asarray(dijkstra(graph, indices=sources, min_only=True, limit=limit), np.float64)
+
+
+def _subgraph(graph: Graph, members: IntArray) -> Graph:
+    from scipy import sparse
+
+    return sparse.csr_array(graph[members][:, members])

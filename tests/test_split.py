@@ -1,0 +1,250 @@
+"""Split, apply, stitch."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.linalg
+import shapes
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.laplacian import cotangent_laplacian
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.partition import edge_graph, interior_depth
+from meshmash_viewer.progress import Cancelled, Progress
+from meshmash_viewer.split import MeshStitcher, PieceError
+
+
+def coordinates(piece: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    return piece[0]
+
+
+def heat_kernel(piece: Any, times: np.ndarray) -> np.ndarray:
+    """Diagonal of the heat kernel from all eigenpairs, dense."""
+    stiffness, mass = cotangent_laplacian(piece)
+    root = np.sqrt(mass.diagonal())
+    values, vectors = scipy.linalg.eigh(stiffness.toarray() / np.outer(root, root))
+    return (vectors / root[:, None]) ** 2 @ np.exp(-np.outer(values, times))
+
+
+@pytest.fixture(scope="module")
+def fine_sphere() -> Mesh:
+    return shapes.icosphere(4)
+
+
+@pytest.mark.parametrize("threshold", [40, 333, 1000, 100_000])
+@pytest.mark.parametrize("overlap", [0.0, 0.15, 1.0])
+@pytest.mark.parametrize("name", ["fine_sphere", "neuron", "rectangle", "three_spheres"])
+def test_pieces_are_small_and_the_identity_is_exact(
+    name: str, overlap: float, threshold: int, request: pytest.FixtureRequest
+) -> None:
+    mesh: Mesh = request.getfixturevalue(name)
+    stitcher = MeshStitcher(mesh, n_jobs=1)
+    stitcher.split_mesh(threshold, overlap=overlap)
+
+    assert max(len(piece) for piece in stitcher.pieces) <= threshold
+    found = stitcher.apply(coordinates)
+    assert found.dtype == np.float64
+    np.testing.assert_array_equal(found[mesh.referenced], mesh.vertices[mesh.referenced])
+    assert np.isnan(found[~mesh.referenced]).all()
+
+
+def test_pieces_are_as_few_as_the_threshold_allows(fine_sphere: Mesh) -> None:
+    stitcher = MeshStitcher(fine_sphere, n_jobs=1)
+    stitcher.split_mesh(640, overlap=0.1)
+    # 2562 vertices; an overlap on a surface this round costs less than half of a piece.
+    assert 2562 / 640 < len(stitcher.pieces) < 2 * 2.5 * 2562 / 640
+
+
+def test_every_face_around_an_owned_vertex_is_in_its_piece(fine_sphere: Mesh) -> None:
+    stitcher = MeshStitcher(fine_sphere, n_jobs=1)
+    stitcher.split_mesh(300, overlap=0.0)
+
+    def faces_around(piece: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        return np.bincount(piece[1].ravel(), minlength=len(piece[0]))
+
+    whole = faces_around((fine_sphere.vertices, fine_sphere.faces))
+    np.testing.assert_array_equal(stitcher.apply(faces_around), whole)
+
+
+def test_each_vertex_takes_the_value_of_the_piece_it_is_deepest_in(fine_sphere: Mesh) -> None:
+    stitcher = MeshStitcher(fine_sphere, n_jobs=1)
+    stitcher.split_mesh(700)
+    graph = edge_graph(fine_sphere)
+    depths = np.full((len(stitcher.pieces), fine_sphere.n_vertices), -1.0)
+    for number, piece in enumerate(stitcher.pieces):
+        depths[number, piece] = interior_depth(graph, piece)
+    assert (np.count_nonzero(depths >= 0, axis=0) > 1).any()
+
+    count = iter(range(len(stitcher.pieces)))
+    owner = stitcher.apply(lambda piece: np.full(len(piece[0]), next(count)))
+    chosen = depths[owner, np.arange(fine_sphere.n_vertices)]
+    np.testing.assert_array_equal(chosen, depths.max(axis=0))
+    assert chosen.min() > 0.0
+
+
+def test_heat_kernel_at_short_times_is_that_of_the_whole() -> None:
+    mesh = shapes.icosphere(3)
+    stitcher = MeshStitcher(mesh, n_jobs=1)
+    stitcher.split_mesh(400, overlap=0.2)
+    assert len(stitcher.pieces) > 2
+    width = 0.2 * np.sqrt(mesh.area * 400 / mesh.n_vertices)
+    # Heat has gone about 2√t; what returns from a cut at `width` fades as exp(-width²/t).
+    times = np.array([0.01, 0.04]) * width**2
+    whole = heat_kernel(mesh, times)
+    found = stitcher.apply(lambda piece: heat_kernel(piece, times))
+    assert found.shape == (mesh.n_vertices, 2)
+    np.testing.assert_allclose(found[:, 0], whole[:, 0], rtol=1e-6)
+    np.testing.assert_allclose(found[:, 1], whole[:, 1], rtol=1e-3)
+
+
+def test_components_are_whole_and_share_pieces(three_spheres: Mesh) -> None:
+    stitcher = MeshStitcher(three_spheres, n_jobs=1)
+    stitcher.split_mesh(330)
+    assert sorted(len(piece) for piece in stitcher.pieces) == [162, 324]
+    for piece in stitcher.pieces:
+        counts = np.bincount(three_spheres.component_labels[piece])
+        assert set(counts) <= {0, 162}
+
+
+def test_a_long_tube_is_cut_across() -> None:
+    line = np.linspace(0.0, 100.0, 400)
+    path = np.stack([line, 3.0 * np.sin(line / 9.0), np.zeros(400)], axis=1)
+    mesh = Mesh(*shapes.tube(path, np.full((400, 12), 1.0), around=12))
+    stitcher = MeshStitcher(mesh, n_jobs=1)
+    stitcher.split_mesh(600)
+    total = sum(len(piece) for piece in stitcher.pieces)
+    assert total < 1.5 * mesh.n_vertices
+    for piece in stitcher.pieces:
+        # One run along the tube: no ring of vertices is missing from between two others.
+        along = np.sort(mesh.vertices[piece, 0])
+        assert np.diff(along).max() < 1.0
+
+
+def test_the_same_every_time_and_at_every_scale(neuron: Mesh) -> None:
+    pieces = []
+    for factor in (1.0, 1.0, 2.0**-30):
+        stitcher = MeshStitcher((neuron.vertices * factor, neuron.faces), n_jobs=1)
+        stitcher.split_mesh(300)
+        pieces.append(stitcher.pieces)
+    for other in pieces[1:]:
+        assert len(other) == len(pieces[0])
+        for a, b in zip(pieces[0], other, strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
+def test_renumbered_vertices_get_the_same_values(neuron: Mesh, rng: np.random.Generator) -> None:
+    order = rng.permutation(neuron.n_vertices)
+    rank = np.argsort(order)
+    stitcher = MeshStitcher((neuron.vertices[order], rank[neuron.faces]), n_jobs=1)
+    stitcher.split_mesh(250)
+    used = neuron.referenced
+    np.testing.assert_array_equal(stitcher.apply(coordinates)[rank][used], neuron.vertices[used])
+
+
+def test_parallel_gives_what_serial_gives(fine_sphere: Mesh) -> None:
+    stitcher = MeshStitcher(fine_sphere, n_jobs=2)
+    stitcher.split_mesh(800)
+    shift = 3.0
+    # A lambda with a closure goes to the workers; so does one that writes into its arguments.
+    found = stitcher.apply(lambda piece: np.add(piece[0], shift, out=piece[0]))
+    np.testing.assert_array_equal(found, fine_sphere.vertices + shift)
+
+    processes = stitcher.apply(lambda piece: os.getpid(), stitch=False)
+    assert len(processes) == len(stitcher.pieces)
+    assert os.getpid() not in processes
+
+    with pytest.raises(PieceError, match=r"piece \d+ of \d+ .*ZeroDivisionError"):
+        stitcher.apply(lambda piece: 1 / 0)
+
+
+def test_one_blas_thread_each(sphere: Mesh) -> None:
+    from threadpoolctl import threadpool_info
+
+    stitcher = MeshStitcher(sphere, n_jobs=2)
+    stitcher.split_mesh(400)
+    for pools in stitcher.apply(
+        lambda piece: [pool["num_threads"] for pool in threadpool_info()], stitch=False
+    ):
+        assert set(pools) <= {1}
+
+
+def test_one_and_two_dimensions_and_types(sphere: Mesh, neuron: Mesh) -> None:
+    stitcher = MeshStitcher(sphere, n_jobs=1)
+    stitcher.split_mesh(300)
+    flat = stitcher.apply(lambda piece: piece[0][:, 0].astype(np.float32))
+    assert flat.shape == (sphere.n_vertices,)
+    assert flat.dtype == np.float32
+    whole = stitcher.apply(lambda piece: np.ones((len(piece[0]), 3), dtype=np.int32))
+    assert whole.shape == (sphere.n_vertices, 3)
+    assert whole.dtype == np.int32
+
+    assert not neuron.referenced.all()
+    stitcher = MeshStitcher(neuron, n_jobs=1)
+    marked = stitcher.apply(lambda piece: np.ones(len(piece[0]), dtype=np.int32))
+    np.testing.assert_array_equal(np.isnan(marked), ~neuron.referenced)
+
+
+def test_not_stitched_is_a_list_in_the_order_of_the_pieces(sphere: Mesh) -> None:
+    stitcher = MeshStitcher(sphere, n_jobs=1)
+    stitcher.split_mesh(300)
+    sizes = stitcher.apply(lambda piece: len(piece[0]), stitch=False)
+    assert sizes == [len(piece) for piece in stitcher.pieces]
+
+
+def test_splits_with_the_defaults_where_nobody_did(sphere: Mesh) -> None:
+    stitcher = MeshStitcher((sphere.vertices, sphere.faces), n_jobs=1)
+    np.testing.assert_array_equal(stitcher.apply(coordinates), sphere.vertices)
+    assert len(stitcher.pieces) == 1
+
+
+def test_progress_and_cancel(sphere: Mesh) -> None:
+    stitcher = MeshStitcher(sphere, n_jobs=1)
+    stitcher.split_mesh(300)
+    seen: list[Progress] = []
+    stitcher.apply(coordinates, progress=seen.append)
+    assert [report.fraction for report in seen] == [
+        (i + 1) / len(stitcher.pieces) for i in range(len(stitcher.pieces))
+    ]
+    seen.clear()
+    for n_jobs in (1, 2):
+        stitcher.n_jobs = n_jobs
+        with pytest.raises(Cancelled):
+            # A lambda, because the workers cannot import a test.
+            stitcher.apply(
+                lambda piece: piece[0], progress=seen.append, cancel=lambda: len(seen) >= 1
+            )
+        assert 1 <= len(seen) < len(stitcher.pieces)
+        seen.clear()
+
+
+@pytest.mark.parametrize(
+    ("returned", "fault"),
+    [
+        (lambda piece: 1.0, r"shape \(\) for piece 1"),
+        (lambda piece: piece[0][1:], r"to stitch, return shape"),
+        (lambda piece: piece[0][:, : 1 + len(piece[0]) % 2], "the same columns"),
+        (lambda piece: np.full(len(piece[0]), "a"), "only numbers"),
+    ],
+)
+def test_what_cannot_be_stitched_is_named(sphere: Mesh, returned: Any, fault: str) -> None:
+    stitcher = MeshStitcher(sphere, n_jobs=1)
+    stitcher.split_mesh(301)
+    assert len({len(piece) % 2 for piece in stitcher.pieces}) == 2
+    with pytest.raises(InputError, match=fault):
+        stitcher.apply(returned)
+
+
+def test_bad_requests_are_named(sphere: Mesh) -> None:
+    stitcher = MeshStitcher(sphere, n_jobs=1)
+    with pytest.raises(InputError, match="max_vertex_threshold=2 "):
+        stitcher.split_mesh(2)
+    with pytest.raises(InputError, match="has 6 neighbours"):
+        stitcher.split_mesh(5)
+    with pytest.raises(InputError, match="overlap=-1"):
+        stitcher.split_mesh(100, overlap=-1.0)
+    with pytest.raises(InputError, match="n_jobs=0"):
+        MeshStitcher(sphere, n_jobs=0)
