@@ -1,0 +1,49 @@
+"""How a file was made: what every export says of itself."""
+
+from __future__ import annotations
+
+import datetime
+import platform
+from importlib import metadata
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from meshmash_viewer.mesh import Mesh
+
+__all__ = ["provenance"]
+
+#: The packages whose numbers end up in a file.
+_PACKAGES = ("numpy", "scipy", "robust_laplacian")
+
+
+def provenance(mesh: Mesh, options: dict[str, Any] | None = None) -> dict[str, Any]:
+    """Describe a mesh, what was done to it, by which versions, and when.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    options : dict, optional
+        JSON-able choices that led to the result, with their units.
+
+    Returns
+    -------
+    dict
+        JSON-able: ``program``, ``created`` (ISO 8601, UTC), ``mesh`` (name, SHA-256 of its
+        content, unit, counts), ``options``, ``versions``.
+    """
+    versions = {"python": platform.python_version()}
+    for package in _PACKAGES:
+        versions[package] = metadata.version(package)
+    return {
+        "program": f"meshmash-viewer {metadata.version('meshmash-viewer')}",
+        "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "mesh": {
+            "name": mesh.name,
+            "hash": mesh.content_hash,
+            "unit": mesh.unit,
+            "n_vertices": mesh.n_vertices,
+            "n_faces": mesh.n_faces,
+        },
+        "options": dict(options or {}),
+        "versions": versions,
+    }

@@ -1,0 +1,217 @@
+"""What is written can be read again, by us and by others, and says how it was made."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from meshmash_viewer.eigensolver import Decomposition
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features import Features
+from meshmash_viewer.io.read import read_mesh
+from meshmash_viewer.io.write import (
+    EIGENPAIR_WRITERS,
+    WRITERS,
+    provenance,
+    write_eigenpairs,
+    write_features,
+    write_picture,
+)
+from meshmash_viewer.mesh import Mesh
+
+COLUMNS = ("hks_t=1.23e+05", "wks_λ=2", "band 03")
+OPTIONS = {"count": 20, "t_min": 1.5}
+
+
+@pytest.fixture
+def mesh(sphere: Mesh) -> Mesh:
+    return Mesh(1e6 + sphere.vertices * 1234.5, sphere.faces, unit="nm", name="ball")
+
+
+@pytest.fixture
+def features(mesh: Mesh, rng: np.random.Generator) -> Features:
+    values = rng.normal(size=(mesh.n_vertices, 3)) * [1e-8, 1.0, 1e3]
+    values[7] = np.nan  # as at an unreferenced vertex
+    return Features(values, COLUMNS, unit="nm⁻²", kind="hks")
+
+
+def read_back(path: Path) -> tuple[np.ndarray, list[str], dict[str, Any]]:
+    """Values (n, f), column names and provenance, by programs other than ours."""
+    match path.suffix:
+        case ".npz":
+            with np.load(path, allow_pickle=False) as archive:
+                meta = json.loads(str(archive["meta"]))
+                return archive["features"], archive["columns"].tolist(), meta
+        case ".npy":
+            meta = json.loads(path.with_name(path.name + ".json").read_text())
+            return np.load(path), meta["columns"], meta
+        case ".csv":
+            meta = json.loads(path.with_name(path.name + ".json").read_text())
+            names = next(csv.reader(path.read_text(encoding="utf-8").splitlines()))
+            table = np.genfromtxt(path, delimiter=",", skip_header=1)
+            assert np.array_equal(table[:, 0], np.arange(len(table)))
+            return table[:, 1:], names[1:], meta
+        case ".parquet":
+            import pyarrow.parquet
+
+            content = pyarrow.parquet.read_table(path)
+            meta = json.loads(content.schema.metadata[b"meshmash-viewer"])
+            columns = [column.to_numpy() for column in content.columns[1:]]
+            return np.column_stack(columns), content.column_names[1:], meta
+        case ".vtp":
+            import pyvista
+
+            poly = pyvista.read(path)
+            meta = json.loads(poly.field_data["meshmash-viewer"][0])
+            names = list(poly.point_data.keys())
+            return np.column_stack([poly.point_data[name] for name in names]), names, meta
+        case ".ply":
+            header = path.read_bytes().split(b"end_header")[0].decode().splitlines()
+            made = next(line for line in header if line.startswith("comment meshmash-viewer "))
+            meta = json.loads(made.removeprefix("comment meshmash-viewer "))
+            import trimesh
+
+            raw = trimesh.load(path, process=False).metadata["_ply_raw"]["vertex"]["data"]
+            names = [name for name in raw.dtype.names if name not in "xyz"]
+            return np.column_stack([raw[name] for name in names]), names, meta
+        case ".gii":
+            import nibabel
+
+            image: Any = nibabel.load(path)
+            meta = json.loads(image.meta["meshmash-viewer"])
+            names = [array.meta["Name"] for array in image.darrays]
+            return np.column_stack([array.data for array in image.darrays]), names, meta
+    raise AssertionError(path)
+
+
+@pytest.mark.parametrize("ending", WRITERS)
+def test_features_come_back(ending: str, mesh: Mesh, features: Features, tmp_path: Path) -> None:
+    path = tmp_path / f"out{ending}"
+    write_features(path, features, mesh, eigenvalues=np.arange(5.0), meta=OPTIONS)
+    values, columns, meta = read_back(path)
+    single = ending in (".ply", ".func.gii", ".shape.gii", ".gii")
+    np.testing.assert_allclose(values, features.values, rtol=1e-7 if single else 1e-15)
+    if ending == ".ply":
+        assert columns == ["hks_t=1.23e+05", "wks_lambda=2", "band_03"]
+    else:
+        assert columns == list(COLUMNS)
+    assert meta["mesh"]["hash"] == mesh.content_hash
+    assert meta["mesh"]["unit"] == "nm"
+    assert meta["options"] == {"kind": "hks", "values_unit": "nm⁻²"} | OPTIONS
+    assert meta["program"].startswith("meshmash-viewer ")
+    assert set(meta["versions"]) >= {"numpy", "scipy", "robust_laplacian"}
+    assert meta["created"].endswith("+00:00")
+    left = {file.name for file in tmp_path.iterdir()}
+    assert left == {path.name} | ({f"{path.name}.json"} if ending in (".npy", ".csv") else set())
+
+
+@pytest.mark.parametrize("ending", [".npz", ".vtp", ".ply"])
+def test_formats_with_geometry_are_the_same_mesh(
+    ending: str, mesh: Mesh, features: Features, tmp_path: Path
+) -> None:
+    path = tmp_path / f"out{ending}"
+    write_features(path, features, mesh)
+    again = read_mesh(path, unit="nm")
+    assert again.content_hash == mesh.content_hash
+    if ending == ".npz":
+        assert read_mesh(path).unit == "nm"
+        with np.load(path) as archive:
+            assert set(archive.files) == {
+                "features",
+                "columns",
+                "eigenvalues",
+                "vertices",
+                "faces",
+                "meta",
+            }
+
+
+@pytest.mark.parametrize("ending", EIGENPAIR_WRITERS)
+def test_eigenpairs_come_back(
+    ending: str, mesh: Mesh, rng: np.random.Generator, tmp_path: Path
+) -> None:
+    k, n = 4, mesh.n_vertices
+    pairs = Decomposition(
+        np.arange(k, dtype=np.float64),
+        rng.normal(size=(k, n)),
+        np.full(k, 1e-12),
+        1e-15,
+        True,
+        "a count",
+        mass=np.ones(n),
+    )
+    path = tmp_path / f"pairs{ending}"
+    write_eigenpairs(path, pairs, mesh, {"count": k})
+    if ending == ".npz":
+        with np.load(path, allow_pickle=False) as archive:
+            np.testing.assert_array_equal(archive["eigenvectors"], pairs.eigenvectors)
+            np.testing.assert_array_equal(archive["eigenvalues"], pairs.eigenvalues)
+            np.testing.assert_array_equal(archive["mass"], pairs.mass)
+            meta = json.loads(str(archive["meta"]))
+    else:
+        import pyvista
+
+        poly = pyvista.read(path)
+        np.testing.assert_array_equal(poly.point_data["phi_002"], pairs.rows[2])
+        np.testing.assert_array_equal(poly.field_data["eigenvalues"], pairs.eigenvalues)
+        meta = json.loads(poly.field_data["meshmash-viewer"][0])
+    assert meta["options"]["proof"] == pairs.proof()
+    assert meta["options"]["count"] == k
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+def test_picture_comes_back(channels: int, mesh: Mesh, tmp_path: Path) -> None:
+    from PIL import Image
+
+    pixels = np.random.default_rng(0).integers(0, 256, (20, 30, channels), dtype=np.uint8)
+    path = tmp_path / "picture.png"
+    write_picture(path, pixels, provenance(mesh))
+    with Image.open(path) as image:
+        np.testing.assert_array_equal(np.asarray(image), pixels)
+        about: Any = image.info
+        assert json.loads(about["meshmash-viewer"])["mesh"]["name"] == "ball"
+    with pytest.raises(InputError, match=r"\.png"):
+        write_picture(tmp_path / "picture.jpg", pixels)
+
+
+@pytest.mark.parametrize("ending", WRITERS)
+def test_failure_leaves_the_old_file_whole(
+    ending: str, mesh: Mesh, features: Features, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / f"out{ending}"
+    path.write_bytes(b"the old content")
+    writer = WRITERS[ending]
+
+    def fail_at_the_end(part: Path, table: Any) -> None:
+        writer(part, table)
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setitem(WRITERS, ending, fail_at_the_end)
+    with pytest.raises(InputError, match="No space left on device"):
+        write_features(path, features, mesh)
+    assert path.read_bytes() == b"the old content"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_places_where_nothing_can_be_written(
+    mesh: Mesh, features: Features, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=r"one of \.npz .* \.gii"):
+        write_features(tmp_path / "out.xlsx", features, mesh)
+    with pytest.raises(InputError, match="no folder"):
+        write_features(tmp_path / "absent" / "out.npz", features, mesh)
+    (tmp_path / "folder.npz").mkdir()
+    with pytest.raises(InputError, match="is a folder"):
+        write_features(tmp_path / "folder.npz", features, mesh)
+    with pytest.raises(InputError, match="no ending"):
+        write_features(tmp_path / ".npz", features, mesh)
+
+
+def test_rows_have_to_go_with_the_mesh(mesh: Mesh, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="5 rows"):
+        write_features(tmp_path / "out.npz", Features(np.zeros((5, 1)), ("a",)), mesh)
