@@ -1,0 +1,81 @@
+"""The pinned vertices with their colours, as the legend of the profiles."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import (
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QScrollArea,
+    QToolButton,
+    QVBoxLayout,
+    QWidget,
+)
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.listening import listen
+from meshmash_viewer.model.document import Document, Pin
+
+__all__ = ["PinLegend"]
+
+
+class PinLegend(QScrollArea):
+    """One line a pin: its colour, its vertex, and a cross that takes it away."""
+
+    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("pin_legend")
+        self.setAccessibleName("Pinned vertices")
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setWidgetResizable(True)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self._document = document
+        content = QWidget(self)
+        content.setObjectName("panel_content")
+        self._column = QVBoxLayout(content)
+        self._column.setContentsMargins(theme.GAP, 0, 0, 0)
+        self._column.setSpacing(0)
+        self._column.addStretch(1)
+        self.setWidget(content)
+        self._rows: dict[Pin, QWidget] = {}
+        listen(document.pins_changed, self._refresh)
+        self._refresh()
+
+    def _refresh(self) -> None:
+        pins = self._document.pins
+        for pin in [pin for pin in self._rows if pin not in pins]:
+            row = self._rows.pop(pin)
+            self._column.removeWidget(row)
+            row.hide()
+            row.deleteLater()
+        for place, pin in enumerate(pins):
+            if pin not in self._rows:
+                self._rows[pin] = self._row(pin)
+                self._column.insertWidget(place, self._rows[pin])
+        widest = max((row.sizeHint().width() for row in self._rows.values()), default=0)
+        bar = self.verticalScrollBar().sizeHint().width()
+        self.setFixedWidth(widest + theme.GAP + bar)
+
+    def _row(self, pin: Pin) -> QWidget:
+        row = QWidget()
+        line = QHBoxLayout(row)
+        line.setContentsMargins(0, 0, 0, 0)
+        line.setSpacing(6)
+        swatch = QLabel(row)
+        swatch.setFixedSize(12, 12)
+        swatch.setStyleSheet(f"background: {pin.color}; border-radius: 6px;")
+        name = QLabel(f"Vertex {pin.vertex}", row)
+        name.setObjectName(f"pin_label_{pin.vertex}")
+        cross = QToolButton(row)
+        cross.setObjectName(f"unpin_button_{pin.vertex}")
+        cross.setText("×")
+        cross.setAutoRaise(True)
+        cross.setAccessibleName(f"Take the pin of vertex {pin.vertex} away")
+        cross.setToolTip(cross.accessibleName())
+        cross.clicked.connect(lambda: self._document.toggle_pin(pin.vertex))
+        line.addWidget(swatch)
+        line.addWidget(name)
+        line.addStretch(1)
+        line.addWidget(cross)
+        return row

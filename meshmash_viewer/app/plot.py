@@ -1,0 +1,176 @@
+"""The plots' common ground: colours of the theme, ticks that read 2×10⁻⁸, and a quiet mouse."""
+
+from __future__ import annotations
+
+import math
+
+import pyqtgraph as pg
+from PySide6.QtCore import QPointF, Qt, Signal
+from PySide6.QtGui import QBrush, QColor, QFont, QPen
+from PySide6.QtWidgets import QWidget
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.scale_marks import linear_texts, power_text
+
+__all__ = ["Plot", "ScientificAxis", "color", "dashed", "hatch", "solid"]
+
+
+def color(name: str, alpha: float = 1.0) -> QColor:
+    """A colour of the theme, more or less transparent."""
+    result = QColor(name)
+    result.setAlphaF(alpha)
+    return result
+
+
+def solid(name: str, width: float = 1.0, alpha: float = 1.0) -> QPen:
+    """A pen as wide in pixels whatever the zoom."""
+    return pg.mkPen(color(name, alpha), width=width)
+
+
+def dashed(name: str, width: float = 1.0) -> QPen:
+    """A dashed pen as wide in pixels whatever the zoom."""
+    return pg.mkPen(color(name), width=width, style=Qt.PenStyle.DashLine)
+
+
+def hatch(name: str) -> QBrush:
+    """The brush of what is in doubt: needs more eigenpairs."""
+    return QBrush(color(name, 0.8), Qt.BrushStyle.BDiagPattern)
+
+
+class ScientificAxis(pg.AxisItem):
+    """An axis that writes 2×10⁻⁸ where pyqtgraph would rescale its unit, or round it to 0."""
+
+    def __init__(self, orientation: str) -> None:
+        super().__init__(orientation)
+        self.enableAutoSIPrefix(False)
+
+    def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
+        """Labels of evenly spaced ticks."""
+        if self.logMode:
+            return self._log_texts(values)
+        return linear_texts([value * scale for value in values], spacing * scale)
+
+    def tickValues(self, low: float, high: float, size: float) -> list[tuple[float, list[float]]]:
+        """Ticks: in log scale whole decades, and 2 to 9 between them."""
+        if not self.logMode:
+            return super().tickValues(low, high, size)[:2]
+        first, last = math.floor(low), math.ceil(high)
+        stride = max(1, math.ceil((last - first) / max(size / 45.0, 1.0)))
+        whole = [float(power) for power in range(first, last + 1) if power % stride == 0]
+        between = [
+            power + math.log10(factor) for power in range(first, last) for factor in range(2, 10)
+        ]
+        inside = [value for value in between if low <= value <= high]
+        return [(1.0, [value for value in whole if low <= value <= high]), (0.1, inside)]
+
+    def _log_texts(self, values: list[float]) -> list[str]:
+        low, high = self.range
+        factors = (1,) if high - low > 1.6 else (1, 2, 5)
+        texts = []
+        for value in values:
+            power = math.floor(value + 1e-9)
+            factor = round(10.0 ** (value - power))
+            texts.append(power_text(power, factor) if factor in factors else "")
+        return texts
+
+
+class Plot(pg.PlotWidget):
+    """A plot in the theme's colours.
+
+    The wheel zooms, a drag moves, a double click shows everything again.
+
+    Signals
+    -------
+    clicked(float, float)
+        Where, in the plot's own coordinates.
+    hovered(float, float)
+        Likewise; NaN once the pointer has left.
+    """
+
+    clicked = Signal(float, float)
+    hovered = Signal(float, float)
+
+    def __init__(self, name: str, accessible_name: str, parent: QWidget | None = None) -> None:
+        axes = {side: ScientificAxis(side) for side in ("left", "bottom")}
+        super().__init__(parent, axisItems=axes)
+        self.setObjectName(name)
+        self.setAccessibleName(accessible_name)
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setFrameShape(self.Shape.NoFrame)
+        self.setMinimumSize(220, 110)
+        self.setAntialiasing(True)
+        self.setMenuEnabled(False)
+        self.hideButtons()
+        self._labels = {"left": "", "bottom": ""}
+        self.scene().sigMouseClicked.connect(self._click)
+        self.scene().sigMouseMoved.connect(self._move)
+        theme.notifier().changed.connect(self.dress)
+        self.dress()
+
+    def set_labels(self, bottom: str, left: str) -> None:
+        """Name both axes, units included."""
+        if self._labels != {"left": left, "bottom": bottom}:
+            self._labels = {"left": left, "bottom": bottom}
+            self._dress_axes()
+
+    def set_log(self, bottom: bool, left: bool) -> None:
+        """Write powers of ten on an axis; what is drawn is then the logarithm already."""
+        for side, on in (("bottom", bottom), ("left", left)):
+            axis = self.getAxis(side)
+            if axis.logMode != on:
+                axis.setLogMode(on)
+
+    def dress(self) -> None:
+        """Put on the colours of the theme."""
+        self.setBackground(theme.plot_colors().background)
+        self._dress_axes()
+
+    def _dress_axes(self) -> None:
+        colors = theme.plot_colors()
+        font = theme.tabular(QFont(self.font()))
+        font.setPointSizeF(max(self.font().pointSizeF() * 0.9, 6.0))
+        for side, text in self._labels.items():
+            axis = self.getAxis(side)
+            axis.setPen(solid(theme.palette().border_strong))
+            axis.setTextPen(solid(colors.foreground))
+            axis.setStyle(
+                tickFont=font, tickLength=-4, autoExpandTextSpace=True, hideOverlappingLabels=True
+            )
+            axis.label.setFont(font)
+            axis.setLabel(
+                text, **{"color": colors.foreground, "font-size": f"{font.pointSizeF()}pt"}
+            )
+            axis.setGrid(False)
+
+    def show_all(self) -> None:
+        """Zoom out to everything that is drawn."""
+        self.plotItem.vb.enableAutoRange()
+
+    def pixel_of(self, x: float, y: float) -> QPointF:
+        """Where a point of the plot is on the widget."""
+        return QPointF(self.mapFromScene(self.plotItem.vb.mapViewToScene(QPointF(x, y))))
+
+    def leaveEvent(self, event: object) -> None:
+        """Tell that nothing is pointed at any more."""
+        self.hovered.emit(math.nan, math.nan)
+        super().leaveEvent(event)
+
+    def _point(self, position: QPointF) -> QPointF | None:
+        box = self.plotItem.vb
+        if not box.sceneBoundingRect().contains(position):
+            return None
+        return box.mapSceneToView(position)
+
+    def _click(self, event: object) -> None:
+        point = self._point(event.scenePos())
+        if event.button() != Qt.MouseButton.LeftButton or point is None:
+            return
+        if event.double():
+            self.show_all()
+        else:
+            self.clicked.emit(point.x(), point.y())
+
+    def _move(self, position: QPointF) -> None:
+        point = self._point(position)
+        if point is not None:
+            self.hovered.emit(point.x(), point.y())

@@ -1,0 +1,103 @@
+"""Values of all eigenfunctions at the pinned vertices, read off the interface thread."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import shiboken6
+from PySide6.QtCore import QObject, QRunnable, QThreadPool, Signal
+
+from meshmash_viewer.model.spectrum import Spectrum
+
+__all__ = ["ProfileReader"]
+
+#: Rows read at a time. Each may be a page of a file that is not in memory, and NumPy holds the
+#: interpreter's lock while it copies: few at a time let the window breathe.
+_CHUNK = 8
+
+
+class _Read(QRunnable):
+    """One pass over the rows, at some vertices."""
+
+    def __init__(self, reader: ProfileReader, spectrum: Spectrum, vertices: tuple[int, ...]):
+        super().__init__()
+        self._reader = reader
+        self._spectrum = spectrum
+        self._vertices = vertices
+
+    def run(self) -> None:
+        """Read; give up as soon as something newer is wanted."""
+        spectrum, reader = self._spectrum, self._reader
+        values = np.empty((len(spectrum), len(self._vertices)))
+        for start in range(0, len(spectrum), _CHUNK):
+            if reader.wanted is not spectrum:
+                break
+            stop = min(start + _CHUNK, len(spectrum))
+            for column, vertex in enumerate(self._vertices):
+                values[start:stop, column] = spectrum.rows[start:stop, vertex]
+        else:
+            if shiboken6.isValid(reader):
+                reader.arrived.emit(spectrum, self._vertices, values)
+
+
+class ProfileReader(QObject):
+    """Keeps what has been read for the spectrum in force; reads what is missing.
+
+    A vertex's values are a column of the rows, one value a page: cheap in memory, slow from disk.
+
+    Signals
+    -------
+    changed()
+        More values are there.
+    """
+
+    changed = Signal()
+    arrived = Signal(object, object, object)
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.wanted: Spectrum | None = None
+        self._spectrum: Spectrum | None = None
+        self._values: dict[int, npt.NDArray[np.float64]] = {}
+        self._pending: set[int] = set()
+        self._pool = QThreadPool(self)
+        self._pool.setMaxThreadCount(1)
+        self.arrived.connect(self._take)
+
+    def want(self, spectrum: Spectrum | None, vertices: tuple[int, ...]) -> None:
+        """Say what is to be shown; old values stay until new ones come."""
+        if spectrum is not self.wanted:
+            self.wanted = spectrum
+            self._pending.clear()
+        if spectrum is None:
+            self._values.clear()
+            self._spectrum = None
+            return
+        known = self._values.keys() if self._spectrum is spectrum else set()
+        missing = tuple(v for v in vertices if v not in known and v not in self._pending)
+        if missing:
+            self._pending.update(missing)
+            self._pool.start(_Read(self, spectrum, missing))
+
+    def values(self, vertex: int) -> npt.NDArray[np.float64] | None:
+        """Values at a vertex, shape (k,); of fewer pairs while newer ones are being read."""
+        return self._values.get(vertex)
+
+    def wait(self) -> None:
+        """Wait for what is being read (before closing, and in tests)."""
+        self._pool.waitForDone()
+
+    def _take(
+        self,
+        spectrum: Spectrum,
+        vertices: tuple[int, ...],
+        values: npt.NDArray[np.float64],
+    ) -> None:
+        if spectrum is not self.wanted:
+            return
+        if self._spectrum is not spectrum:
+            self._spectrum = spectrum
+        for column, vertex in enumerate(vertices):
+            self._values[vertex] = values[:, column]
+            self._pending.discard(vertex)
+        self.changed.emit()
