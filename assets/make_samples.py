@@ -15,6 +15,7 @@ al. 2007).
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -296,7 +297,8 @@ def save(name: str, vertices: Array, faces: npt.NDArray[np.int64]) -> None:
         path,
         vertices=(np.round(vertices[order] / RESOLUTION) * RESOLUTION).astype(np.float32),
         faces=faces.astype(np.int32),
-        unit=np.array("nm"),
+        # Where the package's own exports state the unit, so that reading it needs no option.
+        meta=np.array(json.dumps({"mesh": {"name": name, "unit": "nm"}})),
     )
     print(f"{path.name}: {path.stat().st_size / 1e6:.2f} MB")
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib.resources import files
+
 from PySide6.QtCore import QByteArray, QRectF, Qt
 from PySide6.QtGui import QIcon, QPainter, QPixmap
 from PySide6.QtSvg import QSvgRenderer
@@ -66,18 +68,10 @@ def icon(name: str) -> QIcon:
 
 
 def application_icon() -> QIcon:
-    """The program's own icon: a triangle mesh coloured by a standing wave."""
-    drawing = (
-        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 64 64">'
-        '<rect width="64" height="64" rx="14" fill="#15202b"/>'
-        '<g stroke="#15202b" stroke-width="1.5" stroke-linejoin="round">'
-        '<path d="M32 8L52 20L32 30Z" fill="#d6604d"/><path d="M32 8L12 20L32 30Z" fill="#f4a582"/>'
-        '<path d="M12 20L12 43L32 30Z" fill="#f7f7f7"/>'
-        '<path d="M52 20L52 43L32 30Z" fill="#f4a582"/>'
-        '<path d="M12 43L32 56L32 30Z" fill="#4393c3"/>'
-        '<path d="M52 43L32 56L32 30Z" fill="#92c5de"/></g></svg>'
-    )
-    return QIcon(_render(drawing, 64, 2.0))
+    """The program's own icon: an eigenfunction on a triangle mesh, by assets/make_icon.py."""
+    picture = QPixmap()
+    picture.loadFromData(files("meshmash_viewer.app").joinpath("icon.png").read_bytes())
+    return QIcon(picture)
 
 
 def _render(drawing: str, size: int, ratio: float) -> QPixmap:

@@ -16,7 +16,7 @@ SAMPLES: dict[str, str] = {
 
 
 def sample_path(name: str = "dendrite") -> Path:
-    """Where a sample lies on disk, as an NPZ file with `vertices`, `faces` and `unit`.
+    """Where a sample lies on disk, as an NPZ file that states its unit.
 
     Parameters
     ----------
