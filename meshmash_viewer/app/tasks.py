@@ -9,11 +9,8 @@ from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.jobs import (
     DecomposeJob,
     ExportJob,
-    InspectJob,
     Job,
     MeshReady,
-    ReadJob,
-    RepairJob,
     SpectrumGrew,
     Written,
 )
@@ -122,12 +119,9 @@ class Tasks(QObject):
 
     @Slot(object)
     def _on_finished(self, result: object) -> None:
-        if isinstance(result, MeshReady) and isinstance(
-            self._job, ReadJob | InspectJob | RepairJob
-        ):
+        if isinstance(result, MeshReady):
             self._document.accept_mesh(result)
-            remark = result.known.remark if result.known is not None else ""
-            self._end(Notice(remark, Severity.WARNING) if remark else None)
+            self._end(Notice(result.remark, Severity.WARNING) if result.remark else None)
         elif isinstance(result, Written):
             self._end(Notice(f"{result.description} written to {result.path}."))
         else:

@@ -11,6 +11,7 @@ import tempfile
 import threading
 import traceback
 from pathlib import Path
+from typing import cast
 
 from PySide6.QtCore import QObject, QThread, QTimer, Signal
 
@@ -164,7 +165,7 @@ class _WorkerThread(QThread):
                 raise EOFError
             self._wire.send(("run", job))
             while True:
-                kind, message = self._wire.receive()  # type: ignore[misc]
+                kind, message = cast(tuple[str, object], self._wire.receive())
                 if isinstance(message, SpectrumGrew):
                     _ = message.spectrum  # opens its file here, not where it is looked at
                 elif isinstance(message, MeshReady) and message.known is not None:

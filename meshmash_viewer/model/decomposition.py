@@ -1,10 +1,9 @@
-"""The decomposition of a mesh into its store: refused if it cannot fit, resumed where it stopped."""
+"""The decomposition of a mesh into its store: refused if it cannot fit, resumed if cut off."""
 
 from __future__ import annotations
 
-import shutil
 import time
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,33 +11,46 @@ import numpy.typing as npt
 
 from meshmash_viewer.eigensolver import Decomposition, estimate_memory, solve
 from meshmash_viewer.errors import InputError
-
-try:
-    from meshmash_viewer.io.store import EigenpairStore
-except ImportError:
-    from meshmash_viewer.model.interim_store import EigenpairStore
+from meshmash_viewer.io.store import EigenpairStore, StoreBusy
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.jobs import Channel, SpectrumGrew
-from meshmash_viewer.progress import Progress
+from meshmash_viewer.progress import Cancelled, Progress
 from meshmash_viewer.weyl import Target
 
-__all__ = ["decompose", "find_known", "refuse_what_cannot_fit"]
+__all__ = ["decompose", "find_known", "open_store", "refuse_what_cannot_fit"]
 
 #: Seconds between two messages that the spectrum has grown; the first comes at once.
 _GROWTH_SECONDS = 0.3
-#: Share of the free memory or disk that a run may take.
+#: Share of the free memory that a run may take.
 _SHARE = 0.9
+_ROWS = "eigenvectors.npy"
 
 
-def find_known(mesh: Mesh, operator: OperatorOptions) -> SpectrumGrew | None:
-    """Look for eigenpairs in the store, without computing any."""
+def find_known(mesh: Mesh, operator: OperatorOptions) -> tuple[SpectrumGrew | None, str]:
+    """Look for eigenpairs in the store, without computing any.
+
+    Returns
+    -------
+    known : SpectrumGrew or None
+    remark : str
+        A sentence for the message bar if what was there is damaged, else empty.
+    """
     store = EigenpairStore.open_or_create(mesh, operator)
     stored = store.load()
-    if stored is None or not len(stored.eigenvalues):
-        return None
-    return _grown(store, operator, stored.eigenvalues, stored.residuals, stored)
+    known = None if stored is None else _grown(store, operator, stored.decomposition())
+    return known, store.notice
+
+
+def open_store(mesh: Mesh, operator: OperatorOptions, channel: Channel) -> EigenpairStore:
+    """The store with the eigenpairs of a mesh: in the user's cache, or in this session's folder."""
+    store = EigenpairStore.open_or_create(mesh, operator)
+    if not (store.folder / _ROWS).exists():
+        own = EigenpairStore.open_or_create(mesh, operator, root=channel.folder / "eigenpairs")
+        if (own.folder / _ROWS).exists():
+            return own
+    return store
 
 
 def decompose(
@@ -62,85 +74,84 @@ def decompose(
     Raises
     ------
     InputError
-        If they cannot fit into memory or on the disk.
+        If they cannot fit into memory or on the disk, or another process computes the same.
     Cancelled
         If the person asked to stop; the pairs that had converged stay in the store.
     """
-    store = EigenpairStore.open_or_create(mesh, operator)
+    store = open_store(mesh, operator, channel)
     stored = store.load()
-    if stored is not None and stored.complete and _suffices(stored.eigenvalues, target, mesh):
-        count = _asked(stored.eigenvalues, target)
-        return _grown(store, operator, stored.eigenvalues[:count], stored.residuals[:count], stored)
-    channel.report(Progress("operator", message="Building the Laplacian"))
-    stiffness, mass = cotangent_laplacian(
-        mesh, robust=operator.robust, mollify_factor=operator.mollify_factor
-    )
-    nnz = int(stiffness.nnz)
-    if target.n_components is not None:
-        refuse_what_cannot_fit(mesh.n_vertices, nnz, target.n_components, store.folder)
-    growth = _Growth(store, operator, channel)
+    remark = store.notice
+    if stored is not None and (count := stored.covers(target)) is not None:
+        return _grown(store, operator, stored.decomposition(count))
+    store, unwritable = _locked(store, mesh, operator, channel)
+    with store:
+        channel.report(Progress("operator", message="Building the Laplacian"))
+        stiffness, mass = cotangent_laplacian(
+            mesh, robust=operator.robust, mollify_factor=operator.mollify_factor
+        )
+        n, nnz = mesh.n_vertices, int(stiffness.nnz)
+        free = free_memory()
+        if target.n_components is not None:
+            refuse_what_cannot_fit(n, nnz, target.n_components, free)
+        known = None if stored is None else stored.decomposition()
+        if known is not None:
+            channel.send(_grown(store, operator, known, ended=False))
+        growth = _Growth(store, operator, channel, known, remark or unwritable)
 
-    def allocate(k: int, n: int) -> npt.NDArray[Any]:
-        refuse_what_cannot_fit(n, nnz, k, store.folder)
-        return growth.allocate(k, n)
+        def allocate(k: int, n: int) -> npt.NDArray[Any]:
+            refuse_what_cannot_fit(n, nnz, k, free)  # a threshold's count is known only now
+            return growth.allocate(k, n)
 
-    decomposition = solve(
-        stiffness,
-        mass,
-        target.n_components,
-        max_eigenvalue=target.max_eigenvalue,
-        known=_as_decomposition(stored) if stored is not None else None,
-        allocate=allocate,
-        on_pairs=growth.append,
-        progress=channel.report,
-        cancel=channel.cancelled,
-    )
-    store.finish(decomposition)
-    return SpectrumGrew(
-        store.folder / "eigenvectors.npy",
-        decomposition.eigenvalues,
-        decomposition.residuals,
-        total=decomposition.n_components,
-        complete=True,
-        proof=decomposition.proof(),
-        operator=operator,
-    )
+        try:
+            decomposition = solve(
+                stiffness,
+                mass,
+                target.n_components,
+                max_eigenvalue=target.max_eigenvalue,
+                known=known,
+                allocate=allocate,
+                on_pairs=growth.append,
+                progress=channel.report,
+                cancel=channel.cancelled,
+            )
+        except Cancelled:
+            growth.tell()
+            raise
+        store.finish(decomposition, target.max_eigenvalue)
+        return _grown(store, operator, decomposition)
 
 
-def refuse_what_cannot_fit(n: int, nnz: int, k: int, folder: Path) -> None:
-    """Raise an `InputError` if k pairs of n vertices exceed the free memory or disk.
+def free_memory() -> int:
+    """Bytes of memory that a new computation can have."""
+    import psutil
+
+    return int(psutil.virtual_memory().available)
+
+
+def refuse_what_cannot_fit(n: int, nnz: int, k: int, free: int) -> None:
+    """Raise an `InputError` if k pairs of n vertices take more than the free memory.
 
     Parameters
     ----------
     n, nnz, k : int
         Vertices, entries of L, pairs.
-    folder : Path
-        On the disk that the pairs go to.
+    free : int
+        Bytes that are free.
     """
-    import psutil
-
     k = min(k, n)
-    limits = (
-        (
-            "memory",
-            _SHARE * psutil.virtual_memory().available,
-            lambda k: estimate_memory(n, nnz, k),
-        ),
-        ("disk", _SHARE * shutil.disk_usage(folder).free, lambda k: 8 * n * k),
+    needed = estimate_memory(n, nnz, k)
+    if needed <= _SHARE * free:
+        return
+    fitting = _largest(lambda count: estimate_memory(n, nnz, count) <= _SHARE * free, k)
+    way_out = f"ask for at most {fitting}" if fitting else "simplify the mesh"
+    raise InputError(
+        f"{k} eigenpairs of {n} vertices take about {written_bytes(needed)} of memory, and "
+        f"{written_bytes(free)} are free: {way_out}, or close other programs."
     )
-    for name, free, needed in limits:
-        if needed(k) <= free:
-            continue
-        fitting = _largest(lambda count: needed(count) <= free, k)
-        way_out = f"ask for at most {fitting} pairs" if fitting else "simplify the mesh or split it"
-        raise InputError(
-            f"{k} eigenpairs of {n} vertices take about {written_bytes(needed(k))} of {name} and "
-            f"{written_bytes(free / _SHARE)} are free: {way_out}, or make room."
-        )
 
 
-def _largest(fits: Any, bound: int) -> int:
-    """The largest count from 0 to bound that fits."""
+def _largest(fits: Callable[[int], bool], bound: int) -> int:
+    """The largest count from 0 to bound that fits, 0 if none does."""
     low, high = 0, bound
     while low < high:
         middle = (low + high + 1) // 2
@@ -148,14 +159,40 @@ def _largest(fits: Any, bound: int) -> int:
     return low
 
 
+def _locked(
+    store: EigenpairStore, mesh: Mesh, operator: OperatorOptions, channel: Channel
+) -> tuple[EigenpairStore, str]:
+    """A store that can be written, and what there is to say if it is not the user's cache."""
+    try:
+        store.lock()
+    except StoreBusy:
+        raise
+    except InputError as fault:
+        own = EigenpairStore.open_or_create(mesh, operator, root=channel.folder / "eigenpairs")
+        own.lock()
+        return own, f"{fault} These eigenpairs are kept until the window is closed."
+    return store, ""
+
+
 class _Growth:
     """Writes pairs to the store as they become final, and tells the window now and then."""
 
-    def __init__(self, store: EigenpairStore, operator: OperatorOptions, channel: Channel) -> None:
+    def __init__(
+        self,
+        store: EigenpairStore,
+        operator: OperatorOptions,
+        channel: Channel,
+        known: Decomposition | None,
+        remark: str,
+    ) -> None:
         self._store = store
         self._operator = operator
         self._channel = channel
-        self._told = -_GROWTH_SECONDS
+        self._remark = remark
+        self._time = -_GROWTH_SECONDS
+        # A solve that goes on from known pairs reports these again; the window has them already.
+        self._told = 0 if known is None else known.n_components
+        self._converged = 0
         self._eigenvalues = np.zeros(0)
         self._residuals = np.zeros(0)
 
@@ -166,64 +203,44 @@ class _Growth:
     def append(
         self, start: int, eigenvalues: npt.NDArray[np.float64], residuals: npt.NDArray[np.float64]
     ) -> None:
-        stop = start + len(eigenvalues)
-        self._eigenvalues[start:stop] = eigenvalues
-        self._residuals[start:stop] = residuals
+        self._converged = start + len(eigenvalues)
+        self._eigenvalues[start : self._converged] = eigenvalues
+        self._residuals[start : self._converged] = residuals
         self._store.append(start, eigenvalues, residuals)
-        now = time.monotonic()
-        if now - self._told < _GROWTH_SECONDS:
-            return
-        self._told = now
+        if time.monotonic() - self._time >= _GROWTH_SECONDS:
+            self.tell()
+
+    def tell(self) -> None:
+        """Tell the window of all pairs that it does not know."""
+        if self._converged <= self._told or not self._eigenvalues.any():
+            return  # a null space alone is nothing to look at
+        self._told, self._time = self._converged, time.monotonic()
         self._channel.send(
             SpectrumGrew(
-                self._store.folder / "eigenvectors.npy",
-                self._eigenvalues[:stop].copy(),
-                self._residuals[:stop].copy(),
+                self._store.folder / _ROWS,
+                self._eigenvalues[: self._told].copy(),
+                self._residuals[: self._told].copy(),
                 total=len(self._eigenvalues),
                 operator=self._operator,
+                remark=self._remark,
             )
         )
-
-
-def _suffices(eigenvalues: npt.NDArray[np.float64], target: Target, mesh: Mesh) -> bool:
-    if target.n_components is not None:
-        return len(eigenvalues) >= min(target.n_components, int(mesh.referenced.sum()))
-    assert target.max_eigenvalue is not None
-    # the pair above the threshold shows that none below it is missing
-    return len(eigenvalues) > 0 and bool(eigenvalues[-1] > target.max_eigenvalue)
-
-
-def _asked(eigenvalues: npt.NDArray[np.float64], target: Target) -> int:
-    if target.n_components is not None:
-        return min(target.n_components, len(eigenvalues))
-    return int(np.searchsorted(eigenvalues, target.max_eigenvalue, side="right"))
+        self._remark = ""
 
 
 def _grown(
     store: EigenpairStore,
     operator: OperatorOptions,
-    eigenvalues: npt.NDArray[np.float64],
-    residuals: npt.NDArray[np.float64],
-    stored: Any,
+    decomposition: Decomposition,
+    *,
+    ended: bool = True,
 ) -> SpectrumGrew:
     return SpectrumGrew(
-        store.folder / "eigenvectors.npy",
-        np.array(eigenvalues),
-        np.array(residuals),
-        total=len(eigenvalues),
-        complete=stored.complete,
-        proof=stored.proof,
+        store.folder / _ROWS,
+        np.array(decomposition.eigenvalues),
+        np.array(decomposition.residuals),
+        total=decomposition.n_components if ended else 0,
+        complete=ended and decomposition.complete,
+        proof=decomposition.proof() if ended else "",
         operator=operator,
-    )
-
-
-def _as_decomposition(stored: Any) -> Decomposition:
-    return Decomposition(
-        eigenvalues=stored.eigenvalues,
-        rows=stored.rows[: len(stored.eigenvalues)],
-        residuals=stored.residuals,
-        orthonormality=float("nan"),
-        complete=stored.complete,
-        certificate="",
-        mass=stored.mass,
     )

@@ -15,11 +15,13 @@ from meshmash_viewer.model.display import Display, FieldKind
 from meshmash_viewer.model.jobs import (
     DecomposeJob,
     ExportJob,
+    InspectJob,
     Job,
     JobState,
     MeshReady,
     ReadJob,
     RepairJob,
+    ScaleJob,
 )
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.progress import Progress
@@ -57,11 +59,6 @@ class Pin:
     color: str
 
 
-def _in_unit(ready: MeshReady, unit: str) -> MeshReady:
-    mesh = ready.mesh
-    return replace(ready, mesh=Mesh(mesh.vertices, mesh.faces, unit, mesh.name))
-
-
 class Document:
     """The single truth of a window.
 
@@ -88,7 +85,7 @@ class Document:
         self.job: JobState | None = None
         self._operator = OperatorOptions()
         self._target = Target("count", 100)
-        self._undo: list[MeshReady] = []
+        self._undo: list[tuple[MeshReady, Spectrum | None]] = []
 
     # -- mesh -------------------------------------------------------------------------------
 
@@ -105,12 +102,16 @@ class Document:
     @property
     def repairs(self) -> tuple[str, ...]:
         """Names of the repairs in force, oldest first."""
-        history = [*self._undo, self.ready] if self.ready else []
-        return tuple(ready.repair for ready in history if ready is not None and ready.repair)
+        history = [ready for ready, _ in self._undo] + ([self.ready] if self.ready else [])
+        return tuple(ready.repair for ready in history if ready.repair)
 
     def open_mesh(self, path: str | Path, unit: str = "") -> None:
         """Ask for a mesh file to be read; the open mesh stays until that has succeeded."""
-        self._request(ReadJob(Path(path), unit))
+        self._request(ReadJob(Path(path), unit, self.operator))
+
+    def take_mesh(self, mesh: Mesh) -> None:
+        """Ask for a mesh in memory to be shown."""
+        self._request(InspectJob(mesh, self.operator))
 
     def set_unit(self, text: str) -> None:
         """Say in what unit the coordinates are, or how large the voxels are that they count.
@@ -130,28 +131,24 @@ class Document:
         if self.ready is None:
             return
         if factor == 1.0:
-            self._undo = [_in_unit(ready, unit) for ready in self._undo]
+            self._undo = [(_in_unit(ready, unit), known) for ready, known in self._undo]
             self.ready = _in_unit(self.ready, unit)
             self.mesh_changed.emit()
             self.pins_changed.emit()
             self.spectrum_changed.emit()
-            return
-        mesh, health = self.ready.mesh, self.ready.health
-        scaled = Mesh(mesh.vertices * factor, mesh.faces, unit, mesh.name)
-        self._undo.clear()
-        self._show(
-            replace(self.ready, mesh=scaled, health=replace(health, area=health.area * factor**2))
-        )
+        else:
+            mesh, path = self.ready.mesh, self.ready.path
+            self._request(ScaleJob(mesh, factor, unit, path, self.operator))
 
     def repair(self, name: str) -> None:
         """Ask for a repair of `meshmash_viewer.health.REPAIRS`."""
         if self.ready is not None:
-            self._request(RepairJob(self.ready.mesh, name, self.ready.path))
+            self._request(RepairJob(self.ready.mesh, name, self.ready.path, self.operator))
 
     def undo_repair(self) -> None:
         """Go back to the mesh before the last repair."""
         if self._undo:
-            self._show(self._undo.pop())
+            self._show(*self._undo.pop())
 
     @property
     def can_undo(self) -> bool:
@@ -159,16 +156,16 @@ class Document:
         return bool(self._undo)
 
     def accept_mesh(self, ready: MeshReady) -> None:
-        """Take a mesh that was read or repaired."""
+        """Take a mesh that was read or repaired, with the spectrum that was stored."""
         if ready.repair and self.ready is not None:
-            self._undo.append(self.ready)
+            self._undo.append((self.ready, self.spectrum))
         else:
             self._undo.clear()
-        self._show(ready)
+        self._show(ready, ready.known.spectrum if ready.known is not None else None)
 
-    def _show(self, ready: MeshReady) -> None:
+    def _show(self, ready: MeshReady, spectrum: Spectrum | None) -> None:
         self.ready = ready
-        self.spectrum = None
+        self.spectrum = spectrum
         self.pins = ()
         self.display.similarity_vertex = None
         self.display.flipped = frozenset()
@@ -284,3 +281,7 @@ class Document:
         if self.spectrum is None:
             return np.empty(0)
         return np.asarray(self.spectrum.rows[: len(self.spectrum), vertex], dtype=np.float64)
+
+
+def _in_unit(ready: MeshReady, unit: str) -> MeshReady:
+    return replace(ready, mesh=ready.mesh.in_unit(unit))

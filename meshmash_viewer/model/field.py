@@ -202,7 +202,7 @@ def compute_field(request: FieldRequest, live: LiveFeatures) -> Field:
 
 def eigenfunction(request: FieldRequest) -> npt.NDArray[np.float32]:
     """One row of the spectrum in single precision, shape (n,), in the sign asked for."""
-    values = request.spectrum.rows[request.index].astype(np.float32)
+    values = np.array(request.spectrum.rows[request.index], dtype=np.float32)
     return np.negative(values, out=values) if request.flipped else values
 
 

@@ -32,6 +32,7 @@ __all__ = [
     "MeshReady",
     "ReadJob",
     "RepairJob",
+    "ScaleJob",
     "SpectrumGrew",
     "Written",
 ]
@@ -39,6 +40,11 @@ __all__ = [
 
 class Channel(Protocol):
     """The way from a running job to the window."""
+
+    @property
+    def folder(self) -> Path:
+        """Temporary folder that is deleted when the window closes."""
+        ...
 
     def report(self, progress: Progress) -> None:
         """Say how far the work is."""
@@ -94,7 +100,9 @@ class SpectrumGrew:
     @cached_property
     def spectrum(self) -> Spectrum:
         """The same as the views read it; the first access opens the file."""
-        rows = np.load(self.rows_path, mmap_mode="r")
+        from meshmash_viewer.io.npy import map_rows
+
+        rows = map_rows(self.rows_path, "r", (None, None))
         return Spectrum(
             self.eigenvalues,
             rows,
@@ -122,6 +130,8 @@ class MeshReady:
         Name of the repair it came from.
     known : SpectrumGrew, optional
         Eigenpairs found in the store.
+    remark : str
+        A sentence for the message bar, where there is something to say.
     """
 
     mesh: Mesh
@@ -130,6 +140,7 @@ class MeshReady:
     path: Path | None = None
     repair: str = ""
     known: SpectrumGrew | None = None
+    remark: str = ""
 
 
 @dataclass(frozen=True)
@@ -155,7 +166,7 @@ class ReadJob:
 
     path: Path
     unit: str = ""
-    operator: OperatorOptions = OperatorOptions()
+    operator: OperatorOptions = field(default_factory=OperatorOptions)
 
     @property
     def label(self) -> str:
@@ -176,7 +187,7 @@ class InspectJob:
     """Take a mesh handed over in memory; returns `MeshReady`."""
 
     mesh: Mesh
-    operator: OperatorOptions = OperatorOptions()
+    operator: OperatorOptions = field(default_factory=OperatorOptions)
 
     @property
     def label(self) -> str:
@@ -189,13 +200,35 @@ class InspectJob:
 
 
 @dataclass(frozen=True, eq=False)
+class ScaleJob:
+    """Multiply the coordinates, as from voxels to nm; returns `MeshReady`."""
+
+    mesh: Mesh
+    factor: float
+    unit: str
+    path: Path | None = None
+    operator: OperatorOptions = field(default_factory=OperatorOptions)
+
+    @property
+    def label(self) -> str:
+        """See `Job.label`."""
+        return f"Scaling {self.mesh.name or 'the mesh'}"
+
+    def run(self, channel: Channel) -> MeshReady:
+        """See `Job.run`."""
+        mesh = self.mesh
+        scaled = Mesh(mesh.vertices * self.factor, mesh.faces, self.unit, mesh.name)
+        return _inspect(scaled, self.operator, channel, path=self.path)
+
+
+@dataclass(frozen=True, eq=False)
 class RepairJob:
     """Apply one repair of `health.REPAIRS`; returns `MeshReady`."""
 
     mesh: Mesh
     repair: str
     path: Path | None = None
-    operator: OperatorOptions = OperatorOptions()
+    operator: OperatorOptions = field(default_factory=OperatorOptions)
 
     @property
     def label(self) -> str:
@@ -296,5 +329,5 @@ def _inspect(
     health = mesh_health(mesh)
     channel.report(Progress("preparing", message="Preparing the render"))
     normals = mesh.vertex_normals
-    known = find_known(mesh, operator)
-    return MeshReady(mesh, health, normals, path, repair, known)
+    known, remark = find_known(mesh, operator)
+    return MeshReady(mesh, health, normals, path, repair, known, remark)

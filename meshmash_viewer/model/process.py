@@ -19,6 +19,7 @@ import time
 import traceback
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.jobs import Job
@@ -80,7 +81,7 @@ def serve(folder: str) -> None:
     listener.start()
     _warm_up()
     while True:
-        _run(jobs.get(), _PipeChannel(wire, asked_to_stop), wire)
+        _run(jobs.get(), _PipeChannel(wire, asked_to_stop, Path(folder)), wire)
 
 
 def _listen(
@@ -89,7 +90,7 @@ def _listen(
     """Take orders while the main thread works."""
     try:
         while True:
-            order, job = wire.receive()  # type: ignore[misc]
+            order, job = cast(tuple[str, Job], wire.receive())
             if order == "run":
                 asked_to_stop.clear()
                 jobs.put(job)
@@ -128,7 +129,8 @@ def _run(job: Job, channel: _PipeChannel, wire: Wire) -> None:
 class _PipeChannel:
     """A `Channel` into the pipe; reports are thinned to what a person can read."""
 
-    def __init__(self, wire: Wire, asked_to_stop: threading.Event) -> None:
+    def __init__(self, wire: Wire, asked_to_stop: threading.Event, folder: Path) -> None:
+        self.folder = folder
         self._wire = wire
         self._asked_to_stop = asked_to_stop
         self._reported = -_REPORT_SECONDS
@@ -208,8 +210,6 @@ def _warm_up() -> None:
     """Import what every job needs before the first one is asked for."""
     import scipy.sparse.linalg  # noqa: F401
 
-    import meshmash_viewer.eigensolver
     import meshmash_viewer.health
     import meshmash_viewer.io.read
-    import meshmash_viewer.model.decomposition
-    import meshmash_viewer.laplacian  # noqa: F401
+    import meshmash_viewer.model.decomposition  # noqa: F401
