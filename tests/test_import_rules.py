@@ -1,0 +1,161 @@
+"""The house has one direction: numerics, io, model, app; and only the render knows VTK."""
+
+from __future__ import annotations
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import meshmash_viewer
+
+PACKAGE = Path(meshmash_viewer.__file__).parent
+MODULES = {
+    ".".join(("meshmash_viewer", *path.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(
+        ".__init__"
+    ): path
+    for path in sorted(PACKAGE.rglob("*.py"))
+}
+WINDOW_LIBRARIES = {"PySide6", "pyqtgraph", "pyvista", "pyvistaqt", "superqt", "vtk", "vtkmodules"}
+VTK = {"pyvista", "pyvistaqt", "vtk", "vtkmodules"}
+
+#: What each layer may import besides itself.
+ALLOWED = {
+    "numerics": set(),
+    "io": {"numerics"},
+    "model": {"numerics", "io"},
+    "app": {"numerics", "io", "model"},
+    "cli": {"numerics", "io", "model", "app"},
+}
+#: Modules outside app/ that touch VTK, inside functions: a conversion, a reader, a writer.
+VTK_OUTSIDE_APP = {
+    "meshmash_viewer.mesh",
+    "meshmash_viewer.io.formats.vtk",
+    "meshmash_viewer.io.write",
+}
+#: Modules of the window that touch VTK: the scene and its parts, and pictures without a window.
+VTK_INSIDE_APP = ("scene", "canvas", "picture", "render")
+
+
+def layer(module: str) -> str:
+    first = module.split(".")[1] if "." in module else ""
+    if first in ("io", "model", "app"):
+        return first
+    return "cli" if first in ("cli", "commands", "__main__") else "numerics"
+
+
+def imports(module: str, top_level_only: bool = False) -> set[str]:
+    """Full names of the modules that a module imports; those inside functions too, unless told."""
+    tree = ast.parse(MODULES[module].read_text(encoding="utf-8"))
+    package = module if MODULES[module].name == "__init__.py" else module.rpartition(".")[0]
+    found = set()
+    for node in walk(tree, into_functions=not top_level_only):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            origin = node.module or ""
+            if node.level:
+                parents = package.split(".")[: len(package.split(".")) - node.level + 1]
+                origin = ".".join([*parents, *filter(None, [origin])])
+            for alias in node.names:
+                whole = f"{origin}.{alias.name}"
+                found.add(whole if whole in MODULES else origin)
+    return found
+
+
+def walk(node: ast.AST, into_functions: bool) -> list[ast.AST]:
+    nodes = [node]
+    for child in ast.iter_child_nodes(node):
+        if into_functions or not isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            nodes += walk(child, into_functions)
+    return nodes
+
+
+def roots(names: set[str]) -> set[str]:
+    return {name.partition(".")[0] for name in names}
+
+
+def loaded_by(code: str) -> set[str]:
+    """Modules that a fresh interpreter has loaded after running some code."""
+    script = f"{code}\nimport json, sys\nprint(json.dumps(sorted(sys.modules)))"
+    run = subprocess.run(
+        [sys.executable, "-W", "error::SyntaxWarning", "-c", script],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    return set(json.loads(run.stdout.splitlines()[-1]))
+
+
+def test_nothing_outside_app_loads_the_window_libraries() -> None:
+    names = [name for name in MODULES if layer(name) != "app" and not name.endswith("__main__")]
+    loaded = loaded_by("\n".join(f"import {name}" for name in names))
+    assert set(names) <= loaded
+    assert not roots(loaded) & WINDOW_LIBRARIES
+
+
+def test_importing_the_package_costs_nothing() -> None:
+    # Its public names are loaded when they are first used; a clock would only tell of the machine.
+    loaded = roots(loaded_by("import meshmash_viewer"))
+    heavy = {"joblib", "matplotlib", "nibabel", "numpy", "pandas", "pyarrow", "pymetis", "scipy"}
+    heavy |= {"robust_laplacian", "trimesh", "tqdm", "psygnal"}
+    assert not loaded & (heavy | WINDOW_LIBRARIES)
+
+
+def test_the_numerics_need_little_beyond_numpy_and_scipy() -> None:
+    code = "import meshmash_viewer as mv\n"
+    code += "\n".join(f"mv.{name}" for name in meshmash_viewer.__all__ if name != "view")
+    loaded = roots(loaded_by(code))
+    late = {"matplotlib", "nibabel", "pandas", "pyarrow", "trimesh"} | WINDOW_LIBRARIES
+    assert not loaded & late
+
+
+@pytest.mark.parametrize("module", sorted(set(MODULES) - {"meshmash_viewer"}))
+def test_imports_go_one_way(module: str) -> None:
+    own = layer(module)
+    for name in imports(module):
+        if name.partition(".")[0] == "meshmash_viewer" and name != "meshmash_viewer":
+            assert layer(name) in ALLOWED[own] | {own}, f"{module} ({own}) imports {name}"
+
+
+@pytest.mark.parametrize("module", [name for name in MODULES if layer(name) != "app"])
+def test_window_libraries_outside_app(module: str) -> None:
+    assert not roots(imports(module, top_level_only=True)) & WINDOW_LIBRARIES
+    allowed = VTK if module in VTK_OUTSIDE_APP else set()
+    assert roots(imports(module)) & WINDOW_LIBRARIES <= allowed
+
+
+@pytest.mark.parametrize("module", [name for name in MODULES if layer(name) == "app"])
+def test_only_the_scene_knows_vtk(module: str) -> None:
+    part = module.split(".")[2] if module.count(".") > 1 else ""
+    if part not in VTK_INSIDE_APP:
+        assert not roots(imports(module)) & VTK
+
+
+@pytest.mark.parametrize(
+    "module", [name for name in MODULES if name.endswith(("_panel", "_tab", "_dialog"))]
+)
+def test_panels_know_the_model_and_not_one_another(module: str) -> None:
+    others = {name for name in imports(module) if name.endswith(("_panel", "_dialog"))}
+    if module.endswith("_tab"):
+        others |= {name for name in imports(module) if name.endswith("_tab")}
+    assert not others
+    assert "meshmash_viewer.app.main_window" not in imports(module)
+
+
+def test_the_command_line_loads_the_window_only_to_open_one() -> None:
+    for module in MODULES:
+        if layer(module) == "cli":
+            top = imports(module, top_level_only=True)
+            assert not {name for name in top if name.startswith("meshmash_viewer.app")}
+
+
+def test_the_help_comes_before_anything_heavy() -> None:
+    code = "import sys; sys.argv = ['meshmash-viewer', '--help']\n"
+    code += "from meshmash_viewer.cli import main\n"
+    code += "try:\n    main()\nexcept SystemExit:\n    pass"
+    assert not roots(loaded_by(code)) & (WINDOW_LIBRARIES | {"scipy", "pyarrow", "trimesh"})
