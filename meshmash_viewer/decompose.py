@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 import sys
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -273,8 +274,14 @@ def spectral_geometry_filter(
     Raises
     ------
     InputError
-        If the threshold is negative, no eigenpair is left to filter, or the filter returns a
-        wrong shape or values that are not finite.
+        If the threshold is negative, or the filter returns a wrong shape or values that are not
+        finite.
+
+    Warns
+    -----
+    UserWarning
+        If only zero eigenvalues lie below the threshold, as when it is meant for another unit:
+        the features are then right, but tell no two vertices of a component apart.
 
     Notes
     -----
@@ -304,15 +311,12 @@ def spectral_geometry_filter(
     with _scratch_rows(dtype) as allocate:
         result = solve(allocate)
         eigenvalues, rows = result.eigenvalues[start:], result.rows[start:]
-        _require_pairs(len(eigenvalues), max_eigenvalue, result)
-        try:
-            returned = filter(eigenvalues.copy())
-        except InputError as fault:
-            if eigenvalues.any():
-                raise
-            raise InputError(f"{fault} {_useful_range(result)}") from fault
+        if not eigenvalues.any():
+            _warn_of_zeros(max_eigenvalue, result)
+        returned = filter(eigenvalues.copy())
         coefficients = _checked_coefficients(returned, eigenvalues)
         features = accumulate_features(eigenvalues, rows, coefficients)
+        features[result.mass == 0.0] = np.nan
         del rows, result
     return features.astype(dtype, copy=False)
 
@@ -360,8 +364,7 @@ def compute_hks(
     Raises
     ------
     InputError
-        If times are to be chosen but every eigenvalue up to `max_eigenvalue` is zero, or an
-        argument makes no sense.
+        If an argument makes no sense.
 
     References
     ----------
@@ -511,19 +514,14 @@ def _checked_coefficients(
     return coefficients
 
 
-def _require_pairs(count: int, max_eigenvalue: float, result: Decomposition) -> None:
-    if not count:
-        raise InputError(
-            f"Only the zero eigenvalue lies below max_eigenvalue ({max_eigenvalue:.4g}), and "
-            f"drop_first leaves it out. {_useful_range(result)}"
-        )
-
-
-def _useful_range(result: Decomposition) -> str:
+def _warn_of_zeros(max_eigenvalue: float, result: Decomposition) -> None:
     useful = weyl_eigenvalue(float(result.mass.sum()), _USEFUL_COUNT)
-    return (
-        f"About {_USEFUL_COUNT} eigenpairs of this mesh lie below {useful:.2g} per squared unit "
-        "of its coordinates."
+    warnings.warn(
+        "Only zero eigenvalues, one for each connected component, lie below max_eigenvalue "
+        f"({max_eigenvalue:.4g}), so the features are constant on each: about {_USEFUL_COUNT} "
+        f"eigenpairs of this mesh lie below {useful:.2g} per squared unit of its coordinates.",
+        UserWarning,
+        stacklevel=3,
     )
 
 

@@ -308,7 +308,8 @@ def get_hks_filter(
     ----------
     t_max, t_min : float, optional
         Longest and shortest time, in squared unit of the mesh; None: chosen from the eigenvalues
-        that the filter is called with (see `hks_time_range`).
+        that the filter is called with (see `hks_time_range`). If all of those are zero, the
+        coefficients are 1 at any time.
     n_scales : int
         Number of times.
     dtype : dtype
@@ -410,6 +411,9 @@ def _automatic_heat_response(
     eigenvalues: npt.ArrayLike,
 ) -> npt.NDArray[Any]:
     spectrum = _as_spectrum(eigenvalues)
+    if not (spectrum > 0.0).any():
+        # Of constants nothing decays: whatever the times, the coefficients are 1.
+        return np.ones((n_scales, len(spectrum)), dtype=dtype)
     return _heat_response(hks_times(spectrum, t_min, t_max, n_scales), spectrum).astype(dtype)
 
 

@@ -443,16 +443,28 @@ def test_one_filter_needs_no_axis(neuron):
     assert flat.shape == (neuron.n_vertices, 1)
 
 
-def test_a_threshold_of_another_unit_is_explained(sphere):
+def test_a_threshold_of_another_unit_is_explained(three_spheres):
     """The documented 1e-8 on a mesh of size 1 leaves zero eigenvalues only."""
-    with pytest.raises(InputError, match=r"All eigenvalues are zero.*lie below 1e\+02"):
-        compute_hks(sphere)
-    with pytest.raises(InputError, match=r"Only the zero eigenvalue.*lie below 1e\+02"):
-        spectral_geometry_filter(sphere, lambda x: x[None])
+    with pytest.warns(UserWarning, match="about 100 eigenpairs of this mesh lie below 34 per"):
+        hks = compute_hks(three_spheres)
+    np.testing.assert_allclose(hks, 3.0 / three_spheres.area, rtol=1e-3)
+    with pytest.warns(UserWarning, match="Only zero eigenvalues"):
+        bands = compute_geometry_vectors(three_spheres, n_components=3)
+    np.testing.assert_allclose(bands[:, 0], 3.0 / three_spheres.area, rtol=1e-3)
+    eigenvalues, eigenvectors = spectral_geometry_filter(three_spheres)
+    assert (eigenvalues.shape, eigenvectors.shape) == ((2,), (486, 2))
+
+
+def test_an_empty_sum_is_zero(sphere):
+    loose = Mesh(np.append(sphere.vertices, [[3.0, 3.0, 3.0]], axis=0), sphere.faces)
+    for function in (compute_hks, compute_geometry_vectors):
+        with pytest.warns(UserWarning, match="Only zero eigenvalues"):
+            features = function(loose, n_components=4, drop_first=True)
+        assert features.shape == (643, 4)
+        assert (features[:-1] == 0.0).all()
+        assert np.isnan(features[-1]).all()
     eigenvalues, eigenvectors = spectral_geometry_filter(sphere)
     assert (eigenvalues.shape, eigenvectors.shape) == ((0,), (642, 0))
-    constant = compute_hks(sphere, t_min=1.0, t_max=2.0, n_components=2)
-    np.testing.assert_allclose(constant, 1.0 / sphere.area, rtol=1e-3)
 
 
 # Long runs ---------------------------------------------------------------------------------------

@@ -131,6 +131,10 @@ def test_a_spectrum_of_zeros_has_no_scale():
     for nothing in (np.zeros(3), [], [-1e-20]):
         with pytest.raises(InputError, match="All eigenvalues are zero"):
             first_nonzero_eigenvalue(nothing)
+        with pytest.raises(InputError, match="All eigenvalues are zero"):
+            hks_times(nothing)
+        # but every time gives the same coefficients
+        assert (get_hks_filter(n_scales=4)(nothing) == np.ones((4, len(nothing)))).all()
 
 
 def test_the_documented_hks_filter():

@@ -1,0 +1,69 @@
+"""The package as a table of contents: complete, lazy and light."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import meshmash_viewer
+
+NAMES = [name for name in meshmash_viewer.__all__ if name != "__version__"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_name_is_there_and_is_that_of_its_module(name):
+    module = import_module(f"meshmash_viewer.{meshmash_viewer._MODULE_OF[name]}")
+    assert getattr(meshmash_viewer, name) is getattr(module, name)
+    assert name in dir(meshmash_viewer)
+
+
+def test_type_checkers_see_the_same_names():
+    tree = ast.parse(Path(meshmash_viewer.__file__).read_text(encoding="utf-8"))
+    block = next(node for node in tree.body if isinstance(node, ast.If))
+    typed = {
+        alias.name: node.module.removeprefix("meshmash_viewer.")
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert typed == meshmash_viewer._MODULE_OF
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = meshmash_viewer.nothing
+
+
+def test_the_documented_places_to_import_from():
+    from meshmash_viewer import decompose, laplacian
+
+    for name in (
+        "decompose_laplacian",
+        "decompose_mesh",
+        "decompose_laplacian_by_bands",
+        "spectral_geometry_filter",
+        "compute_hks",
+        "compute_geometry_vectors",
+        "get_hks_filter",
+        "construct_bspline_basis",
+        "construct_bspline_filter",
+    ):
+        assert getattr(meshmash_viewer, name) is getattr(decompose, name)
+    for name in ("cotangent_laplacian", "area_matrix", "compute_vertex_areas"):
+        assert getattr(meshmash_viewer, name) is getattr(laplacian, name)
+
+
+def test_importing_loads_nothing_heavy():
+    script = (
+        "import sys, meshmash_viewer, meshmash_viewer.decompose\n"
+        "heavy = ('PySide6', 'pyvista', 'vtkmodules', 'vtk', 'trimesh', 'robust_laplacian',\n"
+        "         'pyqtgraph', 'matplotlib', 'pandas', 'pyarrow', 'nibabel', 'joblib', 'tqdm')\n"
+        "print([name for name in heavy if name in sys.modules])\n"
+    )
+    shown = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert (shown.stdout.strip(), shown.stderr) == ("[]", "")
