@@ -1,0 +1,181 @@
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+from long_jobs import DoubleJob, DyingJob, EndlessJob, FailingJob, ParallelJob
+from pytestqt.qtbot import QtBot
+
+from meshmash_viewer.app.worker import Worker
+
+_PATIENCE = 30_000
+
+
+@pytest.fixture
+def worker(qtbot: QtBot) -> Iterator[Worker]:
+    worker = Worker()
+    yield worker
+    worker.close()
+    assert not worker.folder.exists()
+    assert worker.process_id is None
+
+
+def lives(pid: int) -> bool:
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + _PATIENCE / 1000
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.02)
+
+
+def outcome(qtbot: QtBot, worker: Worker, job: Any) -> Any:
+    with qtbot.waitSignal(worker.failed, timeout=_PATIENCE) as failed:
+        worker.submit(job)
+    return failed.args[0]
+
+
+def test_result_parts_and_progress_arrive(qtbot: QtBot, worker: Worker) -> None:
+    reports, parts = [], []
+    worker.progressed.connect(reports.append)
+    worker.sent.connect(parts.append)
+    values = np.arange(100_000.0)
+    with qtbot.waitSignal(worker.finished, timeout=_PATIENCE) as finished:
+        worker.submit(DoubleJob(values))
+        assert worker.busy
+    np.testing.assert_array_equal(finished.args[0], 2 * values)
+    np.testing.assert_array_equal(parts[0], values[:50_000])
+    assert reports[0].message == "half way"
+    assert not worker.busy
+    assert {path.name for path in worker.folder.iterdir()} == {"stderr.txt"}
+
+
+def test_one_job_at_a_time_in_one_warm_process(qtbot: QtBot, worker: Worker) -> None:
+    ids = set()
+    for _ in range(3):
+        with qtbot.waitSignal(worker.finished, timeout=_PATIENCE):
+            worker.submit(DoubleJob(np.zeros(3)))
+            with pytest.raises(RuntimeError, match="busy"):
+                worker.submit(DoubleJob(np.zeros(3)))
+        ids.add(worker.process_id)
+    assert len(ids) == 1
+
+
+@pytest.mark.parametrize("deaf", [False, True])
+def test_cancelling_asks_and_then_insists(qtbot: QtBot, worker: Worker, deaf: bool) -> None:
+    with qtbot.waitSignal(worker.sent, timeout=_PATIENCE) as sent:
+        worker.submit(EndlessJob(deaf))
+    pid = sent.args[0]
+    with qtbot.waitSignal(worker.cancelled, timeout=_PATIENCE):
+        worker.cancel()
+    assert lives(pid) is not deaf
+    with qtbot.waitSignal(worker.finished, timeout=_PATIENCE) as finished:
+        worker.submit(DoubleJob(np.ones(2)))
+    np.testing.assert_array_equal(finished.args[0], 2.0)
+
+
+def test_cancelling_nothing_does_nothing(worker: Worker) -> None:
+    worker.cancel()
+    assert not worker.busy
+
+
+@pytest.mark.parametrize(
+    ("kind", "sentence", "mendable"),
+    [
+        ("input", "The mesh is upside down: turn it over.", True),
+        ("memory", "Memory ran out", True),
+        ("file", "/nowhere/at/all: No such file or directory.", True),
+        ("defect", "ZeroDivisionError: a defect", False),
+        ("unpicklable", "Failing failed by a defect", False),
+    ],
+)
+def test_failure_is_a_sentence(
+    qtbot: QtBot, worker: Worker, kind: str, sentence: str, mendable: bool
+) -> None:
+    failure = outcome(qtbot, worker, FailingJob(kind))
+    assert sentence in failure.text
+    assert "\n" not in failure.text
+    assert failure.mendable is mendable
+    assert bool(failure.details) is (kind != "input")
+
+
+@pytest.mark.parametrize(
+    ("number", "sentence"),
+    [(signal.SIGKILL, "most likely because memory ran out"), (signal.SIGABRT, "signal 6")],
+)
+def test_end_of_the_process_is_a_sentence_and_another_takes_its_place(
+    qtbot: QtBot, worker: Worker, number: int, sentence: str
+) -> None:
+    failure = outcome(qtbot, worker, DyingJob(number))
+    assert sentence in failure.text
+    with qtbot.waitSignal(worker.finished, timeout=_PATIENCE):
+        worker.submit(DoubleJob(np.zeros(3)))
+
+
+def test_idle_process_that_died_is_replaced(qtbot: QtBot, worker: Worker) -> None:
+    with qtbot.waitSignal(worker.finished, timeout=_PATIENCE):
+        worker.submit(DoubleJob(np.zeros(3)))
+    pid = worker.process_id
+    assert pid is not None
+    os.kill(pid, signal.SIGKILL)
+    wait_for(lambda: not lives(pid))
+    with qtbot.waitSignal(worker.finished, timeout=_PATIENCE):
+        worker.submit(DoubleJob(np.zeros(3)))
+
+
+def test_closing_ends_the_solvers_processes_too(qtbot: QtBot) -> None:
+    worker = Worker()
+    with qtbot.waitSignal(worker.sent, timeout=_PATIENCE) as sent:
+        worker.submit(ParallelJob())
+    (worker.folder / "half-written").touch()
+    assert all(lives(pid) for pid in sent.args[0])
+    worker.close()
+    assert not any(lives(pid) for pid in sent.args[0])
+    assert not worker.folder.exists()
+    with pytest.raises(RuntimeError, match="closed"):
+        worker.submit(EndlessJob())
+
+
+def test_closing_at_once_leaves_nothing(qtbot: QtBot) -> None:
+    worker = Worker()
+    worker.close()
+    assert not worker.folder.exists()
+    assert worker.process_id is None
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kills with a signal")
+def test_nothing_outlives_a_window_that_was_killed(tmp_path: Path) -> None:
+    script = (
+        "import sys\n"
+        f"sys.path.insert(0, {str(Path(__file__).parents[1])!r})\n"
+        "from PySide6.QtCore import QCoreApplication\n"
+        "from long_jobs import ParallelJob\n"
+        "from meshmash_viewer.app.worker import Worker\n"
+        "app = QCoreApplication([])\n"
+        "worker = Worker()\n"
+        "worker.sent.connect(lambda ids: print(*ids, worker.folder, flush=True))\n"
+        "worker.submit(ParallelJob())\n"
+        "app.exec()\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, cwd=tmp_path
+    ) as window:
+        assert window.stdout is not None
+        *ids, folder = window.stdout.readline().split()
+        window.kill()
+    wait_for(lambda: not any(lives(int(pid)) for pid in ids))
+    assert not Path(folder).exists()

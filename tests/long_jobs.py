@@ -1,0 +1,93 @@
+"""Jobs that behave in all the ways a job can; importable by the process that runs them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.model.jobs import Channel
+from meshmash_viewer.progress import Cancelled, Progress
+
+
+@dataclass(frozen=True, eq=False)
+class DoubleJob:
+    """Reports, sends half and returns twice an array."""
+
+    values: np.ndarray
+    label: str = "Doubling"
+
+    def run(self, channel: Channel) -> np.ndarray:
+        channel.report(Progress("doubling", fraction=0.5, message="half way"))
+        channel.send(self.values[: len(self.values) // 2])
+        print("a stray line on standard output")
+        return 2 * self.values
+
+
+@dataclass(frozen=True)
+class EndlessJob:
+    """Works until it is cancelled; a deaf one does not even look."""
+
+    deaf: bool = False
+    label: str = "Working"
+
+    def run(self, channel: Channel) -> None:
+        channel.send(os.getpid())
+        while True:
+            time.sleep(0.01)
+            if not self.deaf and channel.cancelled():
+                raise Cancelled
+
+
+@dataclass(frozen=True)
+class ParallelJob:
+    """Works in processes of its own, as the solver does, and tells their ids."""
+
+    label: str = "Working in parallel"
+
+    def run(self, channel: Channel) -> None:
+        from joblib import Parallel, delayed
+
+        ids = Parallel(n_jobs=2)(delayed(_pid_after)(0.2) for _ in range(2))
+        channel.send([os.getpid(), *ids])
+        Parallel(n_jobs=2)(delayed(_pid_after)(3600.0) for _ in range(2))
+
+
+def _pid_after(seconds: float) -> int:
+    time.sleep(seconds)
+    return os.getpid()
+
+
+@dataclass(frozen=True)
+class DyingJob:
+    """Takes its process along."""
+
+    signal_number: int = signal.SIGKILL
+    label: str = "Dying"
+
+    def run(self, channel: Channel) -> None:
+        os.kill(os.getpid(), self.signal_number)
+        time.sleep(60)
+
+
+@dataclass(frozen=True)
+class FailingJob:
+    """Raises an exception of a kind."""
+
+    kind: str
+    label: str = "Failing"
+
+    def run(self, channel: Channel) -> object:
+        if self.kind == "input":
+            raise InputError("The mesh is upside down: turn it over.")
+        if self.kind == "memory":
+            raise MemoryError
+        if self.kind == "file":
+            open("/nowhere/at/all")
+        if self.kind == "unpicklable":
+            return lambda: None
+        raise ZeroDivisionError("a defect")

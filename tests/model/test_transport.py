@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.transport import Wire
+
+
+@pytest.fixture
+def wire(tmp_path: Path) -> Iterator[Wire]:
+    source, sink = os.pipe()
+    wire = Wire(os.fdopen(source, "rb"), os.fdopen(sink, "wb"), tmp_path)
+    yield wire
+    wire.close()
+
+
+def test_small_things_go_as_they_are(wire: Wire, tmp_path: Path) -> None:
+    wire.send({"a": [1, 2.5, None]})
+    assert not any(tmp_path.iterdir())
+    assert wire.receive() == {"a": [1, 2.5, None]}
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_large_arrays_pass_through_files_that_do_not_stay(
+    wire: Wire, tmp_path: Path, order: str
+) -> None:
+    sent = np.asarray(np.arange(60_000, dtype=np.float64).reshape(3, -1), order=order)
+    wire.send(("kind", sent, sent[0, :10].copy()))
+    assert len(list(tmp_path.iterdir())) == 1
+    kind, received, head = wire.receive()
+    assert kind == "kind"
+    np.testing.assert_array_equal(received, sent)
+    np.testing.assert_array_equal(head, sent[0, :10])
+    assert not any(tmp_path.iterdir())
+
+
+def test_mesh_arrives_read_only_with_its_hash_and_without_what_can_be_derived(
+    wire: Wire, tmp_path: Path, sphere: Mesh
+) -> None:
+    known = sphere.content_hash
+    assert sphere.vertex_normals.shape == (642, 3)
+    wire.send(sphere)
+    mesh = wire.receive()
+    assert "content_hash" in mesh.__dict__
+    assert "vertex_normals" not in mesh.__dict__
+    assert mesh.content_hash == known
+    np.testing.assert_array_equal(mesh.faces, sphere.faces)
+    with pytest.raises(ValueError, match="read-only"):
+        mesh.vertices[0] = 0.0
+    np.testing.assert_array_equal(mesh.vertex_normals, sphere.vertex_normals)
+
+
+def test_nothing_is_left_of_what_cannot_be_sent(wire: Wire, tmp_path: Path) -> None:
+    with pytest.raises((AttributeError, TypeError, Exception), match="pickle|lambda|local"):
+        wire.send((np.zeros(100_000), lambda: None))
+    assert not any(tmp_path.iterdir())
+
+
+def test_end_of_the_other_side_is_an_end(tmp_path: Path) -> None:
+    source, sink = os.pipe()
+    wire = Wire(os.fdopen(source, "rb"), os.fdopen(sink, "wb"), tmp_path)
+    wire._sink.close()
+    with pytest.raises(EOFError):
+        wire.receive()
+    wire.close()
