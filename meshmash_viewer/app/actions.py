@@ -22,10 +22,12 @@ MENUS = ("File", "Edit", "View", "Field", "Inspect", "Help")
 
 #: What the mouse does over the render, for the help.
 MOUSE_HELP: tuple[tuple[str, str], ...] = (
-    ("Drag", "Rotate"),
-    ("Shift + drag, or middle button", "Pan"),
-    ("Wheel", "Zoom"),
+    ("Drag", "Turn"),
+    ("Shift + drag, or right button", "Shift"),
+    ("Ctrl + drag", "Roll"),
+    ("Wheel", "Zoom to the pointer"),
     ("Ctrl + wheel", "Next or previous eigenfunction, time or band"),
+    ("Double click", "Put what is under the pointer in the middle"),
     ("Move", "Read index and value of the vertex under the pointer"),
     ("Click", "Pin that vertex, or take its pin away"),
     ("Drop a file", "Open it"),

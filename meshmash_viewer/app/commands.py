@@ -12,7 +12,8 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.read import READABLE_ENDINGS
-from meshmash_viewer.model import cost, ranges
+from meshmash_viewer.io.session import SESSION_ENDING
+from meshmash_viewer.model import cost, stepping
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Notice, Severity
 
@@ -20,9 +21,6 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.main_window import MainWindow
 
 __all__ = ["Commands"]
-
-_SESSION_ENDING = ".meshmash.json"
-_FAR = 1_000_000_000
 
 
 class Commands:
@@ -64,8 +62,8 @@ class Commands:
             "previous": lambda: self.step(-1),
             "next_ten": lambda: self.step(10),
             "previous_ten": lambda: self.step(-10),
-            "first": lambda: self.step(-_FAR),
-            "last": lambda: self.step(_FAR),
+            "first": lambda: stepping.go_to_start(document),
+            "last": lambda: stepping.go_to_end(document),
             "flip": self.flip,
             "show_eigenfunctions": lambda: setattr(display, "kind", FieldKind.EIGENFUNCTION),
             "show_hks": lambda: setattr(display, "kind", FieldKind.HKS),
@@ -93,7 +91,7 @@ class Commands:
     def open_path(self, path: Path) -> None:
         """Open a file: a session by its ending, a mesh otherwise."""
         self._window.settings.folder = path.parent
-        if path.name.endswith(_SESSION_ENDING):
+        if path.name.endswith(SESSION_ENDING):
             self.open_session(path)
         else:
             self._window.open_mesh(path)
@@ -135,7 +133,7 @@ class Commands:
             self._window,
             "Open session",
             str(self._window.settings.folder),
-            f"Sessions (*{_SESSION_ENDING});;All files (*)",
+            f"Sessions (*{SESSION_ENDING});;All files (*)",
         )
         if path:
             self.open_session(Path(path))
@@ -157,15 +155,15 @@ class Commands:
             text = "This mesh was handed over in memory: a session needs one that is in a file."
             self._document.notify(Notice(text, Severity.WARNING))
             return
-        start = self._window.settings.folder / f"{self._document.path.stem}{_SESSION_ENDING}"
+        start = self._window.settings.folder / f"{self._document.path.stem}{SESSION_ENDING}"
         chosen, _ = QFileDialog.getSaveFileName(
-            self._window, "Save session", str(start), f"Sessions (*{_SESSION_ENDING})"
+            self._window, "Save session", str(start), f"Sessions (*{SESSION_ENDING})"
         )
         if not chosen:
             return
         path = Path(chosen)
-        if not path.name.endswith(_SESSION_ENDING):
-            path = path.with_name(path.name.removesuffix(".json") + _SESSION_ENDING)
+        if not path.name.endswith(SESSION_ENDING):
+            path = path.with_name(path.name.removesuffix(".json") + SESSION_ENDING)
         try:
             store_session(self._window, path)
         except (InputError, OSError) as fault:
@@ -230,7 +228,7 @@ class Commands:
 
     def clear_cache(self) -> None:
         """Delete what is stored, after asking."""
-        from meshmash_viewer.io.store import EigenpairCache
+        from meshmash_viewer.io.cache import EigenpairCache
 
         cache = EigenpairCache()
         size = cost.written_bytes(cache.size())
@@ -248,7 +246,7 @@ class Commands:
 
     def step(self, steps: int) -> None:
         """Go on or back in whatever is on the render."""
-        ranges.step(self._document, steps)
+        stepping.step(self._document, steps)
 
     def flip(self) -> None:
         """Flip the sign of the eigenfunction on the render."""

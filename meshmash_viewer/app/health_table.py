@@ -85,7 +85,7 @@ class HealthTable(QWidget):
             self._counts[row.attribute] = count
             grid.addWidget(mark, at, 0)
             grid.addWidget(text, at, 1)
-            grid.addWidget(count, at, 2)
+            grid.addWidget(count, at, 3)
             if row.repair:
                 button = theme.with_role(QPushButton(row.verb, objectName=row.repair), "link")
                 button.setToolTip(f"{REPAIRS[row.repair].label} (can be undone)")
@@ -97,7 +97,7 @@ class HealthTable(QWidget):
                 policy.setRetainSizeWhenHidden(True)
                 button.setSizePolicy(policy)
                 self._buttons[row.attribute] = button
-                grid.addWidget(button, at, 3)
+                grid.addWidget(button, at, 2)
         document.mesh_changed.connect(self.refresh)
         document.job_changed.connect(self._refresh_buttons)
         theme.notifier().changed.connect(self.refresh)

@@ -17,7 +17,6 @@ from PySide6.QtWidgets import (
     QAbstractButton,
     QApplication,
     QComboBox,
-    QDockWidget,
     QLabel,
     QMainWindow,
     QTabBar,
@@ -28,11 +27,13 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import icons, theme
 from meshmash_viewer.app.actions import Actions
 from meshmash_viewer.app.commands import Commands
+from meshmash_viewer.app.dock import Dock
 from meshmash_viewer.app.field_source import FieldSource
 from meshmash_viewer.app.mesh_panel import MeshPanel
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.tasks import Tasks
+from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.jobs import DecomposeJob, ReadJob
@@ -75,7 +76,6 @@ class MainWindow(QMainWindow):
 
         self.loaded = False
         self._closed = False
-        self._shown_mesh = ""
         self._started_at: tuple[float, int] = (0.0, 0)
         self.stage = Stage()
         self.setCentralWidget(self.stage)
@@ -105,7 +105,7 @@ class MainWindow(QMainWindow):
             (Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea),
         ):
             self.setCorner(corner, area)
-        self.docks: dict[str, QDockWidget] = {}
+        self.docks: dict[str, Dock] = {}
         areas = Qt.DockWidgetArea
         for name, title, area in (
             ("mesh", "Mesh", areas.LeftDockWidgetArea),
@@ -113,9 +113,7 @@ class MainWindow(QMainWindow):
             ("spectrum", "Spectrum", areas.BottomDockWidgetArea),
             ("profile", "Profiles", areas.BottomDockWidgetArea),
         ):
-            dock = QDockWidget(title, self, objectName=f"{name}_dock")
-            dock.setAccessibleName(title)
-            dock.setWidget(QWidget())
+            dock = Dock(name, title, self)
             self.addDockWidget(area, dock)
             self.docks[name] = dock
             self.menus["View"].insertAction(self.actions_["reset_camera"], dock.toggleViewAction())
@@ -156,7 +154,7 @@ class MainWindow(QMainWindow):
             self._first_state = self.saveState(_LAYOUT_VERSION)
         self.restoreState(self._first_state, _LAYOUT_VERSION)
         sides = [self.docks["mesh"], self.docks["field"]]
-        self.resizeDocks(sides, [290, 300], Qt.Orientation.Horizontal)
+        self.resizeDocks(sides, [290, 330], Qt.Orientation.Horizontal)
         below = [self.docks["spectrum"], self.docks["profile"]]
         self.resizeDocks(below, [230, 230], Qt.Orientation.Vertical)
         self.resizeDocks(below, [400, 400], Qt.Orientation.Horizontal)
@@ -237,10 +235,18 @@ class MainWindow(QMainWindow):
         self.commands.refresh_recent()
         self.hover_label.setText(self._mesh_summary())
         if self.loaded and ready is not None:
+            # the same coordinates in another unit are looked at from where one is
+            camera = self.scene.camera() if self._same_place(ready.mesh) else None
             self.scene.set_mesh(ready.mesh, ready.normals)
+            if camera is not None:
+                self.scene.set_camera(camera)
             self._show_field()
         self.stage.show_scene(self.loaded and ready is not None)
         self._refresh_actions()
+
+    def _same_place(self, mesh: Mesh) -> bool:
+        before = self.scene.mesh
+        return before is not None and before.vertices is mesh.vertices
 
     def _on_pins_changed(self) -> None:
         if self.loaded:

@@ -13,6 +13,7 @@ from PySide6.QtWidgets import (
     QProgressBar,
     QPushButton,
     QScrollArea,
+    QSizePolicy,
     QVBoxLayout,
     QWidget,
 )
@@ -103,13 +104,15 @@ class MeshPanel(QWidget):
         grid = QGridLayout()
         grid.setHorizontalSpacing(theme.GAP)
         grid.setVerticalSpacing(3)
-        grid.setColumnStretch(0, 1)
+        grid.setColumnStretch(1, 1)
         self._facts: dict[str, QLabel] = {}
         for at, name in enumerate(("Vertices", "Faces", "Area", "Extent")):
             label = QLabel("–", objectName=f"mesh_{name.lower()}_label")
             label.setAccessibleName(name)
             label.setAlignment(Qt.AlignmentFlag.AlignRight)
             label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+            # a long value is cut off rather than widening the panel; the tooltip has all of it
+            label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
             self._facts[name] = label
             grid.addWidget(QLabel(name), at, 0)
             grid.addWidget(label, at, 1)
@@ -121,7 +124,7 @@ class MeshPanel(QWidget):
             "Unit of the coordinates; or the size of a voxel, such as “8 nm”, "
             "which multiplies coordinates counted in voxels"
         )
-        self.unit_combo.setMaximumWidth(120)
+        self.unit_combo.setFixedWidth(96)
         self.unit_combo.lineEdit().editingFinished.connect(self._choose_unit)
         self.unit_combo.activated.connect(self._choose_unit)
         grid.addWidget(QLabel("Unit"), 4, 0)
@@ -158,11 +161,13 @@ class MeshPanel(QWidget):
             self.path_label.fontMetrics().elidedText(where, Qt.TextElideMode.ElideMiddle, 244)
         )
         extent = mesh.bounds[1] - mesh.bounds[0]
-        size = " × ".join(f"{length:.3g}" for length in extent)
+        size = " × ".join(_short(length) for length in extent)
         self._facts["Vertices"].setText(f"{health.n_vertices:,}")
         self._facts["Faces"].setText(f"{health.n_faces:,}")
         self._facts["Area"].setText(format_quantity(health.area, mesh.unit, 2))
         self._facts["Extent"].setText(f"{size} {power_unit(mesh.unit, 1)}".strip())
+        for label in self._facts.values():
+            label.setToolTip(label.text())
         self.unit_combo.setCurrentText(mesh.unit or "none")
 
     # -- the Laplacian ------------------------------------------------------------------------
@@ -297,3 +302,10 @@ class MeshPanel(QWidget):
             theme.with_role(self.proof_label, role)
             self.proof_label.style().unpolish(self.proof_label)
             self.proof_label.style().polish(self.proof_label)
+
+
+def _short(length: float) -> str:
+    """Three digits without an exponent where that is short: "15,900", "0.0123", "1.59e+07"."""
+    if 1e3 <= length < 1e6:
+        return f"{float(f'{length:.3g}'):,.0f}"
+    return f"{length:.3g}"

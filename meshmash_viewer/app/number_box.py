@@ -20,6 +20,7 @@ class QuantityBox(QDoubleSpinBox):
         super().__init__(parent)
         self.setDecimals(300)
         self.setRange(1e-250, 1e250)
+        self.setSpecialValueText("–")
         self.setCorrectionMode(self.CorrectionMode.CorrectToPreviousValue)
 
     def quantity(self) -> float:
@@ -30,6 +31,13 @@ class QuantityBox(QDoubleSpinBox):
         """Show a number without saying that it was changed."""
         if not (math.isfinite(value) and value > 0.0):
             return
+        self._set_quietly(value)
+
+    def show_nothing(self) -> None:
+        """Show a dash."""
+        self._set_quietly(self.minimum())
+
+    def _set_quietly(self, value: float) -> None:
         blocked = self.blockSignals(True)
         self.setValue(value)
         self.blockSignals(blocked)

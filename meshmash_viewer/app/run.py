@@ -128,7 +128,7 @@ def view(
     from meshmash_viewer.app.main_window import MainWindow
 
     window = MainWindow()
-    window.document.show_mesh(taken)
+    window.document.take_mesh(taken)
     window.show()
     _windows.append(window)
     window.destroyed.connect(lambda: None)

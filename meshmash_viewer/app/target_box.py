@@ -46,7 +46,7 @@ class TargetBox(QWidget):
         self.wavelength_spin.setObjectName("target_wavelength_spin")
         self.wavelength_spin.setAccessibleName("Shortest wavelength")
         rows: dict[str, tuple[str, str, QAbstractSpinBox]] = {
-            "count": ("Count", "That many of the lowest eigenpairs", self.count_spin),
+            "count": ("Eigenpairs", "That many of the lowest eigenpairs", self.count_spin),
             "max_eigenvalue": (
                 "Largest λ",
                 "Every eigenpair up to this eigenvalue; the count is then exact",
@@ -98,6 +98,8 @@ class TargetBox(QWidget):
         if target.kind == "count":
             self._show_count(target.value)
         if ready is None or not ready.health.area > 0.0:
+            self.eigenvalue_spin.show_nothing()
+            self.wavelength_spin.show_nothing()
             self.note.setText("The three say the same thing: each is translated into the others.")
             return
         area = ready.health.area

@@ -5,6 +5,7 @@ from __future__ import annotations
 from PySide6.QtCore import QObject, Qt, Slot
 
 from meshmash_viewer.app.worker import Worker
+from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.jobs import (
     DecomposeJob,
@@ -96,8 +97,13 @@ class Tasks(QObject):
 
     def _on_mesh_changed(self) -> None:
         """Stop a decomposition of a mesh that is no longer shown, as after an undo."""
-        if isinstance(self._job, DecomposeJob) and self._job.mesh is not self._document.mesh:
+        if isinstance(self._job, DecomposeJob) and not self._is_shown(self._job.mesh):
             self._worker.cancel()
+
+    def _is_shown(self, mesh: Mesh) -> bool:
+        """Whether it is the document's mesh, be it that its unit has been corrected since."""
+        shown = self._document.mesh
+        return shown is not None and shown.vertices is mesh.vertices and shown.faces is mesh.faces
 
     @Slot(object)
     def _on_progressed(self, progress: Progress) -> None:
@@ -111,7 +117,7 @@ class Tasks(QObject):
         elif (
             isinstance(message, SpectrumGrew)
             and isinstance(job, DecomposeJob)
-            and job.mesh is self._document.mesh
+            and self._is_shown(job.mesh)
         ):
             self._document.accept_spectrum(message.spectrum)
             if message.remark:

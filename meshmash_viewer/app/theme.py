@@ -14,7 +14,7 @@ from typing import TypeVar
 
 from PySide6.QtCore import QObject, Qt, Signal
 from PySide6.QtGui import QColor, QFont, QFontDatabase, QPalette
-from PySide6.QtWidgets import QApplication, QWidget
+from PySide6.QtWidgets import QApplication, QLabel, QWidget
 
 __all__ = [
     "GAP",
@@ -210,6 +210,9 @@ def plot_colors() -> PlotColors:
 def with_role(widget: WidgetType, role: str) -> WidgetType:
     """Give a widget its role in the style; returns it."""
     widget.setProperty("role", role)
+    if isinstance(widget, QLabel):
+        # a styled label is indented by half an x otherwise, out of line with plain ones
+        widget.setIndent(0)
     return widget
 
 
