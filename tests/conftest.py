@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import shapes
@@ -36,3 +38,11 @@ def three_spheres() -> Mesh:
 def neuron() -> Mesh:
     """Dirty dendrite in nm of about 1500 vertices (see `shapes.neuron`)."""
     return shapes.neuron()
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Keep the user's stored eigenpairs out of the tests, those of child processes included."""
+    folder = tmp_path_factory.mktemp("cache")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    return folder

@@ -1,0 +1,182 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapes
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.store import EigenpairStore
+from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model import decomposition
+from meshmash_viewer.model.decomposition import decompose, find_known, refuse_what_cannot_fit
+from meshmash_viewer.model.jobs import (
+    DecomposeJob,
+    InspectJob,
+    ReadJob,
+    RepairJob,
+    ScaleJob,
+    SpectrumGrew,
+)
+from meshmash_viewer.progress import Cancelled, Progress
+from meshmash_viewer.weyl import Target
+
+OPERATOR = OperatorOptions()
+
+
+class Listener:
+    """A channel that keeps what it is told, and may ask to stop."""
+
+    def __init__(self, folder: Path, stop_at: int | None = None) -> None:
+        self.folder = folder
+        self.reports: list[Progress] = []
+        self.messages: list[SpectrumGrew] = []
+        self.stop_at = stop_at
+
+    def report(self, progress: Progress) -> None:
+        self.reports.append(progress)
+
+    def send(self, message: object) -> None:
+        assert isinstance(message, SpectrumGrew)
+        self.messages.append(message)
+
+    def cancelled(self) -> bool:
+        last = self.reports[-1].converged if self.reports else 0
+        return self.stop_at is not None and last >= self.stop_at
+
+
+@pytest.fixture
+def listener(tmp_path: Path) -> Listener:
+    return Listener(tmp_path)
+
+
+def residuals(mesh: Mesh, grew: SpectrumGrew) -> np.ndarray:
+    spectrum = grew.spectrum
+    stiffness, mass = cotangent_laplacian(mesh, robust=True)
+    rows = np.asarray(spectrum.rows[: len(spectrum)])
+    defect = rows @ stiffness - spectrum.eigenvalues[:, None] * (rows @ mass)
+    return np.linalg.norm(defect, axis=1) / np.linalg.norm(rows @ mass, axis=1)
+
+
+def test_pairs_are_mapped_from_the_store(sphere: Mesh, listener: Listener) -> None:
+    grew = DecomposeJob(sphere, OPERATOR, Target("count", 25)).run(listener)
+    spectrum = grew.spectrum
+    assert len(spectrum) == spectrum.total == 25
+    assert spectrum.complete
+    assert "25 pairs" in spectrum.proof
+    assert spectrum.operator == OPERATOR
+    assert not spectrum.rows.flags.writeable
+    assert residuals(sphere, grew).max() < 1e-8
+    np.testing.assert_allclose(spectrum.eigenvalues[1:4], 2.0, rtol=0.02)
+    assert any(report.message for report in listener.reports)
+
+
+def test_growth_never_shows_the_null_space_alone(three_spheres: Mesh, listener: Listener) -> None:
+    decompose(three_spheres, OPERATOR, Target("count", 12), listener)
+    assert all(message.eigenvalues.any() for message in listener.messages)
+    assert all(not message.complete for message in listener.messages)
+
+
+def test_what_is_stored_is_not_computed_again(
+    sphere: Mesh, listener: Listener, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = decompose(sphere, OPERATOR, Target("count", 20), listener)
+    assert find_known(Mesh(sphere.vertices + 1.0, sphere.faces), OPERATOR) == (None, "")
+    monkeypatch.delattr(decomposition, "solve")
+    known, remark = find_known(sphere, OPERATOR)
+    assert known is not None
+    assert not remark
+    assert known.spectrum.proof == first.proof
+    fewer = decompose(sphere, OPERATOR, Target("count", 7), listener)
+    assert len(fewer.spectrum) == 7
+    assert fewer.complete
+    threshold = 0.5 * (first.eigenvalues[8] + first.eigenvalues[9])
+    below = decompose(sphere, OPERATOR, Target("max_eigenvalue", threshold), listener)
+    assert len(below.spectrum) == 9
+
+
+def test_more_pairs_go_on_from_the_known_ones(sphere: Mesh, listener: Listener) -> None:
+    decompose(sphere, OPERATOR, Target("count", 10), listener)
+    listener.messages.clear()
+    grew = decompose(sphere, OPERATOR, Target("count", 30), listener)
+    lengths = [len(message.eigenvalues) for message in listener.messages]
+    assert lengths == sorted(lengths)
+    assert lengths[0] == 10
+    assert len(grew.spectrum) == 30
+    assert residuals(sphere, grew).max() < 1e-8
+
+
+def test_cancelled_run_keeps_what_converged(tmp_path: Path) -> None:
+    mesh = shapes.icosphere(4)
+    with pytest.raises(Cancelled):
+        decompose(mesh, OPERATOR, Target("count", 300), Listener(tmp_path, stop_at=50))
+    known, remark = find_known(mesh, OPERATOR)
+    assert not remark
+    assert known is not None
+    assert len(known.eigenvalues) >= 50
+    assert not known.complete
+    listener = Listener(tmp_path)
+    grew = decompose(mesh, OPERATOR, Target("count", 300), listener)
+    assert grew.complete
+    assert len(listener.messages[0].eigenvalues) >= 50
+
+
+def test_what_cannot_fit_is_refused_with_a_way_out(
+    sphere: Mesh, listener: Listener, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refuse_what_cannot_fit(1_000_000, 7_000_000, 100, 10**12)
+    with pytest.raises(InputError, match=r"300 eigenpairs of 1000000 .* at most \d+, or close"):
+        refuse_what_cannot_fit(1_000_000, 7_000_000, 300, 5 * 10**9)
+    with pytest.raises(InputError, match="simplify the mesh"):
+        refuse_what_cannot_fit(10**9, 7 * 10**9, 300, 10**9)
+    monkeypatch.setattr(decomposition, "free_memory", lambda: 10_000)
+    with pytest.raises(InputError, match="of memory"):
+        decompose(sphere, OPERATOR, Target("count", 20), listener)
+    with pytest.raises(InputError, match="of memory"):
+        decompose(sphere, OPERATOR, Target("max_eigenvalue", 20.0), listener)
+
+
+def test_damaged_store_is_set_aside_with_a_word(sphere: Mesh, listener: Listener) -> None:
+    decompose(sphere, OPERATOR, Target("count", 8), listener)
+    store = EigenpairStore.open_or_create(sphere, OPERATOR)
+    rows = np.load(store.folder / "eigenvectors.npy", mmap_mode="r+")
+    rows[5] += 1.0
+    rows.flush()
+    known, remark = find_known(sphere, OPERATOR)
+    assert known is None
+    assert "damaged" in remark
+    assert decompose(sphere, OPERATOR, Target("count", 8), listener).complete
+
+
+def test_without_a_cache_the_session_has_a_store(
+    sphere: Mesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    listener = Listener(tmp_path)
+    grew = decompose(sphere, OPERATOR, Target("count", 8), listener)
+    assert grew.rows_path.is_relative_to(tmp_path / "eigenpairs")
+    assert "until the window is closed" in listener.messages[0].remark
+    assert len(decompose(sphere, OPERATOR, Target("count", 5), listener).spectrum) == 5
+
+
+def test_read_repair_and_scale_bring_a_mesh_with_all_to_draw_it(
+    neuron: Mesh, listener: Listener, tmp_path: Path
+) -> None:
+    np.savez(tmp_path / "neuron.npz", vertices=neuron.vertices, faces=neuron.faces)
+    read = ReadJob(tmp_path / "neuron.npz", "8 nm", OPERATOR).run(listener)
+    assert read.mesh.unit == "nm"
+    assert read.path == tmp_path / "neuron.npz"
+    np.testing.assert_allclose(read.mesh.vertices, 8.0 * neuron.vertices)
+    assert read.normals.shape == neuron.vertices.shape
+    repaired = RepairJob(read.mesh, "keep_largest_component", read.path).run(listener)
+    assert repaired.health.n_components == 1 < read.health.n_components
+    assert repaired.repair == "keep_largest_component"
+    decompose(neuron, OPERATOR, Target("count", 15), listener)
+    assert InspectJob(neuron).run(listener).known is not None
+    scaled = ScaleJob(neuron, 0.001, "µm").run(listener)
+    assert scaled.mesh.unit == "µm"
+    assert scaled.health.area == pytest.approx(1e-6 * neuron.area)
+    assert scaled.known is None
