@@ -10,6 +10,7 @@ from PySide6.QtCore import Qt
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.plot import Plot, color, dashed, solid
+from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.ranges import first_nonzero
 from meshmash_viewer.units import power_unit
@@ -72,6 +73,10 @@ class EigenvalueView:
         parts.append(f'<span style="color:{colors.reference}">╌╌</span> Weyl’s law')
         return "&nbsp;&nbsp; ".join(parts)
 
+    def heights(self) -> tuple[float, float] | None:
+        """Range of the left axis: that of the eigenvalues."""
+        return None
+
     def refresh_spectrum(self) -> None:
         """Draw what has converged so far; the axis already has room for all that is owed."""
         spectrum, mesh = self._document.spectrum, self._document.mesh
@@ -109,7 +114,9 @@ class EigenvalueView:
 
     def select(self, x: float, _y: float) -> None:
         """Put the eigenfunction at a place of the plot on the render."""
-        self._document.display.index = self.index_at(x)
+        display = self._document.display
+        display.index = self.index_at(x)
+        display.kind = FieldKind.EIGENFUNCTION
 
     def index_at(self, x: float) -> int:
         """Index of the pair nearest to a place of the plot."""

@@ -55,22 +55,24 @@ class ScientificAxis(pg.AxisItem):
         if not self.logMode:
             return super().tickValues(low, high, size)[:2]
         first, last = math.floor(low), math.ceil(high)
-        stride = max(1, math.ceil((last - first) / max(size / 45.0, 1.0)))
-        whole = [float(power) for power in range(first, last + 1) if power % stride == 0]
-        between = [
-            power + math.log10(factor) for power in range(first, last) for factor in range(2, 10)
-        ]
-        inside = [value for value in between if low <= value <= high]
-        return [(1.0, [value for value in whole if low <= value <= high]), (0.1, inside)]
+        room = 45.0 if self.orientation in ("bottom", "top") else 26.0
+        stride = max(1, math.ceil((last - first) / max(size / room, 1.0)))
 
-    def _log_texts(self, values: list[float]) -> list[str]:
+        def inside(factors: tuple[int, ...]) -> list[float]:
+            places = (p + math.log10(f) for p in range(first - 1, last + 1) for f in factors)
+            return [place for place in places if low <= place <= high]
+
+        whole = [place for place in inside((1,)) if round(place) % stride == 0]
+        return [(1.0, whole), (0.3, inside((2, 5))), (0.1, inside((3, 4, 6, 7, 8, 9)))]
+
+    def _log_texts(self, values: list[float]) -> list[str | None]:
         low, high = self.range
-        factors = (1,) if high - low > 1.6 else (1, 2, 5)
-        texts = []
+        factors = (1,) if high - low > 2.2 else (1, 2, 5)
+        texts: list[str | None] = []
         for value in values:
             power = math.floor(value + 1e-9)
             factor = round(10.0 ** (value - power))
-            texts.append(power_text(power, factor) if factor in factors else "")
+            texts.append(power_text(power, factor) if factor in factors else None)
         return texts
 
 
@@ -102,6 +104,7 @@ class Plot(pg.PlotWidget):
         self.setMenuEnabled(False)
         self.hideButtons()
         self._labels = {"left": "", "bottom": ""}
+        self._heights: tuple[float, float] | None = None
         self.scene().sigMouseClicked.connect(self._click)
         self.scene().sigMouseMoved.connect(self._move)
         theme.notifier().changed.connect(self.dress)
@@ -145,6 +148,12 @@ class Plot(pg.PlotWidget):
     def show_all(self) -> None:
         """Zoom out to everything that is drawn."""
         self.plotItem.vb.enableAutoRange()
+        if self._heights is not None:
+            self.plotItem.vb.setYRange(*self._heights, padding=0.0)
+
+    def set_heights(self, heights: tuple[float, float] | None) -> None:
+        """Fix the range of the left axis, or let it follow what is drawn."""
+        self._heights = heights
 
     def pixel_of(self, x: float, y: float) -> QPointF:
         """Where a point of the plot is on the widget."""

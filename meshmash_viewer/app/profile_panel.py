@@ -62,6 +62,11 @@ class ProfilePanel(QWidget):
         self.view_choice.chosen.connect(self._show_view)
         row.addWidget(self.view_choice)
         row.addStretch(1)
+        self.missing_label = theme.with_role(
+            QLabel("Hatched: needs more eigenpairs", self), "muted"
+        )
+        self.missing_label.setObjectName("profile_missing_label")
+        row.addWidget(self.missing_label)
         column.addLayout(row)
         self.plot = Plot("profile_plot", "Profiles of the pinned vertices", self)
         self.legend = PinLegend(self._document, self)
@@ -107,11 +112,14 @@ class ProfilePanel(QWidget):
             return
         if self._shown == "eigenfunctions":
             display.index = min(max(round(x), 0), len(spectrum) - 1)
+            display.kind = FieldKind.EIGENFUNCTION
         elif self._shown == "bands":
             display.band = min(max(round(x), 0), display.band_count - 1)
+            display.kind = FieldKind.BAND
         elif first_nonzero(spectrum) < len(spectrum):
             low, high = hks_range(spectrum, display)
             display.time = min(max(10.0**x, low), high)
+            display.kind = FieldKind.HKS
 
     def _drag(self, marker: pg.InfiniteLine) -> None:
         self._select(float(marker.value()), 0.0)
@@ -136,6 +144,7 @@ class ProfilePanel(QWidget):
         there = bool(pins) and spectrum is not None and len(spectrum) > 0
         self._stack.setCurrentIndex(0 if there else 1)
         self.view_choice.setVisible(there)
+        self.missing_label.setVisible(False)
         self.empty.setText(
             "Compute eigenpairs to see the profiles of the pinned vertices."
             if pins and not there
@@ -257,6 +266,7 @@ class ProfilePanel(QWidget):
         if not self._marker.moving:
             self._marker.setValue(at)
         self._missing.setVisible(missing is not None)
+        self.missing_label.setVisible(missing is not None)
         if missing is not None:
             self._missing.setRegion(missing)
 

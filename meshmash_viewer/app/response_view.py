@@ -17,12 +17,13 @@ from meshmash_viewer.model.ranges import band_range, first_nonzero, hks_range, h
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.units import power_unit
 
-__all__ = ["ResponseView"]
+__all__ = ["ResponseView", "shows_bands"]
 
 _RUG = -0.09
 
 
-def _shows_bands(display: Display) -> bool:
+def shows_bands(display: Display) -> bool:
+    """Whether the filters that matter now are bands, or else heat kernels."""
     if display.kind is FieldKind.SIMILARITY:
         return display.similarity_basis is SimilarityBasis.BANDS
     return display.kind is not FieldKind.HKS
@@ -85,9 +86,13 @@ class ResponseView:
         colors, display = theme.plot_colors(), self._document.display
         ticks = f'<span style="color:{colors.reference}">|</span> eigenvalues'
         mark = f'<span style="color:{colors.marker}">▬</span>'
-        if _shows_bands(display):
+        if shows_bands(display):
             return f"{mark} band {display.band}&nbsp;&nbsp; {ticks}"
         return f"{mark} exp(−λt), ╌ λ = 1/t&nbsp;&nbsp; {ticks}"
+
+    def heights(self) -> tuple[float, float] | None:
+        """Range of the left axis: the same for all responses, so that it stays while they move."""
+        return _RUG - 0.03, 1.06
 
     # -- coordinates ------------------------------------------------------------------------
 
@@ -132,7 +137,7 @@ class ResponseView:
         spectrum = self._usable()
         if spectrum is None:
             return
-        if _shows_bands(self._document.display):
+        if shows_bands(self._document.display):
             self._draw_bands(spectrum)
         else:
             self._draw_heat(spectrum)
@@ -191,17 +196,19 @@ class ResponseView:
         if spectrum is None:
             return
         value = self._eigenvalue(x)
-        if _shows_bands(display):
+        if shows_bands(display):
             low, high = band_range(spectrum, display)
             if low <= value <= high:
                 response = band_bank(low, high, display.band_count)(np.array([value]))[:, 0]
                 display.band = int(np.argmax(response))
+                display.kind = FieldKind.BAND
         elif value > 0.0:
             self._set_time(spectrum, 1.0 / value)
 
     def _set_time(self, spectrum: Spectrum, time: float) -> None:
         low, high = hks_range(spectrum, self._document.display)
         self._document.display.time = min(max(time, low), high)
+        self._document.display.kind = FieldKind.HKS
 
     def _drag(self, line: pg.InfiniteLine) -> None:
         spectrum, display = self._usable(), self._document.display
@@ -209,10 +216,11 @@ class ResponseView:
             return
         value = self._eigenvalue(float(line.value()))
         if line is self.handle:
-            if _shows_bands(display):
+            if shows_bands(display):
                 low, high = band_range(spectrum, display)
                 centers = band_bank(low, high, display.band_count).parameters
                 display.band = int(np.argmin(np.abs(centers - value)))
+                display.kind = FieldKind.BAND
             elif value > 0.0:
                 self._set_time(spectrum, 1.0 / value)
             return

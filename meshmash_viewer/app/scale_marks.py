@@ -37,7 +37,9 @@ def linear_texts(values: Sequence[float], spacing: float) -> list[str]:
     exponent = math.floor(math.log10(largest) + 1e-9)
     if -3 <= exponent <= 4:
         exponent = 0
-    digits = max(0, -math.floor(math.log10(spacing) - exponent + 1e-9))
+    step = spacing / 10.0**exponent
+    digits = max(0, -math.floor(math.log10(step) + 1e-9))
+    digits += abs(round(step, digits) - step) > 0.05 * step  # a quarter takes one more
     power = "×10" + str(exponent).translate(_SUPERSCRIPTS) if exponent else ""
     texts = []
     for value in values:
@@ -54,7 +56,7 @@ def decade_marks(low: float, high: float) -> tuple[Mark, ...]:
         return ()
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
     decades = math.log10(high / low)
-    factors = (1,) if decades > 2.5 else (1, 3) if decades > 1.2 else (1, 2, 5)
+    factors = (1,) if decades > 2.5 else (1, 3) if decades > 1.6 else (1, 2, 5)
     stride = max(1, round(decades / 6))
     marks = []
     for exponent in range(first, last + 1):

@@ -5,14 +5,23 @@ from __future__ import annotations
 import math
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QLabel, QStackedLayout, QVBoxLayout, QWidget
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QHBoxLayout,
+    QLabel,
+    QSizePolicy,
+    QStackedLayout,
+    QVBoxLayout,
+    QWidget,
+)
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.eigenvalue_view import EigenvalueView
 from meshmash_viewer.app.facts import format_wavelength, subscript
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.app.plot import Plot
-from meshmash_viewer.app.response_view import ResponseView
+from meshmash_viewer.app.response_view import ResponseView, shows_bands
 from meshmash_viewer.app.segments import Segments
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
@@ -65,7 +74,12 @@ class SpectrumPanel(QWidget):
         row.addWidget(self.readout)
         row.addStretch(1)
         row.addWidget(self.legend)
-        column.addLayout(row)
+        # where there is no room for all, the legend goes first: it is the same as before
+        self._head = QWidget(self)
+        self._head.setLayout(row)
+        row.setContentsMargins(0, 0, 0, 0)
+        self._head.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        column.addWidget(self._head)
         self.plot = Plot("spectrum_plot", "Spectrum", self)
         self.empty = theme.with_role(
             QLabel("The eigenvalues appear here as they converge.", self), "muted"
@@ -81,9 +95,23 @@ class SpectrumPanel(QWidget):
             "eigenvalues": EigenvalueView(self.plot, self._document),
             "responses": ResponseView(self.plot, self._document),
         }
-        self._shown = ""
+        self._shown = self._drawn_scale = ""
+        # heat kernels differ where λ is small; eigenvalues and bands are spread evenly
+        self._log = {"eigenvalues": False, "bands": False, "hks": True}
         self.plot.clicked.connect(self._select)
         self.plot.hovered.connect(self._hover)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Make room in the head."""
+        super().resizeEvent(event)
+        self._fit_head()
+
+    def _fit_head(self) -> None:
+        there = self._stack.currentWidget() is self.plot
+        fixed = self.view_choice.sizeHint().width() + self.log_check.sizeHint().width() + 40
+        room = self.width() - fixed - self.readout.sizeHint().width()
+        self.readout.setVisible(there and room > 0)
+        self.legend.setVisible(there and room > self.legend.sizeHint().width())
 
     @property
     def view(self) -> EigenvalueView | ResponseView:
@@ -96,8 +124,7 @@ class SpectrumPanel(QWidget):
         self._show_view(key)
 
     def _set_log(self, on: bool) -> None:
-        for view in self._views.values():
-            view.set_log(on)
+        self._log[self._scale_key()] = on
         self._refresh_spectrum()
         self.plot.show_all()
 
@@ -113,6 +140,11 @@ class SpectrumPanel(QWidget):
 
     # -- from the model ---------------------------------------------------------------------
 
+    def _scale_key(self) -> str:
+        if self._shown == "eigenvalues":
+            return "eigenvalues"
+        return "bands" if shows_bands(self._document.display) else "hks"
+
     def _follow_kind(self) -> None:
         eigenfunctions = self._document.display.kind is FieldKind.EIGENFUNCTION
         self._show_view("eigenvalues" if eigenfunctions else "responses")
@@ -126,6 +158,7 @@ class SpectrumPanel(QWidget):
             self._shown = key
             for item in self.view.items:
                 self.plot.addItem(item)
+            self.plot.set_heights(self.view.heights())
             self._refresh_spectrum()
             self.plot.show_all()
 
@@ -133,22 +166,33 @@ class SpectrumPanel(QWidget):
         spectrum = self._document.spectrum
         there = spectrum is not None and len(spectrum) > 0
         self._stack.setCurrentWidget(self.plot if there else self.empty)
-        for control in (self.view_choice, self.log_check, self.legend):
+        for control in (self.view_choice, self.log_check):
             control.setVisible(there)
         bottom, left = self.view.labels()
-        log = self.log_check.isChecked()
+        log = self._log[self._scale_key()]
+        blocked = self.log_check.blockSignals(True)
+        self.log_check.setChecked(log)
+        self.log_check.blockSignals(blocked)
+        self.view.set_log(log)
         responses = self._shown == "responses"
         self.plot.set_log(log and responses, log and not responses)
         self.plot.set_labels(bottom, left)
         self.view.refresh_spectrum()
-        self.legend.setText(self.view.legend())
-        self._read(None)
+        self._drawn_scale = self._scale_key()
+        self._describe()
 
     def _refresh_current(self) -> None:
-        self.view.refresh_current()
-        if self._shown == "responses":
-            self.legend.setText(self.view.legend())
+        if self._scale_key() != self._drawn_scale:
+            self._refresh_spectrum()
+            self.plot.show_all()
+        else:
+            self.view.refresh_current()
+            self._describe()
+
+    def _describe(self) -> None:
+        self.legend.setText(self.view.legend())
         self._read(None)
+        self._fit_head()
 
     def _read(self, index: int | None) -> None:
         """Say what is pointed at, or else what is on the render."""

@@ -1,0 +1,256 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from closed_form import give, rectangle_document, rectangle_spectrum, turn_wheel
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QWidget
+
+from meshmash_viewer.app.field_panel import FieldPanel
+from meshmash_viewer.model.display import FieldKind, SimilarityBasis
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.field import compute_field, request_of
+from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, PercentileLimits
+from meshmash_viewer.model.live import LiveFeatures
+from meshmash_viewer.model.ranges import hks_range, required_eigenvalue, resolved_from
+
+LEFT = Qt.MouseButton.LeftButton
+
+
+@pytest.fixture
+def document() -> Document:
+    return rectangle_document(twins=slice(12, 16))
+
+
+@pytest.fixture
+def panel(qtbot, document: Document) -> FieldPanel:
+    panel = FieldPanel(document)
+    qtbot.addWidget(panel)
+    panel.resize(340, 760)
+    panel.show()
+    qtbot.waitExposed(panel)
+    return panel
+
+
+def part(panel: QWidget, name: str) -> QWidget:
+    found = panel.findChildren(QWidget, name)
+    assert len(found) == 1, f"{len(found)} of {name}"
+    return found[0]
+
+
+def choose(panel: FieldPanel, tab: int) -> None:
+    bar = panel.tabs.tabBar()
+    QTest.mouseClick(bar, LEFT, pos=bar.tabRect(tab).center())
+
+
+def test_every_control_has_its_names(panel: FieldPanel) -> None:
+    for name in (
+        "field_tabs", "eigenvector_slider", "eigenvector_spin", "nodal_lines_check", "flip_button",
+        "hks_time_slider", "hks_scales_spin", "hks_automatic_check", "hks_t_min_field",
+        "hks_t_max_field", "band_count_spin", "band_spin", "band_slider", "band_automatic_check",
+        "band_min_field", "band_max_field", "similarity_vertex_combo", "colormap_combo",
+        "limits_combo", "limit_low_field", "limit_high_field",
+    ):  # fmt: skip
+        assert part(panel, name).accessibleName(), name
+
+
+def test_turning_to_a_tab_puts_its_field_on_the_render(panel: FieldPanel, document) -> None:
+    for tab, kind in enumerate(FieldKind):
+        choose(panel, tab)
+        assert document.display.kind is kind
+    document.display.kind = FieldKind.HKS
+    assert panel.tabs.currentIndex() == 1
+
+
+def test_eigenfunctions_scroll_by_wheel_keys_and_number(panel: FieldPanel, document) -> None:
+    slider, spin = part(panel, "eigenvector_slider"), part(panel, "eigenvector_spin")
+    turn_wheel(slider, 4)
+    assert document.display.index == spin.value() == 5
+    QTest.keyClick(slider, Qt.Key.Key_PageDown)
+    assert document.display.index == slider.value() == 15
+    spin.selectAll()
+    QTest.keyClicks(spin, "42")
+    QTest.keyClick(spin, Qt.Key.Key_Return)
+    assert document.display.index == slider.value() == 42
+    value = document.spectrum.eigenvalues[42]
+    assert part(panel, "eigenvalue_label").text() == f"λ₄₂ = {value:.4g} nm⁻²"
+    length = 2 * math.pi / math.sqrt(value)
+    assert part(panel, "wavelength_label").text() == f"{length:.4g} nm"
+    assert part(panel, "residual_label").text() == "3.0e-12"
+
+
+def test_zero_modes_and_multiplets_are_said(panel: FieldPanel, document) -> None:
+    document.display.index = 0
+    assert part(panel, "eigenvalue_label").text() == "λ₀ = 0"
+    assert part(panel, "wavelength_label").text() == "∞"
+    assert "constant" in part(panel, "multiplet_label").text()
+    document.display.index = 14
+    said = part(panel, "multiplet_label").text()
+    assert said == "λ₁₂…λ₁₅ within 1e-6: any rotation of these is as good."
+    document.display.index = 20
+    assert part(panel, "multiplet_label").isHidden()
+
+
+def test_only_what_has_converged_can_be_scrolled_to(qtbot) -> None:
+    document = rectangle_document(converged=37)
+    panel = FieldPanel(document)
+    qtbot.addWidget(panel)
+    slider = part(panel, "eigenvector_slider")
+    QTest.keyClick(slider, Qt.Key.Key_End)
+    assert document.display.index == 36
+    assert part(panel, "converged_label").text() == "37 of 120 so far"
+    document.accept_spectrum(rectangle_spectrum(document.mesh, 120, converged=80))
+    assert slider.maximum() == 79
+    assert document.display.index == 36, "growing does not move what is looked at"
+    document.accept_spectrum(rectangle_spectrum(document.mesh, 120))
+    assert part(panel, "converged_label").text() == "120, complete"
+
+
+def test_flip_and_nodal_lines(panel: FieldPanel, document) -> None:
+    document.display.index = 3
+    QTest.mouseClick(part(panel, "flip_button"), LEFT)
+    assert document.display.flipped == {3}
+    check = part(panel, "nodal_lines_check")
+    QTest.mouseClick(check, LEFT, pos=QPoint(8, check.height() // 2))
+    assert document.display.nodal_lines
+    document.display.index = 4
+    assert not part(panel, "flip_button").isChecked()
+
+
+def test_playing_goes_on_by_itself(panel: FieldPanel, document, qtbot) -> None:
+    QTest.mouseClick(part(panel, "eigenvector_play_button"), LEFT)
+    assert document.display.playing
+    qtbot.waitUntil(lambda: document.display.index >= 3, timeout=5000)
+    document.display.playing = False
+    assert not part(panel, "eigenvector_play_button").isChecked()
+
+
+def test_time_slider_is_in_log_scale_with_its_length(panel: FieldPanel, document) -> None:
+    choose(panel, 1)
+    slider = part(panel, "hks_time_slider")
+    low, high = hks_range(document.spectrum, document.display)
+    for share in (0.0, 0.25, 1.0):
+        x = slider.value_x(round(share * slider.maximum()))
+        QTest.mouseClick(slider, LEFT, pos=QPoint(x, 13))
+        time = document.display.time
+        assert math.log(time / low) / math.log(high / low) == pytest.approx(share, abs=5e-3)
+        assert part(panel, "hks_length_label").text() == f"{math.sqrt(time):.4g} nm"
+        assert part(panel, "hks_time_label").text() == f"t = {time:.4g} nm²"
+    assert slider.hatched is None, "the automatic range begins where the pairs suffice"
+
+
+def test_short_times_are_hatched_and_what_they_need_is_said(panel: FieldPanel, document) -> None:
+    choose(panel, 1)
+    give(part(panel, "hks_t_min_field"), "1e5")
+    display = document.display
+    assert not display.hks_automatic
+    assert display.hks_t_min == 1e5
+    low, high = hks_range(document.spectrum, display)
+    share = math.log(resolved_from(document.spectrum) / low) / math.log(high / low)
+    assert part(panel, "hks_time_slider").hatched == pytest.approx((0.0, share))
+    display.time = 2e5
+    said = part(panel, "hks_missing_label").text()
+    needed = required_eigenvalue(2e5)
+    assert f"{needed:.2g} nm⁻²" in said
+    assert f"{document.mesh.area * needed / (4 * math.pi):,.0f} pairs" in said
+    check = part(panel, "hks_automatic_check")
+    QTest.mouseClick(check, LEFT, pos=QPoint(8, check.height() // 2))
+    assert display.hks_automatic
+
+
+def test_a_range_in_the_wrong_order_is_refused_with_a_sentence(panel: FieldPanel, document) -> None:
+    choose(panel, 1)
+    give(part(panel, "hks_t_max_field"), "1")
+    assert document.display.hks_automatic
+    assert "below" in part(panel, "hks_t_min_field_fault").text()
+
+
+def test_scales_and_bands_are_numbers_of_the_model(panel: FieldPanel, document) -> None:
+    choose(panel, 1)
+    part(panel, "hks_scales_spin").setValue(64)
+    assert document.display.hks_scales == 64
+    choose(panel, 2)
+    part(panel, "band_spin").setValue(20)
+    assert document.display.band == 20
+    part(panel, "band_count_spin").setValue(8)
+    assert (document.display.band_count, document.display.band) == (8, 7)
+    give(part(panel, "band_max_field"), "1e-6 nm⁻²")
+    assert document.display.band_max == 1e-6
+    assert not document.display.band_automatic
+    assert part(panel, "band_wavelength_label").text().endswith(" nm")
+
+
+def test_bands_beyond_the_spectrum_say_so(panel: FieldPanel, document) -> None:
+    choose(panel, 2)
+    assert part(panel, "band_missing_label").isHidden()
+    give(part(panel, "band_max_field"), "1e-5")
+    assert "need more eigenpairs" in part(panel, "band_missing_label").text()
+
+
+def test_similarity_follows_the_last_pin(panel: FieldPanel, document) -> None:
+    document.toggle_pin(17)
+    document.toggle_pin(200)
+    combo = part(panel, "similarity_vertex_combo")
+    assert document.display.similarity_vertex == 200
+    assert combo.currentText() == "Vertex 200"
+    combo.setCurrentIndex(0)
+    combo.activated.emit(0)
+    assert document.display.similarity_vertex == 17
+    choose(panel, 3)
+    QTest.mouseClick(part(panel, "similarity_basis_bands"), LEFT)
+    assert document.display.similarity_basis is SimilarityBasis.BANDS
+    document.toggle_pin(17)
+    assert document.display.similarity_vertex == 200
+    document.clear_pins()
+    assert document.display.similarity_vertex is None
+    assert not part(panel, "similarity_hint").isHidden()
+
+
+def test_colour_maps_suit_the_field_and_limits_follow_the_policy(panel: FieldPanel, document):
+    def arrive() -> tuple[float, float]:
+        field = compute_field(request_of(document), LiveFeatures())
+        limits = (document.display.limits or MinMaxLimits()).limits(field.values)
+        panel.set_field(field, limits)
+        return limits
+
+    limits = arrive()
+    maps, policies = part(panel, "colormap_combo"), part(panel, "limits_combo")
+    assert maps.currentData() == "RdBu_r"
+    assert part(panel, "limit_low_field").value == pytest.approx(limits[0])
+    policies.activated.emit(policies.findData("percentile"))
+    assert document.display.limits == PercentileLimits()
+    part(panel, "percentile_high_spin").setValue(90.0)
+    assert document.display.limits == PercentileLimits(1.0, 90.0)
+    arrive()
+    give(part(panel, "limit_high_field"), "5e-5")
+    assert document.display.limits == LockedLimits(part(panel, "limit_low_field").value, 5e-5)
+    assert policies.currentData() == "locked"
+    give(part(panel, "limit_high_field"), "-1")
+    assert "below" in part(panel, "limits_fault").text()
+    assert document.display.limits.high == 5e-5
+    document.display.kind = FieldKind.HKS
+    arrive()
+    maps.activated.emit(maps.findData("cividis"))
+    assert document.display.sequential_colormap == "cividis"
+    assert document.display.diverging_colormap == "RdBu_r"
+
+
+def test_without_eigenpairs_it_says_what_to_do(qtbot) -> None:
+    document = Document()
+    panel = FieldPanel(document)
+    qtbot.addWidget(panel)
+    assert "Open a mesh" in part(panel, "field_hint").text()
+    assert not part(panel, "eigenvector_slider").isEnabled()
+    for kind in FieldKind:
+        document.display.kind = kind
+
+
+def test_a_spectrum_of_zeros_only_has_no_times(qtbot) -> None:
+    document = rectangle_document(converged=1)
+    panel = FieldPanel(document)
+    qtbot.addWidget(panel)
+    for kind in FieldKind:
+        document.display.kind = kind
+    assert not part(panel, "hks_time_slider").isEnabled()

@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from closed_form import give
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+
+from meshmash_viewer.app.number_field import NumberField
+
+
+@pytest.fixture
+def field(qtbot) -> NumberField:
+    field = NumberField("t_min_field", "Shortest time")
+    qtbot.addWidget(field)
+    field.show()
+    field.show_value(2.5e-8, "nm²")
+    field.setFocus()
+    return field
+
+
+@pytest.mark.parametrize("text", ["3.1e5", "3.1e5 nm²", "310000", "3,1E5"])
+def test_any_notation_with_or_without_unit(field: NumberField, qtbot, text: str) -> None:
+    with qtbot.waitSignal(field.edited) as heard:
+        give(field, text)
+    assert heard.args == [3.1e5]
+    assert field.value == 3.1e5
+
+
+@pytest.mark.parametrize(
+    ("text", "says"), [("abc", "abc is not a number"), ("-1", "at least 0"), ("inf", "at least")]
+)
+def test_what_is_refused_is_said_and_forgotten(field: NumberField, text: str, says: str) -> None:
+    sentences: list[str] = []
+    field.refused.connect(sentences.append)
+    give(field, text)
+    assert says in sentences[-1]
+    assert field.value == 2.5e-8
+    QTest.keyClick(field, Qt.Key.Key_Escape)
+    assert field.text() == "2.5e-08"
+    assert sentences[-1] == ""
+
+
+def test_the_model_does_not_overwrite_someone_typing(field: NumberField) -> None:
+    field.selectAll()
+    QTest.keyClicks(field, "7")
+    field.setFocus()
+    if field.hasFocus():
+        field.show_value(1.0, "nm²")
+        assert field.text() == "7"
+
+
+def test_limits_may_be_negative(qtbot) -> None:
+    field = NumberField("limit_low_field", "Low limit", least=-math.inf)
+    qtbot.addWidget(field)
+    field.show_value(0.0)
+    assert field.text() == "0"
+    with qtbot.waitSignal(field.edited) as heard:
+        give(field, "-2e-3")
+    assert heard.args == [-2e-3]

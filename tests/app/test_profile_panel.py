@@ -1,0 +1,139 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from closed_form import rectangle_document, rectangle_spectrum
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QToolButton
+
+from meshmash_viewer.app.profile_panel import ProfilePanel
+from meshmash_viewer.filters import bspline_bank, hks_times
+from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.ranges import band_range, hks_range, resolved_from
+
+LEFT = Qt.MouseButton.LeftButton
+
+
+@pytest.fixture
+def document() -> Document:
+    return rectangle_document()
+
+
+@pytest.fixture
+def panel(qtbot, document: Document) -> ProfilePanel:
+    panel = ProfilePanel(document)
+    qtbot.addWidget(panel)
+    panel.resize(700, 260)
+    panel.show()
+    qtbot.waitExposed(panel)
+    yield panel
+    panel.close()
+
+
+def curves(panel: ProfilePanel, document: Document, qtbot) -> dict[int, tuple]:
+    """Dots of each pinned vertex, once they have been read."""
+    qtbot.waitUntil(lambda: len(panel._curves) == len(document.pins), timeout=5000)
+    return {pin.vertex: dots.getData() for pin, (_, dots) in panel._curves.items()}
+
+
+def test_says_what_to_do_until_something_is_pinned(panel: ProfilePanel, document, qtbot) -> None:
+    assert panel.empty.isVisible()
+    assert panel.empty.text() == "Click a vertex on the render to compare its profile."
+    document.toggle_pin(5)
+    assert panel.plot.isVisible()
+    document.clear_pins()
+    assert panel.empty.isVisible()
+
+
+def test_hks_over_time_is_the_direct_sum(panel: ProfilePanel, document, qtbot) -> None:
+    document.display.kind = FieldKind.HKS
+    document.toggle_pin(5)
+    document.toggle_pin(300)
+    spectrum = document.spectrum
+    times = hks_times(spectrum.eigenvalues)
+    for vertex, (x, y) in curves(panel, document, qtbot).items():
+        truth = np.exp(-np.outer(times, spectrum.eigenvalues)) @ spectrum.rows[:, vertex] ** 2
+        assert 10**x == pytest.approx(times)
+        assert 10**y == pytest.approx(truth, rel=1e-10)
+    assert panel.plot.getAxis("bottom").labelText == "Time t (nm²)"
+    assert panel.plot.getAxis("left").labelText == "HKS (nm⁻²)"
+
+
+def test_bands_and_coefficients(panel: ProfilePanel, document, qtbot) -> None:
+    document.toggle_pin(42)
+    spectrum, display = document.spectrum, document.display
+    values = spectrum.rows[:, 42]
+    display.flipped = frozenset({3})
+    x, y = curves(panel, document, qtbot)[42]
+    assert y[3] == -values[3]
+    assert np.array_equal(np.delete(y, 3), np.delete(values, 3))
+    display.kind = FieldKind.BAND
+    x, y = curves(panel, document, qtbot)[42]
+    bank = bspline_bank(*band_range(spectrum, display), display.band_count)
+    assert np.array_equal(x, np.arange(32))
+    assert y == pytest.approx(bank(spectrum.eigenvalues) @ values**2)
+
+
+def test_current_time_is_marked_and_what_needs_more_pairs_hatched(
+    panel: ProfilePanel, document, qtbot
+) -> None:
+    display = document.display
+    display.kind = FieldKind.HKS
+    document.toggle_pin(5)
+    curves(panel, document, qtbot)
+    assert not panel._missing.isVisible()
+    display.hks_t_min, display.hks_t_max, display.hks_automatic = 1e5, 1e8, False
+    assert 10 ** np.array(panel._missing.getRegion()) == pytest.approx(
+        [1e5, resolved_from(document.spectrum)]
+    )
+    assert panel.missing_label.isVisible()
+    display.time = 3e6
+    assert 10 ** panel._marker.value() == pytest.approx(3e6)
+
+
+def test_a_click_puts_that_time_on_the_render(panel: ProfilePanel, document, qtbot) -> None:
+    document.display.kind = FieldKind.HKS
+    document.toggle_pin(5)
+    curves(panel, document, qtbot)
+    low, high = hks_range(document.spectrum, document.display)
+    QTest.qWait(80)
+    (_, _), (bottom, top) = panel.plot.viewRange()
+    x = np.log10(low * (high / low) ** 0.8)
+    at = panel.plot.pixel_of(x, bottom + 0.9 * (top - bottom)).toPoint()
+    QTest.mouseMove(panel.plot.viewport(), at)
+    QTest.mouseClick(panel.plot.viewport(), LEFT, pos=at)
+    assert np.log10(document.display.time) == pytest.approx(x, abs=0.02)
+
+
+def test_profiles_grow_with_the_spectrum(qtbot) -> None:
+    document = rectangle_document(converged=30)
+    panel = ProfilePanel(document)
+    qtbot.addWidget(panel)
+    panel.show()
+    document.toggle_pin(7)
+    assert len(curves(panel, document, qtbot)[7][0]) == 30
+    document.accept_spectrum(rectangle_spectrum(document.mesh, 120))
+    qtbot.waitUntil(lambda: len(curves(panel, document, qtbot)[7][0]) == 120, timeout=5000)
+
+
+def test_legend_names_the_pins_in_their_colours_and_takes_them_away(
+    panel: ProfilePanel, document, qtbot
+) -> None:
+    document.toggle_pin(5)
+    document.toggle_pin(300)
+    drawn = curves(panel, document, qtbot)
+    assert set(drawn) == {5, 300}
+    for pin, (_, dots) in panel._curves.items():
+        assert dots.opts["brush"].color().name().upper() == pin.color
+    cross = panel.findChild(QToolButton, "unpin_button_5")
+    QTest.mouseClick(cross, LEFT)
+    assert [pin.vertex for pin in document.pins] == [300]
+    assert set(curves(panel, document, qtbot)) == {300}
+
+
+def test_a_vertex_on_no_face_has_no_profile(panel: ProfilePanel, document, qtbot) -> None:
+    document.spectrum.rows[:, 9] = np.nan
+    document.toggle_pin(9)
+    assert len(curves(panel, document, qtbot)[9][0]) == 0

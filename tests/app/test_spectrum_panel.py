@@ -1,0 +1,177 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from closed_form import drag, rectangle_document, rectangle_spectrum
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtTest import QTest
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.band_curves import band_bank, band_curves, band_support
+from meshmash_viewer.app.spectrum_panel import SpectrumPanel
+from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.ranges import band_range, hks_range, hks_time
+from meshmash_viewer.weyl import weyl_eigenvalue
+
+LEFT = Qt.MouseButton.LeftButton
+
+
+@pytest.fixture
+def document() -> Document:
+    return rectangle_document()
+
+
+@pytest.fixture
+def panel(qtbot, document: Document) -> SpectrumPanel:
+    panel = SpectrumPanel(document)
+    qtbot.addWidget(panel)
+    panel.resize(700, 260)
+    panel.show()
+    qtbot.waitExposed(panel)
+    QTest.qWait(80)  # the plot takes its range when it is painted
+    return panel
+
+
+def place(panel: SpectrumPanel, x: float, y: float) -> QPoint:
+    """Where a point of the plot is on its viewport."""
+    QTest.qWait(60)
+    return panel.plot.pixel_of(x, y).toPoint()
+
+
+def click(panel: SpectrumPanel, x: float, y: float) -> None:
+    at = place(panel, x, y)
+    QTest.mouseMove(panel.plot.viewport(), at)
+    QTest.mouseClick(panel.plot.viewport(), LEFT, pos=at)
+    QTest.qWait(20)
+
+
+def test_draws_every_eigenvalue_and_weyls_law(panel: SpectrumPanel, document) -> None:
+    view, values = panel.view, document.spectrum.eigenvalues
+    x, y = view.points.getData()
+    assert np.array_equal(x, np.arange(1, 120))
+    assert np.array_equal(y, values[1:])
+    assert view.zeros.getData()[0].tolist() == [0.0]
+    x, y = view.weyl.getData()
+    assert y[-1] == pytest.approx(weyl_eigenvalue(document.mesh.area, x[-1]))
+    assert panel.plot.getAxis("left").labelText == "λ (nm⁻²)"
+
+
+def test_a_click_puts_that_eigenfunction_on_the_render(panel: SpectrumPanel, document) -> None:
+    click(panel, 80, 1e-7)
+    assert document.display.index == 80
+    assert panel.view.marker.value() == 80
+    assert panel.view.current.getData()[0].tolist() == [80.0]
+    assert panel.readout.text().startswith("λ₈₀ = ")
+
+
+def test_the_marker_can_be_dragged_along(panel: SpectrumPanel, document) -> None:
+    document.display.index = 20
+    height = document.spectrum.eigenvalues[-1] / 2
+    way = [place(panel, x, height) for x in (20, 30, 50, 60)]
+    drag(panel.plot.viewport(), *way)
+    assert abs(document.display.index - 60) <= 1
+
+
+def test_it_grows_without_moving_its_axis(qtbot) -> None:
+    document = rectangle_document(converged=30)
+    panel = SpectrumPanel(document)
+    qtbot.addWidget(panel)
+    panel.resize(700, 260)
+    panel.show()
+    QTest.qWait(80)
+    before = panel.plot.viewRange()[0]
+    document.accept_spectrum(rectangle_spectrum(document.mesh, 120, converged=70))
+    QTest.qWait(80)
+    assert len(panel.view.points.getData()[0]) == 69
+    assert panel.plot.viewRange()[0] == pytest.approx(before)
+
+
+def test_zero_modes_have_a_place_in_log_scale(panel: SpectrumPanel, document) -> None:
+    panel.log_check.setChecked(True)
+    _, y = panel.view.zeros.getData()
+    assert np.isfinite(y).all()
+    assert y[0] < math.log10(document.spectrum.eigenvalues[1])
+    _, y = panel.view.points.getData()
+    assert y == pytest.approx(np.log10(document.spectrum.eigenvalues[1:]))
+
+
+def test_ends_of_the_bands_are_dragged_on_the_spectrum(panel: SpectrumPanel, document) -> None:
+    display = document.display
+    display.kind = FieldKind.BAND
+    last = document.spectrum.eigenvalues[-1]
+    way = [place(panel, share * last, 0.85) for share in (1.0, 0.9, 0.7, 0.6)]
+    drag(panel.plot.viewport(), *way)
+    assert not display.band_automatic
+    assert display.band_max == pytest.approx(0.6 * last, rel=0.02)
+    assert display.band_min == 0.0
+    assert panel.view.high.value() == pytest.approx(display.band_max)
+
+
+def test_a_band_is_clicked_or_dragged_to(panel: SpectrumPanel, document) -> None:
+    display = document.display
+    display.kind = FieldKind.BAND
+    low, high = band_range(document.spectrum, display)
+    centers = band_bank(low, high, display.band_count).parameters
+    click(panel, centers[20], 0.9)
+    assert display.band == 20
+    assert panel.view.handle.value() == pytest.approx(centers[20])
+    drag(panel.plot.viewport(), *[place(panel, centers[band], 0.9) for band in (20, 18, 12, 10)])
+    assert display.band == 10
+    x, y = panel.view.response.getData()
+    assert (x[0], x[-1]) == pytest.approx(band_support(low, high, display.band_count, 10))
+    assert y.max() == pytest.approx(2 / 3, rel=0.01), "a uniform cubic B-spline"
+
+
+def test_a_heat_kernel_is_drawn_and_its_time_dragged(panel: SpectrumPanel, document) -> None:
+    display = document.display
+    display.kind = FieldKind.HKS
+    time = hks_time(document.spectrum, display)
+    x, y = panel.view.response.getData()
+    assert y == pytest.approx(np.exp(-(10.0**x) * time)), "in log scale by itself"
+    assert panel.view.handle.value() == pytest.approx(math.log10(1 / time))
+    start = math.log10(1 / time)
+    drag(panel.plot.viewport(), *[place(panel, start + by, 0.6) for by in (0, 0.1, 0.2, 0.3)])
+    assert display.time == pytest.approx(time / 10**0.3, rel=0.05)
+    low, high = hks_range(document.spectrum, display)
+    assert low <= display.time <= high
+
+
+def test_what_is_beyond_the_spectrum_is_hatched(panel: SpectrumPanel, document) -> None:
+    display = document.display
+    display.kind = FieldKind.BAND
+    assert not panel.view.missing.isVisible()
+    display.band_max = 2 * document.spectrum.eigenvalues[-1]
+    display.band_automatic = False
+    assert panel.view.missing.isVisible()
+    assert panel.view.missing.getRegion()[0] == pytest.approx(document.spectrum.eigenvalues[-1])
+
+
+def test_bands_sampled_on_their_supports_are_the_filter() -> None:
+    low, high = 1e-8, 7e-8
+    for count in (1, 2, 3, 4, 5, 32):
+        bank = band_bank(low, high, count)
+        for band, curve in enumerate(band_curves(low, high, count)):
+            assert curve.response == pytest.approx(bank(curve.eigenvalues)[band], abs=1e-9), (
+                f"band {band} of {count}"
+            )
+            fine = np.linspace(low, high, 1001)
+            start, end = band_support(low, high, count, band)
+            outside = (fine < start - 1e-12) | (fine > end + 1e-12)
+            assert np.abs(bank(fine)[band][outside]).max(initial=0.0) < 1e-12
+
+
+def test_follows_the_theme_and_says_what_will_come(qtbot) -> None:
+    panel = SpectrumPanel(Document())
+    qtbot.addWidget(panel)
+    panel.show()
+    assert panel.empty.isVisible()
+    assert not panel.plot.isVisible()
+    before = theme.mode()
+    try:
+        theme.set_mode("dark")
+        assert panel.plot.backgroundBrush().color().name() == theme.plot_colors().background
+    finally:
+        theme.set_mode(before)
