@@ -68,9 +68,11 @@ def cluster_vertices(
     cluster[order] = np.repeat(np.arange(len(first)), sizes)
     means = np.stack([np.bincount(cluster, points[:, axis]) for axis in range(3)], axis=1)
     means /= sizes[:, None]
-    distance = ((points - means[cluster]) ** 2).sum(axis=1)
-    nearest = np.lexsort((distance, cluster))[first]
-    chosen = members[nearest]
+    points -= means[cluster]
+    distance = np.einsum("ij,ij->i", points, points)[order]
+    # The first member of each cell that is as near to the mean as any other.
+    hits = np.flatnonzero(distance == np.repeat(np.minimum.reduceat(distance, first), sizes))
+    chosen = members[order[hits[np.searchsorted(hits, first)]]]
     # Rising order of representatives keeps picking a field's values kind to the memory.
     rank = np.empty(len(chosen), dtype=np.int64)
     rising = np.argsort(chosen, kind="stable")

@@ -14,8 +14,8 @@ __all__ = ["Canvas", "Ring"]
 class Canvas(QVTKRenderWindowInteractor):
     """A widget with a render window of its own; VTK's interactor gets no event.
 
-    Nothing is drawn here: `frame_due` says that Qt wants a frame, at most one for any number of
-    `update` calls. Places are in this widget's coordinates.
+    Nothing is drawn here: `frame_due` asks for a frame, once for any number of `update` calls.
+    When the screen has only lost what it showed, the last frame is shown again. Places are in this widget's coordinates.
     """
 
     frame_due = Signal()
@@ -47,6 +47,7 @@ class Canvas(QVTKRenderWindowInteractor):
         self._last = QPointF()
         self._button = Qt.MouseButton.NoButton
         self._step_rest = 0
+        self._stale = True
 
     def sizeHint(self) -> QSize:
         """A good size for a first look."""
@@ -64,9 +65,19 @@ class Canvas(QVTKRenderWindowInteractor):
 
     # -- what Qt tells ----------------------------------------------------------------------
 
+    def update(self) -> None:
+        """Have a new frame drawn soon."""
+        self._stale = True
+        super().update()
+
     def paintEvent(self, event: QEvent) -> None:
-        """Ask for a frame."""
-        self.frame_due.emit()
+        """Ask for a frame, or show the last one again."""
+        if self._stale:
+            self._stale = False
+            self.frame_due.emit()
+        else:
+            # The ring has moved, or another window: a frame can take a second, this does not.
+            self.window.Frame()
 
     def resizeEvent(self, event: QEvent) -> None:
         """Give the render window the size in pixels of the screen."""

@@ -95,7 +95,8 @@ def draw_picture(
             drawing.renderer.GradientBackgroundOff()
             drawing.renderer.SetBackground(0.0, 0.0, 0.0)
             drawing.renderer.SetBackgroundAlpha(0.0)
-        drawing.prepare(width, height, max(1.0, min(width / 1000, height / 750)))
+        scale = max(1.0, min(width / 1000, height / 750))
+        drawing.prepare(width, height, scale, plates=not transparent)
         window.Render()
         pixels = read_pixels(window, alpha=transparent)
     finally:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from PySide6.QtCore import QEvent, QPoint, QPointF, QThreadPool, QTimer, Signal
 from PySide6.QtWidgets import QVBoxLayout, QWidget
+from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
 from meshmash_viewer.app.canvas import Canvas, Ring
 from meshmash_viewer.app.picture import draw_picture
@@ -25,6 +26,8 @@ __all__ = ["Scene"]
 SLOW_FRAME = 0.045
 #: How long (ms) nothing must move before the full mesh is drawn again.
 REST = 220
+#: The same (ms) after a mesh has come for which a stand-in is being made.
+FIRST_REST = 3000
 #: About how many vertices the stand-in has.
 COARSE_VERTICES = 60_000
 
@@ -68,6 +71,8 @@ class Scene(QWidget):
         layout.addWidget(self._canvas)
         self._ring = Ring(self._canvas)
         self._full_frame: float | None = None
+        self._full_frames = 0
+        self._software = False
         self._coarse_asked = False
         self._user_moved_camera = False
         self._closed = False
@@ -96,7 +101,7 @@ class Scene(QWidget):
         canvas.stepped.connect(self.stepped)
         canvas.clicked.connect(self._clicked)
         canvas.middle_clicked.connect(self._centre_on)
-        canvas.pointer_moved.connect(self._hover_delay.start)
+        canvas.pointer_moved.connect(self._pointed)
 
     def _timer(self, interval: int, slot: Any) -> QTimer:
         timer = QTimer(self, interval=interval, singleShot=True)
@@ -115,10 +120,16 @@ class Scene(QWidget):
         if mesh is not None and normals is None:
             normals = mesh.vertex_normals
         self._generation += 1
-        self._full_frame, self._coarse_asked, self._line_values = None, False, None
+        self._full_frame, self._full_frames = None, 0
+        self._coarse_asked, self._line_values = False, None
         self._line_delay.stop()
         self._rest.stop()
         self._drawing.set_mesh(mesh, normals, picking=True)
+        if self._software and mesh is not None and mesh.n_vertices > 2 * COARSE_VERTICES:
+            # Slow without a doubt: the stand-in comes before the first frame in full.
+            self._full_frame = np.inf
+            self._ask_coarse()
+            self._rest.start(FIRST_REST)
         self._set_hovered(-1)
         if mesh is not None:
             self._picking_poll.start()
@@ -235,13 +246,14 @@ class Scene(QWidget):
     def _moves(self) -> None:
         """Something moves: a frame is due, and one in full when it has come to rest."""
         if self._is_slow():
-            self._rest.start()
+            waits = self._coarse_asked and self._drawing.coarse is None
+            self._rest.start(FIRST_REST if waits else REST)
             self._set_hovered(-1)
         self._canvas.update()
 
     def _come_to_rest(self) -> None:
         if self._canvas.dragging:
-            self._rest.start()
+            self._rest.start(REST)
         else:
             self._canvas.update()
 
@@ -253,7 +265,7 @@ class Scene(QWidget):
         if self._closed:
             return
         drawing, window = self._drawing, self._canvas.window
-        coarse = self._rest.isActive() and drawing.coarse is not None
+        coarse = self._rest.isActive() and self._is_slow() and self._coarse_asked
         drawing.show_coarse(coarse)
         # Smooth edges cost a software renderer as much again: they wait for rest, too.
         window.SetMultiSamples(0 if coarse else 4)
@@ -263,19 +275,27 @@ class Scene(QWidget):
         window.WaitForCompletion()  # a graphics card would otherwise look fast and be late
         took = perf_counter() - started
         if self._first:
-            # The first one also compiles shaders, and says nothing about the next.
             self._first = False
+            self._software = _draws_by_software(window)
             self.first_frame.emit()
         elif drawing.surface is not None and not coarse:
-            self._full_frame = took
-            if self._is_slow() and not self._coarse_asked:
-                self._ask_coarse()
+            self._measure(took)
+
+    def _measure(self, took: float) -> None:
+        """Learn from a frame of the full mesh whether such frames are slow."""
+        self._full_frames += 1
+        if self._full_frames == 1:
+            # It also compiled shaders and filled the card's memory, and tells nothing.
+            return
+        self._full_frame = took
+        if self._is_slow() and not self._coarse_asked:
+            self._ask_coarse()
 
     def _ask_coarse(self) -> None:
         """Make a stand-in for slow frames, if the mesh is large enough for it to help."""
-        self._coarse_asked = True
         mesh = self._drawing.mesh
         if mesh.n_vertices > 2 * COARSE_VERTICES:
+            self._coarse_asked = True
             self._run(
                 "coarse", lambda: cluster_vertices(mesh.vertices, mesh.faces, COARSE_VERTICES)
             )
@@ -298,6 +318,9 @@ class Scene(QWidget):
             return
         if what[0] == "coarse":
             self._drawing.set_coarse(result)
+            if self._rest.isActive():
+                self._rest.start(REST)
+                self._canvas.update()
         elif key is self._line_values:
             self._drawing.set_segments(result)
             self._canvas.update()
@@ -323,6 +346,11 @@ class Scene(QWidget):
             width, height, _ = self._canvas.pixels()
             x, y = self._canvas.to_pixels(at.x(), at.y())
             self._set_view(view.zoomed(1.15**notches, x, y, width, height))
+
+    def _pointed(self) -> None:
+        # At a steady rate: starting the timer anew at each move would wait for the last one.
+        if not self._hover_delay.isActive():
+            self._hover_delay.start()
 
     def _hover(self) -> None:
         inside = self._canvas.pointer
@@ -373,7 +401,13 @@ class Scene(QWidget):
         self._ring.hide()
         self._pool.waitForDone()
         if self._drawing.picker is not None:
-            self._drawing.picker.wait()
+            self._drawing.picker.stop()
         self._canvas.window.RemoveRenderer(self._drawing.renderer)
         self._canvas.close()
         self._drawing.set_mesh(None, None)
+
+
+def _draws_by_software(window: vtkRenderWindow) -> bool:
+    """Whether OpenGL runs on the processor."""
+    told = window.ReportCapabilities().lower()
+    return any(name in told for name in ("llvmpipe", "softpipe", "swrast", "swiftshader"))

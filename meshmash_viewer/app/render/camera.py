@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.mesh import Mesh
 
-__all__ = ["Margins", "View", "default_axes", "fitted_view"]
+__all__ = ["Margins", "View", "default_axes", "fitted_view", "sampled_points"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -125,11 +125,20 @@ def _rotation(axis: FloatArray, angle: float) -> FloatArray:
 
 def _compactness(mesh: Mesh) -> float:
     """Isoperimetric quotient 36 pi V² / A³: 1 for a ball, near 0 for a neurite or a sheet."""
-    corners = mesh.vertices[mesh.faces] - mesh.vertices[mesh.faces[0, 0]]
+    # A sample of the faces: an estimate will do, and two million of them take a while.
+    faces = mesh.faces[:: max(1, mesh.n_faces // 50_000)]
+    corners = mesh.vertices[faces] - mesh.vertices[faces[0, 0]]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = 0.5 * float(np.linalg.norm(normals, axis=1).sum())
     volume = float(np.einsum("ij,ij->", corners[:, 0], normals)) / 6.0
-    return 36.0 * np.pi * volume**2 / area**3 if area > 0.0 else 0.0
+    share = len(faces) / mesh.n_faces
+    return 36.0 * np.pi * volume**2 / area**3 * share if area > 0.0 else 0.0
+
+
+def sampled_points(mesh: Mesh) -> FloatArray:
+    """Some hundred thousand at most of the vertices that faces use, shape (m, 3)."""
+    points = mesh.vertices[mesh.referenced]
+    return np.asarray(points[:: max(1, len(points) // 100_000)])
 
 
 def default_axes(mesh: Mesh) -> FloatArray:
@@ -138,10 +147,9 @@ def default_axes(mesh: Mesh) -> FloatArray:
     Spindly meshes (neurons) have no up: they lie with their longest principal axis across the
     picture and their shortest towards the eye. Bodies stand on their feet, y up as in graphics
     or z up where the unit is that of medical images or the mesh stands tall along z, turned by a
-    quarter of a right angle so that depth shows.
+    third of a right angle so that depth shows.
     """
-    used = np.unique(mesh.faces)
-    points = mesh.vertices[used]
+    points = sampled_points(mesh)
     if mesh.unit in ("nm", "µm") or _compactness(mesh) < 0.01:
         centred = points - points.mean(axis=0)
         scale = np.abs(centred).max() or 1.0
@@ -153,15 +161,15 @@ def default_axes(mesh: Mesh) -> FloatArray:
     up_axis = 2 if mesh.unit == "mm" or extent[2] > 1.15 * max(extent[0], extent[1]) else 1
     flat = [axis for axis in range(3) if axis != up_axis]
     eye_axis = min(flat, key=lambda axis: extent[axis])
-    if extent[eye_axis] > 0.8 * max(extent[axis] for axis in flat):
-        eye_axis = flat[1]  # no clear side: the front, +z of a y-up and -y of a z-up body
+    if extent[eye_axis] > 0.6 * max(extent[axis] for axis in flat):
+        eye_axis = flat[1]  # no long side: the front, +z of a y-up and -y of a z-up body
     middle = (low[eye_axis] + high[eye_axis]) / 2
     front = -1.0 if (up_axis, eye_axis) == (2, 1) else 1.0
     # A half of something, such as the left hemisphere of a brain, shows its outer side.
     side = np.sign(middle) if abs(middle) > 0.2 * extent[eye_axis] else front
     up, eye = np.eye(3)[up_axis], side * np.eye(3)[eye_axis]
     view = View(np.zeros(3), np.array([np.cross(up, eye), up, eye]), 1.0)
-    return view.turned(np.radians(22.5), 0.0).turned(0.0, np.radians(12.0)).axes
+    return view.turned(np.radians(30.0), 0.0).turned(0.0, np.radians(12.0)).axes
 
 
 def _signed(axis: FloatArray) -> FloatArray:

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib import colormaps
 
 __all__ = ["DARK", "LIGHT", "NAN_COLOR", "RenderTheme", "color_table", "rgb"]
 
@@ -61,9 +62,6 @@ def color_table(name: str, count: int = 256) -> npt.NDArray[np.uint8]:
     ValueError
         If there is no colour map of that name.
     """
-    # Late: it takes a tenth of a second, and pictures without a field do not need it.
-    from matplotlib import colormaps
-
     if name not in colormaps:
         raise ValueError(f"{name!r} is not a colour map of matplotlib.")
     table = colormaps[name].resampled(count)(np.arange(count), bytes=True)

@@ -1,4 +1,4 @@
-"""The whole picture: mesh, field, lines, pins and overlay, in a renderer that any window can show."""
+"""The whole picture: mesh, field, lines, pins and overlay, for any window that shows it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 from vtkmodules.vtkRenderingCore import vtkLight, vtkRenderer, vtkRenderWindow
 
 from meshmash_viewer.app.render import overlay
-from meshmash_viewer.app.render.camera import View, default_axes, fitted_view
+from meshmash_viewer.app.render.camera import View, default_axes, fitted_view, sampled_points
 from meshmash_viewer.app.render.colors import DARK, LIGHT, color_table, rgb
 from meshmash_viewer.app.render.overlay import Caption, Mark
 from meshmash_viewer.app.render.painter import Painter
@@ -58,6 +58,8 @@ class Drawing:
         self.mesh: Mesh | None = None
         self.normals: npt.NDArray[np.float32] | None = None
         self.centre = np.zeros(3)
+        self._sample = np.zeros((1, 3))
+        self._axes = np.eye(3)
         self.view: View | None = None
         self.caption: Caption | None = None
         self.surface: Surface | None = None
@@ -89,6 +91,8 @@ class Drawing:
         for surface in (self.surface, self.coarse):
             if surface is not None:
                 self.renderer.RemoveActor(surface.actor)
+        if self.picker is not None:
+            self.picker.stop()
         self.surface = self.coarse = self.picker = self._coarse_mesh = None
         self.mesh, self.normals = mesh, normals
         self.caption, self._pins = None, ()
@@ -96,9 +100,11 @@ class Drawing:
         if mesh is None:
             self.view = None
             return
-        used = mesh.vertices[np.unique(mesh.faces)] if mesh.n_faces else mesh.vertices
-        self.centre = (used.min(axis=0) + used.max(axis=0)) / 2
-        points = (mesh.vertices - self.centre).astype(np.float32)
+        self._sample = sampled_points(mesh)
+        self._axes = default_axes(mesh)
+        self.centre = (self._sample.min(axis=0) + self._sample.max(axis=0)) / 2
+        points = np.empty(mesh.vertices.shape, dtype=np.float32)
+        np.subtract(mesh.vertices, self.centre, out=points, casting="same_kind")
         self.surface = self._new_surface(points, mesh.faces, normals)
         if picking:
             self.picker = Picker(self.surface.data, points, mesh.faces)
@@ -120,8 +126,7 @@ class Drawing:
         self.coarse.write(self.surface.values[chosen])
 
     def show_coarse(self, shown: bool) -> None:
-        """Draw the stand-in, if there is one, or the mesh."""
-        shown = shown and self.coarse is not None
+        """Draw the stand-in, if it is there yet, or the mesh."""
         if self.surface is not None:
             self.surface.actor.SetVisibility(not shown)
         if self.coarse is not None:
@@ -183,15 +188,14 @@ class Drawing:
     def reset_view(self, width: int, height: int, scale: float) -> None:
         """Show the whole mesh from its best side."""
         if self.mesh is not None:
-            self.fit_view(default_axes(self.mesh), width, height, scale)
+            self.fit_view(self._axes, width, height, scale)
 
     def fit_view(self, axes: npt.NDArray, width: int, height: int, scale: float) -> None:
         """Show the whole mesh along given axes."""
-        used = self.mesh.vertices[np.unique(self.mesh.faces)]
         space = overlay.margins(self.caption is not None, width, height, scale)
-        self.view = fitted_view(used, axes, width, height, space)
+        self.view = fitted_view(self._sample, axes, width, height, space)
 
-    def prepare(self, width: int, height: int, scale: float) -> None:
+    def prepare(self, width: int, height: int, scale: float, plates: bool = True) -> None:
         """Set the camera and paint the overlay for a frame of this size.
 
         Parameters
@@ -200,6 +204,8 @@ class Drawing:
             In pixels.
         scale : float
             Pixels to one point of the overlay.
+        plates : bool
+            Whether the overlay has plates in the colour of the background behind it.
         """
         painter = self._painter
         painter.begin()
@@ -208,13 +214,12 @@ class Drawing:
                 self.reset_view(width, height, scale)
             self._place_camera(width, height)
             self._lines.actor.GetProperty().SetLineWidth(1.6 * scale)
-            overlay.paint_marks(painter, self._marks(), self.view, self.theme, width, height, scale)
-            overlay.paint_axes(painter, self.view, self.theme, height, scale)
-            overlay.paint_scale(
-                painter, self.view, self.mesh.unit, self.theme, width, height, scale
-            )
+            sheet = overlay.Sheet(painter, self.theme, width, height, scale, plates)
+            overlay.paint_marks(sheet, self._marks(), self.view)
+            overlay.paint_axes(sheet, self.view)
+            overlay.paint_scale(sheet, self.view, self.mesh.unit)
             if self.caption is not None:
-                overlay.paint_caption(painter, self.caption, self.theme, width, height, scale)
+                overlay.paint_caption(sheet, self.caption)
         painter.end()
 
     def _place_camera(self, width: int, height: int) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.app.render.camera import Margins, View
-from meshmash_viewer.app.render.colors import NAN_COLOR, RenderTheme
+from meshmash_viewer.app.render.colors import NAN_COLOR, RenderTheme, rgb
 from meshmash_viewer.app.render.painter import (
     BOTTOM,
     CENTRE,
@@ -86,6 +86,10 @@ def margins(captioned: bool, width: int, height: int, scale: float) -> Margins:
     )
 
 
+def _parts(sheet: Sheet) -> tuple[Painter, RenderTheme, int, int, float]:
+    return sheet.painter, sheet.theme, sheet.width, sheet.height, sheet.scale
+
+
 def _fitted(painter: Painter, text: str, size: float, bold: bool, width: float) -> str:
     """The text, or as much of it as fits with an ellipsis."""
     if painter.text_size(text, size, bold)[0] <= width:
@@ -95,17 +99,57 @@ def _fitted(painter: Painter, text: str, size: float, bold: bool, width: float) 
     return text + "…" if text else ""
 
 
-def paint_caption(
-    painter: Painter, caption: Caption, theme: RenderTheme, width: int, height: int, scale: float
-) -> None:
+@dataclass(frozen=True)
+class Sheet:
+    """What is painted on: a size in pixels, pixels to a point, and colours.
+
+    Parameters
+    ----------
+    painter : Painter
+    theme : RenderTheme
+    width, height : int
+    scale : float
+    plates : bool
+        Whether text has a plate of the background's colour behind it, seen where the mesh is.
+    """
+
+    painter: Painter
+    theme: RenderTheme
+    width: int
+    height: int
+    scale: float
+    plates: bool = True
+
+    def plate(self, x: float, y: float, width: float, height: float) -> None:
+        """Put a plate behind what is about to be painted in a box."""
+        if self.plates:
+            pad = 7 * self.scale
+            share = (y + height / 2) / self.height
+            low, high = rgb(self.theme.background_bottom), rgb(self.theme.background_top)
+            mixed = [round(255 * (a + share * (b - a))) for a, b in zip(low, high, strict=True)]
+            color = "#{:02x}{:02x}{:02x}".format(*mixed)
+            self.painter.plate(
+                x - pad, y - pad, width + 2 * pad, height + 2 * pad, 6 * self.scale, color, 0.72
+            )
+
+
+def paint_caption(sheet: Sheet, caption: Caption) -> None:
     """Title at the upper left, and the colour bar at the right."""
+    painter, theme, width, height, scale = _parts(sheet)
     edge = 16 * scale
     top = height - edge
     free = width - 2 * edge
     title = _fitted(painter, caption.title, 15 * scale, True, free)
+    quantity = _fitted(painter, caption.quantity, 12 * scale, False, free)
+    two_lines = bool(quantity) and height > 160 * scale
+    wide = painter.text_size(title, 15 * scale, bold=True)[0]
+    if two_lines:
+        wide = max(wide, painter.text_size(quantity, 12 * scale)[0])
+    tall = (40 if two_lines else 17) * scale
+    if title or quantity:
+        sheet.plate(edge, top - tall, wide, tall)
     painter.text(title, edge, top, 15 * scale, theme.ink, LEFT, TOP, bold=True)
-    if caption.quantity and height > 160 * scale:
-        quantity = _fitted(painter, caption.quantity, 12 * scale, False, free)
+    if two_lines:
         painter.text(quantity, edge, top - 24 * scale, 12 * scale, theme.faint_ink, LEFT, TOP)
     bar_height = min(300 * scale, 0.5 * height)
     if bar_height < 70 * scale or width < 220 * scale:
@@ -119,6 +163,10 @@ def paint_caption(
     x = width - edge - labels - gap - bar_width
     y = (height - bar_height) / 2
     hair = max(1.0, round(scale))
+    heading = " ".join(part for part in (exponent_text(exponent), caption.unit) if part)
+    left = min(x, width - edge - painter.text_size(heading, size)[0]) if heading else x
+    above, below = (26 * scale if heading else 6 * scale), (28 if caption.missing else 6) * scale
+    sheet.plate(left, y - below, width - edge - left, bar_height + above + below)
     painter.rectangle(
         x - hair, y - hair, bar_width + 2 * hair, bar_height + 2 * hair, theme.faint_ink, 0.55
     )
@@ -127,28 +175,20 @@ def paint_caption(
         at = y + bar_height * (value - caption.low) / (caption.high - caption.low)
         painter.rectangle(x + bar_width, at - hair / 2, 4 * scale, hair, theme.faint_ink)
         painter.text(text, width - edge, at, size, theme.ink, RIGHT, MIDDLE)
-    heading = " ".join(part for part in (exponent_text(exponent), caption.unit) if part)
     if heading:
         heading_x = width - edge
         painter.text(
             heading, heading_x, y + bar_height + 10 * scale, size, theme.faint_ink, RIGHT, BOTTOM
         )
     if caption.missing:
-        below = y - 26 * scale
+        below = y - 28 * scale
         painter.rectangle(x, below, bar_width, 12 * scale, NAN_COLOR)
         painter.text("none", width - edge, below + 6 * scale, size, theme.faint_ink, RIGHT, MIDDLE)
 
 
-def paint_scale(
-    painter: Painter,
-    view: View,
-    unit: str,
-    theme: RenderTheme,
-    width: int,
-    height: int,
-    scale: float,
-) -> None:
+def paint_scale(sheet: Sheet, view: View, unit: str) -> None:
     """A scale bar of round length at the lower right."""
+    painter, theme, width, height, scale = _parts(sheet)
     if width < 220 * scale or height < 120 * scale:
         return
     pixel = view.length_per_pixel(width, height)
@@ -156,11 +196,14 @@ def paint_scale(
     long = length / pixel
     edge, thick = 16 * scale, max(2.0, round(2.5 * scale))
     x, y = width - edge - long, edge
+    text = scale_bar_text(length, unit)
+    wide = max(long, painter.text_size(text, 12 * scale)[0])
+    sheet.plate(x + (long - wide) / 2, y, wide, 24 * scale)
     painter.rectangle(x, y, long, thick, theme.ink)
     for end in (x, x + long - max(1.0, round(1.5 * scale))):
         painter.rectangle(end, y - 2 * scale, max(1.0, round(1.5 * scale)), 7 * scale, theme.ink)
     painter.text(
-        scale_bar_text(length, unit),
+        text,
         x + long / 2,
         y + 9 * scale,
         12 * scale,
@@ -170,12 +213,14 @@ def paint_scale(
     )
 
 
-def paint_axes(painter: Painter, view: View, theme: RenderTheme, height: int, scale: float) -> None:
+def paint_axes(sheet: Sheet, view: View) -> None:
     """The directions of x, y and z at the lower left, the nearest last."""
+    painter, theme, _, height, scale = _parts(sheet)
     if height < 160 * scale:
         return
     arm = 26 * scale
     origin = np.array([16 * scale + arm + 6 * scale, 16 * scale + arm + 4 * scale])
+    sheet.plate(*(origin - arm - 4 * scale), 2 * arm + 8 * scale, 2 * arm + 8 * scale)
     directions = view.axes.T  # row k: axis k as seen (right, up, towards the eye)
     for k in np.argsort(directions[:, 2]):
         tip = origin + arm * directions[k, :2]
@@ -187,16 +232,9 @@ def paint_axes(painter: Painter, view: View, theme: RenderTheme, height: int, sc
     painter.disc(*origin, 2.2 * scale, theme.faint_ink)
 
 
-def paint_marks(
-    painter: Painter,
-    marks: Sequence[Mark],
-    view: View,
-    theme: RenderTheme,
-    width: int,
-    height: int,
-    scale: float,
-) -> None:
+def paint_marks(sheet: Sheet, marks: Sequence[Mark], view: View) -> None:
     """Pins as discs with numbers; those behind the mesh are fainter."""
+    painter, theme, width, height, scale = _parts(sheet)
     for mark in marks:
         x, y, _ = view.to_pixels(mark.position, width, height)[0]
         opacity = 0.4 if mark.hidden else 1.0

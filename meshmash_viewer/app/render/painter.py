@@ -120,6 +120,27 @@ class Painter:
         x0, y0, x1, y1 = round(x), round(y), round(x + width), round(y + height)
         self.polygon([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], color, opacity)
 
+    def plate(
+        self,
+        x: float,
+        y: float,
+        width: float,
+        height: float,
+        radius: float,
+        color: str,
+        opacity: float,
+    ) -> None:
+        """A rectangle with round corners."""
+        quarter = np.linspace(0.0, np.pi / 2, 8)
+        corners = []
+        for k, (cx, cy) in enumerate(((1, 1), (0, 1), (0, 0), (1, 0))):
+            across = x + radius + cx * (width - 2 * radius)
+            along = y + radius + cy * (height - 2 * radius)
+            angles = quarter + k * np.pi / 2
+            circle = np.c_[np.cos(angles), np.sin(angles)] * radius
+            corners.append(circle + np.array([across, along]))
+        self.polygon(np.concatenate(corners), color, opacity)
+
     def line(
         self, start: npt.ArrayLike, end: npt.ArrayLike, width: float, color: str, opacity: float = 1
     ) -> None:
@@ -134,7 +155,7 @@ class Painter:
         """A filled circle."""
         angles = np.linspace(0.0, 2 * np.pi, 40, endpoint=False)
         circle = np.c_[np.cos(angles), np.sin(angles)] * radius
-        self.polygon(circle + (x, y), color, opacity)
+        self.polygon(circle + np.array([x, y]), color, opacity)
 
     def column(
         self, x: float, y: float, width: float, height: float, table: npt.NDArray[np.uint8]

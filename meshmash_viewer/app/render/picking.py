@@ -2,28 +2,34 @@
 
 from __future__ import annotations
 
-from threading import Thread
+from threading import Event, Thread
+from time import sleep
 
 import numpy as np
 import numpy.typing as npt
+from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import reference
-from vtkmodules.vtkCommonDataModel import vtkPolyData, vtkStaticCellLocator
+from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData, vtkStaticCellLocator
 
 __all__ = ["Picker"]
 
+#: Faces of one piece. VTK holds the interpreter lock while it builds a locator, 0.2 ms for a
+#: thousand faces: pieces of this size never keep the window waiting for longer than a frame.
+PIECE = 30_000
+
 
 class Picker:
-    """Rays against the faces of a mesh, 0.1 ms each at a million vertices.
+    """Rays against the faces of a mesh, under a millisecond each at a million vertices.
 
-    The search structure is built by a thread of its own; VTK lets go of the interpreter lock
-    meanwhile. Until it is there nothing is hit.
+    The search structures are built piece by piece in a thread; until they are there nothing is
+    hit.
 
     Parameters
     ----------
     surface : vtkPolyData
-        Triangles; not changed afterwards (its point data may be).
+        Has the vertices, which are not changed afterwards.
     points : ndarray, shape (n, 3)
-        Its vertices.
+        The same.
     faces : ndarray of int, shape (m, 3)
     """
 
@@ -33,20 +39,32 @@ class Picker:
         points: npt.NDArray[np.floating],
         faces: npt.NDArray[np.integer],
     ) -> None:
+        self._vertices = surface.GetPoints()
         self._points = points
         self._faces = faces
-        self._size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
-        # A shallow copy: the field is written into the other one while the thread reads this one.
-        shape = vtkPolyData()
-        shape.SetPoints(surface.GetPoints())
-        shape.SetPolys(surface.GetPolys())
-        # What a data set makes on demand must not be made by two threads at once.
-        shape.BuildCells()
-        shape.ComputeBounds()
-        self._locator = vtkStaticCellLocator()
-        self._locator.SetDataSet(shape)
-        self._thread = Thread(target=self._locator.BuildLocator, name="picking", daemon=True)
+        low, high = np.reshape(surface.GetBounds(), (3, 2)).T
+        self._size = float(np.linalg.norm(high - low)) or 1.0
+        self._locators: list[vtkStaticCellLocator] = []
+        self._stop = Event()
+        self._thread = Thread(target=self._build, name="picking", daemon=True)
         self._thread.start()
+
+    def _build(self) -> None:
+        for start in range(0, len(self._faces), PIECE):
+            if self._stop.is_set():
+                return
+            corners = self._faces[start : start + PIECE].astype(np.int32).ravel()
+            cells = vtkCellArray()
+            starts = np.arange(0, len(corners) + 1, 3, dtype=np.int32)
+            cells.SetData(numpy_to_vtk(starts), numpy_to_vtk(corners))
+            piece = vtkPolyData()
+            piece.SetPoints(self._vertices)
+            piece.SetPolys(cells)
+            locator = vtkStaticCellLocator()
+            locator.SetDataSet(piece)
+            locator.BuildLocator()
+            self._locators.append(locator)
+            sleep(0.001)  # lets the window's thread have the lock
 
     @property
     def ready(self) -> bool:
@@ -57,17 +75,29 @@ class Picker:
         """Wait until rays can be cast."""
         self._thread.join()
 
-    def _hit(self, start: npt.NDArray, end: npt.NDArray) -> tuple[int, npt.NDArray, float] | None:
-        """Face, point and share of the way of the first hit."""
+    def stop(self) -> None:
+        """Give up building; nothing will be hit."""
+        self._stop.set()
+        self._thread.join()
+        self._locators.clear()
+
+    def _hit(
+        self, start: npt.NDArray[np.float64], end: npt.NDArray[np.float64]
+    ) -> tuple[int, npt.NDArray[np.float64]] | None:
+        """Face and point of the first hit on the way."""
         share, sub, cell = reference(0.0), reference(0), reference(0)
         point, local = [0.0] * 3, [0.0] * 3
-        if not self._locator.IntersectWithLine(
-            start, end, 1e-9 * self._size, share, point, local, sub, cell
-        ):
-            return None
-        return int(cell), np.array(point), float(share)
+        nearest, found = np.inf, None
+        for number, locator in enumerate(self._locators):
+            met = locator.IntersectWithLine(
+                start, end, 1e-9 * self._size, share, point, local, sub, cell
+            )
+            if met and float(share) < nearest:
+                nearest = float(share)
+                found = number * PIECE + int(cell), np.array(point)
+        return found
 
-    def vertex(self, through: npt.NDArray, towards_eye: npt.NDArray) -> int:
+    def vertex(self, through: npt.NDArray[np.float64], towards_eye: npt.NDArray[np.float64]) -> int:
         """Nearest corner of the first face that a ray of sight meets.
 
         Parameters
@@ -92,7 +122,7 @@ class Picker:
         distance = ((self._points[corners] - hit[1]) ** 2).sum(axis=1)
         return int(corners[np.argmin(distance)])
 
-    def hidden(self, vertex: int, towards_eye: npt.NDArray) -> bool:
+    def hidden(self, vertex: int, towards_eye: npt.NDArray[np.float64]) -> bool:
         """Whether the mesh stands between a vertex and the eye."""
         if not self.ready:
             return False

@@ -14,7 +14,12 @@ from meshmash_viewer.app.render.colors import NAN_COLOR, rgb
 
 __all__ = ["LineSet", "Surface", "new_lookup_table", "set_colors"]
 
-#: After the lights: `normalVCVSOutput.z` is the cosine between the normal and the line of sight.
+#: Lit from the eye's side, whichever way round the corners of a face are: raw meshes mix both.
+_FACING = """//VTK::Normal::Impl
+  if (normalVCVSOutput.z < 0.0) { normalVCVSOutput = -normalVCVSOutput; }
+"""
+#: Darker where the surface turns away, so that pale values keep an outline on a pale ground;
+#: `normalVCVSOutput.z` is the cosine between the normal and the line of sight.
 _RIM = """//VTK::Light::Impl
   fragOutput0.rgb *= mix(0.45, 1.0, smoothstep(0.0, 0.55, abs(normalVCVSOutput.z)));
 """
@@ -87,10 +92,9 @@ class Surface:
         look.SetDiffuse(0.72)
         look.SetSpecular(0.06)
         look.SetSpecularPower(25.0)
-        # Darker where the surface turns away: pale values keep an outline on a pale ground.
-        self.actor.GetShaderProperty().AddFragmentShaderReplacement(
-            "//VTK::Light::Impl", True, _RIM, False
-        )
+        shaders = self.actor.GetShaderProperty()
+        shaders.AddFragmentShaderReplacement("//VTK::Normal::Impl", True, _FACING, False)
+        shaders.AddFragmentShaderReplacement("//VTK::Light::Impl", True, _RIM, False)
 
     def write(self, values: npt.NDArray[np.floating]) -> None:
         """Show values of shape (n,), NaN where there is none."""
