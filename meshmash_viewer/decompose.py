@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import ConstantFeaturesWarning, InputError
 from meshmash_viewer.features import accumulate_features
 from meshmash_viewer.filters import (
     bspline_bank,
@@ -279,7 +279,7 @@ def spectral_geometry_filter(
 
     Warns
     -----
-    UserWarning
+    ConstantFeaturesWarning
         If only zero eigenvalues lie below the threshold, as when it is meant for another unit:
         the features are then right, but tell no two vertices of a component apart.
 
@@ -520,7 +520,7 @@ def _warn_of_zeros(max_eigenvalue: float, result: Decomposition) -> None:
         "Only zero eigenvalues, one for each connected component, lie below max_eigenvalue "
         f"({max_eigenvalue:.4g}), so the features are constant on each: about {_USEFUL_COUNT} "
         f"eigenpairs of this mesh lie below {useful:.2g} per squared unit of its coordinates.",
-        UserWarning,
+        ConstantFeaturesWarning,
         stacklevel=3,
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["InputError"]
+__all__ = ["ConstantFeaturesWarning", "InputError"]
 
 
 class InputError(ValueError):
@@ -10,4 +10,12 @@ class InputError(ValueError):
 
     The command line prints the sentence and exits with status 2; the window shows it in its
     message bar. Any other exception is a defect of the program and is reported as such.
+    """
+
+
+class ConstantFeaturesWarning(UserWarning):
+    """Features are right, but the same at all vertices of a component.
+
+    Only zero eigenvalues lie below the threshold: usual for a speck of membrane, but for a whole
+    mesh a sign of a threshold that was meant for another unit.
     """

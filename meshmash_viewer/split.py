@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeAlias, overload
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import ConstantFeaturesWarning, InputError
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.partition import edge_graph, interior_depth, overlapping_pieces
 from meshmash_viewer.progress import CancelCallback, Cancelled, Progress, ProgressCallback
@@ -299,7 +299,9 @@ def _call(function: Callable[[PieceMesh], Any], piece: PieceMesh, name: str) -> 
     from threadpoolctl import threadpool_limits
 
     try:
-        with threadpool_limits(limits=1):
+        with threadpool_limits(limits=1), warnings.catch_warnings():
+            # A piece that gathers small components has nothing but constants to offer.
+            warnings.simplefilter("ignore", ConstantFeaturesWarning)
             return function(piece)
     except Exception as failure:
         raise PieceError(

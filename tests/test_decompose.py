@@ -20,7 +20,7 @@ from meshmash_viewer.decompose import (
     decompose_mesh,
     spectral_geometry_filter,
 )
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import ConstantFeaturesWarning, InputError
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import Cancelled
@@ -445,10 +445,12 @@ def test_one_filter_needs_no_axis(neuron):
 
 def test_a_threshold_of_another_unit_is_explained(three_spheres):
     """The documented 1e-8 on a mesh of size 1 leaves zero eigenvalues only."""
-    with pytest.warns(UserWarning, match="about 100 eigenpairs of this mesh lie below 34 per"):
+    with pytest.warns(
+        ConstantFeaturesWarning, match="about 100 eigenpairs of this mesh lie below 34 per"
+    ):
         hks = compute_hks(three_spheres)
     np.testing.assert_allclose(hks, 3.0 / three_spheres.area, rtol=1e-3)
-    with pytest.warns(UserWarning, match="Only zero eigenvalues"):
+    with pytest.warns(ConstantFeaturesWarning, match="Only zero eigenvalues"):
         bands = compute_geometry_vectors(three_spheres, n_components=3)
     np.testing.assert_allclose(bands[:, 0], 3.0 / three_spheres.area, rtol=1e-3)
     eigenvalues, eigenvectors = spectral_geometry_filter(three_spheres)
@@ -458,7 +460,7 @@ def test_a_threshold_of_another_unit_is_explained(three_spheres):
 def test_an_empty_sum_is_zero(sphere):
     loose = Mesh(np.append(sphere.vertices, [[3.0, 3.0, 3.0]], axis=0), sphere.faces)
     for function in (compute_hks, compute_geometry_vectors):
-        with pytest.warns(UserWarning, match="Only zero eigenvalues"):
+        with pytest.warns(ConstantFeaturesWarning, match="Only zero eigenvalues"):
             features = function(loose, n_components=4, drop_first=True)
         assert features.shape == (643, 4)
         assert (features[:-1] == 0.0).all()
