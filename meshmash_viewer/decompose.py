@@ -11,16 +11,14 @@ To project a function `f` on the eigenvectors, weigh it by the mass matrix:
 from __future__ import annotations
 
 import math
-import sys
-import tempfile
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.eigenpairs import find_eigenpairs, scratch_rows
 from meshmash_viewer.errors import ConstantFeaturesWarning, InputError
 from meshmash_viewer.features import accumulate_features
 from meshmash_viewer.filters import (
@@ -31,7 +29,7 @@ from meshmash_viewer.filters import (
 )
 from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
 from meshmash_viewer.mesh import MeshLike
-from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback
+from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.weyl import weyl_eigenvalue
 
 if TYPE_CHECKING:
@@ -56,8 +54,6 @@ Filter: TypeAlias = Callable[[npt.NDArray[np.float64]], npt.ArrayLike]
 
 #: The documented default of `sigma`: its meaning is "just below zero", whatever the unit.
 _BELOW_ZERO = -1e-10
-#: Share of the free memory that eigenvectors may take before they go to a temporary file.
-_MEMORY_SHARE = 0.25
 #: What a message proposes as a useful number of eigenpairs.
 _USEFUL_COUNT = 100
 
@@ -115,7 +111,7 @@ def decompose_laplacian(
     """
     if prefactor not in (None, "lu"):
         raise InputError(f'prefactor is {prefactor!r}: give "lu" or None.')
-    result = _solve(
+    result = find_eigenpairs(
         L,
         M,
         n_components=_whole(n_components, "n_components"),
@@ -221,7 +217,7 @@ def decompose_laplacian_by_bands(
        Harmonics." Computer Graphics Forum 27(2).
     """
     _check_bands(max_eigenvalue, band_size)
-    result = _solve(
+    result = find_eigenpairs(
         L, M, max_eigenvalue=max_eigenvalue, verbose=verbose, progress=progress, cancel=cancel
     )
     return result.eigenvalues, result.eigenvectors
@@ -294,7 +290,7 @@ def spectral_geometry_filter(
     start = 1 if drop_first else 0
 
     def solve(allocate: Callable[[int, int], Array] | None) -> Decomposition:
-        return _solve(
+        return find_eigenpairs(
             stiffness,
             mass,
             max_eigenvalue=max_eigenvalue,
@@ -308,7 +304,7 @@ def spectral_geometry_filter(
     if filter is None:
         result = solve(None)
         return result.eigenvalues[start:], result.eigenvectors[:, start:]
-    with _scratch_rows(dtype) as allocate:
+    with scratch_rows(dtype) as allocate:
         result = solve(allocate)
         eigenvalues, rows = result.eigenvalues[start:], result.rows[start:]
         if not eigenvalues.any():
@@ -450,44 +446,6 @@ def compute_geometry_vectors(
     return features
 
 
-def _solve(
-    stiffness: SparseMatrix,
-    mass: SparseMatrix,
-    *,
-    dtype: npt.DTypeLike | None = None,
-    verbose: int = False,
-    progress: ProgressCallback | None = None,
-    **options: Any,
-) -> Decomposition:
-    from meshmash_viewer.eigensolver import solve
-
-    single = getattr(stiffness, "dtype", None) == np.float32
-    if single:
-        stiffness = _with_exact_null_space(stiffness)
-    if dtype is None:
-        dtype = np.float32 if single else np.float64
-    with _bar(verbose, progress) as reports:
-        result = solve(stiffness, mass, dtype=dtype, progress=reports, **options)
-    if verbose:
-        _say(result.proof())
-    return result
-
-
-def _with_exact_null_space(stiffness: SparseMatrix) -> SparseMatrix:
-    """Undo what rounding to float32 did to the row sums of a Laplacian.
-
-    Constants are its null space; off by 1e-7 of the largest eigenvalue, they would be lost among
-    the lowest ones. A matrix whose rows do not sum to zero even in float32 is left as it is.
-    """
-    from scipy import sparse
-
-    exact = sparse.csr_array(stiffness).astype(np.float64)
-    excess = np.asarray(exact.sum(axis=1)).ravel()
-    size = np.asarray(abs(exact).sum(axis=1)).ravel()
-    rounding = np.abs(excess) <= 64.0 * np.finfo(np.float32).eps * size
-    return sparse.csc_array(exact - sparse.diags_array(np.where(rounding, excess, 0.0)))
-
-
 def _matrices(
     mesh: MeshOrMatrices, robust: bool, mollify_factor: float
 ) -> tuple[SparseMatrix, SparseMatrix]:
@@ -538,46 +496,3 @@ def _whole(count: int, name: str) -> int:
     if not (math.isfinite(count) and count >= 1 and count == int(count)):
         raise InputError(f"{name} is {count}: give a whole number from 1.")
     return int(count)
-
-
-@contextmanager
-def _scratch_rows(dtype: np.dtype[Any]) -> Iterator[Callable[[int, int], Array]]:
-    """Lend an allocator of rows that are in memory if they fit, else in a temporary file."""
-    with ExitStack() as files:
-
-        def allocate(k: int, n: int) -> Array:
-            import psutil
-
-            size = k * n * dtype.itemsize
-            if size <= _MEMORY_SHARE * psutil.virtual_memory().available:
-                return np.empty((k, n), dtype=dtype)
-            file = files.enter_context(tempfile.TemporaryFile(prefix="meshmash-viewer-"))
-            return np.memmap(file, dtype=dtype, mode="w+", shape=(k, n))
-
-        yield allocate
-
-
-@contextmanager
-def _bar(verbose: int, progress: ProgressCallback | None) -> Iterator[ProgressCallback | None]:
-    """Draw a progress bar on stderr if asked for, passing reports on to `progress`."""
-    if not verbose:
-        yield progress
-        return
-    from tqdm import tqdm
-
-    with tqdm(total=None, unit="pair", file=sys.stderr, desc="eigenpairs") as bar:
-
-        def report(state: Progress) -> None:
-            if state.total and bar.total != state.total:
-                bar.total = state.total
-            bar.update(state.converged - bar.n)
-            if progress is not None:
-                progress(state)
-
-        yield report
-
-
-def _say(line: str) -> None:
-    from tqdm import tqdm
-
-    tqdm.write(line, file=sys.stderr)

@@ -11,7 +11,7 @@ from scipy import sparse
 from scipy.linalg import eigh
 from scipy.sparse.linalg import LinearOperator, splu
 
-from meshmash_viewer import decompose
+from meshmash_viewer import decompose, eigenpairs
 from meshmash_viewer.decompose import (
     compute_geometry_vectors,
     compute_hks,
@@ -474,7 +474,7 @@ def test_an_empty_sum_is_zero(sphere):
 
 def test_large_spectra_go_through_a_temporary_file(neuron, monkeypatch):
     expected = compute_geometry_vectors(neuron, THRESHOLD)
-    monkeypatch.setattr(decompose, "_MEMORY_SHARE", 0.0)
+    monkeypatch.setattr(eigenpairs, "_MEMORY_SHARE", 0.0)
     kinds = []
     accumulate = decompose.accumulate_features
 

@@ -1,0 +1,124 @@
+"""Eigenpairs as a function asks for them: in its precision, with a progress bar, within memory."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.laplacian import SparseMatrix
+from meshmash_viewer.progress import Progress, ProgressCallback
+
+if TYPE_CHECKING:
+    from meshmash_viewer.eigensolver import Decomposition
+
+__all__ = ["find_eigenpairs", "scratch_rows"]
+
+Array: TypeAlias = npt.NDArray[np.floating[Any]]
+
+#: Share of the free memory that eigenvectors may take before they go to a temporary file.
+_MEMORY_SHARE = 0.25
+
+
+def find_eigenpairs(
+    stiffness: SparseMatrix,
+    mass: SparseMatrix,
+    *,
+    dtype: npt.DTypeLike | None = None,
+    verbose: int = False,
+    progress: ProgressCallback | None = None,
+    **options: Any,
+) -> Decomposition:
+    """Call `meshmash_viewer.eigensolver.solve`.
+
+    Parameters
+    ----------
+    stiffness, mass : sparse matrix or array, shape (n, n)
+        L and M; of a float32 Laplacian, the null space that rounding cost it is restored.
+    dtype : dtype, optional
+        Of the eigenvectors; None is that of `stiffness`.
+    verbose : int
+        1 draws a progress bar on stderr, and ends it with the proof of completeness.
+    progress : callable, optional
+        Gets every report, bar or not.
+    **options
+        All others of `solve`.
+    """
+    from meshmash_viewer.eigensolver import solve
+
+    single = getattr(stiffness, "dtype", None) == np.float32
+    if single:
+        stiffness = _with_exact_null_space(stiffness)
+    if dtype is None:
+        dtype = np.float32 if single else np.float64
+    with _bar(verbose, progress) as reports:
+        result = solve(stiffness, mass, dtype=dtype, progress=reports, **options)
+    if verbose:
+        _say(result.proof())
+    return result
+
+
+def _with_exact_null_space(stiffness: SparseMatrix) -> SparseMatrix:
+    """Undo what rounding to float32 did to the row sums of a Laplacian.
+
+    Constants are its null space; off by 1e-7 of the largest eigenvalue, they would be lost among
+    the lowest ones. A matrix whose rows do not sum to zero even in float32 is left as it is.
+    """
+    from scipy import sparse
+
+    exact = sparse.csr_array(stiffness).astype(np.float64)
+    excess = np.asarray(exact.sum(axis=1)).ravel()
+    size = np.asarray(abs(exact).sum(axis=1)).ravel()
+    rounding = np.abs(excess) <= 64.0 * np.finfo(np.float32).eps * size
+    return sparse.csc_array(exact - sparse.diags_array(np.where(rounding, excess, 0.0)))
+
+
+@contextmanager
+def scratch_rows(dtype: np.dtype[Any]) -> Iterator[Callable[[int, int], Array]]:
+    """Lend an allocator of rows, shape (k, n), in memory if they fit, else in a temporary file.
+
+    The rows are gone when the context is left.
+    """
+    with ExitStack() as files:
+
+        def allocate(k: int, n: int) -> Array:
+            import psutil
+
+            size = k * n * dtype.itemsize
+            if size <= _MEMORY_SHARE * psutil.virtual_memory().available:
+                return np.empty((k, n), dtype=dtype)
+            file = files.enter_context(tempfile.TemporaryFile(prefix="meshmash-viewer-"))
+            return np.memmap(file, dtype=dtype, mode="w+", shape=(k, n))
+
+        yield allocate
+
+
+@contextmanager
+def _bar(verbose: int, progress: ProgressCallback | None) -> Iterator[ProgressCallback | None]:
+    """Draw a progress bar on stderr if asked for, passing reports on to `progress`."""
+    if not verbose:
+        yield progress
+        return
+    from tqdm import tqdm
+
+    with tqdm(total=None, unit="pair", file=sys.stderr, desc="eigenpairs") as bar:
+
+        def report(state: Progress) -> None:
+            if state.total and bar.total != state.total:
+                bar.total = state.total
+            bar.update(state.converged - bar.n)
+            if progress is not None:
+                progress(state)
+
+        yield report
+
+
+def _say(line: str) -> None:
+    from tqdm import tqdm
+
+    tqdm.write(line, file=sys.stderr)
