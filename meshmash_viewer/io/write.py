@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -31,6 +32,7 @@ __all__ = [
     "EIGENPAIR_WRITERS",
     "WRITERS",
     "FeatureTable",
+    "check_output",
     "provenance",
     "write_eigenpairs",
     "write_features",
@@ -167,6 +169,31 @@ def write_picture(
     with writing_errors(path), written_whole(path) as part:
         image = Image.fromarray(np.ascontiguousarray(pixels))
         image.save(part, format="PNG", pnginfo=about)
+
+
+def check_output(path: str | Path, kind: str = "features") -> None:
+    """See, before a long computation, that its result can be written.
+
+    Parameters
+    ----------
+    path : str or Path
+    kind : "features", "eigenpairs" or "picture"
+
+    Raises
+    ------
+    InputError
+        If the ending is unknown, there is no such folder, or it may not be written to.
+    """
+    path = Path(path)
+    tables: dict[str, dict[str, Any]] = {
+        "features": WRITERS,
+        "eigenpairs": EIGENPAIR_WRITERS,
+        "picture": {".png": write_picture},
+    }
+    _writer(tables[kind], path, "pictures" if kind == "picture" else kind)
+    with writing_errors(path):
+        if not os.access(path.parent, os.W_OK):
+            raise PermissionError(13, "Permission denied")
 
 
 def _writer(table: dict[str, Any], path: Path, what: str) -> Any:

@@ -1,0 +1,389 @@
+"""What the command line does, apart from speaking: one function a command.
+
+Each takes a mesh and plain options and returns a result or writes a file, so it works from a
+script as well.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.weyl import Target
+
+if TYPE_CHECKING:
+    from meshmash_viewer.eigensolver import Decomposition
+    from meshmash_viewer.features import Features
+    from meshmash_viewer.filters import FilterBank
+    from meshmash_viewer.progress import CancelCallback, ProgressCallback
+
+__all__ = [
+    "FEATURE_KINDS",
+    "FIELD_KINDS",
+    "Solver",
+    "describe",
+    "output_paths",
+    "write_kind",
+    "write_render",
+]
+
+FEATURE_KINDS = ("hks", "geometry-vectors", "wks", "eigenpairs")
+FIELD_KINDS = ("hks", "eigenfunction", "band", "none")
+
+
+@dataclass
+class Solver:
+    """How eigenpairs are to be had.
+
+    Parameters
+    ----------
+    target : Target
+        How many.
+    operator : OperatorOptions
+        Of which Laplacian.
+    use_cache : bool
+        Whether to look into the user's store of eigenpairs and add to it.
+    n_jobs : int, optional
+        Processes; None for as many as cores and memory allow.
+    progress : callable, optional
+        As for `meshmash_viewer.eigensolver.solve`.
+    interruptible : callable
+        Makes the context in which the eigenpairs are computed; it gives the solver's `cancel`.
+
+    Attributes
+    ----------
+    remark : str
+        A sentence for the user about the store, or empty.
+    """
+
+    target: Target
+    operator: OperatorOptions
+    use_cache: bool = True
+    n_jobs: int | None = None
+    progress: ProgressCallback | None = None
+    interruptible: Callable[[], AbstractContextManager[CancelCallback | None]] = nullcontext
+    remark: str = ""
+
+    def __call__(self, mesh: Mesh) -> Decomposition:
+        """Eigenpairs of a mesh, from the store or computed."""
+        from meshmash_viewer.io.spectrum import find_spectrum, obtain_spectrum
+        from meshmash_viewer.io.store import EigenpairStore
+        from meshmash_viewer.model.decomposition import free_memory, refuse_what_cannot_fit
+
+        store = None
+        if self.use_cache:
+            store = EigenpairStore.open_or_create(mesh, self.operator)
+            found = find_spectrum(store, self.target)
+            self.remark = store.notice
+            if found is not None:
+                return found
+            try:
+                store.lock()
+            except InputError as fault:  # busy or not writable, which is no reason to stop
+                self.remark = f"Computing without the store: {fault}"
+                store = None
+        free = free_memory()
+        try:
+            with self.interruptible() as cancel:
+                return obtain_spectrum(
+                    mesh,
+                    self.operator,
+                    self.target,
+                    store,
+                    progress=self.progress,
+                    cancel=cancel,
+                    check=lambda n, nnz, k: refuse_what_cannot_fit(n, nnz, k, free),
+                    n_jobs=self.n_jobs,
+                )
+        finally:
+            if store is not None:
+                store.close()
+
+    def options(self) -> dict[str, Any]:
+        """The choices, as an export states them."""
+        return {"target": asdict(self.target), "operator": asdict(self.operator)}
+
+
+def describe(mesh: Mesh, target: Target) -> dict[str, Any]:
+    """Health, size and the length of spectrum that a request comes to.
+
+    Returns
+    -------
+    dict
+        JSON-able. Lengths are in ``unit``, eigenvalues in its inverse square; the entries of
+        ``weyl`` are estimates by Weyl's law, except the one that was asked for.
+    """
+    from meshmash_viewer.health import mesh_health
+
+    health = mesh_health(mesh)
+    low, high = mesh.bounds
+    return {
+        "name": mesh.name,
+        "unit": mesh.unit,
+        "hash": mesh.content_hash,
+        **asdict(health),
+        "bounds": [low.tolist(), high.tolist()],
+        "weyl": {
+            "target": target.kind,
+            "n_eigenpairs": target.estimated_count(health.area),
+            "max_eigenvalue": target.estimated_eigenvalue(health.area),
+            "wavelength": target.estimated_wavelength(health.area),
+        },
+    }
+
+
+def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> list[Path]:
+    """Where the result of each mesh goes.
+
+    Parameters
+    ----------
+    meshes : list of Path
+        Input files.
+    output : str
+        A file (for one mesh), a folder, or a template such as "out/{name}_{kind}.csv".
+    kind : str
+        Goes in place of ``{kind}``.
+    ending : str
+        Of the files in a folder, with its dot.
+
+    Raises
+    ------
+    InputError
+        If two results would go to one file, or one over a mesh.
+    """
+    from meshmash_viewer.io.read import mesh_name
+
+    if "{" in output:
+        template = output
+    elif output.endswith(("/", "\\")) or Path(output).is_dir():
+        Path(output).mkdir(parents=True, exist_ok=True)
+        template = (
+            f"{Path(output).as_posix().replace('{', '{{').replace('}', '}}')}/{{name}}{ending}"
+        )
+    elif len(meshes) == 1:
+        template = output.replace("{", "{{").replace("}", "}}")
+    else:
+        raise InputError(
+            f"{len(meshes)} meshes cannot all go to {output}; name a folder (with a slash at its"
+            ' end) or a template such as "{name}_{kind}.npz".'
+        )
+    try:
+        paths = [Path(template.format(name=mesh_name(mesh), kind=kind)) for mesh in meshes]
+    except (KeyError, IndexError, ValueError, AttributeError) as fault:
+        raise InputError(
+            f"The template {output} is not one; it may hold {{name}} and {{kind}}."
+        ) from fault
+    taken: dict[Path, Path] = {mesh.resolve(): mesh for mesh in meshes}
+    for mesh, path in zip(meshes, paths, strict=True):
+        other = taken.get(path.resolve())
+        if other is not None:
+            raise InputError(
+                f"{path}, the result of {mesh}, would go over that of {other} or over"
+                " the mesh itself; choose another name."
+            )
+        taken[path.resolve()] = mesh
+    return paths
+
+
+def write_kind(
+    mesh: Mesh,
+    path: Path,
+    kind: str,
+    solver: Solver,
+    *,
+    n_components: int = 32,
+    t_min: float | None = None,
+    t_max: float | None = None,
+    drop_first: bool = False,
+) -> dict[str, Any]:
+    """Compute one kind of features, or the eigenpairs, and write them.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    path : Path
+        Its ending says the format.
+    kind : str
+        One of `FEATURE_KINDS`.
+    solver : Solver
+    n_components : int
+        Number of columns: times, bands or energies.
+    t_min, t_max : float, optional
+        Range of diffusion times in squared unit; None takes that of Sun et al. 2009.
+    drop_first : bool
+        Whether to leave out the first pair.
+
+    Returns
+    -------
+    dict
+        JSON-able report.
+    """
+    from meshmash_viewer.features import compute_features
+    from meshmash_viewer.io.write import write_eigenpairs, write_features
+
+    began = time.perf_counter()
+    pairs = solver(mesh)
+    solved = time.perf_counter()
+    options = {**solver.options(), "proof": pairs.proof()}
+    report: dict[str, Any] = {
+        "mesh": mesh.name,
+        "output": str(path),
+        "kind": kind,
+        "n_vertices": mesh.n_vertices,
+        "n_eigenpairs": pairs.n_components,
+        "complete": pairs.complete,
+        "worst_residual": float(pairs.residuals.max(initial=0.0)),
+        "orthonormality": float(pairs.orthonormality),
+        "proof": pairs.proof(),
+        "seconds_eigenpairs": round(solved - began, 3),
+    }
+    if kind == "eigenpairs":
+        write_eigenpairs(path, pairs, mesh, options)
+    else:
+        bank = _bank(kind, pairs.eigenvalues, solver.target, n_components, t_min, t_max)
+        features: Features = compute_features(pairs, bank, unit=mesh.unit, drop_first=drop_first)
+        report["n_features"] = len(features.columns)
+        write_features(path, features, mesh, eigenvalues=pairs.eigenvalues, meta=options)
+    report["seconds"] = round(time.perf_counter() - began, 3)
+    return report
+
+
+def _bank(
+    kind: str,
+    eigenvalues: Any,
+    target: Target,
+    n_components: int,
+    t_min: float | None,
+    t_max: float | None,
+) -> FilterBank:
+    from meshmash_viewer.filters import (
+        bspline_bank,
+        heat_kernel_bank,
+        hks_times,
+        wave_kernel_bank,
+    )
+
+    if kind == "hks":
+        return heat_kernel_bank(hks_times(eigenvalues, t_min, t_max, n_components))
+    if kind == "wks":
+        return wave_kernel_bank(eigenvalues, n_components)
+    # As compute_geometry_vectors: from zero to the threshold, where there is one.
+    bound = target.max_eigenvalue
+    top = float(eigenvalues[-1]) if bound is None else bound
+    return bspline_bank(0.0, top, n_components)
+
+
+def write_render(
+    mesh: Mesh,
+    path: Path,
+    field: str,
+    solver: Solver,
+    *,
+    index: int | None = None,
+    diffusion_time: float | None = None,
+    n_components: int = 32,
+    size: tuple[int, int] = (1600, 1200),
+    colormap: str | None = None,
+    limits: tuple[float, float] | None = None,
+    transparent: bool = False,
+    dark: bool = False,
+) -> dict[str, Any]:
+    """Draw a field on a mesh, without a window.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    path : Path
+        Ends in ".png".
+    field : str
+        One of `FIELD_KINDS`.
+    solver : Solver
+        Not asked for the bare mesh.
+    index : int, optional
+        Which eigenfunction or band; None takes the first that is not constant.
+    diffusion_time : float, optional
+        Of the heat kernel signature, in squared unit; None the middle of its range.
+    n_components : int
+        Number of bands that `index` counts in.
+    size, colormap, limits, transparent, dark
+        See `meshmash_viewer.app.picture.render_picture`.
+
+    Returns
+    -------
+    dict
+        JSON-able report.
+    """
+    from meshmash_viewer.app.picture import render_picture
+    from meshmash_viewer.features import compute_features
+    from meshmash_viewer.filters import bspline_bank, heat_kernel_bank, hks_times
+    from meshmash_viewer.units import format_quantity, power_unit
+
+    report: dict[str, Any] = {"mesh": mesh.name, "output": str(path), "field": field}
+    if limits is not None and not limits[0] < limits[1]:
+        raise InputError(f"The limits {limits[0]:g} and {limits[1]:g} leave no range: swap them.")
+    values, quantity, unit = None, "", ""
+    if field != "none":
+        pairs = solver(mesh)
+        report["proof"] = pairs.proof()
+        spectrum = pairs.eigenvalues
+        if field == "eigenfunction":
+            if index is None:
+                zeros = int(np.count_nonzero(spectrum <= 1e-10 * spectrum[-1]))
+                index = min(zeros, pairs.n_components - 1)
+            if not 0 <= index < pairs.n_components:
+                raise InputError(
+                    f"There is no eigenfunction {index} among {pairs.n_components}; raise --count"
+                    " or lower --index."
+                )
+            values, unit = pairs.rows[index], power_unit(mesh.unit, -1)
+            quantity = (
+                f"eigenfunction {index}, λ = {format_quantity(spectrum[index], mesh.unit, -2)}"
+            )
+        elif field == "hks":
+            times = hks_times(spectrum, None, None, 3)
+            moment = float(times[1]) if diffusion_time is None else diffusion_time
+            bank = heat_kernel_bank([moment])
+            quantity = f"HKS, t = {format_quantity(moment, mesh.unit, 2)}"
+        else:
+            index = 1 if index is None else index
+            if not 0 <= index < n_components:
+                raise InputError(f"There is no band {index} among {n_components}; lower --index.")
+            bank = bspline_bank(0.0, float(spectrum[-1]), n_components)
+            quantity = f"band {index} of {n_components}"
+        if values is None:
+            features = compute_features(pairs, bank, unit=mesh.unit)
+            values = features.values[:, index if field == "band" and index is not None else 0]
+            unit = features.unit
+            colormap = colormap or "viridis"
+            # A few tips of the surface would otherwise take the whole colour bar.
+            limits = limits or _percentiles(values)
+        report["limits"] = None if limits is None else list(limits)
+    render_picture(
+        mesh,
+        values,
+        path,
+        size=size,
+        colormap=colormap or "RdBu_r",
+        limits=limits,
+        title=mesh.name,
+        quantity=quantity,
+        unit=unit,
+        transparent=transparent,
+        dark=dark,
+    )
+    return report
+
+
+def _percentiles(values: npt.NDArray[Any]) -> tuple[float, float]:
+    low, high = np.nanpercentile(values, [1.0, 99.0]).tolist()
+    return (low, high) if low < high else (low, low + (abs(low) or 1.0))  # the same everywhere

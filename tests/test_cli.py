@@ -1,0 +1,372 @@
+"""The command line does what it says, and says in one line what it cannot."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from meshmash_viewer import cli
+from meshmash_viewer.decompose import compute_geometry_vectors, compute_hks
+from meshmash_viewer.eigensolver import solve
+from meshmash_viewer.io.read import read_mesh
+from meshmash_viewer.mesh import Mesh
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path_factory.mktemp("cache")
+    monkeypatch.setattr("meshmash_viewer.io.cache.default_cache_folder", lambda: folder)
+    monkeypatch.setattr("meshmash_viewer.io.store.default_cache_folder", lambda: folder)
+    return folder
+
+
+def save(mesh: Mesh, path: Path) -> Path:
+    np.savez(path, vertices=mesh.vertices, faces=mesh.faces)
+    return path
+
+
+@pytest.fixture
+def ball(sphere: Mesh, tmp_path: Path) -> Path:
+    return save(sphere, tmp_path / "ball.npz")
+
+
+@pytest.fixture
+def sheet(rectangle: Mesh, tmp_path: Path) -> Path:
+    return save(rectangle, tmp_path / "sheet.npz")
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    try:
+        status = cli.main([str(argument) for argument in arguments])
+    except SystemExit as leaving:
+        status = int(leaving.code or 0)
+    out, err = capsys.readouterr()
+    return status, out, err
+
+
+def test_info_for_people(capsys: pytest.CaptureFixture[str], ball: Path) -> None:
+    status, out, err = run(capsys, "info", ball, "--unit", "8 nm", "--max-eigenvalue", 1.0)
+    assert (status, err) == (0, "")
+    assert "ball (nm)" in out
+    assert "642" in out
+    assert "nm²" in out
+    assert "nm⁻²" in out
+
+
+def test_info_for_machines(capsys: pytest.CaptureFixture[str], ball: Path, sheet: Path) -> None:
+    status, out, err = run(capsys, "info", ball, sheet, "--json", "--wavelength", 1.0)
+    assert (status, err) == (0, "")
+    first, second = (json.loads(line) for line in out.splitlines())
+    assert first["area"] == pytest.approx(4 * np.pi, rel=0.02)
+    assert second["area"] == pytest.approx(3.0)
+    assert (second["boundary_edges"] > 0, first["boundary_edges"]) == (True, 0)
+    # λ = (2π / 1)², and A λ / 4π of them
+    assert second["weyl"]["max_eigenvalue"] == pytest.approx(4 * np.pi**2)
+    assert second["weyl"]["n_eigenpairs"] == pytest.approx(3 * np.pi)
+
+
+def test_features_are_those_of_the_library(
+    capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out.npz"
+    arguments = ("--max-eigenvalue", 30.5, "--n-components", 7, "-o", out)
+    assert run(capsys, "features", ball, "--kind", "hks", *arguments)[0] == 0
+    with np.load(out) as archive:
+        hks = compute_hks(read_mesh(ball), max_eigenvalue=30.5, n_components=7, truncate_extra=True)
+        np.testing.assert_allclose(archive["features"], hks, rtol=1e-7)
+        assert archive["eigenvalues"][-1] <= 30.5
+        assert len(archive["columns"]) == 7
+        np.testing.assert_array_equal(archive["faces"], read_mesh(ball).faces)
+        meta = json.loads(str(archive["meta"]))
+    assert meta["options"]["target"] == {"kind": "max_eigenvalue", "value": 30.5}
+    assert meta["options"]["operator"]["robust"] is True
+    assert meta["mesh"]["hash"] == read_mesh(ball).content_hash
+    assert run(capsys, "features", ball, "--kind", "geometry-vectors", *arguments)[0] == 0
+    with np.load(out) as archive:
+        vectors = compute_geometry_vectors(
+            read_mesh(ball), max_eigenvalue=30.5, n_components=7, truncate_extra=True
+        )
+        np.testing.assert_allclose(archive["features"], vectors, rtol=1e-7, atol=1e-12)
+
+
+def test_eigenpairs_and_times_and_wks(
+    capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out.npz"
+    assert run(capsys, "features", ball, "--kind", "eigenpairs", "--count", 9, "-o", out)[0] == 0
+    with np.load(out) as archive:
+        assert archive["eigenvectors"].shape == (642, 9)
+        # λ = l (l + 1), 2 l + 1 times
+        exact = [0] + 3 * [2] + 5 * [6]
+        np.testing.assert_allclose(archive["eigenvalues"], exact, rtol=0.03, atol=1e-9)
+    times = ("--count", 9, "--t-min", 0.5, "--t-max", 2, "--n-components", 2)
+    assert run(capsys, "features", ball, *times, "-o", out)[0] == 0
+    with np.load(out) as archive:
+        assert json.loads(str(archive["meta"]))["options"]["parameters"] == [0.5, 2.0]
+    assert run(capsys, "features", ball, "--kind", "wks", "--count", 9, "-o", out)[0] == 0
+    status, _, err = run(
+        capsys, "features", ball, "--kind", "eigenpairs", "-o", tmp_path / "pairs.csv"
+    )
+    assert status == 2
+    assert ".npz .vtp" in err
+
+
+def test_many_meshes_to_a_folder_and_a_template(
+    capsys: pytest.CaptureFixture[str], ball: Path, sheet: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "results"
+    arguments = ("features", ball, sheet, "--count", 12, "--json")
+    status, out, _ = run(capsys, *arguments, "-o", f"{folder}/", "--format", "parquet")
+    assert status == 0
+    assert {path.name for path in folder.iterdir()} == {"ball.parquet", "sheet.parquet"}
+    reports = [json.loads(line) for line in out.splitlines()]
+    assert [report["mesh"] for report in reports] == ["ball", "sheet"]
+    assert all(report["complete"] and report["worst_residual"] < 1e-8 for report in reports)
+    assert run(capsys, *arguments, "-o", tmp_path / "{name}-{kind}.npy")[0] == 0
+    assert (tmp_path / "sheet-hks.npy").exists()
+
+    status, _, err = run(capsys, *arguments, "-o", tmp_path / "one.npz")
+    assert status == 2
+    assert "name a folder" in err
+    status, _, err = run(capsys, *arguments, "-o", tmp_path / "{kind}.npz")
+    assert status == 2
+    assert "would go over" in err
+    assert run(capsys, *arguments, "-o", tmp_path / "{nam}.npz")[0] == 2
+    status, _, err = run(capsys, "features", ball, "-o", f"{tmp_path}/")
+    assert status == 2
+    assert "the mesh itself" in err
+
+
+def test_one_bad_mesh_does_not_hold_up_the_others(
+    capsys: pytest.CaptureFixture[str], ball: Path, sheet: Path, tmp_path: Path
+) -> None:
+    bad = tmp_path / "bad.ply"
+    bad.write_text("nonsense")
+    status, out, err = run(
+        capsys, "features", ball, bad, sheet, "--count", 9, "-o", f"{tmp_path / 'out'}/"
+    )
+    assert status == 2
+    assert len(out.splitlines()) == 2
+    assert len(err.splitlines()) == 1
+    assert str(bad) in err
+
+
+def test_stored_eigenpairs_are_not_computed_again(
+    capsys: pytest.CaptureFixture[str],
+    ball: Path,
+    tmp_path: Path,
+    cache: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    runs = []
+
+    def counted(*arguments: object, **options: object) -> object:
+        runs.append(1)
+        return solve(*arguments, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("meshmash_viewer.eigensolver.solve", counted)
+    out = tmp_path / "out.npz"
+    for options in ((), ("--kind", "geometry-vectors"), ("--no-robust",)):
+        assert run(capsys, "features", ball, "--count", 9, *options, "-o", out)[0] == 0
+    assert run(capsys, "features", ball, "--count", 5, "-o", out)[0] == 0
+    assert len(runs) == 2
+    kept = sorted(path.name for path in cache.iterdir())
+    for _ in range(2):
+        arguments = ("features", ball, "--count", 10, "--no-cache", "-o", out)
+        assert run(capsys, *arguments)[0] == 0
+    assert len(runs) == 4
+    assert sorted(path.name for path in cache.iterdir()) == kept
+
+
+def test_unwritable_cache_is_no_reason_to_stop(
+    capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path, cache: Path
+) -> None:
+    cache.rmdir()
+    cache.touch()
+    status, _, err = run(capsys, "features", ball, "--count", 9, "-o", tmp_path / "out.npz")
+    assert status == 0
+    assert "Computing without the store" in err
+    assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "clause"),
+    [
+        (["info", "absent.ply"], "does not exist"),
+        (["info", "{ball}", "--unit", "furlong"], "furlong"),
+        (["info", "{ball}", "--count", "0"], "positive"),
+        (["info"], "required"),
+        (["features", "{ball}"], "required: -o"),
+        (["features", "{ball}", "-o", "out.xlsx"], "no ending"),
+        (["features", "{ball}", "-o", "absent/out.npz"], "no folder"),
+        (["features", "{ball}", "-o", "{ball}"], "the mesh itself"),
+        (["features", "{ball}", "-o", "o.npz", "--kind", "shape"], "invalid choice"),
+        (["features", "{ball}", "-o", "o.npz", "--count", "5", "--max-eigenvalue", "1"], "not all"),
+        (["features", "{ball}", "-o", "o.npz", "--count", "9", "--n-components", "0"], "0"),
+        (["features", "{ball}", "-o", "o.npz", "--max-eigenvalue", "-1"], "positive"),
+        (["render", "{ball}", "-o", "out.jpg"], ".png"),
+        (["render", "{ball}", "-o", "out.png", "--size", "big"], "1600x1200"),
+        (["render", "{ball}", "-o", "out.png", "--limits", "2", "1"], "swap"),
+        (["render", "{ball}", "-o", "o.png", "--field", "eigenfunction", "--index", "999"], "999"),
+    ],
+)
+def test_what_the_user_can_mend_is_one_line(
+    capsys: pytest.CaptureFixture[str],
+    ball: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    clause: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    status, out, err = run(capsys, *(text.replace("{ball}", str(ball)) for text in arguments))
+    assert (status, out) == (2, "")
+    assert clause in err
+    assert len(err.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == [ball]
+
+
+def test_no_display_is_said(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM"):
+        monkeypatch.delenv(name, raising=False)
+    status, _, err = run(capsys)
+    assert status == 2
+    assert "no display" in err
+
+
+def test_window_gets_its_arguments(
+    capsys: pytest.CaptureFixture[str], ball: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[list[str]] = []
+    monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen")
+    monkeypatch.setattr(
+        "meshmash_viewer.app.run_app", lambda argv: seen.append(argv) or 0, raising=False
+    )
+    assert run(capsys, ball, "--unit", "nm", "--fresh")[0] == 0
+    assert run(capsys)[0] == 0
+    assert seen == [[str(ball), "--unit", "nm", "--fresh"], []]
+    assert run(capsys, ball, "--unit", "ell")[0] == 2
+
+
+@pytest.mark.parametrize("field", ["hks", "eigenfunction", "band", "none"])
+def test_render_draws(
+    capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path, field: str
+) -> None:
+    pytest.importorskip("vtkmodules.vtkRenderingOpenGL2")
+    from PIL import Image
+
+    out = tmp_path / "out.png"
+    options = ("--field", field, "--count", 30, "--size", "320x240", "--transparent")
+    status, text, err = run(capsys, "render", ball, *options, "-o", out)
+    assert (status, text, err) == (0, f"{out}\n", "")
+    with Image.open(out) as image:
+        pixels = np.asarray(image.convert("RGBA"))
+    assert pixels.shape == (240, 320, 4)
+    assert pixels[120, 160, 3] == 255  # the ball
+    assert pixels[235, 160, 3] == 0  # below it
+    assert (
+        json.loads(run(capsys, "render", ball, *options, "-o", out, "--json")[1])["field"] == field
+    )
+
+
+# A process of its own -------------------------------------------------------------------------
+
+
+def environment(folder: Path) -> dict[str, str]:
+    return os.environ | {"XDG_CACHE_HOME": str(folder), "HOME": str(folder)}
+
+
+def test_version_and_help_load_nothing_heavy(tmp_path: Path) -> None:
+    heavy = ("PySide6", "pyvista", "vtkmodules", "scipy", "trimesh")
+    code = (
+        "import sys\nfrom meshmash_viewer.cli import main\n"
+        "try:\n    main(['features', '--help'])\nexcept SystemExit:\n    pass\n"
+        f"sys.exit([name for name in {heavy!r} if name in sys.modules] or 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    done = subprocess.run(
+        [sys.executable, "-m", "meshmash_viewer", "--version"],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=environment(tmp_path),
+    )
+    assert done.stdout.startswith("meshmash-viewer ")
+
+
+def test_closed_pipe_is_no_fault(ball: Path, tmp_path: Path) -> None:
+    command = f"'{sys.executable}' -m meshmash_viewer info '{ball}' '{ball}' '{ball}' | head -c 1"
+    done = subprocess.run(
+        ["bash", "-c", command],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=environment(tmp_path),
+    )
+    assert done.stderr == ""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs signals and terminals of POSIX")
+def test_interrupt_on_a_terminal_is_clean(tmp_path: Path) -> None:
+    import fcntl
+    import pty
+    import struct
+    import termios
+
+    import shapes
+
+    mesh = save(shapes.icosphere(6), tmp_path / "large.npz")  # half a minute of work
+    command = [sys.executable, "-m", "meshmash_viewer", "features", str(mesh), "--count", "900"]
+    terminal, end = pty.openpty()
+    fcntl.ioctl(end, termios.TIOCSWINSZ, struct.pack("HHHH", 30, 100, 0, 0))
+    process = subprocess.Popen(
+        [*command, "-o", str(tmp_path / "out.npz")],
+        stdout=end,
+        stderr=end,
+        env=environment(tmp_path),
+        start_new_session=True,
+    )
+    os.close(end)
+    said = b""
+    try:
+        while b"/900" not in said:  # the bar is there: it computes
+            assert select.select([terminal], [], [], 60)[0], said
+            said += os.read(terminal, 4096)
+        time.sleep(0.5)
+        os.killpg(process.pid, signal.SIGINT)
+        while True:
+            assert select.select([terminal], [], [], 60)[0], said
+            try:
+                chunk = os.read(terminal, 4096)
+            except OSError:  # the terminal's other end is closed
+                break
+            if not chunk:
+                break
+            said += chunk
+        assert process.wait(60) == 130
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+        os.close(terminal)
+    text = said.decode()
+    assert "interrupted" in text
+    assert "Traceback" not in text
+    assert not (tmp_path / "out.npz").exists()
+    assert not list(tmp_path.glob(".*"))
+    # No process of its group is left.
+    with pytest.raises(ProcessLookupError):
+        os.killpg(process.pid, 0)
