@@ -1,4 +1,8 @@
-"""The B-spline bands as curves to draw and numbers to name."""
+"""The B-spline bands as curves to draw and numbers to name.
+
+Bands of another range are the same curves stretched, so they are made once for the range 0 to 1
+and a number of bands; dragging an end then costs next to nothing.
+"""
 
 from __future__ import annotations
 
@@ -10,23 +14,49 @@ import numpy.typing as npt
 
 from meshmash_viewer.filters import FilterBank, bspline_bank
 
-__all__ = ["BandCurve", "band_bank", "band_curves", "band_support"]
+__all__ = ["BandCurve", "band_centers", "band_curves", "band_responses", "band_support"]
 
-_SAMPLES = 48
+FloatArray = npt.NDArray[np.float64]
+
+#: Along the support of one band.
+_SAMPLES = 33
 
 
 @dataclass(frozen=True, eq=False)
 class BandCurve:
     """One band sampled over its support; both arrays have shape (m,)."""
 
-    eigenvalues: npt.NDArray[np.float64]
-    response: npt.NDArray[np.float64]
+    eigenvalues: FloatArray
+    response: FloatArray
 
 
-@lru_cache(maxsize=16)
-def band_bank(low: float, high: float, count: int) -> FilterBank:
-    """The bank of a range and a number of bands; the last few are kept."""
-    return bspline_bank(low, high, count)
+@lru_cache(maxsize=8)
+def _unit_bank(count: int) -> FilterBank:
+    return bspline_bank(0.0, 1.0, count)
+
+
+@lru_cache(maxsize=8)
+def _unit_curves(count: int) -> tuple[BandCurve, ...]:
+    curves = []
+    for band in range(count):
+        places = np.linspace(*band_support(0.0, 1.0, count, band), _SAMPLES)
+        curves.append(BandCurve(places, np.zeros(_SAMPLES)))
+    everywhere = np.concatenate([curve.eigenvalues for curve in curves])
+    # all bands at all places at once is small and far cheaper than band by band
+    responses = _unit_bank(count)(everywhere).reshape(count, count, _SAMPLES)
+    return tuple(
+        BandCurve(curve.eigenvalues, responses[band, band]) for band, curve in enumerate(curves)
+    )
+
+
+def band_centers(low: float, high: float, count: int) -> FloatArray:
+    """Eigenvalue in the middle of each band, shape (count,)."""
+    return low + (high - low) * _unit_bank(count).parameters
+
+
+def band_responses(low: float, high: float, count: int, eigenvalues: FloatArray) -> FloatArray:
+    """Response of all bands to some eigenvalues, shape (count, k)."""
+    return _unit_bank(count)((eigenvalues - low) / (high - low))
 
 
 def band_support(low: float, high: float, count: int, band: int) -> tuple[float, float]:
@@ -38,15 +68,9 @@ def band_support(low: float, high: float, count: int, band: int) -> tuple[float,
     return low + first * width, low + last * width
 
 
-@lru_cache(maxsize=16)
 def band_curves(low: float, high: float, count: int) -> tuple[BandCurve, ...]:
     """All bands, each sampled over its support only."""
-    curves = []
-    # one call for all would be count² × samples: each band is asked on its own support instead
-    from meshmash_viewer.filters import construct_bspline_basis
-
-    for band, basis in enumerate(construct_bspline_basis(low, high, count)):
-        start, end = band_support(low, high, count, band)
-        x = np.linspace(start, end, _SAMPLES)
-        curves.append(BandCurve(x, np.maximum(basis(x), 0.0)))
-    return tuple(curves)
+    return tuple(
+        BandCurve(low + (high - low) * curve.eigenvalues, curve.response)
+        for curve in _unit_curves(count)
+    )

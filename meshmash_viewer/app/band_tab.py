@@ -6,7 +6,7 @@ import numpy as np
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QSpinBox, QVBoxLayout, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.band_curves import band_bank, band_support
+from meshmash_viewer.app.band_curves import band_centers, band_support
 from meshmash_viewer.app.facts import Facts, format_wavelength, note, show_note
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.app.play_button import PlayButton
@@ -150,7 +150,7 @@ class BandTab(QWidget):
             show_note(self.missing_note, "")
             return
         low, high = between
-        center = float(band_bank(low, high, display.band_count).parameters[band])
+        center = float(band_centers(low, high, display.band_count)[band])
         start, end = band_support(low, high, display.band_count, band)
         eigenvalues = spectrum.eigenvalues
         pairs = np.searchsorted(eigenvalues, [start, end])

@@ -11,7 +11,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.app.pin_legend import PinLegend
 from meshmash_viewer.app.plot import Plot, color, hatch, solid
-from meshmash_viewer.app.profile_curves import band_profile, fine_times, heat_profile
+from meshmash_viewer.app.profile_curves import Samples, samples_of
 from meshmash_viewer.app.profile_reader import ProfileReader
 from meshmash_viewer.app.segments import Segments
 from meshmash_viewer.model.display import FieldKind, SimilarityBasis
@@ -157,10 +157,11 @@ class ProfilePanel(QWidget):
         if not there:
             return
         self._name_axes()
+        samples = samples_of(self._shown, spectrum, self._document.display)
         for pin in pins:
             values = self._reader.values(pin.vertex)
             if values is not None:
-                self._draw(spectrum, pin, values[: len(spectrum)])
+                self._draw(pin, values[: len(spectrum)], samples)
         self._drawn = self._key()
         self._mark(spectrum)
 
@@ -198,55 +199,24 @@ class ProfilePanel(QWidget):
         self.plot.set_log(self._shown == "hks", self._shown == "hks")
         self.plot.set_labels(bottom, left)
 
-    def _draw(self, spectrum: Spectrum, pin: Pin, values: np.ndarray) -> None:
+    def _draw(self, pin: Pin, values: np.ndarray, samples: tuple[Samples, Samples]) -> None:
         if pin not in self._curves:
             curve, dots = pg.PlotCurveItem(), pg.ScatterPlotItem(pxMode=True)
-            curve.setPen(solid(pin.color, 2.0))
             dots.setPen(None)
             dots.setBrush(color(pin.color))
             self._curves[pin] = curve, dots
             self.plot.addItem(curve)
             self.plot.addItem(dots)
         curve, dots = self._curves[pin]
-        eigenvalues = spectrum.eigenvalues[: len(values)]
-        display = self._document.display
         if not np.isfinite(values).all():  # on no face: it has no values
             curve.setData([], [])
             dots.setData([], [])
-        elif self._shown == "eigenfunctions":
-            signs = np.ones(len(values))
-            signs[[index for index in display.flipped if index < len(values)]] = -1.0
-            x = np.arange(len(values), dtype=np.float64)
-            curve.setPen(solid(pin.color, 1.0, 0.45))
-            curve.setData(x, signs * values)
-            dots.setData(x, signs * values, size=5.0 if len(values) <= 200 else 3.5)
-        elif self._shown == "bands":
-            low, high = band_range(spectrum, display)
-            profile = band_profile(eigenvalues, values, low, high, display.band_count)
-            x = np.arange(display.band_count, dtype=np.float64)
-            curve.setPen(solid(pin.color, 2.0))
-            curve.setData(x, profile)
-            dots.setData(x, profile, size=6.0)
-        else:
-            self._draw_heat(curve, dots, pin, hks_range(spectrum, display), eigenvalues, values)
-
-    def _draw_heat(
-        self,
-        curve: pg.PlotCurveItem,
-        dots: pg.ScatterPlotItem,
-        pin: Pin,
-        between: tuple[float, float],
-        eigenvalues: np.ndarray,
-        values: np.ndarray,
-    ) -> None:
-        curve.setPen(solid(pin.color, 2.0))
-        tiny = np.finfo(np.float64).tiny
-        fine = fine_times(*between)
-        heat = heat_profile(eigenvalues, values, fine)
-        curve.setData(np.log10(fine), np.log10(np.maximum(heat, tiny)))
-        times = fine_times(*between, self._document.display.hks_scales)
-        heat = heat_profile(eigenvalues, values, times)
-        dots.setData(np.log10(times), np.log10(np.maximum(heat, tiny)), size=5.0)
+            return
+        raw = self._shown == "eigenfunctions"
+        curve.setPen(solid(pin.color, 1.0, 0.45) if raw else solid(pin.color, 2.0))
+        curve.setData(*samples[0].values(values))
+        places, heights = samples[1].values(values)
+        dots.setData(places, heights, size=5.0 if len(places) <= 200 else 3.5)
 
     def _mark(self, spectrum: Spectrum) -> None:
         """Mark what is on the render, and hatch what needs more eigenpairs."""

@@ -9,7 +9,7 @@ import pyqtgraph as pg
 from PySide6.QtCore import Qt
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.band_curves import band_bank, band_curves
+from meshmash_viewer.app.band_curves import band_centers, band_curves, band_responses
 from meshmash_viewer.app.plot import Plot, color, dashed, hatch, solid
 from meshmash_viewer.model.display import Display, FieldKind, SimilarityBasis
 from meshmash_viewer.model.document import Document
@@ -158,7 +158,7 @@ class ResponseView:
                 item.setData([], [])
         current = curves[min(display.band, count - 1)]
         self.response.setData(self._x(current.eigenvalues), current.response)
-        center = float(band_bank(low, high, count).parameters[min(display.band, count - 1)])
+        center = float(band_centers(low, high, count)[min(display.band, count - 1)])
         known = float(spectrum.eigenvalues[-1])
         for line, value in ((self.low, low), (self.high, high), (self.handle, center)):
             line.setVisible(True)
@@ -199,8 +199,8 @@ class ResponseView:
         if shows_bands(display):
             low, high = band_range(spectrum, display)
             if low <= value <= high:
-                response = band_bank(low, high, display.band_count)(np.array([value]))[:, 0]
-                display.band = int(np.argmax(response))
+                response = band_responses(low, high, display.band_count, np.array([value]))
+                display.band = int(np.argmax(response[:, 0]))
                 display.kind = FieldKind.BAND
         elif value > 0.0:
             self._set_time(spectrum, 1.0 / value)
@@ -218,7 +218,7 @@ class ResponseView:
         if line is self.handle:
             if shows_bands(display):
                 low, high = band_range(spectrum, display)
-                centers = band_bank(low, high, display.band_count).parameters
+                centers = band_centers(low, high, display.band_count)
                 display.band = int(np.argmin(np.abs(centers - value)))
                 display.kind = FieldKind.BAND
             elif value > 0.0:

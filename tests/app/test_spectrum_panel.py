@@ -9,8 +9,9 @@ from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.band_curves import band_bank, band_curves, band_support
+from meshmash_viewer.app.band_curves import band_centers, band_curves, band_responses, band_support
 from meshmash_viewer.app.spectrum_panel import SpectrumPanel
+from meshmash_viewer.filters import bspline_bank
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.ranges import band_range, hks_range, hks_time
@@ -114,7 +115,7 @@ def test_a_band_is_clicked_or_dragged_to(panel: SpectrumPanel, document) -> None
     display = document.display
     display.kind = FieldKind.BAND
     low, high = band_range(document.spectrum, display)
-    centers = band_bank(low, high, display.band_count).parameters
+    centers = band_centers(low, high, display.band_count)
     click(panel, centers[20], 0.9)
     assert display.band == 20
     assert panel.view.handle.value() == pytest.approx(centers[20])
@@ -152,12 +153,14 @@ def test_what_is_beyond_the_spectrum_is_hatched(panel: SpectrumPanel, document) 
 def test_bands_sampled_on_their_supports_are_the_filter() -> None:
     low, high = 1e-8, 7e-8
     for count in (1, 2, 3, 4, 5, 32):
-        bank = band_bank(low, high, count)
+        bank = bspline_bank(low, high, count)
+        assert band_centers(low, high, count) == pytest.approx(bank.parameters)
         for band, curve in enumerate(band_curves(low, high, count)):
             assert curve.response == pytest.approx(bank(curve.eigenvalues)[band], abs=1e-9), (
                 f"band {band} of {count}"
             )
             fine = np.linspace(low, high, 1001)
+            assert band_responses(low, high, count, fine) == pytest.approx(bank(fine), abs=1e-9)
             start, end = band_support(low, high, count, band)
             outside = (fine < start - 1e-12) | (fine > end + 1e-12)
             assert np.abs(bank(fine)[band][outside]).max(initial=0.0) < 1e-12
