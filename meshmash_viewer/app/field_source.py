@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 
 from PySide6.QtCore import QObject, Qt, QThread, Signal, Slot
 
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, FieldRequest, compute_field, request_of
+from meshmash_viewer.model.limits import LimitPolicy
 from meshmash_viewer.model.live import LiveFeatures
+from meshmash_viewer.progress import CancelCallback, Cancelled
 
 __all__ = ["FieldSource"]
 
@@ -32,16 +35,22 @@ _WATCHED = (
 )
 
 
+#: Seconds without a newer request after which it is worth building tables for the last one.
+_REST = 0.15
+
+
 class FieldSource(QObject):
     """Listens to a document and answers with fields.
 
     `field_ready` carries each new `Field`, or None when there is nothing to show; `failed` one
-    sentence if a field cannot be computed.
+    sentence if a field cannot be computed. One thread answers requests; another builds the
+    tables that make the next ones cheap, after which a draft is computed again.
     """
 
     field_ready = Signal(object)
     failed = Signal(str)
     _computed = Signal(object, object)
+    _prepared = Signal(object)
 
     def __init__(self, document: Document, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -49,13 +58,18 @@ class FieldSource(QObject):
         self._live = LiveFeatures()
         self._field: Field | None = None
         self._wanted: FieldRequest | None = None
-        self._thread = _FieldThread(self, self._live)
-        self._computed.connect(self._take, Qt.ConnectionType.QueuedConnection)
+        self._policy: LimitPolicy | None = None
+        queued = Qt.ConnectionType.QueuedConnection
+        self._computed.connect(self._take, queued)
+        self._prepared.connect(self._improve, queued)
+        self._answers = _LatestThread(self._answer, parent=self)
+        self._tables = _LatestThread(self._build, rest=_REST, parent=self)
         self._signals = [getattr(document.display.events, name) for name in _WATCHED]
         self._signals += [document.spectrum_changed, document.mesh_changed]
         for signal in self._signals:
             signal.connect(self.refresh)
-        self._thread.start()
+        self._answers.start()
+        self._tables.start(QThread.Priority.LowPriority)
 
     @property
     def field(self) -> Field | None:
@@ -69,83 +83,159 @@ class FieldSource(QObject):
 
     @property
     def idle(self) -> bool:
-        """Whether the field is the one wanted, and final."""
+        """Whether the field is the one wanted, and nothing is being computed."""
+        if self._answers.working or self._tables.working:
+            return False
         field = self._field
-        if self._wanted is None:
-            return field is None
-        return field is not None and field.request == self._wanted and not self._thread.working
+        if self._wanted is None or field is None:
+            return self._wanted is None and field is None
+        return field.request == self._wanted
 
     def refresh(self) -> None:
         """Ask for the field that the document wants now; nothing happens if it is there."""
         request = request_of(self._document)
+        self._policy = self._document.display.limits
         if request == self._wanted:
             return
-        self._wanted = request
-        if request is None:
-            self._thread.ask(None)
+        before, self._wanted = self._wanted, request
+        if request is None or (before is not None and not _same_mesh(before, request)):
+            self._answers.drop()
+            self._tables.drop()
+            self._live.forget()
             self._field = None
             self.field_ready.emit(None)
-        else:
-            self._thread.ask(request)
+        if request is not None:
+            self._answers.ask(request)
 
     def close(self) -> None:
-        """Stop the thread and wait for it."""
+        """Stop both threads and wait for them."""
         for signal in self._signals:
             signal.disconnect(self.refresh)
-        self._thread.close()
-        self._thread.wait()
+        self._answers.close()
+        self._tables.close()
+
+    # -- in the threads -----------------------------------------------------------------------
+
+    def _answer(self, request: FieldRequest, cancel: CancelCallback) -> None:
+        answer: Field | Exception | None
+        try:
+            answer = compute_field(request, self._live)
+            if answer is not None:
+                answer.limits(self._policy)  # so that nobody waits for them
+        except Exception as error:  # noqa: BLE001  the window says it
+            answer = error
+        self._computed.emit(request, answer)
+
+    def _build(self, request: FieldRequest, cancel: CancelCallback) -> None:
+        try:
+            self._live.prepare(request, cancel)
+        except Cancelled:
+            return
+        except Exception as error:  # noqa: BLE001  the window says it
+            self._computed.emit(request, error)
+            return
+        self._prepared.emit(request)
+
+    # -- in the interface thread --------------------------------------------------------------
 
     @Slot(object, object)
-    def _take(self, request: FieldRequest, answer: Field | Exception) -> None:
-        if request.spectrum.rows.shape[1:] != self._shape():
-            return  # of a mesh that is gone
-        if isinstance(answer, Exception):
-            self.failed.emit(f"The field cannot be computed: {answer}")
+    def _take(self, request: FieldRequest, answer: Field | Exception | None) -> None:
+        if self._wanted is None or not _same_mesh(self._wanted, request):
             return
-        self._field = answer
-        self.field_ready.emit(answer)
+        if isinstance(answer, Exception):
+            self.failed.emit(f"The field cannot be computed ({type(answer).__name__}): {answer}")
+            return
+        if not self._live.prepared(self._wanted):
+            self._tables.ask(self._wanted)
+        if answer is not None:
+            self._field = answer
+            self.field_ready.emit(answer)
 
-    def _shape(self) -> tuple[int, ...]:
-        wanted = self._wanted
-        return wanted.spectrum.rows.shape[1:] if wanted is not None else ()
+    @Slot(object)
+    def _improve(self, request: FieldRequest) -> None:
+        """Compute the field again if it had to do without the tables that are there now."""
+        wanted, field = self._wanted, self._field
+        if wanted is None or not _same_mesh(wanted, request) or wanted.kind is not request.kind:
+            return
+        if field is None or field.draft or field.request != wanted:
+            self._answers.ask(wanted)
 
 
-class _FieldThread(QThread):
-    """One request at a time; a newer one takes the place of the one that waits."""
+def _same_mesh(one: FieldRequest, other: FieldRequest) -> bool:
+    """Whether two spectra are of the same vertices, as far as their number tells."""
+    return one.spectrum.rows.shape[1] == other.spectrum.rows.shape[1]
 
-    def __init__(self, source: FieldSource, live: LiveFeatures) -> None:
-        super().__init__(source)
-        self._source = source
-        self._live = live
+
+class _LatestThread(QThread):
+    """Works on one request at a time; a newer one takes the place of the one that waits.
+
+    Parameters
+    ----------
+    work : callable
+        Called with a request, and with a function that says whether to give up.
+    rest : float
+        Seconds that a request has to stay the latest before it is worked on.
+    """
+
+    def __init__(
+        self,
+        work: Callable[[FieldRequest, CancelCallback], None],
+        rest: float = 0.0,
+        parent: QObject | None = None,
+    ) -> None:
+        super().__init__(parent)
+        self._work = work
+        self._rest = rest
         self._condition = threading.Condition()
         self._next: FieldRequest | None = None
+        self._dropped = False
         self._closing = False
-        self.working = False
+        self._working = False
 
-    def ask(self, request: FieldRequest | None) -> None:
+    @property
+    def working(self) -> bool:
+        """Whether there is a request that has not been worked on."""
+        return self._working
+
+    def ask(self, request: FieldRequest) -> None:
+        """Take a request in the place of the one that waits."""
         with self._condition:
             self._next = request
-            self.working = self.working or request is not None
+            self._working = True
             self._condition.notify()
 
+    def drop(self) -> None:
+        """Forget the request that waits, and give up the one that is worked on."""
+        with self._condition:
+            self._next = None
+            self._dropped = True
+
     def close(self) -> None:
+        """Give up, and wait until the thread has ended."""
         with self._condition:
             self._closing = True
             self._condition.notify()
+        self.wait()
 
     def run(self) -> None:
-        while True:
-            with self._condition:
-                while self._next is None and not self._closing:
-                    self.working = False
+        """Wait for requests and work on them."""
+        while (request := self._take()) is not None:
+            self._work(request, self._given_up)
+
+    def _take(self) -> FieldRequest | None:
+        with self._condition:
+            while not self._closing:
+                if self._next is None:
+                    self._working = False
                     self._condition.wait()
-                if self._closing:
-                    return
-                request, self._next = self._next, None
-            assert request is not None
-            answer: Field | Exception
-            try:
-                answer = compute_field(request, self._live)
-            except Exception as error:  # noqa: BLE001  the window says it
-                answer = error
-            self._source._computed.emit(request, answer)
+                    continue
+                latest = self._next
+                if self._rest and self._condition.wait(self._rest):
+                    continue  # a newer one, or the end
+                if self._next is latest:
+                    self._next, self._dropped = None, False
+                    return latest
+            return None
+
+    def _given_up(self) -> bool:
+        return self._dropped or self._closing

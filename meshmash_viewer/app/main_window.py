@@ -12,6 +12,7 @@ from PySide6.QtGui import (
     QDragLeaveEvent,
     QDropEvent,
     QGuiApplication,
+    QResizeEvent,
 )
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -20,6 +21,7 @@ from PySide6.QtWidgets import (
     QLabel,
     QMainWindow,
     QTabBar,
+    QTabWidget,
     QToolBar,
     QWidget,
 )
@@ -37,12 +39,15 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.jobs import DecomposeJob, ReadJob
-from meshmash_viewer.model.limits import automatic_limits
 from meshmash_viewer.units import format_quantity
 
 __all__ = ["MainWindow"]
 
 _LAYOUT_VERSION = 1
+#: What the four tabs of the Field panel need, in logical pixels.
+_FIELD_WIDTH = 316
+#: Below this width of the window the two plots share one place, as tabs.
+_NARROW = 1240
 
 
 class MainWindow(QMainWindow):
@@ -120,6 +125,8 @@ class MainWindow(QMainWindow):
         self.splitDockWidget(
             self.docks["spectrum"], self.docks["profile"], Qt.Orientation.Horizontal
         )
+        self._narrow = False
+        self.setTabPosition(areas.BottomDockWidgetArea, QTabWidget.TabPosition.North)
         self.docks["mesh"].setWidget(self.mesh_panel)
         self._first_state = None
 
@@ -153,11 +160,35 @@ class MainWindow(QMainWindow):
         if self._first_state is None:
             self._first_state = self.saveState(_LAYOUT_VERSION)
         self.restoreState(self._first_state, _LAYOUT_VERSION)
+        self._narrow = False
+        self._arrange_plots()
         sides = [self.docks["mesh"], self.docks["field"]]
         self.resizeDocks(sides, [290, 330], Qt.Orientation.Horizontal)
         below = [self.docks["spectrum"], self.docks["profile"]]
         self.resizeDocks(below, [230, 230], Qt.Orientation.Vertical)
         self.resizeDocks(below, [400, 400], Qt.Orientation.Horizontal)
+
+    def _arrange_plots(self) -> None:
+        """Put the plots side by side, or one behind the other where there is no room."""
+        narrow = self.width() < _NARROW
+        spectrum, profile = self.docks["spectrum"], self.docks["profile"]
+        bottom = Qt.DockWidgetArea.BottomDockWidgetArea
+        if narrow == self._narrow or any(
+            dock.isFloating() or dock.isHidden() or self.dockWidgetArea(dock) != bottom
+            for dock in (spectrum, profile)
+        ):
+            return
+        self._narrow = narrow
+        if narrow:
+            self.tabifyDockWidget(spectrum, profile)
+            spectrum.raise_()
+        else:
+            # a tab cannot be split off: it has to leave and come back
+            self.removeDockWidget(profile)
+            self.addDockWidget(bottom, profile)
+            self.splitDockWidget(spectrum, profile, Qt.Orientation.Horizontal)
+            profile.show()
+            self.resizeDocks([spectrum, profile], [400, 400], Qt.Orientation.Horizontal)
 
     def load(self) -> None:
         """Build the render and the plots; importing their libraries takes a moment."""
@@ -173,9 +204,11 @@ class MainWindow(QMainWindow):
         self.field_panel = FieldPanel(self.document)
         self.spectrum_panel = SpectrumPanel(self.document)
         self.profile_panel = ProfilePanel(self.document)
+        self.field_panel.setMinimumWidth(_FIELD_WIDTH)
         for name in ("field", "spectrum", "profile"):
-            placeholder = self.docks[name].widget()
-            self.docks[name].setWidget(getattr(self, f"{name}_panel"))
+            placeholder, panel = self.docks[name].widget(), getattr(self, f"{name}_panel")
+            panel.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+            self.docks[name].setWidget(panel)
             placeholder.deleteLater()
         self.field_source = FieldSource(self.document, self)
         self.field_source.field_ready.connect(self._on_field)
@@ -264,8 +297,7 @@ class MainWindow(QMainWindow):
             self.scene.set_nodal_lines(None)
             self.field_panel.set_field(None, (0.0, 1.0))
             return
-        policy = display.limits or automatic_limits(signed=field.signed)
-        limits = policy.limits(field.values)
+        limits = field.limits(display.limits)
         colormap = display.diverging_colormap if field.signed else display.sequential_colormap
         self.scene.set_field(field, limits, colormap)
         self.scene.set_nodal_lines(field.values if display.nodal_lines and field.signed else None)
@@ -359,6 +391,11 @@ class MainWindow(QMainWindow):
                 event.accept()
                 return True
         return super().eventFilter(watched, event)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Keep the plots readable."""
+        super().resizeEvent(event)
+        self._arrange_plots()
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         """Take files."""

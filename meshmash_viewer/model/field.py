@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.model.display import FieldKind, SimilarityBasis
+from meshmash_viewer.model.limits import LimitPolicy, automatic_limits
 from meshmash_viewer.model.ranges import band_range, hks_range, hks_time
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.units import format_quantity, power_unit
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.model.document import Document
     from meshmash_viewer.model.live import LiveFeatures
 
-__all__ = ["Field", "FieldRequest", "request_of"]
+__all__ = ["Field", "FieldRequest", "compute_field", "request_of"]
 
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
@@ -98,6 +99,21 @@ class Field:
     unit: str = ""
     signed: bool = False
     draft: bool = False
+    _limits: dict[LimitPolicy, tuple[float, float]] = field(default_factory=dict, repr=False)
+
+    def limits(self, policy: LimitPolicy | None) -> tuple[float, float]:
+        """Limits of the colours under a policy, computed once.
+
+        Parameters
+        ----------
+        policy : LimitPolicy or None
+            None takes the one that suits the field.
+        """
+        policy = policy or automatic_limits(signed=self.signed)
+        known = self._limits.get(policy)
+        if known is None:
+            known = self._limits[policy] = policy.limits(self.values)
+        return known
 
     @property
     def kind(self) -> FieldKind:
@@ -168,7 +184,7 @@ def request_of(document: Document) -> FieldRequest | None:
     return FieldRequest(spectrum, unit, FieldKind.EIGENFUNCTION, index=index, flipped=flipped)
 
 
-def compute_field(request: FieldRequest, live: LiveFeatures) -> Field:
+def compute_field(request: FieldRequest, live: LiveFeatures) -> Field | None:
     """Compute the values a request asks for.
 
     Parameters
@@ -179,8 +195,10 @@ def compute_field(request: FieldRequest, live: LiveFeatures) -> Field:
 
     Returns
     -------
-    Field
+    Field or None
+        None if `live` has to be prepared first.
     """
+    values: npt.NDArray[np.float32] | None
     if request.kind is FieldKind.HKS:
         values, draft = live.heat_kernel(request)
     elif request.kind is FieldKind.BAND:
@@ -189,6 +207,8 @@ def compute_field(request: FieldRequest, live: LiveFeatures) -> Field:
         values, draft = live.similarity(request)
     else:
         values, draft = eigenfunction(request), request.spectrum.preview
+    if values is None:
+        return None
     return Field(
         values,
         request,

@@ -17,6 +17,8 @@ __all__ = [
     "automatic_limits",
 ]
 
+_SAMPLE = 100_000
+
 
 class LimitPolicy(Protocol):
     """What every policy can do; policies are frozen and compare by value."""
@@ -56,6 +58,17 @@ def _finite(values: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
     return kept if kept.size else np.zeros(1, dtype=values.dtype)
 
 
+def _extremes(values: npt.NDArray[np.floating]) -> tuple[float, float]:
+    """Smallest and largest finite value; (0, 0) if there is none."""
+    if values.size:
+        # these two skip NaN, without a copy of the others
+        low, high = float(np.fmin.reduce(values)), float(np.fmax.reduce(values))
+        if np.isfinite(low) and np.isfinite(high):
+            return low, high
+    kept = _finite(values)
+    return float(kept.min()), float(kept.max())
+
+
 @dataclass(frozen=True)
 class SymmetricLimits:
     """Symmetric about zero: for signed fields, so that the middle colour is the nodal line."""
@@ -64,7 +77,8 @@ class SymmetricLimits:
 
     def limits(self, values: npt.NDArray[np.floating]) -> tuple[float, float]:
         """See `LimitPolicy.limits`."""
-        bound = float(np.abs(_finite(values)).max()) or 1.0
+        low, high = _extremes(values)
+        bound = max(abs(low), abs(high)) or 1.0
         return -bound, bound
 
 
@@ -76,13 +90,16 @@ class MinMaxLimits:
 
     def limits(self, values: npt.NDArray[np.floating]) -> tuple[float, float]:
         """See `LimitPolicy.limits`."""
-        kept = _finite(values)
-        return _opened(float(kept.min()), float(kept.max()))
+        return _opened(*_extremes(values))
 
 
 @dataclass(frozen=True)
 class PercentileLimits:
-    """Between two percentiles: for fields whose tips would take all the colours."""
+    """Between two percentiles: for fields whose tips would take all the colours.
+
+    Of more than `_SAMPLE` values evenly spaced ones are looked at: a percentile of 100 000 values
+    is off by less than 0.1 of a percent of them.
+    """
 
     low: float = 1.0
     high: float = 99.0
@@ -94,7 +111,8 @@ class PercentileLimits:
 
     def limits(self, values: npt.NDArray[np.floating]) -> tuple[float, float]:
         """See `LimitPolicy.limits`."""
-        low, high = np.percentile(_finite(values), [self.low, self.high])
+        sample = values[:: max(len(values) // _SAMPLE, 1)]
+        low, high = np.percentile(_finite(sample), [self.low, self.high])
         return _opened(float(low), float(high))
 
 

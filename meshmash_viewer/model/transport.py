@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
+import numpy.typing as npt
 
 __all__ = ["Wire"]
 
@@ -98,11 +99,11 @@ class Wire:
             raise EOFError("the other end of the connection is gone")
         return data
 
-    def _take(self, name: str, size: int) -> np.ndarray:
+    def _take(self, name: str, size: int) -> npt.NDArray[np.uint8]:
         memory = np.empty(size, dtype=np.uint8)
         path = self._folder / name
         with open(path, "rb", buffering=0) as file:
-            view, start = memoryview(memory), 0
+            view, start = memory.data, 0
             while start < size:
                 count = file.readinto(view[start:])
                 if not count:

@@ -1,0 +1,222 @@
+"""The heat kernel signature at any time of a range, from a few stored columns.
+
+As a function of log t the signature of a vertex is smooth, so its values at nodes that are evenly
+spaced in log t tell those in between. Polynomials would do poorly where ``exp(-λ t)`` falls
+steeply; instead the six nodes around a time are combined with the weights that fit
+``exp(-λ_k t)`` best, in least squares over the spectrum itself. Weights and error depend on the
+eigenvalues alone, so the error is known before anything is drawn.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.model.squares import add_squares, sum_squares
+from meshmash_viewer.progress import CancelCallback
+
+__all__ = ["HeatTable", "build_heat_table"]
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+ColumnArray: TypeAlias = npt.NDArray[np.float32]
+
+#: Nodes that one time is combined from.
+_STENCIL = 6
+#: Distances of nodes in log t that are tried, and the error that decides.
+_STEPS = (0.5, 0.42, 0.35, 0.3, 0.25, 0.2)
+_TOLERANCE = 8e-5
+#: Pairs whose share of a column is below this add nothing to it.
+_NEGLIGIBLE = 1e-9
+#: Eigenvalues below this share of the largest are zero but for rounding.
+_ZERO_SHARE = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class HeatTable:
+    """Stored columns of the signature, and how to combine them.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+        Whose signature this is.
+    end : float
+        log t of the last node.
+    step : float
+        Distance of neighbouring nodes in log t; nodes run from short to long times.
+    columns : ndarray of float32, shape (m, n)
+        The signature at the nodes, without the null space.
+    base : ndarray of float32, shape (n,)
+        The null space's part, which is the same at all times.
+    """
+
+    spectrum: Spectrum
+    end: float
+    step: float
+    columns: ColumnArray
+    base: ColumnArray
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes m."""
+        return len(self.columns)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that it holds."""
+        return self.columns.nbytes + self.base.nbytes
+
+    @cached_property
+    def _rates(self) -> FloatArray:
+        """Nonzero eigenvalues, shape (k,)."""
+        return _nonzero(self.spectrum.eigenvalues)
+
+    def covers(self, time: float) -> bool:
+        """Whether there are nodes on both sides of a time."""
+        if not time > 0.0:
+            return False
+        first = self.end - (self.n_nodes - 1) * self.step
+        return first <= math.log(time) <= self.end
+
+    def at(self, time: float) -> ColumnArray:
+        """The signature at one time, shape (n,), in inverse squared length units.
+
+        Parameters
+        ----------
+        time : float
+            One that the table `covers`.
+        """
+        start, weights = _weights(self._rates, self.end, self.step, self.n_nodes, time)
+        stencil = self.columns[start : start + _STENCIL]
+        values = weights.astype(np.float32) @ stencil
+        values += self.base
+        return np.asarray(values)
+
+    def error(self, time: float) -> float:
+        """Bound of the mean error at a time, relative to the mean of what varies there.
+
+        The mean over the surface of ``|Σ_k δ_k φ_k²|``, δ_k being the misfit of
+        ``exp(-λ_k t)``, is at most ``Σ_k |δ_k| / area``; the mean of the signature less its null
+        space is ``Σ_k exp(-λ_k t) / area``.
+        """
+        return _error(self._rates, self.end, self.step, self.n_nodes, time)
+
+
+def build_heat_table(
+    spectrum: Spectrum,
+    times: tuple[float, float],
+    known: HeatTable | None = None,
+    cancel: CancelCallback | None = None,
+) -> HeatTable:
+    """Compute a table for a range of times.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+    times : tuple of float
+        Shortest and longest time, in squared length units.
+    known : HeatTable, optional
+        Of the same spectrum before it grew; what it holds is not computed again.
+    cancel : callable, optional
+        `Cancelled` is raised after it returns True.
+    """
+    rates = _nonzero(spectrum.eigenvalues)
+    first, last = math.log(times[0]), math.log(times[1])
+    n_pairs = len(spectrum)
+    n_zero = n_pairs - len(rates)
+    base = sum_squares(spectrum.rows, _only(n_pairs, slice(0, n_zero)), cancel=cancel)[0]
+    end, step, n_nodes = _grid(rates, first, last, known)
+    decay = np.zeros((n_nodes, n_pairs))
+    nodes = np.exp(end - step * np.arange(n_nodes)[::-1])
+    decay[:, n_zero:] = np.exp(-np.outer(nodes, rates))
+    columns = np.zeros((n_nodes, spectrum.rows.shape[1]), dtype=np.float32)
+    n_known = 0
+    if known is not None and (known.end, known.step) == (end, step):
+        n_known = min(n_nodes, known.n_nodes)
+        columns[-n_known:] = known.columns[-n_known:]
+        old = len(known.spectrum)
+        decay[-n_known:, :old] = 0.0
+    decay[decay < _NEGLIGIBLE * decay.max(axis=1, keepdims=True)] = 0.0
+    fresh = n_nodes - n_known
+    if fresh:
+        add_squares(columns[:fresh], spectrum.rows, decay[:fresh], cancel=cancel)
+    if n_known and decay[fresh:].any():
+        add_squares(columns[fresh:], spectrum.rows, decay[fresh:], cancel=cancel)
+    return HeatTable(spectrum, end, step, columns, base)
+
+
+def _grid(
+    rates: FloatArray, first: float, last: float, known: HeatTable | None
+) -> tuple[float, float, int]:
+    """Last node, step and number of nodes for a range of log t; those of `known` if they do."""
+    if known is not None:
+        n_nodes = _count(first, known.end, known.step)
+        enough = known.end >= last and known.end - last < 2.0 * _STENCIL * known.step
+        if enough and _worst(rates, first, known.end, known.step, n_nodes) <= 1.2 * _TOLERANCE:
+            return known.end, known.step, n_nodes
+    for step in _STEPS:
+        end = last + (_STENCIL // 2 - 1) * step
+        n_nodes = _count(first, end, step)
+        if _worst(rates, first, end, step, n_nodes) <= _TOLERANCE:
+            break
+    return end, step, n_nodes
+
+
+def _count(first: float, end: float, step: float) -> int:
+    """Number of nodes that put a time at `first` in the middle of its stencil."""
+    return max(math.ceil((end - first) / step) + _STENCIL // 2, _STENCIL)
+
+
+def _worst(rates: FloatArray, first: float, end: float, step: float, n_nodes: int) -> float:
+    """Largest error of a grid, looked for between its nodes."""
+    if not len(rates):
+        return 0.0
+    between = np.arange(first, end - (_STENCIL // 2 - 1) * step, step / 3.0)
+    return max((_error(rates, end, step, n_nodes, math.exp(x)) for x in between), default=0.0)
+
+
+def _weights(
+    rates: FloatArray, end: float, step: float, n_nodes: int, time: float
+) -> tuple[int, FloatArray]:
+    """First node of the stencil around a time, and the weights of its nodes, shape (6,)."""
+    position = n_nodes - 1 - (end - math.log(time)) / step
+    start = min(max(math.floor(position) - (_STENCIL // 2 - 1), 0), n_nodes - _STENCIL)
+    if not len(rates):
+        return start, np.zeros(_STENCIL)
+    nodes = np.exp(end - step * (n_nodes - 1 - np.arange(start, start + _STENCIL)))
+    decay = np.exp(-np.outer(rates, nodes))
+    # Columns of equal size, and a floor for singular values above the rounding of float32, so
+    # that large weights of opposite sign do not blow that up.
+    size = decay.sum(axis=0)
+    size[size == 0.0] = 1.0
+    left, singular, right = np.linalg.svd(decay / size, full_matrices=False)
+    damped = singular / (singular**2 + (1e-6 * singular[0]) ** 2)
+    weights = right.T @ (damped * (left.T @ np.exp(-rates * time))) / size
+    return start, np.asarray(weights)
+
+
+def _error(rates: FloatArray, end: float, step: float, n_nodes: int, time: float) -> float:
+    if not len(rates):
+        return 0.0
+    start, weights = _weights(rates, end, step, n_nodes, time)
+    nodes = np.exp(end - step * (n_nodes - 1 - np.arange(start, start + _STENCIL)))
+    wanted = np.exp(-rates * time)
+    misfit = np.exp(-np.outer(rates, nodes)) @ weights - wanted
+    return float(np.abs(misfit).sum() / max(wanted.sum(), 1e-300))
+
+
+def _nonzero(eigenvalues: FloatArray) -> FloatArray:
+    if not len(eigenvalues):
+        return eigenvalues
+    return eigenvalues[eigenvalues > _ZERO_SHARE * abs(float(eigenvalues[-1]))]
+
+
+def _only(n_pairs: int, which: slice) -> FloatArray:
+    coefficients = np.zeros((1, n_pairs))
+    coefficients[0, which] = 1.0
+    return coefficients
