@@ -15,7 +15,8 @@ class Canvas(QVTKRenderWindowInteractor):
     """A widget with a render window of its own; VTK's interactor gets no event.
 
     Nothing is drawn here: `frame_due` asks for a frame, once for any number of `update` calls.
-    When the screen has only lost what it showed, the last frame is shown again. Places are in this widget's coordinates.
+    When the screen has only lost what it showed, the last frame is shown again. Places are in
+    this widget's coordinates.
     """
 
     frame_due = Signal()

@@ -12,6 +12,7 @@ from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
 from meshmash_viewer.app.render.drawing import Drawing, read_pixels
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, SymmetricLimits
 
 __all__ = ["draw_picture", "render_picture"]
 
@@ -59,7 +60,7 @@ def render_picture(
     drawing.set_mesh(mesh, mesh.vertex_normals)
     if values is not None:
         values = np.asarray(values, dtype=np.float32)
-        drawing.set_field(values, limits or _limits(values), colormap, title, quantity, unit)
+        drawing.set_field(values, _limits(values, limits), colormap, title, quantity, unit)
     pixels = draw_picture(drawing, size, transparent)
     # Late: the writers load more than a picture on the screen needs.
     from meshmash_viewer.io.write import write_picture
@@ -67,9 +68,12 @@ def render_picture(
     write_picture(path, pixels)
 
 
-def _limits(values: npt.NDArray[np.float32]) -> tuple[float, float]:
-    from meshmash_viewer.model.limits import MinMaxLimits, SymmetricLimits
-
+def _limits(
+    values: npt.NDArray[np.float32], wanted: tuple[float, float] | None
+) -> tuple[float, float]:
+    """Ends of the colour bar, the lower below the upper for a constant field, too."""
+    if wanted is not None:
+        return LockedLimits(*wanted).limits(values)
     signed = bool((values < 0.0).any() and (values > 0.0).any())
     return (SymmetricLimits() if signed else MinMaxLimits()).limits(values)
 

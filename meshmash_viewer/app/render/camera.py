@@ -135,6 +135,16 @@ def _compactness(mesh: Mesh) -> float:
     return 36.0 * np.pi * volume**2 / area**3 * share if area > 0.0 else 0.0
 
 
+def _stands_on(mesh: Mesh, axis: int) -> bool:
+    """Whether the lower end along an axis is a base: a fiftieth of the area is flat on it."""
+    corners = mesh.vertices[mesh.faces[:: max(1, mesh.n_faces // 50_000)]]
+    edges = corners[:, 1:] - corners[:, :1]
+    areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    top = corners[:, :, axis].max(axis=1)
+    low, high = float(corners[:, :, axis].min()), float(top.max())
+    return bool(areas[top < low + 0.01 * (high - low)].sum() > 0.02 * areas.sum())
+
+
 def sampled_points(mesh: Mesh) -> FloatArray:
     """Some hundred thousand at most of the vertices that faces use, shape (m, 3)."""
     points = mesh.vertices[mesh.referenced]
@@ -146,8 +156,8 @@ def default_axes(mesh: Mesh) -> FloatArray:
 
     Spindly meshes (neurons) have no up: they lie with their longest principal axis across the
     picture and their shortest towards the eye. Bodies stand on their feet, y up as in graphics
-    or z up where the unit is that of medical images or the mesh stands tall along z, turned by a
-    third of a right angle so that depth shows.
+    or z up where the unit is that of medical images or the mesh stands tall on a flat base,
+    turned by a third of a right angle so that depth shows.
     """
     points = sampled_points(mesh)
     if mesh.unit in ("nm", "µm") or _compactness(mesh) < 0.01:
@@ -158,7 +168,8 @@ def default_axes(mesh: Mesh) -> FloatArray:
         return np.array([right, up, np.cross(right, up)])
     low, high = points.min(axis=0), points.max(axis=0)
     extent = high - low
-    up_axis = 2 if mesh.unit == "mm" or extent[2] > 1.15 * max(extent[0], extent[1]) else 1
+    tall = extent[2] > 1.15 * max(extent[0], extent[1]) and _stands_on(mesh, 2)
+    up_axis = 2 if mesh.unit == "mm" or tall else 1
     flat = [axis for axis in range(3) if axis != up_axis]
     eye_axis = min(flat, key=lambda axis: extent[axis])
     if extent[eye_axis] > 0.6 * max(extent[axis] for axis in flat):

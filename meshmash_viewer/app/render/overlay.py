@@ -237,10 +237,14 @@ def paint_marks(sheet: Sheet, marks: Sequence[Mark], view: View) -> None:
     painter, theme, width, height, scale = _parts(sheet)
     for mark in marks:
         x, y, _ = view.to_pixels(mark.position, width, height)[0]
-        opacity = 0.4 if mark.hidden else 1.0
-        painter.disc(x, y, 7.5 * scale, "#14181d", 0.5 * opacity)
-        painter.disc(x, y, 6.6 * scale, theme.halo, opacity)
-        painter.disc(x, y, 4.9 * scale, mark.color, opacity)
+        opacity = 0.55 if mark.hidden else 1.0
+        if mark.hidden:
+            painter.disc(x, y, 5.6 * scale, "#14181d", 0.35)
+            painter.disc(x, y, 4.6 * scale, mark.color, 0.7)
+        else:
+            painter.disc(x, y, 7.5 * scale, "#14181d", 0.5)
+            painter.disc(x, y, 6.6 * scale, theme.halo)
+            painter.disc(x, y, 4.9 * scale, mark.color)
         if mark.label:
             painter.disc(x + 13 * scale, y + 12 * scale, 8 * scale, "#14181d", 0.75 * opacity)
             painter.text(

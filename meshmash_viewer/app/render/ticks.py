@@ -62,11 +62,13 @@ def ticks(low: float, high: float, most: int = 6) -> tuple[list[float], list[str
         exponent = 0
     # 10.0**-320 is no longer a normal number; texts are taken relative to it all the same.
     low, high = low / 10.0**exponent, high / 10.0**exponent
-    coarsest = (high - low) / max(most - 1, 1)
-    power = 10.0 ** floor(log10(coarsest))
-    step = next(s * power for s in (1.0, 2.0, 5.0, 10.0) if s * power >= coarsest * (1 - 1e-9))
+    # The smallest round step that does not give too many.
+    power = 10.0 ** floor(log10((high - low) / (most + 1)))
+    for step in (factor * power for factor in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)):
+        first, last = ceil(low / step - 1e-6), floor(high / step + 1e-6)
+        if last - first < most:
+            break
     decimals = max(0, -floor(log10(step) + 1e-9))
-    first, last = ceil(low / step - 1e-6), floor(high / step + 1e-6)
     multiples = range(first, last + 1)
     texts = [f"{k * step:.{decimals}f}".replace("-", "−") for k in multiples]
     if decimals > 6:

@@ -1,0 +1,67 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from meshmash_viewer.app.render.ticks import exponent_text, round_length, scale_bar_text, ticks
+
+
+@pytest.mark.parametrize(
+    ("longest", "length"),
+    [(1.0, 1.0), (1.99, 1.0), (2.0, 2.0), (4.99, 2.0), (5.0, 5.0), (9.9, 5.0), (0.07, 0.05)],
+)
+@pytest.mark.parametrize("power", [-9, 0, 6])
+def test_lengths_are_round(longest: float, length: float, power: int) -> None:
+    assert round_length(longest * 10.0**power) == pytest.approx(length * 10.0**power)
+
+
+@pytest.mark.parametrize(
+    ("length", "unit", "text"),
+    [
+        (500.0, "nm", "500 nm"),
+        (1000.0, "nm", "1 µm"),
+        (20_000.0, "nm", "20 µm"),
+        (2e6, "nm", "2 mm"),
+        (0.02, "m", "20 mm"),
+        (0.5, "m", "0.5 m"),
+        (0.05, "mm", "50 µm"),
+        (50.0, "mm", "50 mm"),
+        (0.2, "", "0.2 units"),
+        (1e-7, "", "1e-07 units"),
+    ],
+)
+def test_lengths_are_written_in_the_unit_of_their_size(length: float, unit: str, text: str) -> None:
+    assert scale_bar_text(length, unit) == text
+
+
+def test_exponents() -> None:
+    assert exponent_text(-5) == "×10⁻⁵"
+    assert exponent_text(0) == ""
+
+
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [(-1.3e-5, 1.3e-5), (0.0, 1.0), (0.0, 7e8), (3e-9, 4e-9), (-250.0, 1e3), (1e-300, 3e-300)],
+)
+@pytest.mark.parametrize("most", [2, 4, 7])
+def test_ticks_are_round_true_and_few(low: float, high: float, most: int) -> None:
+    values, texts, exponent = ticks(low, high, most)
+    span = high - low
+    assert 1 <= len(values) <= most
+    assert all(low - 1e-5 * span <= value <= high + 1e-5 * span for value in values)
+    assert len(set(texts)) == len(texts)
+    said = [float(text.replace("−", "-")) * 10.0**exponent for text in texts]
+    np.testing.assert_allclose(said, values, rtol=1e-6, atol=1e-6 * span)
+
+
+def test_zero_is_a_tick_of_a_symmetric_bar_and_decimals_agree() -> None:
+    values, texts, exponent = ticks(-1.3e-5, 1.3e-5, 6)
+    assert exponent == -5
+    assert texts == ["−1.0", "−0.5", "0.0", "0.5", "1.0"]
+    assert values[2] == 0.0
+    assert ticks(0.0, 100.0, 6)[1] == ["0", "20", "40", "60", "80", "100"]
+
+
+def test_a_narrow_range_far_from_zero_is_told_apart() -> None:
+    _, texts, _ = ticks(1.0 - 1e-7, 1.0 + 1e-7, 5)
+    assert len(set(texts)) == len(texts)

@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from meshmash_viewer.app.picture import draw_picture, render_picture
+from meshmash_viewer.app.render.drawing import Drawing
+from meshmash_viewer.mesh import Mesh
+
+
+def drawn(mesh: Mesh, values: np.ndarray | None, **options: object) -> np.ndarray:
+    drawing = Drawing()
+    drawing.set_mesh(mesh, mesh.vertex_normals)
+    if values is not None:
+        drawing.set_field(values, (-1.0, 1.0), "RdBu_r", "Title", "λ₅ = 1", "nm⁻¹")
+    return draw_picture(drawing, (400, 300), **options)
+
+
+def test_size_and_opacity(sphere: Mesh, tmp_path: Path) -> None:
+    path = tmp_path / "ball.png"
+    render_picture(sphere, sphere.vertices[:, 2], path, size=(321, 234), title="Height", unit="nm")
+    with Image.open(path) as image:
+        picture = np.asarray(image.convert("RGBA"))
+    assert picture.shape == (234, 321, 4)
+    assert (picture[..., 3] == 255).all()
+    assert picture[..., :3].std() > 5.0
+
+
+def test_the_background_can_be_left_out(sphere: Mesh) -> None:
+    solid, clear = drawn(sphere, None), drawn(sphere, None, transparent=True)
+    assert (clear[:12, 180:220, 3] == 0).all()
+    middle = (slice(130, 170), slice(180, 220))
+    assert (clear[(*middle, 3)] == 255).all()
+    difference = solid[middle].astype(int) - clear[middle].astype(int)
+    assert np.abs(difference).max() <= 2
+    # Edges carry the mesh's colour and not that of a background that is not there.
+    edge = clear[(clear[..., 3] > 60) & (clear[..., 3] < 200)]
+    assert len(edge)
+    assert edge[:, :3].max() > 40
+
+
+def test_colours_are_those_of_the_field(sphere: Mesh) -> None:
+    """Red where it is high, blue where it is low, grey where there is nothing."""
+    for level, channel in ((0.9, 0), (-0.9, 2)):
+        picture = drawn(sphere, np.full(sphere.n_vertices, level, dtype=np.float32))
+        middle = picture[150, 180].astype(int)
+        assert middle[channel] == middle[:3].max()
+        assert middle[channel] - middle[2 - channel] > 60
+    picture = drawn(sphere, np.full(sphere.n_vertices, np.nan, dtype=np.float32))
+    middle = picture[150, 180].astype(int)
+    assert np.ptp(middle[:3]) < 12
+    assert 60 < middle[0] < 200
+
+
+def test_far_from_the_origin_it_looks_the_same(sphere: Mesh) -> None:
+    near = drawn(sphere, None)
+    far = drawn(Mesh(sphere.vertices + [1e7, -2e7, 3e7], sphere.faces), None)
+    assert np.abs(near.astype(int) - far.astype(int)).mean() < 0.5
+
+
+def test_limits_of_a_constant_field_are_opened(sphere: Mesh, tmp_path: Path) -> None:
+    path = tmp_path / "flat.png"
+    flat = np.ones(sphere.n_vertices)
+    render_picture(sphere, flat, path, size=(200, 150), limits=(1.0, 1.0))
+    render_picture(sphere, np.full(sphere.n_vertices, np.nan), path, size=(200, 150))
+    assert path.stat().st_size > 500
+
+
+def test_wrong_fields_and_colour_maps_are_refused(sphere: Mesh, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="does not fit a mesh"):
+        render_picture(sphere, np.ones(3), tmp_path / "no.png")
+    with pytest.raises(ValueError, match="colour map"):
+        render_picture(sphere, sphere.vertices[:, 0], tmp_path / "no.png", colormap="mauve")
+    assert not list(tmp_path.iterdir())
+
+
+SCRIPT = """
+import sys
+import numpy as np
+from meshmash_viewer.app.picture import render_picture
+from meshmash_viewer.mesh import Mesh
+corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+mesh = Mesh(corners, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
+render_picture(mesh, corners[:, 0], sys.argv[1], size=(200, 150))
+assert not [name for name in sys.modules if name.startswith("PySide6")]
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="displays are Linux's own affair")
+def test_no_display_and_no_qt_are_needed(tmp_path: Path) -> None:
+    path = tmp_path / "picture.png"
+    hidden = ("DISPLAY", "WAYLAND_DISPLAY")
+    surroundings = {name: value for name, value in os.environ.items() if name not in hidden}
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, str(path)],
+        env=surroundings,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    with Image.open(path) as picture:
+        assert picture.size == (200, 150)

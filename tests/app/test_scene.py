@@ -1,0 +1,295 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtGui import QWheelEvent
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QMainWindow
+from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
+
+import meshmash_viewer.app.scene as scene_module
+from meshmash_viewer.app.scene import Scene
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.document import Document, Pin
+
+
+@pytest.fixture
+def complaints() -> Iterator[vtkStringOutputWindow]:
+    """What VTK writes instead of raising; nothing, in the end."""
+    before, heard = vtkOutputWindow.GetInstance(), vtkStringOutputWindow()
+    vtkOutputWindow.SetInstance(heard)
+    yield heard
+    vtkOutputWindow.SetInstance(before)
+    assert heard.GetOutput() == ""
+
+
+@pytest.fixture
+def scene(qtbot, complaints) -> Iterator[Scene]:
+    window = QMainWindow()
+    scene = Scene(Document(), window)
+    window.setCentralWidget(scene)
+    window.resize(640, 480)
+    qtbot.addWidget(window)
+    with qtbot.waitSignal(scene.first_frame, timeout=20_000):
+        window.show()
+    yield scene
+    scene.close()
+    window.close()
+
+
+def show(scene: Scene, mesh: Mesh, qtbot) -> Mesh:
+    with qtbot.waitSignal(scene.picking_ready, timeout=20_000):
+        scene.set_mesh(mesh, mesh.vertex_normals)
+    return mesh
+
+
+def field(values: np.ndarray, title: str = "Eigenfunction 5") -> SimpleNamespace:
+    return SimpleNamespace(
+        values=values.astype(np.float32), title=title, quantity="λ₅ = 1 nm⁻²", unit="nm⁻¹"
+    )
+
+
+def facing(scene: Scene, mesh: Mesh) -> np.ndarray:
+    """Vertices of a convex mesh that look well towards the eye."""
+    towards = np.array(scene.camera()["axes"])[2]
+    return np.flatnonzero(mesh.vertex_normals @ towards > 0.5)
+
+
+def on_canvas(scene: Scene, vertex: int) -> QPoint:
+    return scene._canvas.mapFrom(scene, scene.display_point(vertex))
+
+
+def test_an_empty_scene_draws_and_answers(scene: Scene, qtbot) -> None:
+    assert scene.mesh is None
+    assert scene.vertex_at(100, 100) == -1
+    assert scene.camera() is None
+    scene.set_field(None)
+    scene.set_nodal_lines(None)
+    scene.reset_camera()
+    scene.set_theme(True)
+    assert scene.picture((120, 90)).shape == (90, 120, 4)
+
+
+@pytest.mark.parametrize("shift", [0.0, 1e7])
+def test_every_vertex_that_is_seen_is_picked_where_it_is_drawn(
+    scene: Scene, sphere: Mesh, qtbot, shift: float
+) -> None:
+    mesh = show(scene, Mesh(sphere.vertices + shift, sphere.faces, "nm"), qtbot)
+    vertices = facing(scene, mesh)
+    assert len(vertices) > 100
+    for vertex in vertices:
+        place = scene.display_point(vertex)
+        assert scene.vertex_at(place.x(), place.y()) == vertex
+    assert scene.vertex_at(2, 2) == -1
+
+
+def test_picking_holds_after_turning_and_zooming(scene: Scene, sphere: Mesh, qtbot) -> None:
+    mesh = show(scene, sphere, qtbot)
+    canvas = scene._canvas
+    before = scene.camera()
+    QTest.mousePress(canvas, Qt.MouseButton.LeftButton, pos=QPoint(300, 200))
+    for step in range(1, 8):
+        QTest.mouseMove(canvas, QPoint(300 + 15 * step, 200 + 9 * step))
+    QTest.mouseRelease(canvas, Qt.MouseButton.LeftButton, pos=QPoint(405, 263))
+    wheel(canvas, 1, QPoint(200, 300))
+    after = scene.camera()
+    assert after["axes"] != before["axes"]
+    assert after["half_size"] < before["half_size"]
+    inside = scene.rect().adjusted(10, 10, -10, -10)
+    for vertex in facing(scene, mesh):
+        place = scene.display_point(vertex)
+        if inside.contains(place):
+            assert scene.vertex_at(place.x(), place.y()) == vertex
+
+
+def wheel(canvas, notches: int, at: QPoint, modifiers=Qt.KeyboardModifier.NoModifier) -> None:
+    event = QWheelEvent(
+        QPointF(at),
+        QPointF(canvas.mapToGlobal(at)),
+        QPoint(0, 0),
+        QPoint(0, 120 * notches),
+        Qt.MouseButton.NoButton,
+        modifiers,
+        Qt.ScrollPhase.NoScrollPhase,
+        False,
+    )
+    QApplication.sendEvent(canvas, event)
+
+
+def test_a_click_picks_and_a_drag_does_not(scene: Scene, sphere: Mesh, qtbot) -> None:
+    mesh = show(scene, sphere, qtbot)
+    heard = []
+    scene.vertex_clicked.connect(heard.append)
+    vertex = int(facing(scene, mesh)[7])
+    place = on_canvas(scene, vertex)
+    QTest.mouseClick(scene._canvas, Qt.MouseButton.LeftButton, pos=place)
+    assert heard == [vertex]
+    QTest.mousePress(scene._canvas, Qt.MouseButton.LeftButton, pos=place)
+    QTest.mouseMove(scene._canvas, place + QPoint(40, 0))
+    QTest.mouseRelease(scene._canvas, Qt.MouseButton.LeftButton, pos=place + QPoint(40, 0))
+    QTest.mouseClick(scene._canvas, Qt.MouseButton.LeftButton, pos=QPoint(3, 3))
+    assert heard == [vertex]
+
+
+def test_the_pointer_tells_the_vertex_without_a_frame(scene: Scene, sphere: Mesh, qtbot) -> None:
+    mesh = show(scene, sphere, qtbot)
+    QTest.qWait(50)
+    frames = []
+    scene._canvas.frame_due.connect(lambda: frames.append(1))
+    for vertex in facing(scene, mesh)[[3, 40]]:
+        with qtbot.waitSignal(scene.vertex_hovered, timeout=5000) as heard:
+            QTest.mouseMove(scene._canvas, on_canvas(scene, vertex))
+        assert heard.args == [vertex]
+        assert scene._ring.isVisible()
+    with qtbot.waitSignal(scene.vertex_hovered, timeout=5000) as heard:
+        QTest.mouseMove(scene._canvas, QPoint(4, 4))
+    assert heard.args == [-1]
+    assert not scene._ring.isVisible()
+    assert not frames
+
+
+def test_ctrl_and_the_wheel_step(scene: Scene, sphere: Mesh, qtbot) -> None:
+    show(scene, sphere, qtbot)
+    before, heard = scene.camera(), []
+    scene.stepped.connect(heard.append)
+    control = Qt.KeyboardModifier.ControlModifier
+    wheel(scene._canvas, -1, QPoint(100, 100), control)
+    wheel(scene._canvas, 2, QPoint(100, 100), control)
+    assert heard == [1, -2]
+    assert scene.camera() == before
+
+
+def test_zoom_keeps_the_place_under_the_pointer(scene: Scene, sphere: Mesh, qtbot) -> None:
+    mesh = show(scene, sphere, qtbot)
+    vertex = int(facing(scene, mesh)[11])
+    place = on_canvas(scene, vertex)
+    wheel(scene._canvas, 3, place)
+    assert (on_canvas(scene, vertex) - place).manhattanLength() <= 2
+
+
+def test_fields_are_written_in_place(scene: Scene, sphere: Mesh, qtbot) -> None:
+    mesh = show(scene, sphere, qtbot)
+    surface = scene._drawing.surface
+    shown = surface.values
+    frames = []
+    scene._canvas.frame_due.connect(lambda: frames.append(1))
+    for axis in (0, 1, 2):
+        scene.set_field(field(mesh.vertices[:, axis]), (-1.0, 1.0), "RdBu_r")
+        assert scene._drawing.surface is surface
+        assert surface.values is shown
+        np.testing.assert_array_equal(shown, mesh.vertices[:, axis].astype(np.float32))
+    qtbot.waitUntil(lambda: bool(frames), timeout=5000)
+    QTest.qWait(30)
+    assert len(frames) == 1
+
+
+def test_a_field_changes_the_picture_and_none_takes_it_away(
+    scene: Scene, sphere: Mesh, qtbot
+) -> None:
+    mesh = show(scene, sphere, qtbot)
+    size = (300, 200)
+    bare = scene.picture(size)
+    scene.set_field(field(mesh.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
+    coloured = scene.picture(size)
+    assert (bare != coloured).any()
+    scene.set_field(None)
+    np.testing.assert_array_equal(scene.picture(size), bare)
+
+
+def test_a_field_of_another_mesh_is_refused(scene: Scene, sphere: Mesh, qtbot) -> None:
+    show(scene, sphere, qtbot)
+    with pytest.raises(ValueError, match="does not fit"):
+        scene.set_field(field(np.zeros(5)), (-1.0, 1.0), "RdBu_r")
+
+
+def test_nodal_lines_come_at_rest_and_go_with_the_field(scene: Scene, sphere: Mesh, qtbot) -> None:
+    mesh = show(scene, sphere, qtbot)
+    first = field(mesh.vertices[:, 0])
+    scene.set_field(first, (-1.0, 1.0), "RdBu_r")
+    scene.set_nodal_lines(first.values)
+    qtbot.waitUntil(lambda: scene._drawing._segments is not None, timeout=5000)
+    np.testing.assert_allclose(scene._drawing._segments[..., 0], 0.0, atol=1e-6)
+    scene.set_field(field(mesh.vertices[:, 1]), (-1.0, 1.0), "RdBu_r")
+    assert scene._drawing._segments is None
+
+
+def test_pins_are_drawn_in_their_colours(scene: Scene, sphere: Mesh, qtbot) -> None:
+    mesh = show(scene, sphere, qtbot)
+    vertex = int(facing(scene, mesh)[20])
+    scene.set_pins((Pin(vertex, "#00ff00"),))
+    picture = scene.picture((640, 480)).astype(int)
+    green = (picture[..., 1] - picture[..., 0] > 150) & (picture[..., 1] - picture[..., 2] > 150)
+    assert 30 < green.sum() < 200
+    scene.set_pins(())
+    picture = scene.picture((640, 480)).astype(int)
+    assert not (picture[..., 1] - picture[..., 0] > 150).any()
+
+
+def test_the_camera_goes_through_json_and_back(scene: Scene, sphere: Mesh, qtbot) -> None:
+    mesh = show(scene, sphere, qtbot)
+    before = json.loads(json.dumps(scene.camera()))
+    places = [scene.display_point(vertex) for vertex in range(0, mesh.n_vertices, 50)]
+    wheel(scene._canvas, 4, QPoint(50, 60))
+    assert scene.camera() != before
+    scene.set_camera(before)
+    assert [scene.display_point(vertex) for vertex in range(0, mesh.n_vertices, 50)] == places
+    with pytest.raises(ValueError, match="camera"):
+        scene.set_camera({"focus": [0, 0, 0]})
+
+
+def test_pictures_of_any_size_and_without_background(scene: Scene, sphere: Mesh, qtbot) -> None:
+    show(scene, sphere, qtbot)
+    assert scene.picture().shape == (scene.height(), scene.width(), 4)
+    clear = scene.picture((500, 333), transparent=True)
+    assert clear.shape == (333, 500, 4)
+    assert clear[..., 3].min() == 0
+    assert clear[..., 3].max() == 255
+
+
+def test_slow_frames_get_a_stand_in_while_something_moves(
+    scene: Scene, qtbot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import shapes
+
+    monkeypatch.setattr(scene_module, "SLOW_FRAME", 0.0)
+    monkeypatch.setattr(scene_module, "COARSE_VERTICES", 500)
+    mesh = show(scene, shapes.icosphere(4), qtbot)
+    drawing = scene._drawing
+    scene._canvas.update()
+    QTest.qWait(60)
+    scene._canvas.update()
+    qtbot.waitUntil(lambda: drawing.coarse is not None, timeout=10_000)
+    scene.set_field(field(mesh.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
+    qtbot.waitUntil(lambda: bool(drawing.coarse.actor.GetVisibility()), timeout=5000)
+    chosen = drawing._coarse_mesh.representatives
+    np.testing.assert_array_equal(
+        drawing.coarse.values, mesh.vertices[chosen, 0].astype(np.float32)
+    )
+    qtbot.waitUntil(lambda: bool(drawing.surface.actor.GetVisibility()), timeout=5000)
+    assert not drawing.coarse.actor.GetVisibility()
+
+
+def test_one_mesh_after_another(scene: Scene, sphere: Mesh, neuron: Mesh, qtbot) -> None:
+    show(scene, sphere, qtbot)
+    scene.set_field(field(sphere.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
+    scene.set_pins((Pin(600, "#00ff00"),))
+    # The next one has no field, no pins and fewer or more vertices than the last.
+    show(scene, neuron, qtbot)
+    assert scene._drawing.caption is None
+    scene.set_field(field(neuron.vertices[:, 0]), (0.0, 1e4), "viridis")
+    scene.set_mesh(None)
+    assert scene.mesh is None
+    assert scene.picture((90, 60)).shape == (60, 90, 4)
+
+
+def test_closing_while_threads_work_is_quiet(scene: Scene, sphere: Mesh, qtbot) -> None:
+    scene.set_mesh(sphere, sphere.vertex_normals)
+    scene.set_nodal_lines(sphere.vertices[:, 0])
+    scene.close()
+    scene.close()
+    QTest.qWait(50)

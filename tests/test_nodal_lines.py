@@ -1,0 +1,68 @@
+from __future__ import annotations
+
+import numpy as np
+import shapes
+
+from meshmash_viewer.nodal_lines import nodal_lines
+
+
+def length(segments: np.ndarray) -> float:
+    return float(np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).sum())
+
+
+def test_a_plane_cuts_a_sphere_in_a_circle() -> None:
+    sphere = shapes.icosphere(5)
+    segments = nodal_lines(sphere.vertices, sphere.faces, sphere.vertices[:, 2] - 0.3)
+    np.testing.assert_allclose(segments[..., 2], 0.3, atol=1e-12)
+    assert abs(length(segments) - 2 * np.pi * np.sqrt(1 - 0.09)) < 5e-3
+
+
+def test_lines_on_a_closed_surface_are_closed(rng: np.random.Generator) -> None:
+    sphere = shapes.icosphere(3)
+    segments = nodal_lines(sphere.vertices, sphere.faces, rng.standard_normal(sphere.n_vertices))
+    _, count = np.unique(segments.reshape(-1, 3).round(9), axis=0, return_counts=True)
+    assert len(segments)
+    assert (count % 2 == 0).all()
+
+
+def test_zeros_at_vertices_leave_no_gap() -> None:
+    # The equator of an icosphere runs along edges, and its values there are exactly zero.
+    sphere = shapes.icosphere(3)
+    segments = nodal_lines(sphere.vertices, sphere.faces, sphere.vertices[:, 0])
+    assert np.isfinite(segments).all()
+    assert abs(length(segments) - 2 * np.pi) < 0.02
+
+
+def test_signs_do_not_matter_away_from_zero(rng: np.random.Generator) -> None:
+    sphere = shapes.icosphere(2)
+    values = rng.standard_normal(sphere.n_vertices)
+    one = nodal_lines(sphere.vertices, sphere.faces, values)
+    other = nodal_lines(sphere.vertices, sphere.faces, -values)
+    assert abs(length(one) - length(other)) < 1e-12
+
+
+def test_no_line_where_there_is_no_value_or_no_zero() -> None:
+    sphere = shapes.icosphere(3)
+    values = sphere.vertices[:, 2].copy()
+    values[sphere.vertices[:, 0] < 0.0] = np.nan
+    segments = nodal_lines(sphere.vertices, sphere.faces, values)
+    assert len(segments)
+    assert segments[..., 0].min() >= 0.0
+    assert nodal_lines(sphere.vertices, sphere.faces, np.ones(sphere.n_vertices)).shape == (0, 2, 3)
+    nothing = np.full(sphere.n_vertices, np.nan)
+    assert nodal_lines(sphere.vertices, sphere.faces, nothing).shape == (0, 2, 3)
+
+
+def test_the_size_of_the_values_does_not_matter() -> None:
+    sphere = shapes.icosphere(3)
+    values = (sphere.vertices @ [0.3, 0.5, 0.8]).astype(np.float32)
+    plain = nodal_lines(sphere.vertices, sphere.faces, values)
+    # 2**-100 keeps all digits of a float32; differences of such numbers would lose them.
+    tiny = nodal_lines(sphere.vertices, sphere.faces, values * np.float32(2.0**-100))
+    np.testing.assert_array_equal(plain, tiny)
+
+
+def test_single_precision_stays_single() -> None:
+    sphere = shapes.icosphere(1)
+    points = sphere.vertices.astype(np.float32)
+    assert nodal_lines(points, sphere.faces, points[:, 2]).dtype == np.float32
