@@ -66,8 +66,8 @@ def cluster_vertices(
     cluster = np.empty(len(points), dtype=np.int64)
     sizes = np.diff(np.r_[first, len(points)])
     cluster[order] = np.repeat(np.arange(len(first)), sizes)
-    means = np.stack([np.bincount(cluster, points[:, axis]) for axis in range(3)], axis=1)
-    means /= sizes[:, None]
+    sums = np.stack([np.bincount(cluster, points[:, axis]) for axis in range(3)], axis=1)
+    means = sums / sizes[:, None]
     points -= means[cluster]
     distance = np.einsum("ij,ij->i", points, points)[order]
     # The first member of each cell that is as near to the mean as any other.

@@ -60,7 +60,7 @@ def test_colours_are_those_of_the_field(sphere: Mesh) -> None:
 
 def test_far_from_the_origin_it_looks_the_same(sphere: Mesh) -> None:
     near = drawn(sphere, None)
-    far = drawn(Mesh(sphere.vertices + [1e7, -2e7, 3e7], sphere.faces), None)
+    far = drawn(Mesh(sphere.vertices + np.array([1e7, -2e7, 3e7]), sphere.faces), None)
     assert np.abs(near.astype(int) - far.astype(int)).mean() < 0.5
 
 
