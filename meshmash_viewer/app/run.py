@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import signal
 import sys
 import threading
@@ -39,6 +40,9 @@ def application() -> QApplication:
     existing = QApplication.instance()
     if isinstance(existing, QApplication):
         return existing
+    if sys.platform.startswith("linux") and os.environ.get("DISPLAY"):
+        # VTK draws into windows of X11 alone; desktops with Wayland bring both.
+        os.environ.setdefault("QT_QPA_PLATFORM", "xcb")
     made = QApplication(sys.argv[:1] or ["meshmash-viewer"])
     made.setApplicationName("meshmash-viewer")
     made.setApplicationDisplayName("")

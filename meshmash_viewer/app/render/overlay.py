@@ -124,13 +124,12 @@ class Sheet:
         """Put a plate behind what is about to be painted in a box."""
         if self.plates:
             pad = 7 * self.scale
-            share = (y + height / 2) / self.height
-            low, high = rgb(self.theme.background_bottom), rgb(self.theme.background_top)
-            mixed = [round(255 * (a + share * (b - a))) for a, b in zip(low, high, strict=True)]
-            color = "#{:02x}{:02x}{:02x}".format(*mixed)
-            self.painter.plate(
-                x - pad, y - pad, width + 2 * pad, height + 2 * pad, 6 * self.scale, color, 0.72
-            )
+            x, y, width, height = x - pad, y - pad, width + 2 * pad, height + 2 * pad
+            # In the colours that the background has there: a plate is only seen over the mesh.
+            ends = np.array([rgb(self.theme.background_bottom), rgb(self.theme.background_top)])
+            shares = np.clip([[y / self.height], [(y + height) / self.height]], 0.0, 1.0)
+            colors = ends[0] + shares * (ends[1] - ends[0])
+            self.painter.plate(x, y, width, height, 6 * self.scale, colors, 0.75)
 
 
 def paint_caption(sheet: Sheet, caption: Caption) -> None:

@@ -127,19 +127,30 @@ class Painter:
         width: float,
         height: float,
         radius: float,
-        color: str,
+        colors: npt.NDArray[np.float64],
         opacity: float,
     ) -> None:
-        """A rectangle with round corners."""
-        quarter = np.linspace(0.0, np.pi / 2, 8)
-        corners = []
-        for k, (cx, cy) in enumerate(((1, 1), (0, 1), (0, 0), (1, 0))):
-            across = x + radius + cx * (width - 2 * radius)
-            along = y + radius + cy * (height - 2 * radius)
-            angles = quarter + k * np.pi / 2
-            circle = np.c_[np.cos(angles), np.sin(angles)] * radius
-            corners.append(circle + np.array([across, along]))
-        self.polygon(np.concatenate(corners), color, opacity)
+        """A rectangle with round corners in a vertical gradient.
+
+        Parameters
+        ----------
+        colors : ndarray, shape (2, 3)
+            Red, green and blue from 0 to 1 at its lower and at its upper edge.
+        """
+        low, high = round(y), round(y + height)
+        edges = np.linspace(low, high, max(2, (high - low) // 2) + 1)
+        middles = (edges[:-1] + edges[1:]) / 2
+        into_corner = np.maximum(radius - np.minimum(middles - low, high - middles), 0.0)
+        inset = radius - np.sqrt(np.maximum(radius**2 - into_corner**2, 0.0))
+        left, right = x + inset, x + width - inset
+        bottom, top = edges[:-1], edges[1:]
+        corners = np.stack([left, bottom, right, bottom, right, top, left, top], axis=1)
+        share = ((middles - low) / (high - low))[:, None]
+        rgba = np.full((len(middles), 4), 255 * opacity)
+        rgba[:, :3] = 255 * (colors[0] + share * (colors[1] - colors[0]))
+        self._points.append(corners.reshape(-1, 2))
+        self._sizes.extend([4] * len(middles))
+        self._colors.append(rgba.round().astype(np.uint8))
 
     def line(
         self, start: npt.ArrayLike, end: npt.ArrayLike, width: float, color: str, opacity: float = 1
