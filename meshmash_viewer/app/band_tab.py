@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QSpinBox, QVBoxLayout, QWidge
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.band_curves import band_centers, band_support
-from meshmash_viewer.app.facts import Facts, format_wavelength, note, show_note
+from meshmash_viewer.app.facts import Facts, estimated_pairs, format_wavelength, note, show_note
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.app.play_button import PlayButton
 from meshmash_viewer.app.range_box import RangeBox
@@ -15,8 +15,8 @@ from meshmash_viewer.app.step_slider import StepSlider
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.ranges import band_range, first_nonzero
+from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.units import format_quantity, power_unit
-from meshmash_viewer.weyl import weyl_count
 
 __all__ = ["BandTab"]
 
@@ -160,14 +160,15 @@ class BandTab(QWidget):
             "band_support_label", f"{start:.3g} – {format_quantity(end, unit, -2, 3)}"
         )
         self.facts.show_value("band_pairs_label", str(int(pairs[1] - pairs[0])))
-        self._mark_missing(high, float(eigenvalues[-1]), unit)
+        self._mark_missing(spectrum, high, unit)
 
-    def _mark_missing(self, high: float, known: float, unit: str) -> None:
+    def _mark_missing(self, spectrum: Spectrum, high: float, unit: str) -> None:
+        known = float(spectrum.eigenvalues[-1])
         if high <= known * (1.0 + 1e-9):
             show_note(self.missing_note, "")
             return
         mesh = self._document.mesh
-        pairs = f", about {weyl_count(mesh.area, high):,.0f} pairs in all" if mesh else ""
+        pairs = f", {estimated_pairs(spectrum, mesh.area, high)}" if mesh is not None else ""
         show_note(
             self.missing_note,
             f"Bands above λ = {format_quantity(known, unit, -2, 3)} need more eigenpairs{pairs}.",

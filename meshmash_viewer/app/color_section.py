@@ -213,6 +213,7 @@ class ColorSection(QWidget):
         self.low.setEnabled(limits is not None)
         self.high.setEnabled(limits is not None)
         self.unit_label.setText(self._unit)
+        self.unit_label.setVisible(bool(self._unit))
 
 
 def _key(policy: LimitPolicy | None) -> str:

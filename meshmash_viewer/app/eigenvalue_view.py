@@ -36,12 +36,18 @@ class EigenvalueView:
         self.marker = pg.InfiniteLine(angle=90, movable=True)
         self.marker.setCursor(Qt.CursorShape.SizeHorCursor)
         self.marker.sigDragged.connect(self._drag)
-        self.items = (self.weyl, self.points, self.zeros, self.marker, self.current)
+        self.owed = pg.PlotCurveItem()  # unseen: keeps room for the pairs that are still to come
+        self.items = (
+            self.owed, self.weyl, self.points, self.zeros, self.marker, self.current,
+        )  # fmt: skip
+        # a neuron has far more eigenvalues than its area says: the law must not set the scale
+        self.unbounded = (self.weyl, self.marker)
         self.dress()
 
     def dress(self) -> None:
         """Put on the colours of the theme."""
         colors = theme.plot_colors()
+        self.owed.setPen(None)
         self.weyl.setPen(dashed(colors.reference, 1.5))
         self.points.setPen(None)
         self.points.setBrush(color(colors.curve))
@@ -84,6 +90,7 @@ class EigenvalueView:
             for item in (self.points, self.zeros, self.current):
                 item.setData([], [])
             self.weyl.setData([], [])
+            self.owed.setData([], [])
             self.marker.setVisible(False)
             return
         zeros, length = first_nonzero(spectrum), len(spectrum)
@@ -92,9 +99,11 @@ class EigenvalueView:
         size = 5.0 if length <= 400 else 3.5
         self.points.setData(index[zeros:], heights[zeros:], size=size)
         self.zeros.setData(index[:zeros], heights[:zeros], size=6.0)
+        last = max(spectrum.total, length) - 1
+        top = heights[-1] if self._log else heights[-1] * max(last, 1) / max(length - 1, 1)
+        self.owed.setData([0.0, float(last)], [heights[0], top])
         if mesh is not None:
             area = float(mesh.area)
-            last = max(spectrum.total, length) - 1
             along = np.linspace(1.0 if self._log else 0.0, max(last, 1), 200)
             law = np.array([weyl_eigenvalue(area, each) for each in along])
             self.weyl.setData(along, np.log10(law) if self._log else law)

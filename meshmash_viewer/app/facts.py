@@ -8,10 +8,11 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.units import format_quantity
-from meshmash_viewer.weyl import wavelength
+from meshmash_viewer.weyl import wavelength, weyl_count
 
-__all__ = ["Facts", "format_wavelength", "note", "show_note", "subscript"]
+__all__ = ["Facts", "estimated_pairs", "format_wavelength", "note", "show_note", "subscript"]
 
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
@@ -25,6 +26,16 @@ def format_wavelength(eigenvalue: float, unit: str) -> str:
     """Write the length of a wave of an eigenvalue; "∞" for a zero mode."""
     length = wavelength(eigenvalue)
     return format_quantity(length, unit) if math.isfinite(length) else "∞"
+
+
+def estimated_pairs(spectrum: Spectrum, area: float, eigenvalue: float) -> str:
+    """Say about how many pairs reach up to an eigenvalue beyond the last one known.
+
+    Weyl's law may be far off for the pairs at hand (a neuron's long waves), so it only counts those
+    that come on top of them.
+    """
+    more = weyl_count(area, max(eigenvalue - float(spectrum.eigenvalues[-1]), 0.0))
+    return f"about {len(spectrum) + more:,.0f} pairs in all"
 
 
 def note(name: str, role: str = "muted", parent: QWidget | None = None) -> QLabel:

@@ -13,7 +13,7 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.facts import Facts, note, show_note
+from meshmash_viewer.app.facts import Facts, estimated_pairs, note, show_note
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.app.play_button import PlayButton
 from meshmash_viewer.app.range_box import RangeBox
@@ -28,8 +28,8 @@ from meshmash_viewer.model.ranges import (
     required_eigenvalue,
     resolved_from,
 )
+from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.units import format_quantity, power_unit
-from meshmash_viewer.weyl import weyl_count
 
 __all__ = ["HksTab"]
 
@@ -157,7 +157,7 @@ class HksTab(QWidget):
         self.slider.set_marks(decade_marks(low, high))
         self.title.setText(f"t = {format_quantity(time, unit, 2)}")
         self.facts.show_value("hks_length_label", format_quantity(math.sqrt(time), unit))
-        self._mark_missing(low, high, time, resolved_from(document.spectrum))
+        self._mark_missing(document.spectrum, low, high, time)
 
     def _show_nothing(self) -> None:
         self.title.setText("t")
@@ -166,9 +166,10 @@ class HksTab(QWidget):
         self.slider.set_hatched(None)
         show_note(self.missing_note, "")
 
-    def _mark_missing(self, low: float, high: float, time: float, resolved: float) -> None:
+    def _mark_missing(self, spectrum: Spectrum, low: float, high: float, time: float) -> None:
         """Hatch the times that the pairs at hand cannot resolve, and say what would do it."""
-        if resolved <= low:
+        resolved = resolved_from(spectrum)
+        if resolved <= low * (1.0 + 1e-9):
             self.slider.set_hatched(None)
             show_note(self.missing_note, "")
             return
@@ -176,8 +177,11 @@ class HksTab(QWidget):
         self.slider.set_hatched((0.0, share))
         mesh = self._document.mesh
         unit = mesh.unit if mesh is not None else ""
-        target = required_eigenvalue(min(time, resolved) if time < resolved else low)
-        pairs = f", about {weyl_count(mesh.area, target):,.0f} pairs" if mesh is not None else ""
-        text = f"Hatched: needs more eigenpairs, up to λ = {format_quantity(target, unit, -2, 2)}"
-        where = " for this time." if time < resolved else " for all of it."
-        show_note(self.missing_note, text + pairs + where)
+        wanted, what = (time, "This time") if time < resolved else (low, "The hatched part")
+        needed = required_eigenvalue(wanted)
+        pairs = f", {estimated_pairs(spectrum, mesh.area, needed)}" if mesh is not None else ""
+        show_note(
+            self.missing_note,
+            f"{what} needs more eigenpairs: "
+            f"up to λ = {format_quantity(needed, unit, -2, 2)}{pairs}.",
+        )

@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QStackedLayout, QVBoxLayout, 
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.listening import listen
+from meshmash_viewer.app.panel_head import PanelHead
 from meshmash_viewer.app.pin_legend import PinLegend
 from meshmash_viewer.app.plot import Plot, color, hatch, solid
 from meshmash_viewer.app.profile_curves import Samples, samples_of
@@ -57,17 +58,12 @@ class ProfilePanel(QWidget):
         column = QVBoxLayout(self)
         column.setContentsMargins(theme.MARGIN, theme.GAP // 2, theme.GAP, theme.GAP // 2)
         column.setSpacing(theme.GAP // 2)
-        row = QHBoxLayout()
         self.view_choice = Segments("profile_view", "What the profiles show", _VIEWS, self)
         self.view_choice.chosen.connect(self._show_view)
-        row.addWidget(self.view_choice)
-        row.addStretch(1)
-        self.missing_label = theme.with_role(
-            QLabel("Hatched: needs more eigenpairs", self), "muted"
-        )
+        self.missing_label = theme.with_role(QLabel(self), "muted")
         self.missing_label.setObjectName("profile_missing_label")
-        row.addWidget(self.missing_label)
-        column.addLayout(row)
+        self.head = PanelHead((self.view_choice,), (self.missing_label,), self)
+        column.addWidget(self.head)
         self.plot = Plot("profile_plot", "Profiles of the pinned vertices", self)
         self.legend = PinLegend(self._document, self)
         shown = QWidget(self)
@@ -143,8 +139,7 @@ class ProfilePanel(QWidget):
         pins, spectrum = self._document.pins, self._document.spectrum
         there = bool(pins) and spectrum is not None and len(spectrum) > 0
         self._stack.setCurrentIndex(0 if there else 1)
-        self.view_choice.setVisible(there)
-        self.missing_label.setVisible(False)
+        self.head.show_controls(there)
         self.empty.setText(
             "Compute eigenpairs to see the profiles of the pinned vertices."
             if pins and not there
@@ -236,7 +231,8 @@ class ProfilePanel(QWidget):
         if not self._marker.moving:
             self._marker.setValue(at)
         self._missing.setVisible(missing is not None)
-        self.missing_label.setVisible(missing is not None)
+        self.missing_label.setText("" if missing is None else "Hatched: needs more eigenpairs")
+        self.head.fit()
         if missing is not None:
             self._missing.setRegion(missing)
 

@@ -80,6 +80,7 @@ class RangeBox(QWidget):
         self.check.blockSignals(blocked)
         for label in self._units:
             label.setText(unit)
+            label.setVisible(bool(unit))
         low, high = between if between is not None else (None, None)
         self.low.show_value(low, unit)
         self.high.show_value(high, unit)

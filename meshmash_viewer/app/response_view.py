@@ -52,6 +52,7 @@ class ResponseView:
         self.items = (
             self.missing, self.rug, *self.series, self.response, self.low, self.high, self.handle,
         )  # fmt: skip
+        self.unbounded = (self.missing,)
         self.dress()
 
     def dress(self) -> None:

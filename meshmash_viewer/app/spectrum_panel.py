@@ -5,12 +5,9 @@ from __future__ import annotations
 import math
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
     QCheckBox,
-    QHBoxLayout,
     QLabel,
-    QSizePolicy,
     QStackedLayout,
     QVBoxLayout,
     QWidget,
@@ -20,6 +17,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.eigenvalue_view import EigenvalueView
 from meshmash_viewer.app.facts import format_wavelength, subscript
 from meshmash_viewer.app.listening import listen
+from meshmash_viewer.app.panel_head import PanelHead
 from meshmash_viewer.app.plot import Plot
 from meshmash_viewer.app.response_view import ResponseView, shows_bands
 from meshmash_viewer.app.segments import Segments
@@ -50,8 +48,6 @@ class SpectrumPanel(QWidget):
         column = QVBoxLayout(self)
         column.setContentsMargins(theme.MARGIN, theme.GAP // 2, theme.GAP, theme.GAP // 2)
         column.setSpacing(theme.GAP // 2)
-        row = QHBoxLayout()
-        row.setSpacing(theme.GAP)
         self.view_choice = Segments(
             "spectrum_view",
             "What the spectrum shows",
@@ -68,18 +64,8 @@ class SpectrumPanel(QWidget):
         self.legend = theme.with_role(QLabel(self), "muted")
         self.legend.setObjectName("spectrum_legend")
         self.legend.setTextFormat(Qt.TextFormat.RichText)
-        row.addWidget(self.view_choice)
-        row.addWidget(self.log_check)
-        row.addSpacing(theme.GAP)
-        row.addWidget(self.readout)
-        row.addStretch(1)
-        row.addWidget(self.legend)
-        # where there is no room for all, the legend goes first: it is the same as before
-        self._head = QWidget(self)
-        self._head.setLayout(row)
-        row.setContentsMargins(0, 0, 0, 0)
-        self._head.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
-        column.addWidget(self._head)
+        self.head = PanelHead((self.view_choice, self.log_check), (self.readout, self.legend), self)
+        column.addWidget(self.head)
         self.plot = Plot("spectrum_plot", "Spectrum", self)
         self.empty = theme.with_role(
             QLabel("The eigenvalues appear here as they converge.", self), "muted"
@@ -100,18 +86,6 @@ class SpectrumPanel(QWidget):
         self._log = {"eigenvalues": False, "bands": False, "hks": True}
         self.plot.clicked.connect(self._select)
         self.plot.hovered.connect(self._hover)
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        """Make room in the head."""
-        super().resizeEvent(event)
-        self._fit_head()
-
-    def _fit_head(self) -> None:
-        there = self._stack.currentWidget() is self.plot
-        fixed = self.view_choice.sizeHint().width() + self.log_check.sizeHint().width() + 40
-        room = self.width() - fixed - self.readout.sizeHint().width()
-        self.readout.setVisible(there and room > 0)
-        self.legend.setVisible(there and room > self.legend.sizeHint().width())
 
     @property
     def view(self) -> EigenvalueView | ResponseView:
@@ -157,7 +131,7 @@ class SpectrumPanel(QWidget):
                     self.plot.removeItem(item)
             self._shown = key
             for item in self.view.items:
-                self.plot.addItem(item)
+                self.plot.addItem(item, ignoreBounds=item in self.view.unbounded)
             self.plot.set_heights(self.view.heights())
             self._refresh_spectrum()
             self.plot.show_all()
@@ -166,8 +140,7 @@ class SpectrumPanel(QWidget):
         spectrum = self._document.spectrum
         there = spectrum is not None and len(spectrum) > 0
         self._stack.setCurrentWidget(self.plot if there else self.empty)
-        for control in (self.view_choice, self.log_check):
-            control.setVisible(there)
+        self.head.show_controls(there)
         bottom, left = self.view.labels()
         log = self._log[self._scale_key()]
         blocked = self.log_check.blockSignals(True)
@@ -192,21 +165,24 @@ class SpectrumPanel(QWidget):
     def _describe(self) -> None:
         self.legend.setText(self.view.legend())
         self._read(None)
-        self._fit_head()
+        self.head.fit()
 
     def _read(self, index: int | None) -> None:
         """Say what is pointed at, or else what is on the render."""
         spectrum, mesh = self._document.spectrum, self._document.mesh
         if spectrum is None or not len(spectrum) or self._shown != "eigenvalues":
             self.readout.setText("")
+            self.plot.setToolTip("")
             return
         unit = mesh.unit if mesh is not None else ""
         index = min(self._document.display.index if index is None else index, len(spectrum) - 1)
         value = float(spectrum.eigenvalues[index])
-        self.readout.setText(
+        text = (
             f"λ{subscript(index)} = {format_quantity(value, unit, -2)}, "
             f"wavelength {format_wavelength(value, unit)}"
         )
+        self.readout.setText(text)
+        self.plot.setToolTip(text)  # for a panel too narrow for the readout
 
     def _dress(self) -> None:
         for view in self._views.values():
