@@ -71,7 +71,9 @@ class EigenvalueView:
     def legend(self) -> str:
         """What the marks mean, as rich text."""
         colors, spectrum = theme.plot_colors(), self._document.spectrum
-        parts = [f'<span style="color:{colors.curve}">●</span> eigenvalue']
+        preview = spectrum is not None and spectrum.preview
+        what = "approximate eigenvalue" if preview else "eigenvalue"
+        parts = [f'<span style="color:{colors.curve}">●</span> {what}']
         if spectrum is not None and first_nonzero(spectrum):
             count = first_nonzero(spectrum)
             what = "zero mode" if count == 1 else f"{count} zero modes"
@@ -97,6 +99,8 @@ class EigenvalueView:
         index = np.arange(length, dtype=np.float64)
         heights = self._heights(spectrum.eigenvalues, zeros)
         size = 5.0 if length <= 400 else 3.5
+        # approximate ones are pale: the exact ones will take their places
+        self.points.setBrush(color(theme.plot_colors().curve, 0.45 if spectrum.preview else 1.0))
         self.points.setData(index[zeros:], heights[zeros:], size=size)
         self.zeros.setData(index[:zeros], heights[:zeros], size=6.0)
         last = max(spectrum.total, length) - 1

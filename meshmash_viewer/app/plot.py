@@ -154,6 +154,7 @@ class Plot(pg.PlotWidget):
     def set_heights(self, heights: tuple[float, float] | None) -> None:
         """Fix the range of the left axis, or let it follow what is drawn."""
         self._heights = heights
+        self.setMouseEnabled(x=True, y=heights is None)
 
     def pixel_of(self, x: float, y: float) -> QPointF:
         """Where a point of the plot is on the widget."""

@@ -178,7 +178,8 @@ class SpectrumPanel(QWidget):
         index = min(self._document.display.index if index is None else index, len(spectrum) - 1)
         value = float(spectrum.eigenvalues[index])
         text = (
-            f"λ{subscript(index)} = {format_quantity(value, unit, -2)}, "
+            f"λ{subscript(index)} {'≈' if spectrum.preview else '='} "
+            f"{format_quantity(value, unit, -2)}, "
             f"wavelength {format_wavelength(value, unit)}"
         )
         self.readout.setText(text)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from closed_form import give, rectangle_document, rectangle_spectrum, turn_wheel
@@ -106,6 +107,19 @@ def test_only_what_has_converged_can_be_scrolled_to(qtbot) -> None:
     assert document.display.index == 36, "growing does not move what is looked at"
     document.accept_spectrum(rectangle_spectrum(document.mesh, 120))
     assert part(panel, "converged_label").text() == "120, complete"
+
+
+def test_a_preview_is_marked_until_exact_pairs_replace_it(panel: FieldPanel, document) -> None:
+    exact = document.spectrum
+    document.display.index = 5
+    document.accept_spectrum(replace(exact, preview=True, complete=False))
+    assert part(panel, "eigenvalue_label").text().startswith("λ₅ ≈ ")
+    assert not part(panel, "preview_label").isHidden()
+    assert part(panel, "residual_label").text() == "–"
+    document.accept_spectrum(exact)
+    assert part(panel, "eigenvalue_label").text().startswith("λ₅ = ")
+    assert part(panel, "preview_label").isHidden()
+    assert document.display.index == 5
 
 
 def test_flip_and_nodal_lines(panel: FieldPanel, document) -> None:
