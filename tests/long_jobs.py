@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -24,7 +26,8 @@ class DoubleJob:
     def run(self, channel: Channel) -> np.ndarray:
         channel.report(Progress("doubling", fraction=0.5, message="half way"))
         channel.send(self.values[: len(self.values) // 2])
-        print("a stray line on standard output")
+        sys.stdout.write("a stray line on standard output")
+        sys.stdout.flush()
         return 2 * self.values
 
 
@@ -87,7 +90,7 @@ class FailingJob:
         if self.kind == "memory":
             raise MemoryError
         if self.kind == "file":
-            open("/nowhere/at/all")
+            Path("/nowhere/at/all").read_text(encoding="utf-8")
         if self.kind == "unpicklable":
             return lambda: None
         raise ZeroDivisionError("a defect")

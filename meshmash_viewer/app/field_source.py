@@ -127,8 +127,13 @@ class FieldSource(QObject):
         self._computed.emit(request, answer)
 
     def _build(self, request: FieldRequest, cancel: CancelCallback) -> None:
+        from threadpoolctl import threadpool_limits
+
         try:
-            self._live.prepare(request, cancel)
+            # A second thread of the linear algebra would compete with the interface's, and with
+            # the solver's processes it makes products several times slower.
+            with threadpool_limits(1):
+                self._live.prepare(request, cancel)
         except Cancelled:
             return
         except Exception as error:  # noqa: BLE001  the window says it

@@ -1,0 +1,124 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from pytestqt.qtbot import QtBot
+from solved import spectrum_of
+
+from meshmash_viewer.app.field_source import FieldSource
+from meshmash_viewer.health import mesh_health
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.field import Field
+from meshmash_viewer.model.jobs import MeshReady
+from meshmash_viewer.model.spectrum import Spectrum
+
+
+def show(document: Document, mesh: Mesh, n_pairs: int = 60) -> None:
+    document.accept_mesh(MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals))
+    document.accept_spectrum(spectrum_of(mesh, n_pairs))
+
+
+@pytest.fixture
+def document() -> Document:
+    return Document()
+
+
+@pytest.fixture
+def source(qtbot: QtBot, document: Document) -> Iterator[FieldSource]:
+    source = FieldSource(document)
+    yield source
+    source.close()
+
+
+def test_first_field_comes_by_itself(
+    qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh
+) -> None:
+    assert source.idle
+    with qtbot.waitSignal(source.field_ready) as ready:
+        show(document, rectangle)
+        assert not source.idle
+    assert ready.args[0] is source.field
+    assert source.field.index == document.display.index
+    qtbot.waitUntil(lambda: source.idle)
+
+
+def test_latest_request_wins_and_none_waits_in_line(
+    qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh
+) -> None:
+    show(document, rectangle)
+    fields: list[Field] = []
+    source.field_ready.connect(fields.append)
+    for index in range(200):
+        document.display.index = index % 60
+    qtbot.waitUntil(lambda: source.idle)
+    assert source.field.index == 199 % 60
+    assert len(fields) < 20
+    np.testing.assert_allclose(
+        source.field.values, document.spectrum.rows[199 % 60], rtol=1e-5, atol=1e-12
+    )
+
+
+def test_table_is_built_behind_a_first_answer(
+    qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh
+) -> None:
+    show(document, rectangle)
+    with qtbot.waitSignal(
+        source.field_ready, check_params_cb=lambda field: field.kind is FieldKind.HKS
+    ):
+        document.display.kind = FieldKind.HKS
+    qtbot.waitUntil(lambda: source.idle)
+    assert source.live.heat_table is not None
+    assert source.live.heat_table.spectrum is document.spectrum
+
+
+def test_similarity_comes_as_soon_as_it_can(
+    qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh
+) -> None:
+    show(document, rectangle)
+    document.display.similarity_vertex = 17
+    with qtbot.waitSignal(
+        source.field_ready, check_params_cb=lambda field: field.kind is FieldKind.SIMILARITY
+    ):
+        document.display.kind = FieldKind.SIMILARITY
+    assert source.field.values[17] == 0.0
+
+
+def test_another_mesh_takes_field_and_tables_away(
+    qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh, sphere: Mesh
+) -> None:
+    show(document, rectangle)
+    document.display.kind = FieldKind.HKS
+    qtbot.waitUntil(lambda: source.idle and source.live.heat_table is not None)
+    document.accept_mesh(MeshReady(sphere, mesh_health(sphere), sphere.vertex_normals))
+    assert source.field is None
+    assert source.live.nbytes == 0
+    document.accept_spectrum(spectrum_of(sphere, 20))
+    qtbot.waitUntil(lambda: source.idle and source.field is not None)
+    assert len(source.field.values) == sphere.n_vertices
+
+
+def test_field_that_cannot_be_computed_is_a_sentence(
+    qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh
+) -> None:
+    show(document, rectangle)
+    qtbot.waitUntil(lambda: source.idle)
+    broken = Spectrum(np.arange(3.0), np.zeros((1, rectangle.n_vertices)), np.zeros(3))
+    document.display.index = 2
+    with qtbot.waitSignal(source.failed) as failed:
+        document.accept_spectrum(broken)
+    assert "cannot be computed" in failed.args[0]
+
+
+def test_closing_does_not_wait_for_tables(
+    qtbot: QtBot, document: Document, rectangle: Mesh
+) -> None:
+    source = FieldSource(document)
+    show(document, rectangle)
+    document.display.kind = FieldKind.BAND
+    source.close()
+    document.display.kind = FieldKind.HKS
+    source.close()

@@ -1,0 +1,209 @@
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapes
+from long_jobs import DyingJob, EndlessJob, FailingJob
+from pytestqt.qtbot import QtBot
+
+from meshmash_viewer.app.tasks import Tasks
+from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.jobs import DecomposeJob, ExportJob
+from meshmash_viewer.weyl import Target
+
+_PATIENCE = 30_000
+
+
+@dataclass
+class Session:
+    """A document whose jobs are run, and what it said."""
+
+    document: Document
+    tasks: Tasks
+    qtbot: QtBot
+    notices: list[Notice] = field(default_factory=list)
+
+    def wait(self, condition: Callable[[], bool]) -> None:
+        self.qtbot.waitUntil(condition, timeout=_PATIENCE)
+
+    def wait_until_idle(self) -> None:
+        self.wait(lambda: self.tasks.job is None and self.document.job is None)
+
+    def last(self) -> Notice:
+        return self.notices[-1]
+
+
+@pytest.fixture
+def session(qtbot: QtBot) -> Iterator[Session]:
+    document = Document()
+    session = Session(document, Tasks(document), qtbot)
+    document.noticed.connect(session.notices.append)
+    yield session
+    session.tasks.close()
+    assert not session.tasks.worker.folder.exists()
+
+
+@pytest.fixture
+def neuron_file(neuron: Mesh, tmp_path: Path) -> Path:
+    path = tmp_path / "neuron.npz"
+    np.savez(path, vertices=neuron.vertices, faces=neuron.faces)
+    return path
+
+
+def test_read_decompose_export_and_open_again(session: Session, neuron_file: Path) -> None:
+    document = session.document
+    document.open_mesh(neuron_file, "nm")
+    assert document.job is not None
+    session.wait_until_idle()
+    assert document.mesh.unit == "nm"
+    assert document.mesh.name == "neuron"
+    document.target = Target("count", 40)
+    document.compute()
+    session.wait_until_idle()
+    assert len(document.spectrum) == 40
+    assert document.spectrum.complete
+    out = neuron_file.parent / "out.npz"
+    document.export(ExportJob(document.mesh, document.operator, out, "hks", 40, {"n_scales": 8}))
+    session.wait_until_idle()
+    with np.load(out) as file:
+        assert file["features"].shape == (document.mesh.n_vertices, 8)
+    assert str(out) in session.last().text
+    document.open_mesh(neuron_file, "nm")
+    session.wait_until_idle()
+    assert len(document.spectrum) == 40
+
+
+def test_a_file_that_cannot_be_read_leaves_the_mesh_that_is_open(
+    session: Session, neuron_file: Path, tmp_path: Path
+) -> None:
+    document = session.document
+    document.open_mesh(neuron_file)
+    session.wait_until_idle()
+    mesh = document.mesh
+    (tmp_path / "empty.ply").touch()
+    document.open_mesh(tmp_path / "empty.ply")
+    session.wait_until_idle()
+    assert document.mesh is mesh
+    assert session.last().severity is Severity.ERROR
+    assert "empty.ply" in session.last().text
+
+
+def test_cancelling_keeps_what_has_converged(session: Session) -> None:
+    document = session.document
+    document.take_mesh(shapes.icosphere(5))
+    session.wait_until_idle()
+    document.target = Target("count", 1500)
+    document.compute()
+    session.wait(lambda: document.spectrum is not None)
+    document.cancel()
+    assert document.job.cancelling
+    session.wait_until_idle()
+    assert "converged are kept" in session.last().text
+    assert 0 < len(document.spectrum) < 1500
+    document.target = Target("count", 10)
+    document.compute()
+    session.wait_until_idle()
+    assert document.spectrum.complete
+
+
+def test_another_mesh_takes_the_place_of_a_running_job(session: Session, neuron_file: Path) -> None:
+    session.tasks.run(EndlessJob())
+    session.document.open_mesh(neuron_file)
+    session.wait(lambda: session.document.mesh is not None)
+    session.wait_until_idle()
+    assert not session.notices
+
+
+def test_export_waits_its_turn(session: Session, neuron: Mesh, tmp_path: Path) -> None:
+    document = session.document
+    session.tasks.run(DecomposeJob(neuron, OperatorOptions(), Target("count", 20)))
+    out = tmp_path / "pairs.npz"
+    document.export(ExportJob(neuron, OperatorOptions(), out, "eigenpairs", 20))
+    assert "waits for" in session.last().text
+    session.wait(lambda: out.exists())
+    session.wait_until_idle()
+    assert document.spectrum is None  # of a mesh that the document does not show
+
+
+def test_export_of_what_was_cleared_says_so(session: Session, neuron: Mesh, tmp_path: Path) -> None:
+    session.document.export(
+        ExportJob(neuron, OperatorOptions(), tmp_path / "x.npz", "eigenpairs", 20)
+    )
+    session.wait_until_idle()
+    assert "compute them again" in session.last().text
+
+
+def test_decomposing_while_a_mesh_is_read_is_refused(session: Session, neuron: Mesh) -> None:
+    session.tasks.run(EndlessJob())
+    session.tasks.run(DecomposeJob(neuron, OperatorOptions(), Target("count", 20)))
+    assert "not done yet" in session.last().text
+    session.document.cancel()
+    session.wait_until_idle()
+
+
+def test_repair_scale_and_undo(session: Session, neuron: Mesh) -> None:
+    document = session.document
+    document.take_mesh(neuron)
+    session.wait_until_idle()
+    document.target = Target("count", 20)
+    document.compute()
+    session.wait_until_idle()
+    spectrum = document.spectrum
+    document.repair("keep_largest_component")
+    session.wait_until_idle()
+    assert document.ready.health.n_components == 1
+    assert document.spectrum is None
+    document.undo_repair()
+    assert document.mesh.n_vertices == neuron.n_vertices
+    assert document.spectrum is spectrum
+    document.set_unit("µm")
+    assert document.spectrum is spectrum
+    document.set_unit("8 nm")
+    session.wait_until_idle()
+    assert document.mesh.unit == "nm"
+    np.testing.assert_allclose(document.mesh.vertices, 8.0 * neuron.vertices)
+
+
+def test_undo_stops_the_decomposition_of_what_is_gone(session: Session, neuron: Mesh) -> None:
+    document = session.document
+    document.take_mesh(neuron)
+    session.wait_until_idle()
+    document.repair("keep_largest_component")
+    session.wait_until_idle()
+    document.target = Target("count", 1000)
+    document.compute()
+    document.undo_repair()
+    session.wait_until_idle()
+    assert document.mesh.n_vertices == neuron.n_vertices
+    assert document.spectrum is None or not document.spectrum.complete
+
+
+@pytest.mark.parametrize("job", [DyingJob(), FailingJob("input"), FailingJob("defect")])
+def test_failure_is_said_and_the_next_job_runs(
+    session: Session, job: DyingJob | FailingJob, neuron_file: Path
+) -> None:
+    session.tasks.run(job)
+    session.wait_until_idle()
+    assert session.last().severity is Severity.ERROR
+    session.document.open_mesh(neuron_file)
+    session.wait_until_idle()
+    assert session.document.mesh is not None
+
+
+def test_closing_in_the_middle_of_a_decomposition(qtbot: QtBot) -> None:
+    document = Document()
+    tasks = Tasks(document)
+    mesh = shapes.icosphere(5)
+    tasks.run(DecomposeJob(mesh, OperatorOptions(), Target("count", 1000)))
+    qtbot.waitUntil(
+        lambda: document.job is not None and document.job.progress.total > 0, timeout=_PATIENCE
+    )
+    tasks.close()
+    assert not tasks.worker.folder.exists()
+    assert tasks.worker.process_id is None

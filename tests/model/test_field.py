@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from solved import spectrum_of
+
+from meshmash_viewer.health import mesh_health
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.display import FieldKind, SimilarityBasis
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.field import band_support, compute_field, request_of
+from meshmash_viewer.model.jobs import MeshReady
+from meshmash_viewer.model.limits import LockedLimits
+from meshmash_viewer.model.live import LiveFeatures
+from meshmash_viewer.model.spectrum import Spectrum
+
+
+@pytest.fixture
+def document(rectangle: Mesh) -> Document:
+    document = Document()
+    mesh = rectangle.in_unit("nm")
+    document.accept_mesh(MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals))
+    document.accept_spectrum(spectrum_of(rectangle, 40))
+    return document
+
+
+def test_nothing_to_show_before_there_are_pairs(rectangle: Mesh) -> None:
+    document = Document()
+    assert request_of(document) is None
+    document.accept_mesh(MeshReady(rectangle, mesh_health(rectangle), rectangle.vertex_normals))
+    assert request_of(document) is None
+    nothing = Spectrum(np.zeros(0), np.zeros((3, rectangle.n_vertices)), np.zeros(0))
+    document.accept_spectrum(nothing)
+    assert request_of(document) is None
+
+
+def test_eigenfunction_and_its_other_sign(document: Document) -> None:
+    document.display.index = 5
+    request = request_of(document)
+    assert request is not None
+    field = compute_field(request, LiveFeatures())
+    assert field is not None
+    assert field.values.dtype == np.float32
+    np.testing.assert_allclose(field.values, document.spectrum.rows[5], rtol=1e-6)
+    assert (field.title, field.unit, field.signed) == ("Eigenfunction 5", "nm⁻¹", True)
+    assert field.quantity == f"λ₅ = {document.spectrum.eigenvalues[5]:.4g} nm⁻²"
+    document.flip()
+    flipped = compute_field(request_of(document), LiveFeatures())
+    np.testing.assert_array_equal(flipped.values, -field.values)
+
+
+def test_index_beyond_what_has_converged_shows_the_last(document: Document) -> None:
+    document.display.index = 10_000
+    assert request_of(document).index == 39
+
+
+def test_what_does_not_matter_makes_no_other_request(document: Document) -> None:
+    before = request_of(document)
+    document.display.band_count = 7
+    document.display.time = 3.0
+    document.display.flipped = frozenset({17})
+    assert request_of(document) == before
+    document.accept_spectrum(replace(document.spectrum))
+    assert request_of(document) != before
+
+
+def test_hks_names_time_and_length(document: Document) -> None:
+    document.display.kind = FieldKind.HKS
+    document.display.time = 0.25
+    field = compute_field(request_of(document), LiveFeatures())
+    assert field.quantity == "t = 0.25 nm² (√t = 0.5 nm)"
+    assert (field.unit, field.signed, field.time) == ("nm⁻²", False, 0.25)
+
+
+@pytest.mark.parametrize(("count", "band"), [(1, 0), (3, 1), (12, 0), (12, 4), (12, 11)])
+def test_band_names_its_support(document: Document, count: int, band: int) -> None:
+    from meshmash_viewer.filters import bspline_bank
+
+    document.display.kind = FieldKind.BAND
+    document.display.band_count, document.display.band = count, band
+    request = request_of(document)
+    low, high = band_support(request)
+    grid = np.linspace(*request.eigenvalues, 2001)
+    weights = bspline_bank(*request.eigenvalues, count)(grid)[band]
+    step = grid[1] - grid[0]
+    inside = grid[weights > 0.0]
+    assert inside[0] == pytest.approx(low, abs=1.5 * step)
+    assert inside[-1] == pytest.approx(high, abs=1.5 * step)
+
+
+def test_similarity_needs_a_vertex_and_a_table(document: Document) -> None:
+    document.display.kind = FieldKind.SIMILARITY
+    assert request_of(document).kind is FieldKind.EIGENFUNCTION
+    document.display.similarity_vertex = 3
+    live = LiveFeatures()
+    for basis in SimilarityBasis:
+        document.display.similarity_basis = basis
+        request = request_of(document)
+        assert compute_field(request, live) is None
+        live.prepare(request)
+        field = compute_field(request, live)
+        assert field.values[3] == 0.0
+        assert field.unit == ""
+        assert "vertex 3" in field.quantity
+
+
+def test_limits_follow_the_policy_and_are_computed_once(document: Document) -> None:
+    field = compute_field(request_of(document), LiveFeatures())
+    low, high = field.limits(None)
+    assert -low == high == pytest.approx(np.abs(field.values).max())
+    assert field.limits(LockedLimits(1.0, 2.0)) == (1.0, 2.0)
+    field.values[:] = 0.0
+    assert field.limits(None) == (low, high)

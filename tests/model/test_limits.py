@@ -1,0 +1,51 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from meshmash_viewer.model.limits import (
+    LimitPolicy,
+    LockedLimits,
+    MinMaxLimits,
+    PercentileLimits,
+    SymmetricLimits,
+    automatic_limits,
+)
+
+POLICIES = [SymmetricLimits(), MinMaxLimits(), PercentileLimits(), LockedLimits(3.0, 3.0)]
+
+
+@pytest.mark.parametrize("policy", POLICIES, ids=lambda policy: policy.label)
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.zeros(5),
+        np.full(5, 1e-30),
+        np.array([np.nan, np.nan]),
+        np.array([np.nan, 1.0, np.inf]),
+        np.array([]),
+        np.array([-1.0, 2.0], dtype=np.float32),
+    ],
+    ids=str,
+)
+def test_limits_are_open_and_finite_for_any_field(policy: LimitPolicy, values: np.ndarray) -> None:
+    low, high = policy.limits(values)
+    assert np.isfinite(low)
+    assert np.isfinite(high)
+    assert low < high
+
+
+def test_policies_do_what_they_say() -> None:
+    values = np.array([np.nan, -3.0, 0.0, 5.0])
+    assert SymmetricLimits().limits(values) == (-5.0, 5.0)
+    assert MinMaxLimits().limits(values) == (-3.0, 5.0)
+    assert LockedLimits(0.0, 1.0).limits(values) == (0.0, 1.0)
+    assert automatic_limits(signed=True) == SymmetricLimits()
+    assert automatic_limits(signed=False) == PercentileLimits()
+
+
+def test_percentiles_of_many_values_come_from_some_of_them(rng: np.random.Generator) -> None:
+    values = rng.uniform(size=1_000_001)
+    low, high = PercentileLimits(5.0, 95.0).limits(values)
+    assert low == pytest.approx(0.05, abs=5e-3)
+    assert high == pytest.approx(0.95, abs=5e-3)

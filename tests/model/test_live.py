@@ -1,0 +1,169 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from solved import spectrum_of
+
+from meshmash_viewer.features import accumulate_features
+from meshmash_viewer.filters import bspline_bank, heat_kernel_bank, hks_time_range, hks_times
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.display import FieldKind, SimilarityBasis
+from meshmash_viewer.model.field import FieldRequest
+from meshmash_viewer.model.heat_table import build_heat_table
+from meshmash_viewer.model.live import LiveFeatures, expected_bytes
+from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.shape import feature_distance
+
+
+def direct(spectrum: Spectrum, coefficients: np.ndarray) -> np.ndarray:
+    k = len(spectrum)
+    return accumulate_features(spectrum.eigenvalues, spectrum.rows[:k], coefficients)
+
+
+def hks_request(spectrum: Spectrum, time: float) -> FieldRequest:
+    times = hks_time_range(spectrum.eigenvalues)
+    return FieldRequest(spectrum, "", FieldKind.HKS, time=time, times=times)
+
+
+def band_request(spectrum: Spectrum, band: int, count: int = 12) -> FieldRequest:
+    bounds = (0.0, float(spectrum.eigenvalues[-1]))
+    return FieldRequest(
+        spectrum, "", FieldKind.BAND, band=band, band_count=count, eigenvalues=bounds
+    )
+
+
+@pytest.mark.parametrize("shape", ["rectangle", "neuron"])
+def test_compressed_hks_is_within_its_bound_of_the_direct_sum(
+    shape: str, request: pytest.FixtureRequest
+) -> None:
+    spectrum = spectrum_of(request.getfixturevalue(shape), 150)
+    times = hks_time_range(spectrum.eigenvalues)
+    table = build_heat_table(spectrum, times)
+    assert table.covers(times[0])
+    assert table.covers(times[1])
+    assert not table.covers(1e-3 * times[0])
+    for time in np.geomspace(*times, 47):
+        assert table.error(time) <= 1e-4
+        wanted = direct(spectrum, np.exp(-spectrum.eigenvalues * time)[None])[:, 0]
+        found = table.at(time)
+        assert found.dtype == np.float32
+        rounding = 2e-7 * np.nanmax(wanted)
+        assert (
+            np.nanmax(np.abs(found - wanted)) <= 1e-4 * np.ptp(wanted[~np.isnan(wanted)]) + rounding
+        )
+
+
+def test_table_grows_with_the_spectrum(rectangle: Mesh) -> None:
+    whole = spectrum_of(rectangle, 120)
+    part = Spectrum(whole.eigenvalues[:60], whole.rows, whole.residuals[:60])
+    early = build_heat_table(part, hks_time_range(part.eigenvalues))
+    times = hks_time_range(whole.eigenvalues)
+    grown, fresh = build_heat_table(whole, times, early), build_heat_table(whole, times)
+    assert grown.spectrum is whole
+    for time in np.geomspace(*times, 9):
+        np.testing.assert_allclose(grown.at(time), fresh.at(time), rtol=2e-4)
+        assert grown.error(time) <= 1e-4
+
+
+def test_scale_makes_no_difference(rectangle: Mesh) -> None:
+    spectrum = spectrum_of(rectangle, 60)
+    small = Spectrum(spectrum.eigenvalues * 1e18, spectrum.rows * 1e9, spectrum.residuals)
+    times = hks_time_range(spectrum.eigenvalues)
+    table = build_heat_table(spectrum, times)
+    other = build_heat_table(small, (times[0] * 1e-18, times[1] * 1e-18))
+    middle = np.sqrt(times[0] * times[1])
+    np.testing.assert_allclose(other.at(middle * 1e-18), table.at(middle) * 1e18, rtol=1e-4)
+
+
+def test_spectrum_without_scale_has_a_constant_signature(sphere: Mesh) -> None:
+    spectrum = spectrum_of(sphere, 1)
+    table = build_heat_table(spectrum, (1.0, 10.0))
+    np.testing.assert_allclose(table.at(3.0), 1.0 / sphere.area, rtol=1e-5)
+
+
+def test_unreferenced_vertices_stay_grey(neuron: Mesh) -> None:
+    assert not neuron.referenced.all()
+    spectrum = spectrum_of(neuron, 100)
+    live = LiveFeatures()
+    times = hks_time_range(spectrum.eigenvalues)
+    asked = hks_request(spectrum, times[1])
+    for _ in range(2):
+        values, _ = live.heat_kernel(asked)
+        np.testing.assert_array_equal(np.isfinite(values), neuron.referenced)
+        live.prepare(asked)
+        assert live.prepared(asked)
+
+
+def test_time_outside_the_table_is_summed_directly(rectangle: Mesh) -> None:
+    spectrum = spectrum_of(rectangle, 40)
+    live = LiveFeatures()
+    live.prepare(hks_request(spectrum, 1.0))
+    for time in (0.0, 1e-9, 1e9):
+        values, draft = live.heat_kernel(hks_request(spectrum, time))
+        wanted = direct(spectrum, np.exp(-spectrum.eigenvalues * time)[None])[:, 0]
+        np.testing.assert_allclose(values, wanted, rtol=1e-6)
+        assert not draft
+
+
+def test_bands_are_the_same_with_and_without_a_table(neuron: Mesh) -> None:
+    spectrum = spectrum_of(neuron, 100)
+    live = LiveFeatures()
+    bank = bspline_bank(0.0, float(spectrum.eigenvalues[-1]), 12)
+    wanted = direct(spectrum, bank(spectrum.eigenvalues))
+    for prepared in (False, True):
+        for band in (0, 5, 11):
+            asked = band_request(spectrum, band)
+            assert live.prepared(asked) is prepared
+            values, _ = live.band(asked)
+            np.testing.assert_allclose(values, wanted[:, band], rtol=1e-5)
+        live.prepare(band_request(spectrum, 3))
+    assert not live.prepared(band_request(spectrum, 3, count=13))
+
+
+@pytest.mark.parametrize("basis", list(SimilarityBasis))
+def test_similarity_is_the_distance_in_feature_space(neuron: Mesh, basis: SimilarityBasis) -> None:
+    spectrum = spectrum_of(neuron, 100)
+    values = spectrum.eigenvalues
+    times, bounds = hks_time_range(values), (0.0, float(values[-1]))
+    if basis is SimilarityBasis.HKS:
+        bank = heat_kernel_bank(hks_times(values, *times, 16))
+    else:
+        bank = bspline_bank(*bounds, 16)
+    features = direct(spectrum, bank(values))
+    live = LiveFeatures()
+    for vertex in (0, 777):
+        asked = FieldRequest(
+            spectrum,
+            "",
+            FieldKind.SIMILARITY,
+            times=times,
+            scales=16,
+            band_count=16,
+            eigenvalues=bounds,
+            vertex=vertex,
+            basis=basis,
+        )
+        if not live.prepared(asked):
+            assert live.similarity(asked) == (None, True)
+            live.prepare(asked)
+        found, draft = live.similarity(asked)
+        assert found is not None
+        wanted = feature_distance(features, vertex)
+        assert not draft
+        assert found[vertex] == 0.0
+        assert np.nanmax(np.abs(found - wanted)) < 4e-3 * np.nanmax(wanted)
+
+
+def test_tables_are_counted_dropped_and_can_be_given_up(rectangle: Mesh) -> None:
+    spectrum = spectrum_of(rectangle, 60)
+    live = LiveFeatures()
+    asked = hks_request(spectrum, 1.0)
+    with pytest.raises(Cancelled):
+        live.prepare(asked, cancel=lambda: True)
+    assert not live.prepared(asked)
+    live.prepare(asked)
+    live.prepare(band_request(spectrum, 0))
+    assert 0 < live.nbytes <= expected_bytes(rectangle.n_vertices)
+    live.forget()
+    assert live.nbytes == 0

@@ -1,0 +1,24 @@
+"""Spectra of test meshes, solved once."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from meshmash_viewer.eigensolver import solve
+from meshmash_viewer.laplacian import cotangent_laplacian
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.spectrum import Spectrum
+
+
+@cache
+def spectrum_of(mesh: Mesh, n_pairs: int) -> Spectrum:
+    """The lowest pairs of a mesh under the robust Laplacian; equal calls share them."""
+    found = solve(*cotangent_laplacian(mesh, robust=True), n_pairs)
+    return Spectrum(
+        found.eigenvalues,
+        found.rows,
+        found.residuals,
+        total=n_pairs,
+        complete=True,
+        proof=found.proof(),
+    )
