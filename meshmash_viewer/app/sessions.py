@@ -46,7 +46,7 @@ def store_session(window: MainWindow, path: Path) -> None:
     mesh = document.mesh
     session = Session(
         mesh_path=str(document.path or ""),
-        unit=mesh.unit or "none",
+        unit=document.unit_text,
         mesh_hash=mesh.content_hash,
         operator=asdict(document.operator),
         target={"kind": document.target.kind, "value": document.target.value},

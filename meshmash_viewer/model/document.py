@@ -137,8 +137,17 @@ class Document:
             self.pins_changed.emit()
             self.spectrum_changed.emit()
         else:
-            mesh, path = self.ready.mesh, self.ready.path
-            self._request(ScaleJob(mesh, factor, unit, path, self.operator))
+            ready = self.ready
+            job = ScaleJob(ready.mesh, factor, unit, ready.path, ready.factor, self.operator)
+            self._request(job)
+
+    @property
+    def unit_text(self) -> str:
+        """The unit as `open_mesh` takes it: "nm", "none", or "8 nm" for a file in voxels."""
+        if self.ready is None:
+            return ""
+        unit = self.ready.mesh.unit or "none"
+        return unit if self.ready.factor == 1.0 else f"{self.ready.factor:.15g} {unit}"
 
     def repair(self, name: str) -> None:
         """Ask for a repair of `meshmash_viewer.health.REPAIRS`."""
@@ -158,6 +167,7 @@ class Document:
     def accept_mesh(self, ready: MeshReady) -> None:
         """Take a mesh that was read or repaired, with the spectrum that was stored."""
         if ready.repair and self.ready is not None:
+            ready = replace(ready, factor=self.ready.factor)
             self._undo.append((self.ready, self.spectrum))
         else:
             self._undo.clear()
@@ -169,6 +179,8 @@ class Document:
         self.pins = ()
         self.display.similarity_vertex = None
         self.display.flipped = frozenset()
+        # the first function that is not constant on every component: there is nothing to see before
+        self.display.index = ready.health.n_components
         if self.display.kind is FieldKind.SIMILARITY:
             self.display.kind = FieldKind.EIGENFUNCTION
         self.mesh_changed.emit()
@@ -221,7 +233,9 @@ class Document:
     # -- pins -------------------------------------------------------------------------------
 
     def toggle_pin(self, vertex: int) -> None:
-        """Pin a vertex, or take its pin away."""
+        """Pin a vertex, or take its pin away; an index that the mesh has not is an `IndexError`."""
+        if self.mesh is None or not 0 <= vertex < self.mesh.n_vertices:
+            raise IndexError(f"vertex {vertex} is not in the mesh")
         if any(pin.vertex == vertex for pin in self.pins):
             self.pins = tuple(pin for pin in self.pins if pin.vertex != vertex)
         else:

@@ -62,7 +62,7 @@ def export(job: ExportJob, channel: Channel) -> Written:
         low, high = parameters.get("e_min", 0.0), parameters.get("e_max", float(values[-1]))
         bank = bspline_bank(low, high, parameters["n_bands"])
     channel.report(Progress("features", message="Computing features"))
-    features = compute_features(decomposition, bank)
+    features = compute_features(decomposition, bank, unit=job.mesh.unit)
     channel.report(Progress("writing", message=job.label))
     write_features(job.path, features, job.mesh, eigenvalues=values, meta=meta)
     return Written(job.path, f"{KINDS[job.kind]}, {bank.n_filters} columns,")

@@ -7,7 +7,7 @@ without harm.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
@@ -20,6 +20,7 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.progress import Progress
+from meshmash_viewer.units import parse_unit
 from meshmash_viewer.weyl import Target
 
 __all__ = [
@@ -132,6 +133,8 @@ class MeshReady:
         Eigenpairs found in the store.
     remark : str
         A sentence for the message bar, where there is something to say.
+    factor : float
+        What the coordinates of the file were multiplied by.
     """
 
     mesh: Mesh
@@ -141,6 +144,7 @@ class MeshReady:
     repair: str = ""
     known: SpectrumGrew | None = None
     remark: str = ""
+    factor: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -179,7 +183,8 @@ class ReadJob:
 
         channel.report(Progress("reading", message=f"Reading {self.path.name}"))
         mesh = read_mesh(self.path, self.unit or None)
-        return _inspect(mesh, self.operator, channel, path=self.path)
+        ready = _inspect(mesh, self.operator, channel, path=self.path)
+        return replace(ready, factor=parse_unit(self.unit)[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,12 +206,24 @@ class InspectJob:
 
 @dataclass(frozen=True, eq=False)
 class ScaleJob:
-    """Multiply the coordinates, as from voxels to nm; returns `MeshReady`."""
+    """Multiply the coordinates, as from voxels to nm; returns `MeshReady`.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    factor : float
+    unit : str
+        Of the product.
+    path, file_factor : Path and float, optional
+        Where the mesh comes from, and what its coordinates were multiplied by before.
+    operator : OperatorOptions
+    """
 
     mesh: Mesh
     factor: float
     unit: str
     path: Path | None = None
+    file_factor: float = 1.0
     operator: OperatorOptions = field(default_factory=OperatorOptions)
 
     @property
@@ -218,7 +235,8 @@ class ScaleJob:
         """See `Job.run`."""
         mesh = self.mesh
         scaled = Mesh(mesh.vertices * self.factor, mesh.faces, self.unit, mesh.name)
-        return _inspect(scaled, self.operator, channel, path=self.path)
+        ready = _inspect(scaled, self.operator, channel, path=self.path)
+        return replace(ready, factor=self.factor * self.file_factor)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,90 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from solved import spectrum_of
+
+from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.display import FieldKind, SimilarityBasis
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.field import compute_field, request_of
+from meshmash_viewer.model.jobs import InspectJob, ReadJob, RepairJob, ScaleJob
+from meshmash_viewer.model.live import LiveFeatures
+from meshmash_viewer.model.script import reproduction_script
+from meshmash_viewer.progress import Progress
+
+
+class Deaf:
+    folder = Path()
+
+    def report(self, progress: Progress) -> None:
+        return
+
+    def send(self, message: object) -> None:
+        return
+
+    def cancelled(self) -> bool:
+        return False
+
+
+@pytest.fixture
+def document(neuron: Mesh, tmp_path: Path) -> Document:
+    """A neuron that was read in voxels and repaired, with the pairs of what came out."""
+    path = tmp_path / "my neuron.npz"
+    np.savez(path, vertices=neuron.vertices, faces=neuron.faces)
+    document = Document()
+    document.accept_mesh(ReadJob(path, "none").run(Deaf()))
+    before = document.ready
+    scaled = ScaleJob(before.mesh, 8.0, "nm", before.path, before.factor).run(Deaf())
+    document.accept_mesh(scaled)
+    repair = RepairJob(document.mesh, "keep_largest_component", document.path)
+    document.accept_mesh(repair.run(Deaf()))
+    spectrum = spectrum_of(document.mesh, 30)
+    document.accept_spectrum(replace(spectrum, operator=OperatorOptions()))
+    return document
+
+
+@pytest.mark.parametrize("kind", list(FieldKind))
+def test_script_makes_the_field_again(document: Document, tmp_path: Path, kind: FieldKind) -> None:
+    document.display.kind = kind
+    document.display.index = 4
+    document.display.flipped = frozenset({4})
+    document.display.similarity_vertex = 11
+    document.display.similarity_basis = SimilarityBasis.HKS
+    live, request = LiveFeatures(), request_of(document)
+    live.prepare(request)
+    shown = compute_field(request, live).values
+    code = reproduction_script(document) + "\nnp.save('values.npy', values)\n"
+    if "import numpy" not in code:
+        code = "import numpy as np\n" + code
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "complete" in done.stdout
+    made = np.load(tmp_path / "values.npy")
+    np.testing.assert_allclose(shown, made, atol=3e-3 * np.abs(made).max())
+    assert len(list(tmp_path.glob("my neuron_*"))) == 1
+
+
+def test_unit_text_is_what_opens_the_file_again(document: Document, tmp_path: Path) -> None:
+    assert document.unit_text == "8 nm"
+    again = ReadJob(document.path, document.unit_text).run(Deaf())
+    assert again.factor == 8.0
+    assert again.mesh.unit == "nm"
+    assert Document().unit_text == ""
+
+
+def test_mesh_in_memory_leaves_a_line_to_fill_in(sphere: Mesh) -> None:
+    document = Document()
+    assert reproduction_script(document) == "import meshmash_viewer as mv\n"
+    document.accept_mesh(InspectJob(sphere).run(Deaf()))
+    script = reproduction_script(document)
+    assert "in memory" in script
+    compile(script, "script", "exec")
