@@ -7,6 +7,7 @@ that of the whole mesh, because heat has not yet seen the cut.
 
 from __future__ import annotations
 
+import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from typing import Any, Literal, TypeAlias, overload
@@ -204,39 +205,41 @@ class MeshStitcher:
     def _results(
         self, function: Callable[[PieceMesh], Any], cancel: CancelCallback | None
     ) -> Iterator[Any]:
-        """Results in the order of the pieces, as they come."""
+        """Results in the order of the pieces, as they come.
+
+        After a failure or a cancel no further piece is handed out, and those that are being worked
+        on are waited for: to abort them would kill workers that others may share.
+        """
         from joblib import Parallel, delayed
 
-        def stop_if_cancelled() -> None:
-            if cancel is not None and cancel():
-                raise Cancelled
+        stopped = cancel is not None and cancel()
+        outcome: Exception | None = Cancelled() if stopped else None
 
-        stop_if_cancelled()
-        names = [
-            f"piece {number + 1} of {len(self.pieces)} ({len(piece)} vertices, "
-            f"the first is vertex {piece[0]})"
-            for number, piece in enumerate(self.pieces)
-        ]
-        if self.n_jobs == 1:
-            for number, name in enumerate(names):
-                stop_if_cancelled()
-                yield _call(function, self.piece_mesh(number), name)
-            return
+        def tasks() -> Iterator[Any]:
+            for number, piece in enumerate(self.pieces):
+                if outcome is not None:
+                    return
+                name = (
+                    f"piece {number + 1} of {len(self.pieces)} ({len(piece)} vertices, "
+                    f"the first is vertex {piece[0]})"
+                )
+                yield delayed(_call)(function, self.piece_mesh(number), name)
+
         # max_nbytes=None: the function gets arrays of its own, not read-only maps of a file.
-        parallel = Parallel(n_jobs=self.n_jobs, return_as="generator", max_nbytes=None)
-        results = parallel(
-            delayed(_call)(function, self.piece_mesh(number), name)
-            for number, name in enumerate(names)
+        parallel = Parallel(
+            n_jobs=self.n_jobs, return_as="generator", max_nbytes=None, pre_dispatch="n_jobs"
         )
-        try:
-            for result in results:
-                yield result
-                stop_if_cancelled()
-        finally:
-            with warnings.catch_warnings():
-                # Pieces thrown away after a cancel are what was asked for.
-                warnings.filterwarnings("ignore", ".*tasks.*still being processed", UserWarning)
-                results.close()
+        for result in parallel(tasks()):
+            if outcome is not None:
+                continue
+            if isinstance(result, PieceError):
+                outcome = result
+                continue
+            yield result
+            if cancel is not None and cancel():
+                outcome = Cancelled()
+        if outcome is not None:
+            raise outcome
 
     def _stitched(self, results: list[Any]) -> npt.NDArray[Any]:
         arrays = [np.asarray(result) for result in results]
@@ -295,7 +298,7 @@ class _FacesOfVertices:
 
 
 def _call(function: Callable[[PieceMesh], Any], piece: PieceMesh, name: str) -> Any:
-    """Run in the worker: one BLAS thread, and a failure says where it happened."""
+    """Run in the worker, with one BLAS thread; a failure comes back as a `PieceError`."""
     from threadpoolctl import threadpool_limits
 
     try:
@@ -303,7 +306,8 @@ def _call(function: Callable[[PieceMesh], Any], piece: PieceMesh, name: str) -> 
             # A piece that gathers small components has nothing but constants to offer.
             warnings.simplefilter("ignore", ConstantFeaturesWarning)
             return function(piece)
-    except Exception as failure:
-        raise PieceError(
-            f"The function failed on {name}: {type(failure).__name__}: {failure}"
-        ) from failure
+    except Exception as failure:  # noqa: BLE001  (returned, and raised by the caller)
+        error = PieceError(f"The function failed on {name}: {type(failure).__name__}: {failure}")
+        # A cause does not survive the way between processes; a note does.
+        error.add_note(traceback.format_exc())
+        return error

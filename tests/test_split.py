@@ -157,8 +157,23 @@ def test_parallel_gives_what_serial_gives(fine_sphere: Mesh) -> None:
     assert len(processes) == len(stitcher.pieces)
     assert os.getpid() not in processes
 
-    with pytest.raises(PieceError, match=r"piece \d+ of \d+ .*ZeroDivisionError"):
-        stitcher.apply(lambda piece: 1 / 0)
+
+@pytest.mark.parametrize("n_jobs", [1, 2])
+def test_a_failure_names_the_piece(sphere: Mesh, n_jobs: int) -> None:
+    stitcher = MeshStitcher(sphere, n_jobs=n_jobs)
+    stitcher.split_mesh(150)
+    assert len(stitcher.pieces) > 4
+    third = len(stitcher.pieces[2])
+    corner = stitcher.piece_mesh(2)[0][0]
+
+    def fails(piece: tuple[np.ndarray, np.ndarray]) -> float:
+        return 1 / 0 if (piece[0][0] == corner).all() else 0.0
+
+    with pytest.raises(
+        PieceError, match=rf"piece 3 of \d+ \({third} .*ZeroDivisionError"
+    ) as caught:
+        stitcher.apply(lambda piece: fails(piece))
+    assert "in fails" in caught.value.__notes__[0]
 
 
 def test_one_blas_thread_each(sphere: Mesh) -> None:
