@@ -273,7 +273,7 @@ class EigenpairStore:
             return None
         mass = None
         if meta:
-            mass = np.array(map_rows(self.folder / _MASS, "r", (self.n_vertices,)))
+            mass = map_rows(self.folder / _MASS, "r", (self.n_vertices,))
         return StoredSpectrum(
             values[:converged],
             rows[:converged],

@@ -229,6 +229,23 @@ def test_obj_polygons_negative_indices_and_continued_lines(tmp_path: Path) -> No
     assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2], [0, 2, 4], [0, 4, 3]]
 
 
+def test_vtk_strips_polygons_and_grids(tmp_path: Path) -> None:
+    points = "# vtk DataFile Version 3.0\ntest\nASCII\nDATASET {kind}\nPOINTS 5 float\n"
+    points += "0 0 0 1 0 0 1 1 0 0 1 0 0.5 2 0\n"
+    path = tmp_path / "mesh.vtk"
+    path.write_text(
+        points.format(kind="POLYDATA")
+        + "POLYGONS 2 9\n3 0 1 2\n4 0 2 4 3\nTRIANGLE_STRIPS 1 5\n4 0 1 3 2\n"
+    )
+    wanted = [[0, 1, 2], [0, 2, 4], [0, 4, 3], [0, 1, 3], [3, 1, 2]]
+    assert read_mesh(path).faces.tolist() == wanted
+    path.write_text(
+        points.format(kind="UNSTRUCTURED_GRID")
+        + "CELLS 2 9\n3 0 1 2\n4 0 2 4 3\nCELL_TYPES 2\n5\n9\n"
+    )
+    assert read_mesh(path).n_faces == 3
+
+
 def test_ply_polygons_of_differing_length_and_strips(tmp_path: Path) -> None:
     header = (
         "ply\nformat {kind} 1.0\nelement vertex 5\nproperty double x\nproperty double y\n"
@@ -374,6 +391,18 @@ def test_index_out_of_range_in_binary_formats(tmp_path: Path) -> None:
     assert "index 6 of 6 vertices" in fault_of(tmp_path / "far.npz")
     np.savez(tmp_path / "negative.npz", vertices=VERTICES, faces=FACES - 1)
     assert "index -1 of 6 vertices" in fault_of(tmp_path / "negative.npz")
+
+
+@pytest.mark.parametrize("name", ["mesh.vtp", "mesh.vtk"])
+def test_a_reader_that_ends_its_process(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # As VTK does on some broken files, by a segmentation fault or for want of memory.
+    monkeypatch.setattr(
+        "meshmash_viewer.io.formats.vtk._CHILD", "import os; os.kill(os.getpid(), 9)"
+    )
+    write_vtk(tmp_path / name)
+    assert "VTK's reader ends on it" in fault_of(tmp_path / name)
 
 
 def test_no_triangle_left_after_merging(tmp_path: Path) -> None:

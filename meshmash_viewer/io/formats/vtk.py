@@ -1,8 +1,15 @@
-"""VTP and legacy VTK files, by VTK's own readers."""
+"""VTP and legacy VTK files, by VTK's own readers in a process of their own.
+
+On some broken files VTK does not fail but ends its process, so that must not be ours.
+"""
 
 from __future__ import annotations
 
+import json
 import re
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +20,15 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.polygons import RawMesh, fan_triangles, strip_triangles
 from meshmash_viewer.mesh import IntArray
 
-__all__ = ["read_legacy_vtk", "read_vtp"]
+__all__ = ["convert", "read_legacy_vtk", "read_vtp"]
+
+# The child finds this package wherever the parent found it.
+_CHILD = """
+import json, sys
+sys.path[:] = json.loads(sys.argv[1])
+from meshmash_viewer.io.formats.vtk import convert
+convert(*sys.argv[2:])
+"""
 
 
 def read_vtp(path: Path) -> RawMesh:
@@ -24,12 +39,10 @@ def read_vtp(path: Path) -> RawMesh:
     InputError
         If VTK cannot read the file.
     """
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
-
-    reader = vtkXMLPolyDataReader()
-    if not reader.CanReadFile(str(path)):
-        raise InputError("is not a VTK XML PolyData file")
-    return _from_polydata(_output(reader, path))
+    with path.open("rb") as file:
+        if b"<VTKFile" not in file.read(10_000):
+            raise InputError("is not a VTK XML PolyData file")
+    return _in_child(path)
 
 
 def read_legacy_vtk(path: Path) -> RawMesh:
@@ -40,11 +53,57 @@ def read_legacy_vtk(path: Path) -> RawMesh:
     InputError
         If VTK cannot read the file, or it holds another kind of data.
     """
-    from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
-
     with path.open("rb") as file:
         if not file.read(30).startswith(b"# vtk DataFile"):
             raise InputError('does not begin with "# vtk DataFile"')
+    return _in_child(path)
+
+
+def _in_child(path: Path) -> RawMesh:
+    with tempfile.TemporaryDirectory(prefix="meshmash-") as folder:
+        result = Path(folder) / "mesh.npz"
+        command = [sys.executable, "-c", _CHILD, json.dumps(sys.path), str(path), str(result)]
+        child = subprocess.run(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,  # where VTK complains once more before it ends
+            check=False,
+            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+        )
+        if child.returncode != 0:
+            raise InputError("is so broken that VTK's reader ends on it")
+        if not result.exists():
+            raise InputError(child.stdout.decode("utf-8").strip())
+        with np.load(result) as arrays:
+            return RawMesh(arrays["vertices"], arrays["faces"])
+
+
+def convert(source: str, result: str) -> None:
+    """Read a file with VTK and write its vertices and faces as NPZ, in the child process.
+
+    A fault in the file is printed, as the clause after the file's name.
+    """
+    try:
+        path = Path(source)
+        raw = _read_xml(path) if path.suffix.lower() == ".vtp" else _read_legacy(path)
+        np.savez(result, vertices=raw.vertices, faces=raw.faces)
+    except InputError as fault:
+        sys.stdout.buffer.write(str(fault).encode("utf-8"))
+
+
+def _read_xml(path: Path) -> RawMesh:
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+
+    reader = vtkXMLPolyDataReader()
+    if not reader.CanReadFile(str(path)):
+        raise InputError("is not a VTK XML PolyData file")
+    return _from_polydata(_output(reader, path))
+
+
+def _read_legacy(path: Path) -> RawMesh:
+    from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
+
     output = _output(vtkGenericDataObjectReader(), path)
     if output is None:
         raise InputError("holds no data set that VTK can read")
@@ -61,20 +120,14 @@ def read_legacy_vtk(path: Path) -> RawMesh:
 
 
 def _output(reader: Any, path: Path) -> Any:
-    from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
+    from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
 
-    # VTK writes its errors to a log and a window of its own and goes on; they are collected.
-    previous, collector = vtkOutputWindow.GetInstance(), vtkStringOutputWindow()
-    verbosity = vtkLogger.GetCurrentVerbosityCutoff()
+    # VTK writes its errors to a window of its own and goes on; they are collected instead.
+    collector = vtkStringOutputWindow()
     vtkOutputWindow.SetInstance(collector)
-    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
-    try:
-        reader.SetFileName(str(path))
-        reader.Update()
-        complaints = collector.GetOutput()
-    finally:
-        vtkOutputWindow.SetInstance(previous)
-        vtkLogger.SetStderrVerbosity(verbosity)
+    reader.SetFileName(str(path))
+    reader.Update()
+    complaints = collector.GetOutput()
     # The end of a file cut short is but a warning to VTK: "Error reading binary data!"
     if reader.GetErrorCode() or "error" in complaints.lower():
         clauses = [
