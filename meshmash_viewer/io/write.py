@@ -87,7 +87,7 @@ def write_features(
     eigenvalues : array_like, shape (k,), optional
         Of the pairs that took part; kept where the format has room (NPZ).
     meta : dict, optional
-        JSON-able options that led to the features.
+        JSON-able options that led to the features, or what `provenance` made of them.
 
     Raises
     ------
@@ -102,8 +102,8 @@ def write_features(
             f" {mesh.n_vertices} vertices: give one row a vertex."
         )
     # Where the options have nothing to say of it, the features speak for themselves.
-    options = {"kind": features.kind, "values_unit": features.unit, **features.meta, **(meta or {})}
-    made = json.dumps(provenance(mesh, options) | {"columns": list(features.columns)})
+    said = {"kind": features.kind, "values_unit": features.unit, **features.meta}
+    made = json.dumps(_made(mesh, said, meta) | {"columns": list(features.columns)})
     values = np.zeros(0) if eigenvalues is None else np.asarray(eigenvalues, dtype=np.float64)
     table = FeatureTable(features.values, features.columns, mesh, values, made)
     with writing_errors(path), _with_note(path, made) as part:
@@ -122,7 +122,7 @@ def write_eigenpairs(
     decomposition : Decomposition
     mesh : Mesh
     meta : dict, optional
-        JSON-able options that led to it.
+        JSON-able options that led to it, or what `provenance` made of them.
 
     Raises
     ------
@@ -131,8 +131,8 @@ def write_eigenpairs(
     """
     path = Path(path)
     writer = _writer(EIGENPAIR_WRITERS, path, "eigenpairs")
-    options = {"kind": "eigenpairs", "proof": decomposition.proof(), **(meta or {})}
-    made = json.dumps(provenance(mesh, options))
+    said = {"kind": "eigenpairs", "proof": decomposition.proof()}
+    made = json.dumps(_made(mesh, said, meta))
     with writing_errors(path), written_whole(path) as part:
         writer(part, decomposition, mesh, made)
 
@@ -169,6 +169,13 @@ def write_picture(
     with writing_errors(path), written_whole(path) as part:
         image = Image.fromarray(np.ascontiguousarray(pixels))
         image.save(part, format="PNG", pnginfo=about)
+
+
+def _made(mesh: Mesh, said: dict[str, Any], meta: dict[str, Any] | None) -> dict[str, Any]:
+    """Provenance with what the result says of itself, and over it the options given."""
+    given = meta or {}
+    whole = given if {"program", "mesh", "options"} <= given.keys() else provenance(mesh, given)
+    return {**whole, "options": {**said, **whole["options"]}}
 
 
 def check_output(path: str | Path, kind: str = "features") -> None:

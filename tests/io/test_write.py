@@ -110,6 +110,14 @@ def test_features_come_back(ending: str, mesh: Mesh, features: Features, tmp_pat
     assert left == {path.name} | ({f"{path.name}.json"} if ending in (".npy", ".csv") else set())
 
 
+def test_provenance_may_be_given_whole(mesh: Mesh, features: Features, tmp_path: Path) -> None:
+    made = provenance(mesh, OPTIONS)
+    write_features(tmp_path / "out.npz", features, mesh, meta=made)
+    _, _, meta = read_back(tmp_path / "out.npz")
+    assert meta["options"] == {"kind": "hks", "values_unit": "nm⁻²"} | OPTIONS
+    assert meta["created"] == made["created"]
+
+
 @pytest.mark.parametrize("ending", [".npz", ".vtp", ".ply"])
 def test_formats_with_geometry_are_the_same_mesh(
     ending: str, mesh: Mesh, features: Features, tmp_path: Path
