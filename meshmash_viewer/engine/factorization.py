@@ -1,38 +1,189 @@
-"""Factors of shifted copies of a symmetric matrix, and eigenvalue counts from their inertia."""
+"""Factors of shifted copies of a symmetric matrix, and eigenvalue counts from their inertia.
+
+Two kinds behind one face: compiled multifrontal factors that keep only L and release the
+interpreter lock, and SuperLU's where numba is not installed.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-__all__ = ["Factor", "FactorizationError", "factor_shifted"]
+from meshmash_viewer.engine.pencil import Pencil
+from meshmash_viewer.progress import Cancelled
+
+__all__ = ["Factor", "FactorizationError", "OrderedPencil", "StopFlag", "order_pencil"]
 
 FloatArray = npt.NDArray[np.float64]
+#: One byte, shared with running kernels; any other value than 0 stops them.
+StopFlag = npt.NDArray[np.uint8]
 
-#: Largest relative residual of the probe solve that a factor may show.
-_PROBE_TOLERANCE = 1e-7
+#: Largest backward error of the probe solve that a factor may show.
+_PROBE_TOLERANCE = 1e-9
 
 
 class FactorizationError(RuntimeError):
     """No usable factor near the wanted shift."""
 
 
-class Factor:
-    """``A - shift I = L D Lᵀ``, permuted to low fill, without pivoting.
+class Factor(Protocol):
+    """``A - shift I = L D Lᵀ`` without pivoting.
 
-    Sylvester's law of inertia: the number of negative pivots in D is the number of
-    eigenvalues of A below the shift.
+    Sylvester's law of inertia: the number of negative pivots in D is the number of eigenvalues
+    of A below the shift.
     """
 
-    def __init__(self, matrix: Any, shift: float) -> None:
+    shift: float
+    count_below: int
+
+    def solve(self, block: FloatArray) -> None:
+        """Solve ``(A - shift I) X = block`` in place, shape (n, 8), C order."""
+
+
+@dataclass(frozen=True, eq=False)
+class OrderedPencil:
+    """A pencil in elimination order, and what its factors have in common.
+
+    Parameters
+    ----------
+    pencil : Pencil
+        Its vertices are in elimination order.
+    structure : Structure or None
+        Blocks of the compiled factor; None where SuperLU factors.
+    """
+
+    pencil: Pencil
+    structure: Any
+
+    def factor(self, shift: float, nudge: float, stop: StopFlag) -> Factor:
+        """Factor near a shift, moving it by `nudge` at most five times until it is sound.
+
+        Raises
+        ------
+        FactorizationError
+            If no shift gave a sound factor.
+        Cancelled
+            If `stop` was set.
+        """
+        kind = _SuperFactor if self.structure is None else _CompiledFactor
+        for attempt in range(6):
+            if stop[0]:
+                raise Cancelled("stopped before a factorization")
+            try:
+                factor: Factor = kind(self, shift + attempt * nudge, stop)
+            except FactorizationError:
+                continue
+            if _probe(self.pencil.matrix, factor) < _PROBE_TOLERANCE:
+                return factor
+        raise FactorizationError(f"no stable factor near shift {shift:.6g}")
+
+    def multiply(self, block: FloatArray) -> FloatArray:
+        """Return ``A @ block`` for shape (n, 8)."""
+        if self.structure is None:
+            return np.asarray(self.pencil.matrix @ block)
+        from meshmash_viewer.engine.kernels import multiply_block
+
+        start, index = self.structure.matrix_start, self.structure.matrix_index
+        result = np.empty_like(block)
+        multiply_block(start, index, self.pencil.matrix.data, block.ravel(), result.ravel())
+        return result
+
+    def columns_of(self, rows: FloatArray) -> FloatArray:
+        """Rows of shape (8, n) as a new block of shape (n, 8)."""
+        columns = np.empty(rows.shape[::-1])
+        if self.structure is None:
+            columns[:] = rows.T
+        else:
+            from meshmash_viewer.engine.kernels import spread_rows
+
+            spread_rows(rows, columns)
+        return columns
+
+    def fill_rows(self, columns: FloatArray, rows: FloatArray) -> None:
+        """Write a block of shape (n, 8) into rows of shape (8, n)."""
+        if self.structure is None:
+            rows[:] = columns.T
+        else:
+            from meshmash_viewer.engine.kernels import collect_rows
+
+            collect_rows(columns, rows)
+
+    def remove_null(self, block: FloatArray) -> None:
+        """Project the null space out of a block of shape (n, 8), in place."""
+        pencil = self.pencil
+        if pencil.n_null == 0:
+            return
+        if self.structure is None:
+            pencil.remove_null(block)
+            return
+        from meshmash_viewer.engine.kernels import remove_null_block
+
+        sums = np.zeros((pencil.n_null, block.shape[1]))
+        remove_null_block(pencil.labels, pencil.null_direction, sums, block)
+
+
+def order_pencil(pencil: Pencil) -> OrderedPencil:
+    """Put a pencil in elimination order and analyse its factor."""
+    try:
+        from meshmash_viewer.engine.symbolic import analyse, elimination_order
+    except ImportError:  # without numba SuperLU orders and factors
+        return OrderedPencil(pencil, None)
+    ordered = pencil.permuted(elimination_order(pencil.matrix))
+    return OrderedPencil(ordered, analyse(ordered.matrix))
+
+
+class _CompiledFactor:
+    """Supernodal LDLᵀ by the kernels."""
+
+    def __init__(self, ordered: OrderedPencil, shift: float, stop: StopFlag) -> None:
+        from meshmash_viewer.engine.kernels import factor_numeric
+
+        structure = ordered.structure
+        self.shift = shift
+        self._structure = structure
+        self._blocks = np.empty(structure.n_entries)
+        outcome = factor_numeric(
+            ordered.pencil.matrix.data,
+            shift,
+            structure.first,
+            structure.row_start,
+            structure.rows,
+            structure.block_start,
+            structure.children,
+            structure.lower_start,
+            structure.lower_rows,
+            structure.lower_source,
+            structure.stack_size,
+            structure.front_size,
+            self._blocks,
+            stop,
+        )
+        if outcome == -2:
+            raise Cancelled("stopped inside a factorization")
+        if outcome < 0:
+            raise FactorizationError(f"a pivot vanished at shift {shift:.6g}")
+        self.count_below = int(outcome)
+
+    def solve(self, block: FloatArray) -> None:
+        from meshmash_viewer.engine.kernels import solve_block
+
+        first, row_start, rows, block_start = self._structure.unsigned
+        solve_block(first, row_start, rows, block_start, self._blocks, block.reshape(-1))
+
+
+class _SuperFactor:
+    """SuperLU's factor in symmetric mode."""
+
+    def __init__(self, ordered: OrderedPencil, shift: float, stop: StopFlag) -> None:
         from scipy.sparse.linalg import splu
 
-        n = matrix.shape[0]
+        matrix = ordered.pencil.matrix
         self.shift = shift
-        shifted = sp.csc_array(matrix - shift * sp.eye_array(n, format="csc"))
+        shifted = sp.csc_array(matrix - shift * sp.eye_array(matrix.shape[0], format="csc"))
         try:
             self._lu = splu(
                 shifted,
@@ -42,34 +193,21 @@ class Factor:
             )
         except RuntimeError as fault:  # an exactly zero pivot
             raise FactorizationError(str(fault)) from fault
-        self.symmetric = bool(np.array_equal(self._lu.perm_r, self._lu.perm_c))
-        pivots = self._lu.U.diagonal()
-        self.count_below = int(np.count_nonzero(pivots < 0.0))
-        probe = np.cos(np.arange(n, dtype=np.float64))
-        answer = self._lu.solve(probe)
-        size = float(np.linalg.norm(answer)) * float(abs(shifted).max())
-        error = float(np.linalg.norm(shifted @ answer - probe))
-        self.probe_residual = error / (float(np.linalg.norm(probe)) + size)
-        self.usable = self.symmetric and self.probe_residual < _PROBE_TOLERANCE
+        if not np.array_equal(self._lu.perm_r, self._lu.perm_c):
+            raise FactorizationError(f"the factor at shift {shift:.6g} was pivoted")
+        self.count_below = int(np.count_nonzero(self._lu.U.diagonal() < 0.0))
 
-    def solve(self, columns: FloatArray) -> FloatArray:
-        """Solve ``(A - shift I) X = columns`` for shape (n,) or (n, b)."""
-        return np.asarray(self._lu.solve(columns))
+    def solve(self, block: FloatArray) -> None:
+        block[:] = self._lu.solve(block)
 
 
-def factor_shifted(matrix: Any, shift: float, nudge: float) -> Factor:
-    """Factor near a shift, moving it by `nudge` at most five times until the factor is sound.
-
-    Raises
-    ------
-    FactorizationError
-        If no shift gave a sound factor.
-    """
-    for attempt in range(6):
-        try:
-            factor = Factor(matrix, shift + attempt * nudge)
-        except FactorizationError:
-            continue
-        if factor.usable:
-            return factor
-    raise FactorizationError(f"no stable factor near shift {shift:.6g}")
+def _probe(matrix: Any, factor: Factor) -> float:
+    """Backward error of a solve with a fixed right-hand side."""
+    n = matrix.shape[0]
+    block = np.zeros((n, 8))
+    block[:, 0] = probe = np.cos(np.arange(n, dtype=np.float64))
+    factor.solve(block)
+    answer = block[:, 0].copy()
+    defect = matrix @ answer - factor.shift * answer - probe
+    scale = abs(matrix) @ abs(answer) + abs(factor.shift) * abs(answer) + abs(probe)
+    return float(np.linalg.norm(defect) / np.linalg.norm(scale))

@@ -7,7 +7,7 @@ their own index, whatever the unit of the mesh, so no tolerance in the engine is
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -79,6 +79,27 @@ class Pencil:
             self.labels[used], weights=self.root_mass[used] ** 2, minlength=self.n_null
         )
         return np.sqrt(squares)
+
+    @cached_property
+    def null_direction(self) -> FloatArray:
+        """Entries of the normalised null vector of each vertex's component, shape (n,)."""
+        used = self.labels >= 0
+        direction = np.zeros(self.n)
+        direction[used] = self.root_mass[used] / self.null_norms[self.labels[used]]
+        return direction
+
+    def permuted(self, order: npt.NDArray[np.int64]) -> Pencil:
+        """The same problem with vertex `order[i]` in place i."""
+        matrix: Any = self.matrix[order][:, order]
+        matrix = sp.csc_array(matrix)
+        matrix.sort_indices()
+        return replace(
+            self,
+            matrix=matrix,
+            root_mass=self.root_mass[order],
+            active=self.active[order],
+            labels=self.labels[order],
+        )
 
     def null_rows(self) -> FloatArray:
         """Orthonormal basis of the null space of the reduced matrix, shape (n_null, n)."""
@@ -186,7 +207,7 @@ def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:
 def mass_diagonal(mass: Any, n: int) -> FloatArray:
     """Take the diagonal of a mass matrix given as matrix or as vector, shape (n,)."""
     given: Any = mass
-    if sp.issparse(given):
+    if sp.issparse(mass):
         rest: Any = sp.coo_array(given)
         if rest.shape != (n, n):
             raise InputError(f"The mass matrix is {rest.shape}, the Laplacian ({n}, {n}).")

@@ -1,0 +1,370 @@
+"""All eigenpairs of the reduced problem in one interval, by shifted block Lanczos.
+
+Grimes, Lewis & Simon 1994: the inverse ``(A - σ)^-1`` maps the eigenvalues around the shift to
+the ends of its spectrum, where a block Krylov basis finds them first. The number of pairs in the
+interval is known from inertia beforehand, so the iteration ends when that many have converged,
+not when it looks finished.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.engine.factorization import Factor, OrderedPencil, StopFlag
+from meshmash_viewer.progress import Cancelled
+
+__all__ = ["Interval", "IntervalPairs", "find_pairs", "measure_pairs", "orthonormalised"]
+
+FloatArray = npt.NDArray[np.float64]
+
+_BLOCK = 8
+#: Columns of the basis that a pass works on at once: two blocks of them fit the cache.
+_STRETCH = 4096
+#: Both newest blocks are orthogonalised against the whole basis every this many steps; three
+#: lose copies without a sign.
+_REORTHOGONALISE = 2
+#: Runs that end with nothing new before the interval is given up.
+_PATIENCE = 6
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A stretch of the spectrum and what it holds.
+
+    Parameters
+    ----------
+    index : int
+        Number of the slice, lowest first.
+    low, high : float
+        Ends, in the reduced problem; neither is an eigenvalue.
+    first : int
+        Number of eigenvalues below `low`, null space included.
+    owed : int
+        Number of eigenvalues inside, the null space not counted.
+    """
+
+    index: int
+    low: float
+    high: float
+    first: int
+    owed: int
+
+
+@dataclass(frozen=True, eq=False)
+class IntervalPairs:
+    """The pairs of an interval.
+
+    Parameters
+    ----------
+    interval : Interval
+    values : ndarray, shape (p,)
+        Rayleigh quotients, ascending up to rounding.
+    residuals : ndarray, shape (p,)
+        ``‖Lφ - λMφ‖ / ‖Mφ‖`` in the reduced unit.
+    rows : ndarray, shape (p, n)
+        Orthonormal, in elimination order.
+    columns_solved : int
+        Right-hand sides that were solved for.
+    """
+
+    interval: Interval
+    values: FloatArray
+    residuals: FloatArray
+    rows: FloatArray
+    columns_solved: int
+
+
+def find_pairs(
+    ordered: OrderedPencil, interval: Interval, tolerance: float, stop: StopFlag
+) -> IntervalPairs:
+    """Find the pairs that an interval owes.
+
+    Parameters
+    ----------
+    ordered : OrderedPencil
+    interval : Interval
+    tolerance : float
+        Wanted residual relative to the eigenvalue.
+    stop : ndarray of uint8, shape (1,)
+        Set from outside to make this raise `Cancelled`.
+
+    Raises
+    ------
+    ArithmeticError
+        If the pairs stay out of reach.
+    """
+    width = interval.high - interval.low
+    factor = ordered.factor(0.5 * (interval.low + interval.high), 0.03 * width, stop)
+    n, owed = ordered.pencil.n, interval.owed
+    found_values = np.zeros(0)
+    found = np.zeros((0, n))
+    solved = 0
+    fruitless = 0
+    every = _REORTHOGONALISE
+    for attempt in range(40 + owed):
+        missing = owed - len(found_values)
+        if missing <= 0:
+            break
+        basis = _Basis(ordered, factor, interval, found, tolerance, stop, every)
+        try:
+            values, rows = basis.run(missing, seed=(interval.first, interval.owed, attempt))
+        except ArithmeticError:
+            # The basis lost its orthogonality and gave a pair twice.
+            values, rows = np.zeros(0), np.zeros((0, n))
+            every = 1
+        solved += basis.columns_solved
+        fruitless = fruitless + 1 if len(values) == 0 else 0
+        if fruitless == _PATIENCE:
+            break
+        found_values = np.concatenate([found_values, values])
+        found = np.concatenate([found, rows]) if len(found) else rows
+        if len(found_values) > len(values):
+            found = orthonormalised(found, sweeps=2)
+    if len(found_values) != owed:
+        raise ArithmeticError(
+            f"{len(found_values)} of {owed} eigenvalues found between "
+            f"{interval.low:.6g} and {interval.high:.6g}"
+        )
+    del basis, factor
+    order = np.argsort(found_values, kind="stable")
+    rows = found[order] if np.any(order[1:] < order[:-1]) else found
+    return IntervalPairs(interval, *measure_pairs(ordered, rows), rows, solved)
+
+
+class _Basis:
+    """A block Krylov basis of the deflated inverse, and its projection T."""
+
+    def __init__(
+        self,
+        ordered: OrderedPencil,
+        factor: Factor,
+        interval: Interval,
+        found: FloatArray,
+        tolerance: float,
+        stop: StopFlag,
+        every: int,
+    ) -> None:
+        self.every = every
+        self.ordered, self.factor, self.interval = ordered, factor, interval
+        self.found, self.tolerance, self.stop = found, tolerance, stop
+        self.columns_solved = 0
+        self.n = ordered.pencil.n
+        self.free = self.n - ordered.pencil.n_null - len(found)
+
+    def run(self, missing: int, seed: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+        """Build the basis until the missing pairs have converged or nothing new comes."""
+        b = _BLOCK
+        # A copy that was missed may lie at an end of the interval, and cost as much as the rest.
+        capacity = min(4 * self.interval.owed + 20 * b, b * max(self.free // b, 1))
+        self.random = np.random.default_rng(seed)
+        self.rows = np.empty((capacity + 2 * b, self.n))
+        self.projection = np.zeros((capacity + 2 * b, capacity + 2 * b))
+        self._start()
+        coupling = np.zeros((b, b))
+        check = min(int(2.3 * missing) + 4 * b, capacity)
+        stagnant = 0
+        before = (-1, -1)
+        size = 0
+        while True:
+            coupling = self._extend(size, coupling)
+            size += b
+            full = size + b > capacity
+            if size < check and not full:
+                continue
+            mu, small, errors = self._ritz(size, coupling)
+            theta = self.factor.shift + 1.0 / mu
+            inside = (theta > self.interval.low) & (theta < self.interval.high)
+            # After one more implicit solve the residual is this, whatever the norm of A.
+            wanted = self.tolerance * np.maximum(np.abs(theta), 1e-3)
+            floor = 1e-15 * np.linalg.norm(coupling) / mu**2
+            ratio = errors / mu**2 / np.maximum(wanted, floor)
+            n_inside, good = int(inside.sum()), int((inside & (ratio <= 1.0)).sum())
+            stagnant = stagnant + 1 if (n_inside, good) == before else 0
+            before = (n_inside, good)
+            # All that is inside has converged, yet fewer than owed: other copies of multiple
+            # eigenvalues are invisible to this basis.
+            copies_left = n_inside == good < missing and good > 0 and stagnant >= 3
+            if good > missing:
+                raise ArithmeticError("more pairs converged than there are")
+            if good == missing or full or copies_left:
+                chosen = np.flatnonzero(inside & (ratio <= 1.0))
+                return self._vectors(size, chosen, mu, small, coupling)
+            check = size + (b if 0 < good == n_inside else 2 * b)
+
+    def _start(self) -> None:
+        first = self.rows[:_BLOCK]
+        self._apply(self.random.standard_normal((_BLOCK, self.n)), first)
+        for _ in range(2):
+            first[:] = np.linalg.qr(first.T)[0].T
+
+    def _apply(self, block: FloatArray, result: FloatArray) -> None:
+        """The deflated inverse times rows of shape (8, n)."""
+        if self.stop[0]:
+            raise Cancelled("stopped inside a slice")
+        columns = self.ordered.columns_of(block)
+        self.factor.solve(columns)
+        self.ordered.remove_null(columns)
+        self.columns_solved += _BLOCK
+        self.ordered.fill_rows(columns, result)
+        if len(self.found):
+            result -= (result @ self.found.T) @ self.found
+
+    def _extend(self, size: int, coupling: FloatArray) -> FloatArray:
+        """One Lanczos step from the block at `size`; gives the coupling to the next block.
+
+        Every pass over the vectors goes stretch by stretch, so that they are fetched from
+        memory once a pass; the inner products of one pass are what the next subtracts.
+        """
+        b, rows = _BLOCK, self.rows
+        new = rows[size + b : size + 2 * b]
+        self._apply(rows[size : size + b], new)
+        this = slice(size, size + b)
+        local = slice(max(size - b, 0), size + b)
+        repair = np.zeros((b, local.stop - local.start))
+        if size:
+            repair[:, :b] = coupling.T
+        repair = self._subtract(new, local, repair, local)
+        diagonal = repair[:, -b:].copy()
+        repair[:, :-b] = 0.0
+        repair = self._subtract(new, local, repair, local)
+        diagonal += repair[:, -b:]
+        self.projection[this, this] = 0.5 * (diagonal + diagonal.T)
+        gram = self._subtract(new, local, repair, slice(size + b, size + 2 * b))
+        if size and (size // b) % self.every == self.every - 1:
+            newest = rows[size : size + 2 * b]
+            earlier = slice(0, size)
+            overlap = newest @ rows[earlier].T
+            self._subtract(newest, earlier, overlap, None)
+            _orthonormalise_block(rows[this])
+            overlap = new @ rows[this].T
+            gram = self._subtract(new, this, overlap, slice(size + b, size + 2 * b))
+        following, ok = _orthonormalise_block(new, gram)
+        if not ok:
+            following = self._replace_lost(new, size + b)
+        self.projection[size + b : size + 2 * b, this] = following.T
+        return following
+
+    def _subtract(
+        self, target: FloatArray, source: slice, weights: FloatArray, against: slice | None
+    ) -> FloatArray:
+        """target -= weights · basis[source], then target · basis[against]ᵀ."""
+        rows = self.rows
+        columns = 0 if against is None else against.stop - against.start
+        products = np.zeros((len(target), columns))
+        for start in range(0, self.n, _STRETCH):
+            part = slice(start, start + _STRETCH)
+            piece = target[:, part]
+            piece -= weights @ rows[source, part]
+            if against is not None:
+                products += piece @ rows[against, part].T
+        return products
+
+    def _replace_lost(self, new: FloatArray, size: int) -> FloatArray:
+        """Where the Krylov space has run out, go on with fresh directions, uncoupled."""
+        scale = max(float(np.abs(np.diagonal(self.projection)[:size]).max()), 1e-300)
+        directions, triangle = np.linalg.qr(new.T)
+        following = triangle.T.copy()
+        lost = np.abs(np.diagonal(triangle)) < 1e-10 * scale
+        following[:, lost] = 0.0
+        new[:] = directions.T
+        new[lost] = self.random.standard_normal((int(lost.sum()), self.n))
+        basis = self.rows[:size]
+        for _ in range(3):
+            columns = self.ordered.columns_of(new)
+            self.ordered.remove_null(columns)
+            self.ordered.fill_rows(columns, new)
+            new -= (new @ self.found.T) @ self.found
+            new -= (new @ basis.T) @ basis
+            directions, triangle = np.linalg.qr(new.T)
+            new[:] = (directions * np.sign(np.diagonal(triangle))).T
+        return following
+
+    def _ritz(self, size: int, coupling: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Ritz values of the inverse, their coordinates, and ‖coupling · last block‖."""
+        b = _BLOCK
+        projected = self.projection[:size, :size]
+        mu, small = np.linalg.eigh(projected, UPLO="L")
+        errors = np.linalg.norm(coupling.T @ small[size - b :], axis=0)
+        mu = np.where(np.abs(mu) < 1e-300, 1e-300, mu)
+        return mu, small, errors
+
+    def _vectors(
+        self,
+        size: int,
+        chosen: npt.NDArray[np.int64],
+        mu: FloatArray,
+        small: FloatArray,
+        coupling: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Ritz values and rows of the chosen pairs, after one implicit application."""
+        b = _BLOCK
+        if len(chosen) == 0:
+            return np.zeros(0), np.zeros((0, self.n))
+        weights = np.empty((len(chosen), size + b))
+        weights[:, :size] = small[:, chosen].T
+        weights[:, size:] = (coupling.T @ small[size - b :, chosen]).T / mu[chosen, None]
+        found = weights @ self.rows[: size + b]
+        del self.rows
+        found /= np.linalg.norm(found, axis=1)[:, None]
+        return self.factor.shift + 1.0 / mu[chosen], orthonormalised(found)
+
+
+def measure_pairs(ordered: OrderedPencil, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rayleigh quotients of normalised rows (p, n) and their residuals in the norm of M."""
+    p = len(rows)
+    weight = ordered.pencil.root_mass[:, None]
+    values, residuals = np.empty(p), np.empty(p)
+    columns = np.zeros((ordered.pencil.n, _BLOCK))
+    for start in range(0, p, _BLOCK):
+        stop = min(start + _BLOCK, p)
+        b = stop - start
+        columns[:, :b] = rows[start:stop].T
+        images = ordered.multiply(columns)
+        quotients = np.einsum("ij,ij->j", columns, images)
+        images -= columns * quotients
+        images *= weight
+        values[start:stop] = quotients[:b]
+        sizes = np.linalg.norm(columns[:, :b] * weight, axis=0)
+        residuals[start:stop] = np.linalg.norm(images[:, :b], axis=0) / sizes
+    return values, residuals
+
+
+def orthonormalised(rows: FloatArray, sweeps: int = 1) -> FloatArray:
+    """The nearest orthonormal rows (Löwdin); rows of a singular set raise ArithmeticError."""
+    for _ in range(sweeps):
+        gram = rows @ rows.T
+        values, turn = np.linalg.eigh(gram)
+        if values[0] < 0.1:
+            raise ArithmeticError("the same eigenvector was found twice")
+        rows = ((turn / np.sqrt(values)) @ turn.T) @ rows
+    return rows
+
+
+def _orthonormalise_block(
+    block: FloatArray, gram: FloatArray | None = None
+) -> tuple[FloatArray, bool]:
+    """Cholesky QR, twice, in place: old block = returned lower · new block.
+
+    `gram` is block · blockᵀ where it is known already. False if the block has lost rank.
+    """
+    total = np.eye(len(block))
+    for _ in range(2):
+        gram = block @ block.T if gram is None else gram
+        try:
+            lower = np.asarray(np.linalg.cholesky(gram))
+        except np.linalg.LinAlgError:
+            return total, False
+        if not np.diagonal(lower).min() ** 2 > 1e-13 * np.trace(gram):
+            return total, False
+        inverse = np.linalg.inv(lower)
+        gram = np.zeros_like(lower)
+        for start in range(0, block.shape[1], _STRETCH):
+            part = slice(start, start + _STRETCH)
+            piece = inverse @ block[:, part]
+            block[:, part] = piece
+            gram += piece @ piece.T
+        total = total @ lower
+    return total, True

@@ -1,0 +1,168 @@
+"""Slices of the spectrum computed side by side, handed out lowest first.
+
+joblib runs them: in threads, since the kernels release the interpreter lock, or on whatever
+backend `joblib.parallel_config` names, a cluster included. A slice's result does not depend on
+where it ran or beside what, so the number of workers never changes a bit of it.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import numpy as np
+
+from meshmash_viewer.engine.factorization import OrderedPencil, StopFlag
+from meshmash_viewer.engine.lanczos import Interval, IntervalPairs, find_pairs
+
+__all__ = ["run_slices"]
+
+#: Times that slices are done again after their process died.
+_REVIVALS = 2
+
+
+def run_slices(
+    ordered: OrderedPencil,
+    intervals: Iterable[Interval],
+    tolerance: float,
+    n_jobs: int,
+    stop: StopFlag,
+    poll: Callable[[], None],
+) -> Iterator[IntervalPairs]:
+    """Yield the pairs of each interval in order.
+
+    Parameters
+    ----------
+    ordered : OrderedPencil
+    intervals : iterable of Interval
+        May be computed as it is consumed.
+    tolerance : float
+        Wanted residual relative to the eigenvalue.
+    n_jobs : int
+        Slices at a time.
+    stop : ndarray of uint8, shape (1,)
+        Set here when the iteration is left; running kernels look at it.
+    poll : callable
+        Called several times a second while waiting; what it raises ends the run.
+    """
+    results: queue.Queue[IntervalPairs | BaseException | None] = queue.Queue(maxsize=2)
+    crew = _Crew(ordered, intervals, tolerance, n_jobs, stop, results)
+    thread = threading.Thread(target=crew.work, name="slices", daemon=True)
+    thread.start()
+    try:
+        while True:
+            try:
+                item = results.get(timeout=0.05)
+            except queue.Empty:
+                poll()
+                continue
+            if item is None:
+                return
+            if isinstance(item, BaseException):
+                raise item
+            yield item
+            poll()
+    finally:
+        stop[0] = 1
+        crew.abandon()
+        while thread.is_alive():
+            try:
+                results.get(timeout=0.02)
+            except queue.Empty:
+                continue
+        thread.join()
+
+
+class _Crew:
+    """The workers, driven from a thread so that whoever waits can be asked to cancel."""
+
+    def __init__(
+        self,
+        ordered: OrderedPencil,
+        intervals: Iterable[Interval],
+        tolerance: float,
+        n_jobs: int,
+        stop: StopFlag,
+        results: queue.Queue[Any],
+    ) -> None:
+        from joblib.parallel import get_active_backend
+
+        self._ordered, self._tolerance, self._stop = ordered, tolerance, stop
+        self._n_jobs, self._results = n_jobs, results
+        self._intervals = iter(intervals)
+        self._handed_out: list[Interval] = []
+        # Thread-local in joblib, so it is asked for here, where the caller set it.
+        prefer = "threads" if ordered.structure is not None else "processes"
+        self._backend = get_active_backend(prefer=prefer)[0]
+        self._in_threads = bool(self._backend.supports_sharedmem)
+
+    def work(self) -> None:
+        """Run everything; results, then None or the fault, go to the queue."""
+        try:
+            done = 0
+            for revival in range(_REVIVALS + 1):
+                try:
+                    for pairs in self._run(done):
+                        self._results.put(pairs)
+                        done += 1
+                    break
+                except Exception as fault:
+                    if revival == _REVIVALS or not _is_death_of_worker(fault) or self._stop[0]:
+                        raise
+            self._results.put(None)
+        except BaseException as fault:  # noqa: BLE001 - handed over whole to the consumer
+            self._results.put(fault)
+
+    def _run(self, done: int) -> Iterator[IntervalPairs]:
+        from joblib import Parallel, delayed, parallel_config
+
+        stop = self._stop if self._in_threads else None
+
+        def pending() -> Iterator[Interval]:
+            yield from self._handed_out[done:]
+            for interval in self._intervals:
+                self._handed_out.append(interval)
+                yield interval
+
+        if self._n_jobs == 1 and self._in_threads:
+            for interval in pending():
+                yield find_pairs(self._ordered, interval, self._tolerance, self._stop)
+            return
+        jobs = (
+            delayed(_find_pairs_alone)(self._ordered, interval, self._tolerance, stop)
+            for interval in pending()
+        )
+        with parallel_config(backend=self._backend):
+            parallel = Parallel(
+                n_jobs=self._n_jobs, return_as="generator", pre_dispatch=self._n_jobs
+            )
+            yield from parallel(jobs)
+
+    def abandon(self) -> None:
+        """End worker processes at once; threads look at the stop flag."""
+        if not self._in_threads and type(self._backend).__name__ == "LokyBackend":
+            from joblib.externals.loky import reusable_executor
+
+            executor = reusable_executor._executor
+            if executor is not None:
+                executor.shutdown(wait=True, kill_workers=True)
+
+
+def _find_pairs_alone(
+    ordered: OrderedPencil, interval: Interval, tolerance: float, stop: StopFlag | None
+) -> IntervalPairs:
+    """One slice, with one thread for linear algebra where it has the process to itself."""
+    if stop is not None:
+        return find_pairs(ordered, interval, tolerance, stop)
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1):
+        return find_pairs(ordered, interval, tolerance, np.zeros(1, dtype=np.uint8))
+
+
+def _is_death_of_worker(fault: BaseException) -> bool:
+    from concurrent.futures.process import BrokenProcessPool
+
+    return isinstance(fault, BrokenProcessPool)
