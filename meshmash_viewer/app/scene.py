@@ -267,8 +267,10 @@ class Scene(QWidget):
         drawing, window = self._drawing, self._canvas.window
         coarse = self._rest.isActive() and self._is_slow() and self._coarse_asked
         drawing.show_coarse(coarse)
-        # Smooth edges cost a software renderer as much again: they wait for rest, too.
-        window.SetMultiSamples(0 if coarse else 4)
+        # Several samples a pixel cost a processor as much again for each frame, also for one that
+        # is only shown again: there, edges are smoothed afterwards, and only at rest.
+        window.SetMultiSamples(0 if self._software else 4)
+        drawing.renderer.SetUseFXAA(self._software and not self._rest.isActive())
         started = perf_counter()
         drawing.prepare(*self._canvas.pixels())
         window.Render()

@@ -52,7 +52,7 @@ class Drawing:
         self.renderer.GetActiveCamera().ParallelProjectionOn()
         self._table = new_lookup_table()
         self._lines = LineSet()
-        self._lines.actor.GetProperty().SetLineWidth(1.6)
+        self._lines.actor.GetProperty().SetLineWidth(2.0)
         self.renderer.AddActor(self._lines.actor)
         self._painter = Painter(self.renderer)
         self.mesh: Mesh | None = None
@@ -213,7 +213,7 @@ class Drawing:
             if self.view is None:
                 self.reset_view(width, height, scale)
             self._place_camera(width, height)
-            self._lines.actor.GetProperty().SetLineWidth(1.6 * scale)
+            self._lines.actor.GetProperty().SetLineWidth(2.0 * scale)
             sheet = overlay.Sheet(painter, self.theme, width, height, scale, plates)
             overlay.paint_marks(sheet, self._marks(), self.view)
             overlay.paint_axes(sheet, self.view)
@@ -228,6 +228,10 @@ class Drawing:
         focus = view.focus - self.centre
         bounds = np.reshape(self.surface.data.GetBounds(), (3, 2))
         reach = float(np.linalg.norm(bounds).clip(1e-300)) + float(np.linalg.norm(focus))
+        # Nodal lines lie in the surface: some pixels nearer to the eye they are seen whole, and, in
+        # a parallel projection, at the same place.
+        lift = 5.0 * view.length_per_pixel(width, height)
+        self._lines.actor.SetPosition(*(lift * view.axes[2]))
         camera.SetFocalPoint(*focus)
         camera.SetPosition(*(focus + 2.0 * reach * view.axes[2]))
         camera.SetViewUp(*view.axes[1])

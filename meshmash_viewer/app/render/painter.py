@@ -76,7 +76,7 @@ class Painter:
         self._shapes = vtkPolyData()
         mapper = vtkPolyDataMapper2D()
         mapper.SetInputData(self._shapes)
-        mapper.SetScalarModeToUseCellData()
+        mapper.SetScalarModeToUsePointData()
         self._actor = vtkActor2D()
         self._actor.SetMapper(mapper)
         renderer.AddViewProp(self._actor)
@@ -103,15 +103,38 @@ class Painter:
         cells.SetData(numpy_to_vtk(ends, deep=True), numpy_to_vtk(np.arange(len(flat)), deep=True))
         self._shapes.SetPoints(points)
         self._shapes.SetPolys(cells)
-        self._shapes.GetCellData().SetScalars(numpy_to_vtk(np.concatenate(self._colors), deep=True))
+        self._shapes.GetPointData().SetScalars(
+            numpy_to_vtk(np.concatenate(self._colors), deep=True)
+        )
+
+    def _add(self, corners: npt.NDArray[np.float64], rgba: npt.NDArray[np.float64]) -> None:
+        """Add polygons of shape (p, m, 2) in colours of shape (p, m, 4), 0 to 255."""
+        self._points.append(corners.reshape(-1, 2))
+        self._sizes.extend([corners.shape[1]] * len(corners))
+        self._colors.append(rgba.round().astype(np.uint8).reshape(-1, 4))
 
     def polygon(self, points: npt.ArrayLike, color: str, opacity: float = 1.0) -> None:
         """A filled convex polygon with corners of shape (m, 2)."""
         corners = np.asarray(points, dtype=np.float64)
         rgba = np.array([*(255 * part for part in rgb(color)), 255 * opacity])
-        self._points.append(corners)
-        self._sizes.append(len(corners))
-        self._colors.append(rgba.round().astype(np.uint8)[None])
+        self._add(corners[None], np.broadcast_to(rgba, (1, len(corners), 4)))
+
+    def _soften(
+        self,
+        inner: npt.NDArray[np.float64],
+        outer: npt.NDArray[np.float64],
+        color: str,
+        opacity: float,
+    ) -> None:
+        """Fade from one outline of shape (m, 2) to the next, in quadrilaterals.
+
+        Edges are smooth this way where the renderer does not smooth them.
+        """
+        corners = np.concatenate([inner[:-1], inner[1:], outer[1:], outer[:-1]], axis=1)
+        rgba = np.array([*(255 * part for part in rgb(color)), 255 * opacity])
+        colors = np.tile(rgba, (len(corners), 4, 1))
+        colors[:, 2:, 3] = 0.0
+        self._add(corners.reshape(-1, 4, 2), colors)
 
     def rectangle(
         self, x: float, y: float, width: float, height: float, color: str, opacity: float = 1.0
@@ -148,9 +171,7 @@ class Painter:
         share = ((middles - low) / (high - low))[:, None]
         rgba = np.full((len(middles), 4), 255 * opacity)
         rgba[:, :3] = 255 * (colors[0] + share * (colors[1] - colors[0]))
-        self._points.append(corners.reshape(-1, 2))
-        self._sizes.extend([4] * len(middles))
-        self._colors.append(rgba.round().astype(np.uint8))
+        self._add(corners.reshape(-1, 4, 2), np.repeat(rgba[:, None], 4, axis=1))
 
     def line(
         self, start: npt.ArrayLike, end: npt.ArrayLike, width: float, color: str, opacity: float = 1
@@ -159,14 +180,20 @@ class Painter:
         a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
         length = float(np.hypot(*(b - a)))
         if length > 0.0:
-            side = np.array([a[1] - b[1], b[0] - a[0]]) * (width / 2 / length)
-            self.polygon([a - side, b - side, b + side, a + side], color, opacity)
+            side = np.array([a[1] - b[1], b[0] - a[0]]) / length
+            core, edge = side * (width - 1) / 2, side * (width + 1) / 2
+            self.polygon([a - core, b - core, b + core, a + core], color, opacity)
+            for sign in (-1, 1):
+                inner, outer = (np.array([a, b]) + sign * way for way in (core, edge))
+                self._soften(inner, outer, color, opacity)
 
     def disc(self, x: float, y: float, radius: float, color: str, opacity: float = 1.0) -> None:
         """A filled circle."""
-        angles = np.linspace(0.0, 2 * np.pi, 40, endpoint=False)
-        circle = np.c_[np.cos(angles), np.sin(angles)] * radius
-        self.polygon(circle + np.array([x, y]), color, opacity)
+        angles = np.linspace(0.0, 2 * np.pi, 41)
+        circle, middle = np.c_[np.cos(angles), np.sin(angles)], np.array([x, y])
+        inner = middle + (radius - 0.5) * circle
+        self.polygon(inner[:-1], color, opacity)
+        self._soften(inner, middle + (radius + 0.5) * circle, color, opacity)
 
     def column(
         self, x: float, y: float, width: float, height: float, table: npt.NDArray[np.uint8]
@@ -176,9 +203,8 @@ class Painter:
         low, high = edges[:-1, None], edges[1:, None]
         left, right = np.full_like(low, round(x)), np.full_like(low, round(x + width))
         corners = np.concatenate([left, low, right, low, right, high, left, high], axis=1)
-        self._points.append(corners.reshape(-1, 2))
-        self._sizes.extend([4] * len(table))
-        self._colors.append(table)
+        rgba = np.repeat(table[:, None].astype(np.float64), 4, axis=1)
+        self._add(corners.reshape(-1, 4, 2), rgba)
 
     def text_size(self, text: str, size: float, bold: bool = False) -> tuple[int, int]:
         """Width and height of a text in pixels."""

@@ -82,9 +82,6 @@ class Surface:
         # Values are interpolated and then coloured: large faces show the right colours inside.
         self._mapper.InterpolateScalarsBeforeMappingOn()
         self._mapper.ScalarVisibilityOff()
-        # Nodal lines lie in the surface: it gives way.
-        self._mapper.SetResolveCoincidentTopologyToPolygonOffset()
-        self._mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(1.0, 1.0)
         self.actor = vtkActor()
         self.actor.SetMapper(self._mapper)
         look = self.actor.GetProperty()
@@ -114,11 +111,11 @@ class LineSet:
         self._data = vtkPolyData()
         mapper = vtkPolyDataMapper()
         mapper.SetInputData(self._data)
-        mapper.SetResolveCoincidentTopologyToPolygonOffset()
-        mapper.SetRelativeCoincidentTopologyLineOffsetParameters(-1.0, -4.0)
         self.actor = vtkActor()
         self.actor.SetMapper(mapper)
         self.actor.GetProperty().LightingOff()
+        # As ribbons: plain lines leave gaps where a segment is shorter than a pixel.
+        self.actor.GetProperty().RenderLinesAsTubesOn()
         self.actor.PickableOff()
         self.actor.VisibilityOff()
 
