@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -119,7 +119,7 @@ def display_to_json(document: Document) -> dict[str, Any]:
     """The display as plain JSON."""
     display = document.display
     content: dict[str, Any] = {}
-    for name in type(display).__dataclass_fields__:
+    for name in (each.name for each in fields(display)):
         value = getattr(display, name)
         if name in _LEFT_OUT:
             continue
@@ -134,8 +134,9 @@ def display_to_json(document: Document) -> dict[str, Any]:
 def display_from_json(document: Document, content: dict[str, Any]) -> None:
     """Set the display; entries that are unknown or of another type are left alone."""
     display = document.display
+    known = {each.name for each in fields(display)}
     for name, value in content.items():
-        if name not in type(display).__dataclass_fields__ or name in _LEFT_OUT:
+        if name not in known or name in _LEFT_OUT:
             continue
         try:
             if name in _ENUMS:

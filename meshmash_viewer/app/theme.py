@@ -177,6 +177,7 @@ class _State:
     mode = Mode.SYSTEM
     dark = False
     applied = False
+    dressed: tuple[bool, Mode] | None = None
     notifier: _Notifier | None = None
 
 
@@ -233,7 +234,7 @@ def set_mode(chosen: Mode | str) -> None:
     """Follow the system, or stay light or dark."""
     _State.mode = Mode(chosen)
     application = QApplication.instance()
-    if isinstance(application, QApplication):
+    if isinstance(application, QApplication) and _State.applied:
         _refresh(application)
 
 
@@ -263,6 +264,13 @@ def _refresh(application: QApplication) -> None:
         _State.dark = hints.colorScheme() == Qt.ColorScheme.Dark
     else:
         _State.dark = _State.mode is Mode.DARK
+    if _State.dressed == (_State.dark, _State.mode):
+        return
+    restyled = _State.dressed is None or _State.dressed[0] != _State.dark
+    _State.dressed = (_State.dark, _State.mode)
+    if not restyled:
+        notifier().changed.emit()
+        return
     application.setPalette(_qt_palette(palette()))
     application.setStyleSheet(_style_sheet(palette(), application.font()))
     notifier().changed.emit()

@@ -1,0 +1,661 @@
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapes
+from PySide6.QtCore import QMimeData, QPoint, QPointF, Qt, QUrl
+from PySide6.QtGui import QDropEvent, QGuiApplication, QKeySequence
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QAbstractSlider,
+    QAbstractSpinBox,
+    QApplication,
+    QCheckBox,
+    QComboBox,
+    QDialog,
+    QLabel,
+    QLineEdit,
+    QWidget,
+)
+from pytestqt.qtbot import QtBot
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.actions import COMMANDS, MENUS
+from meshmash_viewer.app.export_dialog import FORMATS, ExportDialog
+from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.number_box import QuantityBox
+from meshmash_viewer.app.picture_dialog import PictureDialog
+from meshmash_viewer.app.run import application
+from meshmash_viewer.app.sessions import restore_session, store_session
+from meshmash_viewer.io.write import WRITERS
+from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.display import Display, FieldKind
+from meshmash_viewer.model.document import Notice, Severity
+from meshmash_viewer.model.limits import LockedLimits
+from meshmash_viewer.units import power_unit
+from meshmash_viewer.weyl import Target, weyl_eigenvalue
+
+LEFT = Qt.MouseButton.LeftButton
+PATIENCE = 60_000
+
+
+@pytest.fixture(scope="session")
+def qapp() -> QApplication:
+    return application()
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    """As ``qtbot.waitUntil``, for fixtures that outlive a test."""
+    deadline = time.monotonic() + PATIENCE / 1000
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        QTest.qWait(10)
+
+
+def opened() -> MainWindow:
+    window = MainWindow(fresh=True)
+    window.show()
+    window.activateWindow()
+    wait_for(window.isActiveWindow)
+    return window
+
+
+def closed(window: MainWindow) -> None:
+    window.close()
+    window.deleteLater()
+    theme.set_mode(theme.Mode.SYSTEM)
+
+
+@pytest.fixture
+def window(qapp: QApplication) -> Iterator[MainWindow]:
+    window = opened()
+    yield window
+    closed(window)
+
+
+@pytest.fixture(scope="module")
+def sphere_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    mesh = shapes.icosphere(3, radius=500.0)
+    path = tmp_path_factory.mktemp("meshes") / "ball.npz"
+    np.savez(path, vertices=mesh.vertices, faces=mesh.faces)
+    return path
+
+
+def open_file(window: MainWindow, path: Path) -> None:
+    window.open_mesh(path, "nm")
+    wait_for(lambda: window.document.path == path and window.document.job is None)
+
+
+def compute(window: MainWindow, count: int = 30) -> None:
+    window.document.target = Target("count", count)
+    QTest.mouseClick(window.mesh_panel.compute_button, LEFT)
+    document = window.document
+    wait_for(
+        lambda: document.job is None and bool(document.spectrum and document.spectrum.complete)
+    )
+    wait_for(lambda: window.field_source.idle)
+
+
+@pytest.fixture(scope="module")
+def cache_home(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Where `one_ball` and whoever follows it keep their eigenpairs."""
+    return str(tmp_path_factory.mktemp("cache"))
+
+
+@pytest.fixture(scope="module")
+def one_ball(sphere_file: Path, cache_home: str) -> Iterator[MainWindow]:
+    application()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", cache_home)
+        yield from _one_ball(sphere_file)
+
+
+def _one_ball(sphere_file: Path) -> Iterator[MainWindow]:
+    window = opened()
+    open_file(window, sphere_file)
+    compute(window)
+    yield window
+    closed(window)
+
+
+@pytest.fixture
+def ball(one_ball: MainWindow) -> MainWindow:
+    """A window on a sphere of 642 vertices and 30 eigenpairs, as on its first day."""
+    document, first = one_ball.document, Display()
+    for each in fields(Display):
+        setattr(document.display, each.name, getattr(first, each.name))
+    document.clear_pins()
+    document.set_unit("nm")
+    document.operator = OperatorOptions()
+    document.target = Target("count", 30)
+    one_ball.stage.message_bar.dismiss()
+    one_ball.activateWindow()
+    one_ball.setFocus()
+    wait_for(lambda: one_ball.isActiveWindow() and one_ball.field_source.idle)
+    return one_ball
+
+
+# -- empty ---------------------------------------------------------------------------------
+
+
+def test_the_empty_window_says_what_to_do(window: MainWindow) -> None:
+    welcome = window.stage.welcome
+    assert welcome.isVisible()
+    texts = " ".join(label.text() for label in window.findChildren(QLabel) if label.isVisible())
+    assert "Drop a mesh here" in texts
+    assert welcome.open_button.isVisible()
+    assert welcome.sample_button.text() == "Open the sample neuron"
+    for name in ("export", "save_picture", "play", "nodal_lines", "compute", "cancel"):
+        assert not window.actions_[name].isEnabled(), name
+    assert not window.mesh_panel.compute_button.isEnabled()
+
+
+def test_the_window_is_there_before_the_render_is_loaded(qtbot: QtBot) -> None:
+    window = MainWindow(fresh=True, deferred=True)
+    window.show()
+    qtbot.waitExposed(window)
+    assert not window.loaded
+    assert window.stage.welcome.isVisible()
+    window.load()
+    assert window.loaded
+    assert window.findChild(QWidget, "scene") is window.scene
+    window.close()
+    window.deleteLater()
+
+
+# -- the table of commands -------------------------------------------------------------------
+
+
+def test_every_command_is_on_its_menu_with_its_keys(window: MainWindow) -> None:
+    for command in COMMANDS:
+        assert command.menu in MENUS
+        menu = window.menus[command.submenu or command.menu]
+        action = window.actions_[command.name]
+        assert action in menu.actions()
+        assert [key.toString() for key in action.shortcuts()] == [
+            QKeySequence(text).toString() for text in command.shortcuts
+        ]
+
+
+def test_no_key_means_two_things() -> None:
+    keys = [QKeySequence(key).toString() for command in COMMANDS for key in command.shortcuts]
+    assert len(keys) == len(set(keys))
+    assert all(keys), "a key that Qt does not know"
+
+
+def test_help_lists_every_command_and_finds_one(qtbot: QtBot, window: MainWindow) -> None:
+    QTest.keyClick(window, Qt.Key.Key_F1)
+    qtbot.waitUntil(lambda: window.findChild(QDialog, "help_dialog") is not None)
+    dialog = window.findChild(QDialog, "help_dialog")
+
+    def shown() -> set[str]:
+        tops = [dialog.tree.topLevelItem(at) for at in range(dialog.tree.topLevelItemCount())]
+        rows = [
+            top.child(at) for top in tops if not top.isHidden() for at in range(top.childCount())
+        ]
+        return {row.text(0) for row in rows if not row.isHidden()}
+
+    assert {command.text.rstrip("…") for command in COMMANDS} <= shown()
+    dialog.search.setText("nodal")
+    assert shown() == {"Nodal lines"}
+    dialog.reject()
+
+
+def test_controls_have_names_for_scripts_and_for_screen_readers(ball: MainWindow) -> None:
+    kinds = (QAbstractButton, QAbstractSlider, QAbstractSpinBox, QComboBox, QLineEdit)
+    for kind in kinds:
+        for control in ball.findChildren(kind):
+            if not control.isVisible() or control.objectName().startswith("qt_"):
+                continue
+            if control.parent() is not None and control.parent().inherits("QMenuBar"):
+                continue
+            if control.metaObject().className() in ("QScrollBar", "QDockWidgetTitleButton"):
+                continue
+            if isinstance(control.parent(), QComboBox) or control.parent().inherits("QTabBar"):
+                continue
+            text = control.text() if isinstance(control, QAbstractButton) else ""
+            assert control.accessibleName() or text, control
+            if not control.inherits("QToolButton") or control.parent() is not ball.toolbar:
+                assert control.objectName() == control.objectName().lower(), control
+
+
+def test_names_that_scripts_rely_on(window: MainWindow) -> None:
+    for name in (
+        "compute_button",
+        "cancel_button",
+        "progress_bar",
+        "proof_label",
+        "eigenvector_slider",
+        "eigenvector_spin",
+        "hks_time_slider",
+        "hks_scales_spin",
+        "band_count_spin",
+        "band_spin",
+        "spectrum_plot",
+        "profile_plot",
+        "field_tabs",
+        "scene",
+    ):
+        assert len(window.findChildren(QWidget, name)) == 1, name
+
+
+# -- the mesh panel --------------------------------------------------------------------------
+
+
+def test_the_mesh_panel_says_what_was_read(
+    qtbot: QtBot, window: MainWindow, sphere_file: Path
+) -> None:
+    open_file(window, sphere_file)
+    panel = window.mesh_panel
+    texts = {label.objectName(): label.text() for label in panel.findChildren(QLabel)}
+    assert texts["mesh_vertices_label"] == "642"
+    assert texts["mesh_faces_label"] == "1,280"
+    assert texts["mesh_area_label"].endswith(" nm²")
+    assert texts["mesh_extent_label"] == "1,000 × 1,000 × 1,000 nm"
+    assert panel.unit_combo.currentText() == "nm"
+    assert texts["health_n_components"] == "1"
+    assert "memory" in texts["cost_label"]
+    assert window.windowTitle().startswith("ball")
+    assert not window.stage.welcome.isVisible()
+
+
+def test_faults_are_repaired_with_one_click_and_undone_with_another(
+    qtbot: QtBot, window: MainWindow, tmp_path: Path
+) -> None:
+    mesh = shapes.icosphere(2, unit="nm")
+    path = tmp_path / "dirty.npz"
+    faces = np.vstack([mesh.faces, mesh.faces[:3]])
+    vertices = np.vstack([mesh.vertices, [[9.0, 9.0, 9.0]]])
+    np.savez(path, vertices=vertices, faces=faces)
+    open_file(window, path)
+    panel = window.mesh_panel
+    repair = panel.findChild(QAbstractButton, "drop_duplicate_faces")
+    assert repair.isVisible()
+    assert not panel.findChild(QAbstractButton, "merge_coincident_vertices").isVisible()
+    QTest.mouseClick(repair, LEFT)
+    qtbot.waitUntil(lambda: window.document.can_undo, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: window.document.job is None, timeout=PATIENCE)
+    assert window.document.mesh.n_faces == len(mesh.faces)
+    assert not repair.isVisible()
+    QTest.keyClick(window, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    assert window.document.mesh.n_faces == len(mesh.faces) + 3
+    assert repair.isVisible()
+
+
+def test_the_three_targets_are_translated_into_each_other(
+    qtbot: QtBot, window: MainWindow, sphere_file: Path
+) -> None:
+    open_file(window, sphere_file)
+    box, document = window.mesh_panel.target_box, window.document
+    area = document.ready.health.area
+    spin = box.count_spin
+    spin.setFocus()
+    spin.selectAll()
+    QTest.keyClicks(spin, "40")
+    assert document.target == Target("count", 40)
+    assert box.eigenvalue_spin.value() == pytest.approx(weyl_eigenvalue(area, 40), rel=1e-9)
+    assert box.eigenvalue_spin.text().startswith("≈ ")
+    assert box.eigenvalue_spin.text().endswith(" nm⁻²")
+    assert box.wavelength_spin.text().endswith(" nm")
+    eigenvalue = box.eigenvalue_spin
+    eigenvalue.setFocus()
+    eigenvalue.selectAll()
+    QTest.keyClicks(eigenvalue, "2.5e-4")
+    assert document.target == Target("max_eigenvalue", 2.5e-4)
+    assert box.count_spin.value() == round(area * 2.5e-4 / (4 * np.pi))
+    assert box.count_spin.text().startswith("≈ ")
+    assert not box.eigenvalue_spin.text().startswith("≈")
+
+
+def test_the_operator_is_chosen(window: MainWindow) -> None:
+    check = window.mesh_panel.robust_check
+    QTest.mouseClick(check, LEFT, pos=QPoint(8, check.height() // 2))
+    assert not window.document.operator.robust
+    assert not window.mesh_panel.mollify_spin.isEnabled()
+
+
+def test_another_unit_keeps_spectrum_and_camera(qtbot: QtBot, ball: MainWindow) -> None:
+    before = ball.scene.camera()
+    spectrum = ball.document.spectrum
+    edit = ball.mesh_panel.unit_combo.lineEdit()
+    edit.setFocus()
+    edit.selectAll()
+    QTest.keyClicks(edit, "mm")
+    QTest.keyClick(edit, Qt.Key.Key_Return)
+    assert ball.document.mesh.unit == "mm"
+    assert ball.document.spectrum is spectrum
+    assert ball.scene.camera() == before
+    qtbot.waitUntil(lambda: power_unit("mm", -2) in ball.field_source.field.quantity)
+    edit.selectAll()
+    QTest.keyClicks(edit, "8 furlongs")
+    QTest.keyClick(edit, Qt.Key.Key_Return)
+    assert "not a length unit" in ball.stage.message_bar.notice.text
+    assert ball.mesh_panel.unit_combo.currentText() == "mm"
+
+
+def test_quantities_are_typed_and_stepped_at_any_scale(qtbot: QtBot) -> None:
+    box = QuantityBox()
+    qtbot.addWidget(box)
+    box.setSuffix(" nm⁻²")
+    box.show_quantity(1.234e-8)
+    assert box.text() == "1.234e-08 nm⁻²"
+    box.stepUp()
+    assert box.value() == pytest.approx(1.234e-8 * 2**0.25)
+    box.show_nothing()
+    assert box.text() == "–"
+    box.selectAll()
+    QTest.keyClicks(box, "3e5x")
+    assert box.value() == 3e5
+
+
+# -- the message bar -------------------------------------------------------------------------
+
+
+def test_errors_stay_until_dismissed_and_their_details_are_copied(window: MainWindow) -> None:
+    bar = window.stage.message_bar
+    window.document.notify(Notice("It broke: do this.", Severity.ERROR, "Traceback of it"))
+    assert bar.isVisible()
+    assert bar.geometry().right() < window.stage.width()
+    copy = bar.findChild(QAbstractButton, "copy_details")
+    QTest.mouseClick(copy, LEFT)
+    assert QGuiApplication.clipboard().text() == "It broke: do this.\n\nTraceback of it"
+    QTest.mouseClick(bar.findChild(QAbstractButton, "dismiss_message"), LEFT)
+    assert not bar.isVisible()
+
+
+# -- opening ---------------------------------------------------------------------------------
+
+
+def test_a_file_is_dropped_on_the_render_and_remembered(
+    qtbot: QtBot, window: MainWindow, sphere_file: Path, tmp_path: Path
+) -> None:
+    ball = window
+    open_file(ball, sphere_file)
+    mesh = shapes.icosphere(2)
+    other = tmp_path / "other.npz"
+    np.savez(other, vertices=mesh.vertices, faces=mesh.faces)
+    assert not any(child.acceptDrops() for child in ball.scene.findChildren(QWidget))
+    data = QMimeData()
+    data.setUrls([QUrl.fromLocalFile(str(other))])
+    place = QPointF(ball.stage.mapTo(ball, ball.stage.rect().center()))
+    event = QDropEvent(place, Qt.DropAction.CopyAction, data, LEFT, Qt.KeyboardModifier.NoModifier)
+    ball.dropEvent(event)  # Qt delivers one only after a real drag
+    qtbot.waitUntil(lambda: ball.document.path == other, timeout=PATIENCE)
+    assert ball.document.spectrum is None or len(ball.document.spectrum) == 0
+    assert ball.settings.recent[0] == other
+    assert len(ball.settings.recent) == 2
+
+
+def test_a_mesh_in_memory_is_shown(qtbot: QtBot, window: MainWindow, neuron: Mesh) -> None:
+    window.document.take_mesh(neuron)
+    qtbot.waitUntil(lambda: window.document.mesh is not None, timeout=PATIENCE)
+    assert window.document.mesh.n_vertices == neuron.n_vertices
+    assert window.document.path is None
+
+
+# -- keys --------------------------------------------------------------------------------------
+
+
+def test_keys_go_through_the_eigenfunctions(qtbot: QtBot, ball: MainWindow) -> None:
+    display = ball.document.display
+    ball.setFocus()
+    for key, index in (
+        (Qt.Key.Key_Home, 0),
+        (Qt.Key.Key_Right, 1),
+        (Qt.Key.Key_PageDown, 11),
+        (Qt.Key.Key_Left, 10),
+        (Qt.Key.Key_End, 29),
+        (Qt.Key.Key_PageUp, 19),
+    ):
+        QTest.keyClick(ball, key)
+        assert display.index == index
+    qtbot.waitUntil(lambda: ball.field_source.field.index == 19, timeout=PATIENCE)
+    QTest.keyClick(ball, Qt.Key.Key_N)
+    assert display.nodal_lines
+    assert ball.actions_["nodal_lines"].isChecked()
+    QTest.keyClick(ball, Qt.Key.Key_F)
+    assert 19 in display.flipped
+    QTest.keyClick(ball, Qt.Key.Key_2)
+    assert display.kind is FieldKind.HKS
+    QTest.keyClick(ball, Qt.Key.Key_Space)
+    assert display.playing
+    QTest.keyClick(ball, Qt.Key.Key_Space)
+    assert not display.playing
+
+
+def test_space_presses_a_focused_button_and_digits_go_into_a_field(ball: MainWindow) -> None:
+    check = ball.mesh_panel.findChild(QCheckBox, "robust_check")
+    check.setFocus()
+    QTest.keyClick(check, Qt.Key.Key_Space)
+    assert not check.isChecked()
+    assert not ball.document.display.playing
+    spin = ball.mesh_panel.target_box.count_spin
+    spin.setFocus()
+    spin.selectAll()
+    QTest.keyClicks(spin, "12")
+    assert spin.value() == 12
+    assert ball.document.display.kind is FieldKind.EIGENFUNCTION
+
+
+# -- themes and layout -------------------------------------------------------------------------
+
+
+def contrast(one: str, other: str) -> float:
+    """Contrast of two colours by WCAG 2."""
+
+    def luminance(color: str) -> float:
+        channels = [int(color[at : at + 2], 16) / 255 for at in (1, 3, 5)]
+        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
+        return float(np.dot(linear, [0.2126, 0.7152, 0.0722]))
+
+    high, low = sorted((luminance(one), luminance(other)), reverse=True)
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.mark.parametrize("mode", [theme.Mode.LIGHT, theme.Mode.DARK])
+def test_text_can_be_read_in_both_themes(qapp: QApplication, mode: theme.Mode) -> None:
+    theme.set_mode(mode)
+    colors, plot = theme.palette(), theme.plot_colors()
+    for back in (colors.window, colors.surface, colors.raised, colors.selection):
+        assert contrast(colors.text, back) > 7
+    for back in (colors.window, colors.surface):
+        assert contrast(colors.muted, back) > 4.5
+        assert contrast(colors.good, back) > 4.5
+        assert contrast(colors.warning, back) > 4.5
+        assert contrast(colors.accent, back) > 4.5
+    assert contrast(colors.on_accent, colors.accent) > 4.5
+    for severity in ("information", "warning", "error"):
+        back = getattr(colors, f"{severity}_back")
+        assert contrast(colors.text, back) > 7
+        assert contrast(getattr(colors, severity), back) > 4
+    assert contrast(plot.foreground, plot.background) > 4.5
+    for line in (plot.curve, plot.marker, *plot.series):
+        assert contrast(line, plot.background) > 3
+    theme.set_mode(theme.Mode.SYSTEM)
+
+
+def test_the_theme_is_switched_from_the_menu(window: MainWindow) -> None:
+    window.actions_["theme_dark"].trigger()
+    assert theme.is_dark()
+    assert window.actions_["theme_dark"].isChecked()
+    assert not window.actions_["theme_system"].isChecked()
+    window.actions_["theme_light"].trigger()
+    assert not theme.is_dark()
+
+
+@pytest.mark.parametrize("size", [(1100, 700), (1500, 950)])
+def test_nothing_is_cut_off_at_either_size(
+    qtbot: QtBot, ball: MainWindow, size: tuple[int, int]
+) -> None:
+    ball.resize(*size)
+    qtbot.wait(50)
+    ball.resize(*size)  # the plots have made room meanwhile
+    qtbot.wait(100)
+    assert ball.width() == size[0]
+    assert ball.height() == size[1]
+    for button in ball.mesh_panel.findChildren(QAbstractButton):
+        if button.isVisible():
+            assert button.width() >= button.minimumSizeHint().width(), button.objectName()
+    scrolled = ball.mesh_panel.target_box
+    room = ball.mesh_panel.width()
+    assert scrolled.mapTo(ball.mesh_panel, QPoint(scrolled.width(), 0)).x() <= room
+    assert ball.scene.width() >= 380
+    tabs = ball.findChild(QWidget, "field_tab_bar")
+    assert tabs.tabRect(tabs.count() - 1).right() <= tabs.width()
+
+
+# -- pictures, exports and sessions ------------------------------------------------------------
+
+
+def test_the_export_dialog_says_what_the_file_will_contain(
+    ball: MainWindow, tmp_path: Path
+) -> None:
+    dialog = ExportDialog(ball.document, tmp_path, ball)
+    assert [each.ending for each in FORMATS] == [
+        ".npz", ".npy", ".csv", ".parquet", ".vtp", ".ply", ".func.gii",
+    ]  # fmt: skip
+    assert {each.ending for each in FORMATS} <= set(WRITERS)
+    assert "642 rows (vertices) × 32 columns" in dialog.contents_label.text()
+    assert "nm²" in dialog.contents_label.text()
+    assert "hks_t=" in dialog.columns_label.text()
+    dialog.table.selectRow(2)
+    assert dialog.path == tmp_path / "ball_hks.csv"
+    dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("eigenpairs"))
+    assert dialog.path == tmp_path / "ball_eigenpairs.npz"
+    assert not dialog.table.item(2, 0).flags()
+    dialog.pairs_spin.setValue(10)
+    assert "× 10 columns" in dialog.contents_label.text()
+    job = dialog.job()
+    assert (job.kind, job.n_pairs, job.path.name) == ("eigenpairs", 10, "ball_eigenpairs.npz")
+    dialog.file_row.edit.setText(str(tmp_path / "nowhere" / "x.npz"))
+    dialog.export_button.click()
+    assert dialog.result() != QDialog.DialogCode.Accepted
+    assert dialog.remark_label.text()
+    dialog.deleteLater()
+
+
+def test_a_picture_is_saved_at_any_size(qtbot: QtBot, ball: MainWindow, tmp_path: Path) -> None:
+    from PIL import Image
+
+    dialog = PictureDialog((800, 600), tmp_path / "picture.png", ball)
+    dialog.width_spin.setValue(321)
+    dialog.height_spin.setValue(234)
+    dialog.transparent_check.setChecked(True)
+    ball.commands._write_picture(dialog)
+    with Image.open(tmp_path / "picture.png") as image:
+        assert image.size == (321, 234)
+        assert image.mode == "RGBA"
+        alpha = np.asarray(image)[..., 3]
+    assert alpha.min() == 0
+    assert alpha.max() == 255
+    assert "Picture saved" in ball.stage.message_bar.notice.text
+    dialog.deleteLater()
+
+
+def test_a_session_comes_back(
+    qtbot: QtBot,
+    ball: MainWindow,
+    sphere_file: Path,
+    tmp_path: Path,
+    cache_home: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", cache_home)
+    document = ball.document
+    document.toggle_pin(17)
+    document.toggle_pin(42)
+    document.display.index = 7
+    document.display.limits = LockedLimits(-2.0, 3.0)
+    document.display.nodal_lines = True
+    document.target = Target("count", 30)
+    camera = ball.scene.camera()
+    path = tmp_path / "now.meshmash.json"
+    store_session(ball, path)
+
+    other = MainWindow(fresh=True)
+    other.show()
+    restore_session(other, path)
+    qtbot.waitUntil(lambda: len(other.document.pins) == 2, timeout=PATIENCE)
+    assert other.document.path == sphere_file
+    assert [pin.vertex for pin in other.document.pins] == [17, 42]
+    assert other.document.display.index == 7
+    assert other.document.display.limits == LockedLimits(-2.0, 3.0)
+    assert other.document.display.nodal_lines
+    assert other.document.target == Target("count", 30)
+    assert other.scene.camera() == camera
+    assert other.document.spectrum is not None, "its eigenpairs come from the store"
+    other.close()
+
+
+def test_a_broken_session_is_one_sentence(window: MainWindow, tmp_path: Path) -> None:
+    path = tmp_path / "broken.meshmash.json"
+    path.write_text("{")
+    window.commands.open_path(path)
+    assert window.stage.message_bar.notice.severity is Severity.ERROR
+    assert "not a session" in window.stage.message_bar.notice.text
+
+
+def test_the_script_of_what_is_on_screen_is_python(ball: MainWindow) -> None:
+    ball.actions_["copy_script"].trigger()
+    text = QGuiApplication.clipboard().text()
+    compile(text, "script", "exec")
+    assert "meshmash_viewer" in text
+
+
+def test_a_picture_is_copied(ball: MainWindow) -> None:
+    ball.actions_["copy_picture"].trigger()
+    image = QGuiApplication.clipboard().image()
+    assert image.width() == pytest.approx(
+        ball.scene.width() * ball.scene.devicePixelRatioF(), abs=2
+    )
+
+
+# -- settings ----------------------------------------------------------------------------------
+
+
+def test_settings_are_kept_unless_fresh(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
+    from meshmash_viewer.app import settings as module
+
+    stored: dict[str, object] = {}
+
+    class Store:
+        def __init__(self, *_: str) -> None: ...
+
+        def value(self, key: str) -> object:
+            return stored.get(key)
+
+        def setValue(self, key: str, value: object) -> None:
+            stored[key] = value
+
+    monkeypatch.setattr(module, "QSettings", Store)
+    fresh = module.Settings(fresh=True)
+    fresh.theme = theme.Mode.DARK
+    assert fresh.theme is theme.Mode.DARK
+    assert not stored
+    kept = module.Settings()
+    kept.theme = theme.Mode.LIGHT
+    kept.add_recent(Path(__file__))
+    kept.add_recent(Path(__file__).with_name("not there"))
+    assert module.Settings().theme is theme.Mode.LIGHT
+    assert module.Settings().recent == [Path(__file__)]
+    stored["recent"] = str(Path(__file__))
+    assert module.Settings().recent == [Path(__file__)], "as an ini file gives a list of one back"
+
+
+def test_close_while_nothing_runs_is_quick(qtbot: QtBot) -> None:
+    window = MainWindow(fresh=True)
+    window.show()
+    folder = window.tasks.worker.folder
+    window.close()
+    deadline = time.monotonic() + 10
+    while folder.exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert not folder.exists()
+    assert window.tasks.worker.process_id is None
