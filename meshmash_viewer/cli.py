@@ -283,6 +283,8 @@ def _features(options: argparse.Namespace) -> int:
                 t_max=options.t_max,
                 drop_first=options.drop_first,
             )
+        if "warning" in report:
+            _say(f"{options.mesh[index]}: {report['warning']}")
         if options.json:
             print(json.dumps(report), flush=True)
         else:

@@ -250,7 +250,12 @@ def write_kind(
     if kind == "eigenpairs":
         write_eigenpairs(path, pairs, mesh, options)
     else:
-        bank = _bank(kind, pairs.eigenvalues, solver.target, n_components, t_min, t_max)
+        if kind != "wks" and not (pairs.eigenvalues > 0.0).any():
+            report["warning"] = (
+                f"all {pairs.n_components} eigenvalues are zero, one for each connected component,"
+                " so the features are the same all over a component: raise --count for more."
+            )
+        bank = _bank(mesh, kind, pairs.eigenvalues, solver.target, n_components, t_min, t_max)
         features: Features = compute_features(pairs, bank, unit=mesh.unit, drop_first=drop_first)
         report["n_features"] = len(features.columns)
         write_features(path, features, mesh, eigenvalues=pairs.eigenvalues, meta=options)
@@ -259,6 +264,7 @@ def write_kind(
 
 
 def _bank(
+    mesh: Mesh,
     kind: str,
     eigenvalues: Any,
     target: Target,
@@ -272,14 +278,17 @@ def _bank(
         hks_times,
         wave_kernel_bank,
     )
+    from meshmash_viewer.weyl import weyl_eigenvalue
 
     if kind == "hks":
-        return heat_kernel_bank(hks_times(eigenvalues, t_min, t_max, n_components))
+        return heat_kernel_bank(hks_times(eigenvalues, t_min, t_max, n_components, mesh.area))
     if kind == "wks":
         return wave_kernel_bank(eigenvalues, n_components)
     # As compute_geometry_vectors: from zero to the threshold, where there is one.
     bound = target.max_eigenvalue
     top = float(eigenvalues[-1]) if bound is None else bound
+    if not top > 0.0:
+        top = weyl_eigenvalue(mesh.area, len(eigenvalues))
     return bspline_bank(0.0, top, n_components)
 
 

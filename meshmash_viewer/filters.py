@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.bsplines import clamped_knots, construct_bspline_basis
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.weyl import weyl_eigenvalue
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -235,13 +236,16 @@ def first_nonzero_eigenvalue(eigenvalues: npt.ArrayLike) -> float:
     return float(above.min())
 
 
-def hks_time_range(eigenvalues: npt.ArrayLike) -> tuple[float, float]:
+def hks_time_range(eigenvalues: npt.ArrayLike, area: float | None = None) -> tuple[float, float]:
     """Times between which a heat kernel signature says something about this spectrum.
 
     Parameters
     ----------
     eigenvalues : array_like, shape (k,)
         Ascending or not; zeros take no part.
+    area : float, optional
+        Area of the mesh, for a spectrum of zeros only: the eigenvalues that Weyl's law expects in
+        their place then give the range, in which all that is known stays constant.
 
     Returns
     -------
@@ -252,9 +256,11 @@ def hks_time_range(eigenvalues: npt.ArrayLike) -> tuple[float, float]:
     Raises
     ------
     InputError
-        If all eigenvalues are zero.
+        If all eigenvalues are zero and no area is given.
     """
     spectrum = _as_spectrum(eigenvalues)
+    if area is not None and not (spectrum > 0.0).any():
+        spectrum = weyl_eigenvalue(area, 1) * np.arange(1.0, max(len(spectrum), 2) + 1.0)
     first = first_nonzero_eigenvalue(spectrum)
     decades = 4.0 * np.log(10.0)
     return float(decades / spectrum.max()), float(decades / first)
@@ -265,6 +271,7 @@ def hks_times(
     t_min: float | None = None,
     t_max: float | None = None,
     n_scales: int = 32,
+    area: float | None = None,
 ) -> FloatArray:
     """Diffusion times, evenly spaced in log t, from short to long.
 
@@ -276,6 +283,8 @@ def hks_times(
         Bounds in squared unit of the mesh; None takes that of `hks_time_range`.
     n_scales : int
         Number of times.
+    area : float, optional
+        See `hks_time_range`.
 
     Returns
     -------
@@ -289,7 +298,7 @@ def hks_times(
     n_scales = _as_count(n_scales, "time scales")
     _check_times(t_min, t_max)
     if t_min is None or t_max is None:
-        shortest, longest = hks_time_range(eigenvalues)
+        shortest, longest = hks_time_range(eigenvalues, area)
         t_min = shortest if t_min is None else t_min
         t_max = longest if t_max is None else t_max
         _check_times(t_min, t_max)

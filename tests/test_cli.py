@@ -40,6 +40,14 @@ def ball(sphere: Mesh, tmp_path: Path) -> Path:
 
 
 @pytest.fixture
+def three_balls(sphere: Mesh, tmp_path: Path) -> Path:
+    n = sphere.n_vertices
+    vertices = np.concatenate([sphere.vertices + [3.0 * i, 0.0, 0.0] for i in range(3)])
+    faces = np.concatenate([sphere.faces + i * n for i in range(3)])
+    return save(Mesh(vertices, faces), tmp_path / "balls.npz")
+
+
+@pytest.fixture
 def sheet(rectangle: Mesh, tmp_path: Path) -> Path:
     return save(rectangle, tmp_path / "sheet.npz")
 
@@ -118,6 +126,20 @@ def test_eigenpairs_and_times_and_wks(
     )
     assert status == 2
     assert ".npz .vtp" in err
+
+
+@pytest.mark.parametrize("kind", ["hks", "geometry-vectors"])
+def test_zero_eigenvalues_alone_give_constants_and_a_warning(
+    capsys: pytest.CaptureFixture[str], three_balls: Path, tmp_path: Path, kind: str
+) -> None:
+    out = tmp_path / "constant.npz"
+    status, _, said = run(capsys, "features", three_balls, "--kind", kind, "--count", 3, "-o", out)
+    assert status == 0
+    assert "all 3 eigenvalues are zero" in said
+    features = np.load(out)["features"]
+    assert np.isfinite(features).all()
+    pieces = features.reshape(3, -1, features.shape[1])
+    np.testing.assert_allclose(pieces, np.broadcast_to(pieces[:, :1], pieces.shape), rtol=1e-12)
 
 
 def test_many_meshes_to_a_folder_and_a_template(

@@ -137,6 +137,14 @@ def test_a_spectrum_of_zeros_has_no_scale():
         assert (get_hks_filter(n_scales=4)(nothing) == np.ones((4, len(nothing)))).all()
 
 
+def test_the_area_gives_a_spectrum_of_zeros_its_scale():
+    times = hks_times(np.zeros(5), n_scales=3, area=4.0 * np.pi)
+    # Weyl's eigenvalues of this area are 1, 2, ..., 5
+    np.testing.assert_allclose(times[[0, -1]], 4.0 * np.log(10.0) / np.array([5.0, 1.0]))
+    np.testing.assert_allclose(hks_times(np.zeros(5), n_scales=3, area=16.0 * np.pi), 4.0 * times)
+    np.testing.assert_array_equal(hks_times(SPECTRUM, area=1.0), hks_times(SPECTRUM))
+
+
 def test_the_documented_hks_filter():
     coefficients = get_hks_filter(t_max=1e9, t_min=1e7, n_scales=5)(SPECTRUM)
     expected = np.exp(-np.outer(np.geomspace(1e7, 1e9, 5), SPECTRUM))
