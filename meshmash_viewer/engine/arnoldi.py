@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.engine.lanczos import orthonormalised
+from meshmash_viewer.engine.lanczos import orthonormalise
 from meshmash_viewer.engine.pencil import Pencil
 
 __all__ = ["pairs_of_inverse"]
@@ -57,7 +57,8 @@ def pairs_of_inverse(
         _, columns = eigsh(operator, k=k, which="LM", v0=start, ncv=basis, tol=1e-13)
     except ArpackNoConvergence as fault:
         columns = fault.eigenvectors
-    rows = orthonormalised(np.ascontiguousarray(columns.T))
+    rows = np.ascontiguousarray(columns.T)
+    orthonormalise(rows)
     small = rows @ (pencil.matrix @ rows.T)
     values, turn = np.linalg.eigh(0.5 * (small + small.T))
     return values, turn.T @ rows

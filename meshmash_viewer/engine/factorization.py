@@ -6,7 +6,8 @@ interpreter lock, and SuperLU's where numba is not installed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import threading
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -24,6 +25,8 @@ StopFlag = npt.NDArray[np.uint8]
 
 #: Largest backward error of the probe solve that a factor may show.
 _PROBE_TOLERANCE = 1e-9
+#: Used arrays that are kept for the next slice.
+_SPARE = 8
 
 
 class FactorizationError(RuntimeError):
@@ -54,10 +57,14 @@ class OrderedPencil:
         Its vertices are in elimination order.
     structure : Structure or None
         Blocks of the compiled factor; None where SuperLU factors.
+    spare, lock
+        Memory of bases that are done, and who may take from it.
     """
 
     pencil: Pencil
     structure: Any
+    spare: list[FloatArray] = field(default_factory=list, repr=False)
+    lock: Any = field(default_factory=threading.Lock, repr=False)
 
     def factor(self, shift: float, nudge: float, stop: StopFlag) -> Factor:
         """Factor near a shift, moving it by `nudge` at most five times until it is sound.
@@ -92,16 +99,53 @@ class OrderedPencil:
         multiply_block(start, index, self.pencil.matrix.data, block.ravel(), result.ravel())
         return result
 
-    def columns_of(self, rows: FloatArray) -> FloatArray:
-        """Rows of shape (8, n) as a new block of shape (n, 8)."""
-        columns = np.empty(rows.shape[::-1])
+    def borrow(self, shape: tuple[int, int]) -> FloatArray:
+        """An array for a basis, used before if there is one: fresh memory is slow to touch."""
+        size = shape[0] * shape[1]
+        with self.lock:
+            fitting = [m for m in self.spare if size <= len(m) < 2 * size]
+            if fitting:
+                self.spare[:] = [m for m in self.spare if m is not fitting[0]]
+        memory = fitting[0] if fitting else np.empty(size + size // 8)
+        return memory[:size].reshape(shape)
+
+    def give_back(self, rows: FloatArray) -> None:
+        """Return a borrowed array."""
+        memory = rows.base
+        if memory is not None and memory.ndim == 1:
+            with self.lock:
+                self.spare.append(memory)
+                del self.spare[:-_SPARE]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a worker process needs."""
+        return {"pencil": self.pencil, "structure": self.structure}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(**state)  # type: ignore[misc]
+
+    def quotients(self, block: FloatArray, images: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Rayleigh quotients of normalised columns (n, 8), and residuals in the norm of M."""
+        weight = self.pencil.root_mass
+        if self.structure is None:
+            values = np.einsum("ij,ij->j", block, images)
+            defect = (images - block * values) * weight[:, None]
+            sizes = np.linalg.norm(block * weight[:, None], axis=0)
+            return values, np.linalg.norm(defect, axis=0) / np.where(sizes > 0.0, sizes, 1.0)
+        from meshmash_viewer.engine.kernels import quotients_block
+
+        values, residuals = np.zeros(8), np.zeros(8)
+        quotients_block(block, images, weight, values, residuals)
+        return values, residuals
+
+    def fill_columns(self, rows: FloatArray, columns: FloatArray) -> None:
+        """Write rows of shape (8, n) into a block of shape (n, 8)."""
         if self.structure is None:
             columns[:] = rows.T
         else:
             from meshmash_viewer.engine.kernels import spread_rows
 
             spread_rows(rows, columns)
-        return columns
 
     def fill_rows(self, columns: FloatArray, rows: FloatArray) -> None:
         """Write a block of shape (n, 8) into rows of shape (8, n)."""

@@ -17,6 +17,7 @@ __all__ = [
     "collect_rows",
     "factor_numeric",
     "multiply_block",
+    "quotients_block",
     "remove_null_block",
     "solve_block",
     "spread_rows",
@@ -29,6 +30,9 @@ _PANEL = 48
 U1, U2, U3, U4, U5, U6, U7, U8 = (np.uint64(i) for i in range(1, 9))
 _SOLVE = "void(uint64[::1], uint64[::1], uint64[::1], uint64[::1], float64[::1], float64[::1])"
 _PRODUCT = "void(uint64[::1], uint64[::1], float64[::1], float64[::1], float64[::1])"
+_QUOTIENTS = (
+    "void(float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], float64[::1])"
+)
 _TRANSPOSE = "void(float64[:, ::1], float64[:, ::1])"
 _REMOVAL = "void(int64[::1], float64[::1], float64[:, ::1], float64[:, ::1])"
 
@@ -294,6 +298,26 @@ def remove_null_block(labels, direction, sums, x):  # type: ignore[no-untyped-de
         if labels[i] >= 0:
             for c in range(8):
                 x[i, c] -= direction[i] * sums[labels[i], c]
+
+
+@numba.njit(_QUOTIENTS, cache=True, nogil=True)
+def quotients_block(x, y, weight, values, residuals):  # type: ignore[no-untyped-def]
+    """x·y by columns, and ‖w (y - (x·y) x)‖ / ‖w x‖, for x and y of shape (n, 8)."""
+    size = np.zeros(8)
+    values[:] = 0.0
+    residuals[:] = 0.0
+    for i in range(x.shape[0]):
+        for c in range(8):
+            values[c] += x[i, c] * y[i, c]
+    for i in range(x.shape[0]):
+        for c in range(8):
+            weighted = weight[i] * x[i, c]
+            size[c] += weighted * weighted
+            defect = weight[i] * y[i, c] - values[c] * weighted
+            residuals[c] += defect * defect
+    for c in range(8):
+        if size[c] > 0.0:
+            residuals[c] = np.sqrt(residuals[c] / size[c])
 
 
 @numba.njit(_TRANSPOSE, cache=True, nogil=True)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from meshmash_viewer.engine.factorization import Factor, OrderedPencil, StopFlag
 from meshmash_viewer.progress import Cancelled
 
-__all__ = ["Interval", "IntervalPairs", "find_pairs", "measure_pairs", "orthonormalised"]
+__all__ = ["Interval", "IntervalPairs", "find_pairs", "measure_pairs", "orthonormalise"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -26,6 +26,8 @@ _STRETCH = 4096
 #: Both newest blocks are orthogonalised against the whole basis every this many steps; three
 #: lose copies without a sign.
 _REORTHOGONALISE = 2
+#: Blocks whose Gram matrix is this near the identity count as orthonormal.
+_NORMAL = 1e-13
 #: Runs that end with nothing new before the interval is given up.
 _PATIENCE = 6
 
@@ -111,6 +113,7 @@ def find_pairs(
         basis = _Basis(ordered, factor, interval, found, tolerance, stop, every)
         try:
             values, rows = basis.run(missing, seed=(interval.first, interval.owed, attempt))
+            ordered.give_back(basis.rows)
         except ArithmeticError:
             # The basis lost its orthogonality and gave a pair twice.
             values, rows = np.zeros(0), np.zeros((0, n))
@@ -122,7 +125,7 @@ def find_pairs(
         found_values = np.concatenate([found_values, values])
         found = np.concatenate([found, rows]) if len(found) else rows
         if len(found_values) > len(values):
-            found = orthonormalised(found, sweeps=2)
+            orthonormalise(found, sweeps=2)
     if len(found_values) != owed:
         raise ArithmeticError(
             f"{len(found_values)} of {owed} eigenvalues found between "
@@ -160,7 +163,8 @@ class _Basis:
         # A copy that was missed may lie at an end of the interval, and cost as much as the rest.
         capacity = min(4 * self.interval.owed + 20 * b, b * max(self.free // b, 1))
         self.random = np.random.default_rng(seed)
-        self.rows = np.empty((capacity + 2 * b, self.n))
+        self.rows = self.ordered.borrow((capacity + 2 * b, self.n))
+        self.columns = np.empty((self.n, b))
         self.projection = np.zeros((capacity + 2 * b, capacity + 2 * b))
         self._start()
         coupling = np.zeros((b, b))
@@ -191,6 +195,7 @@ class _Basis:
                 raise ArithmeticError("more pairs converged than there are")
             if good == missing or full or copies_left:
                 chosen = np.flatnonzero(inside & (ratio <= 1.0))
+                chosen = chosen[np.argsort(theta[chosen], kind="stable")]
                 return self._vectors(size, chosen, mu, small, coupling)
             check = size + (b if 0 < good == n_inside else 2 * b)
 
@@ -204,7 +209,8 @@ class _Basis:
         """The deflated inverse times rows of shape (8, n)."""
         if self.stop[0]:
             raise Cancelled("stopped inside a slice")
-        columns = self.ordered.columns_of(block)
+        columns = self.columns
+        self.ordered.fill_columns(block, columns)
         self.factor.solve(columns)
         self.ordered.remove_null(columns)
         self.columns_solved += _BLOCK
@@ -229,18 +235,20 @@ class _Basis:
         repair = self._subtract(new, local, repair, local)
         diagonal = repair[:, -b:].copy()
         repair[:, :-b] = 0.0
-        repair = self._subtract(new, local, repair, local)
-        diagonal += repair[:, -b:]
-        self.projection[this, this] = 0.5 * (diagonal + diagonal.T)
-        gram = self._subtract(new, local, repair, slice(size + b, size + 2 * b))
+        itself = slice(size + b, size + 2 * b)
         if size and (size // b) % self.every == self.every - 1:
-            newest = rows[size : size + 2 * b]
-            earlier = slice(0, size)
+            self._subtract(new, local, repair, None)
+            newest, earlier = rows[size : size + 2 * b], slice(0, size)
             overlap = newest @ rows[earlier].T
             self._subtract(newest, earlier, overlap, None)
             _orthonormalise_block(rows[this])
-            overlap = new @ rows[this].T
-            gram = self._subtract(new, this, overlap, slice(size + b, size + 2 * b))
+            repair = new @ rows[this].T
+        else:
+            repair = self._subtract(new, local, repair, local)
+        diagonal += repair[:, -b:]
+        self.projection[this, this] = 0.5 * (diagonal + diagonal.T)
+        source = local if repair.shape[1] > b else this
+        gram = self._subtract(new, source, repair, itself)
         following, ok = _orthonormalise_block(new, gram)
         if not ok:
             following = self._replace_lost(new, size + b)
@@ -273,7 +281,8 @@ class _Basis:
         new[lost] = self.random.standard_normal((int(lost.sum()), self.n))
         basis = self.rows[:size]
         for _ in range(3):
-            columns = self.ordered.columns_of(new)
+            columns = self.columns
+            self.ordered.fill_columns(new, columns)
             self.ordered.remove_null(columns)
             self.ordered.fill_rows(columns, new)
             new -= (new @ self.found.T) @ self.found
@@ -306,41 +315,45 @@ class _Basis:
         weights = np.empty((len(chosen), size + b))
         weights[:, :size] = small[:, chosen].T
         weights[:, size:] = (coupling.T @ small[size - b :, chosen]).T / mu[chosen, None]
-        found = weights @ self.rows[: size + b]
-        del self.rows
-        found /= np.linalg.norm(found, axis=1)[:, None]
-        return self.factor.shift + 1.0 / mu[chosen], orthonormalised(found)
+        # Pairs of an inverse are nearly of length 1 already; the weights' length makes them so.
+        weights /= np.linalg.norm(weights, axis=1)[:, None]
+        found = self.ordered.borrow((len(chosen), self.n))
+        np.matmul(weights, self.rows[: size + b], out=found)
+        orthonormalise(found)
+        return self.factor.shift + 1.0 / mu[chosen], found
 
 
 def measure_pairs(ordered: OrderedPencil, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rayleigh quotients of normalised rows (p, n) and their residuals in the norm of M."""
     p = len(rows)
-    weight = ordered.pencil.root_mass[:, None]
     values, residuals = np.empty(p), np.empty(p)
     columns = np.zeros((ordered.pencil.n, _BLOCK))
     for start in range(0, p, _BLOCK):
         stop = min(start + _BLOCK, p)
         b = stop - start
         columns[:, :b] = rows[start:stop].T
-        images = ordered.multiply(columns)
-        quotients = np.einsum("ij,ij->j", columns, images)
-        images -= columns * quotients
-        images *= weight
+        quotients, sizes = ordered.quotients(columns, ordered.multiply(columns))
         values[start:stop] = quotients[:b]
-        sizes = np.linalg.norm(columns[:, :b] * weight, axis=0)
-        residuals[start:stop] = np.linalg.norm(images[:, :b], axis=0) / sizes
+        residuals[start:stop] = sizes[:b]
     return values, residuals
 
 
-def orthonormalised(rows: FloatArray, sweeps: int = 1) -> FloatArray:
-    """The nearest orthonormal rows (Löwdin); rows of a singular set raise ArithmeticError."""
+def orthonormalise(rows: FloatArray, sweeps: int = 1) -> None:
+    """Replace rows, shape (p, n), by the nearest orthonormal ones (Löwdin), in place.
+
+    Raises
+    ------
+    ArithmeticError
+        If the rows are far from independent.
+    """
     for _ in range(sweeps):
-        gram = rows @ rows.T
-        values, turn = np.linalg.eigh(gram)
-        if values[0] < 0.1:
+        values, turn = np.linalg.eigh(rows @ rows.T)
+        if len(values) and values[0] < 0.1:
             raise ArithmeticError("the same eigenvector was found twice")
-        rows = ((turn / np.sqrt(values)) @ turn.T) @ rows
-    return rows
+        mend = (turn / np.sqrt(values)) @ turn.T
+        for start in range(0, rows.shape[1], _STRETCH):
+            part = slice(start, start + _STRETCH)
+            rows[:, part] = mend @ rows[:, part]
 
 
 def _orthonormalise_block(
@@ -367,4 +380,6 @@ def _orthonormalise_block(
             block[:, part] = piece
             gram += piece @ piece.T
         total = total @ lower
+        if np.abs(gram - np.eye(len(gram))).max() < _NORMAL:
+            break
     return total, True

@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.engine.lanczos import orthonormalised
+from meshmash_viewer.engine.lanczos import orthonormalise
 from meshmash_viewer.engine.pencil import Pencil
 
 __all__ = ["Allocate", "Output", "PairsCallback", "fix_signs"]
@@ -107,7 +107,11 @@ class Output:
             raise ArithmeticError("two slices found the same eigenvector")
         if np.abs(shared).max(initial=0.0) < _TOUCHING:
             return rows
-        return orthonormalised(rows - shared @ self._before)
+        for start in range(0, rows.shape[1], 4096):
+            part = slice(start, start + 4096)
+            rows[:, part] -= shared @ self._before[:, part]
+        orthonormalise(rows)
+        return rows
 
     def _measure(self, rows: FloatArray, written: npt.NDArray[np.floating[Any]]) -> None:
         """Inner products among the rows, with their neighbours, and with all before those.

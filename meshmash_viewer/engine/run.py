@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.engine.arnoldi import pairs_of_inverse
 from meshmash_viewer.engine.factorization import OrderedPencil, order_pencil
-from meshmash_viewer.engine.lanczos import measure_pairs, orthonormalised
+from meshmash_viewer.engine.lanczos import measure_pairs, orthonormalise
 from meshmash_viewer.engine.output import Output
 from meshmash_viewer.engine.pencil import reduce_pencil
 from meshmash_viewer.engine.plan import SpectrumPlan
@@ -167,10 +167,10 @@ class Run:
         if plan.count(border) != pencil.n_null + cut:
             return None
         try:
-            rows = orthonormalised(rows[:cut])
+            orthonormalise(rows[:cut])
         except ArithmeticError:
             return None
-        return border, values[:cut], residuals[:cut], rows
+        return border, values[:cut], residuals[:cut], rows[:cut]
 
     def _nearest(self, ordered: OrderedPencil, plan: SpectrumPlan, sigma: float) -> Iterator[slice]:
         """The pairs nearest a value: everything within a radius that holds enough, then those."""
@@ -203,7 +203,9 @@ class Run:
         self.complete = True
         unit = pencil.unit
         self.certificate = f"inertia {inside} from {low * unit:.4g} to {high * unit:.4g}"
-        yield from self._write_all(values[chosen], residuals[chosen], orthonormalised(rows[chosen]))
+        rows = rows[chosen]
+        orthonormalise(rows)
+        yield from self._write_all(values[chosen], residuals[chosen], rows)
 
     # Other ways ----------------------------------------------------------------------------------
 
@@ -258,7 +260,8 @@ class Run:
         self._spend("given inverse", started)
         if counted != int(np.count_nonzero((values > low) & (values < high))):
             return None
-        rows = orthonormalised(np.concatenate([pencil.null_rows(), rows])[chosen])
+        rows = np.concatenate([pencil.null_rows(), rows])[chosen]
+        orthonormalise(rows)
         residuals = measure_pairs(ordered, rows)[1]
         self.complete = True
         self.certificate = f"inertia {counted} below {high * pencil.unit:.4g}"
