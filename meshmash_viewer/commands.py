@@ -375,7 +375,7 @@ def write_render(
             unit = features.unit
             colormap = colormap or "viridis"
             # A few tips of the surface would otherwise take the whole colour bar.
-            limits = limits or _percentiles(values)
+            limits = limits or _percentiles(values[mesh.area_sample()])
         report["limits"] = None if limits is None else list(limits)
     render_picture(
         mesh,

@@ -159,3 +159,16 @@ def test_a_mesh_travels_to_another_process(neuron):
     copy = pickle.loads(pickle.dumps(neuron))
     assert copy.content_hash == neuron.content_hash
     assert copy.unit == "nm"
+
+
+def test_the_area_sample_weighs_a_speck_as_little_as_its_area(sphere: Mesh) -> None:
+    n = sphere.n_vertices
+    speck = 0.01 * sphere.vertices + [5.0, 0.0, 0.0]
+    mesh = Mesh(
+        np.concatenate([sphere.vertices, speck]), np.concatenate([sphere.faces, sphere.faces + n])
+    )
+    sample = mesh.area_sample(40_000)
+    assert np.count_nonzero(sample >= n) == pytest.approx(4, abs=2)  # a share of 1e-4, not a half
+    upper = np.count_nonzero(mesh.vertices[sample, 2] > 0.0) / len(sample)
+    assert upper == pytest.approx(0.5, abs=0.05)
+    np.testing.assert_array_equal(sample, mesh.area_sample(40_000))

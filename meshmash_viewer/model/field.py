@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -53,6 +53,8 @@ class FieldRequest:
     vertex : int
         From which similarity is measured.
     basis : SimilarityBasis
+    sample : ndarray of int64, optional
+        Vertices that limits are taken over; makes no difference to the values.
     """
 
     spectrum: Spectrum
@@ -68,6 +70,7 @@ class FieldRequest:
     eigenvalues: tuple[float, float] = (0.0, 0.0)
     vertex: int = -1
     basis: SimilarityBasis = SimilarityBasis.HKS
+    sample: npt.NDArray[np.int64] | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +115,7 @@ class Field:
         policy = policy or automatic_limits(signed=self.signed)
         known = self._limits.get(policy)
         if known is None:
-            known = self._limits[policy] = policy.limits(self.values)
+            known = self._limits[policy] = policy.limits(self.values, self.request.sample)
         return known
 
     @property
@@ -138,6 +141,13 @@ class Field:
 
 def request_of(document: Document) -> FieldRequest | None:
     """Snapshot of what a document wants on its render; None while there is nothing to show."""
+    request = _wanted(document)
+    if request is None or document.ready is None:
+        return None
+    return replace(request, sample=document.ready.sample)
+
+
+def _wanted(document: Document) -> FieldRequest | None:
     spectrum, display = document.spectrum, document.display
     if spectrum is None or len(spectrum) == 0 or document.mesh is None:
         return None

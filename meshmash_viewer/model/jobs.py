@@ -135,6 +135,8 @@ class MeshReady:
         A sentence for the message bar, where there is something to say.
     factor : float
         What the coordinates of the file were multiplied by.
+    sample : ndarray of int64, optional
+        `Mesh.area_sample`, for the limits of colours.
     """
 
     mesh: Mesh
@@ -145,6 +147,7 @@ class MeshReady:
     known: SpectrumGrew | None = None
     remark: str = ""
     factor: float = 1.0
+    sample: npt.NDArray[np.int64] | None = None
 
 
 @dataclass(frozen=True)
@@ -348,4 +351,5 @@ def _inspect(
     channel.report(Progress("preparing", message="Preparing the render"))
     normals = mesh.vertex_normals
     known, remark = find_known(mesh, operator)
-    return MeshReady(mesh, health, normals, path, repair, known, remark)
+    sample = mesh.area_sample()
+    return MeshReady(mesh, health, normals, path, repair, known, remark, sample=sample)

@@ -28,12 +28,17 @@ class LimitPolicy(Protocol):
         """How the policy is called on a control."""
         ...
 
-    def limits(self, values: npt.NDArray[np.floating]) -> tuple[float, float]:
+    def limits(
+        self, values: npt.NDArray[np.floating], sample: npt.NDArray[np.int64] | None = None
+    ) -> tuple[float, float]:
         """Limits for these values; NaN entries do not count.
 
         Parameters
         ----------
         values : ndarray, shape (n,)
+        sample : ndarray of int64, optional
+            Vertices that stand for the surface in statistics (`Mesh.area_sample`); None counts
+            every vertex once.
 
         Returns
         -------
@@ -75,7 +80,9 @@ class SymmetricLimits:
 
     label: str = "Symmetric about 0"
 
-    def limits(self, values: npt.NDArray[np.floating]) -> tuple[float, float]:
+    def limits(
+        self, values: npt.NDArray[np.floating], sample: npt.NDArray[np.int64] | None = None
+    ) -> tuple[float, float]:
         """See `LimitPolicy.limits`."""
         low, high = _extremes(values)
         bound = max(abs(low), abs(high)) or 1.0
@@ -88,17 +95,19 @@ class MinMaxLimits:
 
     label: str = "Minimum to maximum"
 
-    def limits(self, values: npt.NDArray[np.floating]) -> tuple[float, float]:
+    def limits(
+        self, values: npt.NDArray[np.floating], sample: npt.NDArray[np.int64] | None = None
+    ) -> tuple[float, float]:
         """See `LimitPolicy.limits`."""
         return _opened(*_extremes(values))
 
 
 @dataclass(frozen=True)
 class PercentileLimits:
-    """Between two percentiles: for fields whose tips would take all the colours.
+    """Between two percentiles of the surface: for fields whose tips would take all the colours.
 
-    Of more than `_SAMPLE` values evenly spaced ones are looked at: a percentile of 100 000 values
-    is off by less than 0.1 of a percent of them.
+    Without a sample of the surface, of more than `_SAMPLE` values evenly spaced ones are looked
+    at: a percentile of 100 000 values is off by less than 0.1 of a percent of them.
     """
 
     low: float = 1.0
@@ -109,10 +118,13 @@ class PercentileLimits:
         """How the policy is called on a control."""
         return f"Percentiles {self.low:g} to {self.high:g}"
 
-    def limits(self, values: npt.NDArray[np.floating]) -> tuple[float, float]:
+    def limits(
+        self, values: npt.NDArray[np.floating], sample: npt.NDArray[np.int64] | None = None
+    ) -> tuple[float, float]:
         """See `LimitPolicy.limits`."""
-        sample = values[:: max(len(values) // _SAMPLE, 1)]
-        low, high = np.percentile(_finite(sample), [self.low, self.high])
+        step = max(len(values) // _SAMPLE, 1)
+        counted = values[::step] if sample is None else values[sample]
+        low, high = np.percentile(_finite(counted), [self.low, self.high])
         return _opened(float(low), float(high))
 
 
@@ -124,7 +136,9 @@ class LockedLimits:
     high: float
     label: str = "Locked"
 
-    def limits(self, values: npt.NDArray[np.floating]) -> tuple[float, float]:
+    def limits(
+        self, values: npt.NDArray[np.floating], sample: npt.NDArray[np.int64] | None = None
+    ) -> tuple[float, float]:
         """See `LimitPolicy.limits`."""
         return _opened(self.low, self.high)
 
