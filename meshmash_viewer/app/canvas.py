@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QEvent, QPoint, QPointF, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QPoint, QPointF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QColor, QCursor, QPainter, QRegion
 from PySide6.QtWidgets import QApplication, QWidget
 from vtkmodules.qt.QVTKRenderWindowInteractor import QVTKRenderWindowInteractor
@@ -49,6 +49,8 @@ class Canvas(QVTKRenderWindowInteractor):
         self._button = Qt.MouseButton.NoButton
         self._step_rest = 0
         self._stale = True
+        self._again = QTimer(self, interval=8, singleShot=True)
+        self._again.timeout.connect(self._show_again)
 
     def sizeHint(self) -> QSize:
         """A good size for a first look."""
@@ -76,8 +78,12 @@ class Canvas(QVTKRenderWindowInteractor):
         if self._stale:
             self._stale = False
             self.frame_due.emit()
-        else:
-            # The ring has moved, or another window: a frame can take a second, this does not.
+        elif not self._again.isActive():
+            self._again.start()
+
+    def _show_again(self) -> None:
+        # The ring has moved, or another window: a frame can take a second, this does not.
+        if not self._stale:
             self.window.Frame()
 
     def resizeEvent(self, event: QEvent) -> None:
@@ -172,6 +178,7 @@ class Canvas(QVTKRenderWindowInteractor):
 
     def closeEvent(self, event: QEvent) -> None:
         """Free what the graphics card holds."""
+        self._again.stop()
         self.window.Finalize()
 
 

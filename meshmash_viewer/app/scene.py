@@ -29,7 +29,7 @@ REST = 220
 #: The same (ms) after a mesh has come for which a stand-in is being made.
 FIRST_REST = 3000
 #: About how many vertices the stand-in has.
-COARSE_VERTICES = 60_000
+COARSE_VERTICES = 40_000
 
 
 class Scene(QWidget):
@@ -245,7 +245,7 @@ class Scene(QWidget):
 
     def _moves(self) -> None:
         """Something moves: a frame is due, and one in full when it has come to rest."""
-        if self._is_slow():
+        if self._software or self._is_slow():
             waits = self._coarse_asked and self._drawing.coarse is None
             self._rest.start(FIRST_REST if waits else REST)
             self._set_hovered(-1)
@@ -267,10 +267,11 @@ class Scene(QWidget):
         drawing, window = self._drawing, self._canvas.window
         coarse = self._rest.isActive() and self._is_slow() and self._coarse_asked
         drawing.show_coarse(coarse)
-        # Several samples a pixel cost a processor as much again for each frame, also for one that
-        # is only shown again: there, edges are smoothed afterwards, and only at rest.
-        window.SetMultiSamples(0 if self._software else 4)
-        drawing.renderer.SetUseFXAA(self._software and not self._rest.isActive())
+        # Several samples a pixel cost a processor as much again for each frame: they wait for
+        # rest, and where frames are very slow, edges are smoothed afterwards instead.
+        at_rest, patient = not self._rest.isActive(), (self._full_frame or 0.0) < 0.3
+        window.SetMultiSamples(4 if not self._software or (at_rest and patient) else 0)
+        drawing.renderer.SetUseFXAA(self._software and at_rest and not patient)
         started = perf_counter()
         drawing.prepare(*self._canvas.pixels())
         window.Render()

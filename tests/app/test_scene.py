@@ -184,8 +184,9 @@ def test_fields_are_written_in_place(scene: Scene, sphere: Mesh, qtbot) -> None:
         assert surface.values is shown
         np.testing.assert_array_equal(shown, mesh.vertices[:, axis].astype(np.float32))
     qtbot.waitUntil(lambda: bool(frames), timeout=5000)
-    QTest.qWait(30)
-    assert len(frames) == 1
+    QTest.qWait(scene_module.REST + 100)
+    # One for all three, and one with smooth edges at rest where a processor draws.
+    assert len(frames) <= 2
 
 
 def test_a_field_changes_the_picture_and_none_takes_it_away(

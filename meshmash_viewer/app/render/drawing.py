@@ -126,7 +126,8 @@ class Drawing:
         self.coarse.write(self.surface.values[chosen])
 
     def show_coarse(self, shown: bool) -> None:
-        """Draw the stand-in, if it is there yet, or the mesh."""
+        """Draw the stand-in, if it is there yet, or the mesh with its lines."""
+        self._lines.actor.SetVisibility(not shown and self._segments is not None)
         if self.surface is not None:
             self.surface.actor.SetVisibility(not shown)
         if self.coarse is not None:
@@ -176,7 +177,7 @@ class Drawing:
 
     def set_segments(self, segments: npt.NDArray[np.float32] | None) -> None:
         """Draw segments of shape (s, 2, 3) relative to `centre`, or none."""
-        self._segments = segments
+        self._segments = segments if segments is not None and len(segments) else None
         self._lines.show(segments)
 
     def set_pins(self, pins: Sequence[tuple[int, str]]) -> None:

@@ -21,7 +21,7 @@ _FACING = """//VTK::Normal::Impl
 #: Darker where the surface turns away, so that pale values keep an outline on a pale ground;
 #: `normalVCVSOutput.z` is the cosine between the normal and the line of sight.
 _RIM = """//VTK::Light::Impl
-  fragOutput0.rgb *= mix(0.45, 1.0, smoothstep(0.0, 0.55, abs(normalVCVSOutput.z)));
+  fragOutput0.rgb *= mix(0.58, 1.0, smoothstep(0.0, 0.5, abs(normalVCVSOutput.z)));
 """
 
 
