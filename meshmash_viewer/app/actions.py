@@ -27,7 +27,7 @@ MOUSE_HELP: tuple[tuple[str, str], ...] = (
     ("Ctrl + drag", "Roll"),
     ("Wheel", "Zoom to the pointer"),
     ("Ctrl + wheel", "Next or previous eigenfunction, time or band"),
-    ("Double click", "Put what is under the pointer in the middle"),
+    ("Middle click", "Put what is under the pointer in the middle"),
     ("Move", "Read index and value of the vertex under the pointer"),
     ("Click", "Pin that vertex, or take its pin away"),
     ("Drop a file", "Open it"),
