@@ -1,0 +1,250 @@
+"""Drives the real window through a session and saves a picture of each stop.
+
+    python assets/tour.py DIR [MESH]
+
+Needs a display; ``./dev shots DIR`` runs it on a virtual one. Without MESH it goes through the
+dendrite that comes with the package. Nothing of the user's is read or changed: settings and stored
+eigenpairs are the tour's own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QDialog
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.run import application
+from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.samples import sample_path
+
+LEFT = Qt.MouseButton.LeftButton
+PATIENCE = 600.0
+
+
+class Tour:
+    """The window, and the folder that its pictures go to."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.number = 0
+        self.window = MainWindow(fresh=True)
+        self.document = self.window.document
+        self.display = self.window.document.display
+
+    # -- walking ------------------------------------------------------------------------------
+
+    def wait(self, condition: Callable[[], bool]) -> None:
+        """Let the window live until a condition holds."""
+        deadline = time.monotonic() + PATIENCE
+        while not condition():
+            if time.monotonic() > deadline:
+                raise TimeoutError("the window did not get there")
+            QTest.qWait(10)
+
+    def settle(self) -> None:
+        """Wait until what is wanted is on the screen, nodal lines and profiles included."""
+        QTest.qWait(250)
+        if self.document.spectrum is not None:
+            self.wait(lambda: self.window.field_source.idle)
+        QTest.qWait(700)
+
+    def resize(self, width: int, height: int) -> None:
+        """Give the window a size; it may have to make room first."""
+        for _ in range(2):
+            self.window.resize(width, height)
+            QTest.qWait(150)
+
+    def shoot(self, name: str) -> None:
+        """Save what the screen shows of the window, dialogs over it included."""
+        self.number += 1
+        window = self.window
+        place = window.mapToGlobal(QPoint(0, 0))
+        picture = window.screen().grabWindow(
+            0, place.x(), place.y(), window.width(), window.height()
+        )
+        path = self.folder / f"{self.number:02d}-{name}.png"
+        if not picture.save(str(path)):
+            raise OSError(f"{path} could not be written")
+        print(path)
+
+    def open(self, path: Path) -> None:
+        """Open a mesh and wait until it is drawn."""
+        document = self.document
+        self.window.open_mesh(path)
+        self.wait(lambda: document.path == path and document.job is None)
+        self.wait(lambda: self.window.scene.can_pick)
+        self.settle()
+
+    def ask_for(self, count: int) -> None:
+        """Type a number of eigenpairs and press Compute."""
+        spin = self.window.mesh_panel.target_box.count_spin
+        spin.setFocus()
+        spin.selectAll()
+        QTest.keyClicks(spin, str(count))
+        QTest.mouseClick(self.window.mesh_panel.compute_button, LEFT)
+        self.window.setFocus()
+
+    def dialog(self, command: str, name: str, picture: str) -> None:
+        """Open a dialog, take a picture, and close it again."""
+        window = self.window
+        window.actions_[command].trigger()
+        self.wait(lambda: window.findChild(QDialog, name) is not None)
+        dialog = window.findChild(QDialog, name)
+        QTest.qWait(200)
+        centre = window.mapToGlobal(window.rect().center())
+        dialog.move(centre - dialog.rect().center())
+        self.settle()
+        self.shoot(picture)
+        dialog.reject()
+        dialog.deleteLater()
+        self.settle()
+
+    def vertices_in_sight(self, count: int) -> list[int]:
+        """Some vertices in front, far from one another."""
+        scene, vertices = self.window.scene, self.document.mesh.vertices
+        seen = []
+        for down in np.linspace(0.1, 0.9, 24):
+            for across in np.linspace(0.1, 0.85, 32):
+                vertex = scene.vertex_at(across * scene.width(), down * scene.height())
+                if vertex >= 0:
+                    seen.append(vertex)
+        chosen = [seen[len(seen) // 2]]
+        while len(chosen) < count:
+            gaps = [np.linalg.norm(vertices[chosen] - vertices[v], axis=1).min() for v in seen]
+            chosen.append(seen[int(np.argmax(gaps))])
+        return chosen
+
+    # -- the stops ----------------------------------------------------------------------------
+
+    def go(self, mesh: Path) -> None:
+        """Go through everything."""
+        window, document, display = self.window, self.document, self.display
+        theme.set_mode(theme.Mode.LIGHT)
+        window.move(0, 0)
+        self.resize(1440, 900)
+        window.show()
+        window.activateWindow()
+        self.settle()
+        self.shoot("empty")
+
+        self.open(mesh)
+        self.shoot("mesh")
+
+        self.ask_for(2000)
+        self.wait(lambda: document.spectrum is not None and len(document.spectrum) >= 12)
+        display.index = 6
+        self.settle()
+        self.shoot("computing")
+        document.cancel()
+        self.wait(lambda: document.job is None)
+        self.settle()
+        self.shoot("stopped")
+
+        self.ask_for(200)
+        self.wait(lambda: document.job is None and document.spectrum.complete)
+        window.stage.message_bar.dismiss()
+        display.index = 8
+        display.nodal_lines = True
+        self.settle()
+        self.shoot("eigenfunction")
+
+        display.kind = FieldKind.HKS
+        self.settle()
+        self.shoot("hks")
+        display.kind = FieldKind.BAND
+        display.band = 9
+        self.settle()
+        self.shoot("bands")
+
+        display.kind = FieldKind.HKS
+        for vertex in self.vertices_in_sight(4):
+            place = window.scene.display_point(vertex)
+            child = window.scene.childAt(place) or window.scene
+            QTest.mouseClick(child, LEFT, pos=child.mapFrom(window.scene, place))
+        self.settle()
+        self.shoot("pins-and-profiles")
+        window.actions_["similar"].trigger()
+        self.settle()
+        self.shoot("similar")
+
+        display.kind = FieldKind.HKS
+        self.settle()
+        self.dialog("export", "export_dialog", "export")
+        self.dialog("save_picture", "picture_dialog", "picture")
+        self.dialog("help", "help_dialog", "help")
+
+        broken = self.folder / "truncated.ply"
+        broken.write_bytes(b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\n")
+        window.open_mesh(broken)
+        self.wait(window.stage.message_bar.isVisible)
+        broken.unlink()
+        self.settle()
+        self.shoot("error")
+        window.stage.message_bar.dismiss()
+
+        theme.set_mode(theme.Mode.DARK)
+        display.kind = FieldKind.EIGENFUNCTION
+        display.index = 17
+        self.settle()
+        self.shoot("dark-eigenfunction")
+        display.kind = FieldKind.HKS
+        self.settle()
+        self.shoot("dark-hks")
+        self.dialog("export", "export_dialog", "dark-export")
+        self.resize(1100, 700)
+        self.settle()
+        self.shoot("dark-small")
+        theme.set_mode(theme.Mode.LIGHT)
+        display.kind = FieldKind.BAND
+        self.settle()
+        self.shoot("small")
+        available = window.screen().availableGeometry()
+        self.resize(available.width(), available.height())
+        display.kind = FieldKind.EIGENFUNCTION
+        self.settle()
+        self.shoot("large")
+
+        self.resize(1440, 900)
+        self.open(sample_path("two_components"))
+        self.ask_for(30)
+        self.wait(lambda: document.job is None and document.spectrum is not None)
+        display.index = 3
+        self.settle()
+        self.shoot("faults")
+        theme.set_mode(theme.Mode.DARK)
+        self.settle()
+        self.shoot("dark-faults")
+        window.close()
+
+
+def main() -> int:
+    """Read the command line and go."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, help="where the pictures go")
+    parser.add_argument("mesh", type=Path, nargs="?", default=None, help="instead of the sample")
+    options = parser.parse_args()
+    options.folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="meshmash-viewer-tour-") as cache:
+        os.environ["XDG_CACHE_HOME"] = cache
+        application()
+        tour = Tour(options.folder)
+        try:
+            tour.go(options.mesh or sample_path())
+        finally:
+            tour.window.close()
+            QApplication.processEvents()
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
