@@ -30,6 +30,9 @@ from meshmash_viewer.units import LENGTH_UNITS, format_quantity, power_unit
 
 __all__ = ["MeshPanel"]
 
+#: Least width, in pixels: that of the panel before a mesh is open.
+_WIDTH = 280
+
 
 class MeshPanel(QWidget):
     """Left panel; its foot with Compute and the proof stays in view while the rest scrolls."""
@@ -73,8 +76,7 @@ class MeshPanel(QWidget):
         outer.addWidget(scroll, 1)
         outer.addWidget(theme.with_role(QFrame(), "line"))
         outer.addWidget(self._build_foot())
-        # wide enough that no row is cut off: the scroll area only scrolls up and down
-        self.setMinimumWidth(max(280, content.minimumSizeHint().width() + 16))
+        self._content = content
 
         document.mesh_changed.connect(self._refresh_facts)
         document.mesh_changed.connect(self._refresh_cost)
@@ -83,10 +85,17 @@ class MeshPanel(QWidget):
         document.job_changed.connect(self._refresh_job)
         document.spectrum_changed.connect(self._refresh_proof)
         document.mesh_changed.connect(self._refresh_job)
+        document.mesh_changed.connect(self._fit)
         self._refresh_facts()
         self._refresh_operator()
         self._refresh_cost()
         self._refresh_job()
+        self._fit()
+
+    def _fit(self) -> None:
+        """Be wide enough that no row is cut off: the scroll area only scrolls up and down."""
+        self._content.layout().activate()
+        self.setMinimumWidth(max(_WIDTH, self._content.minimumSizeHint().width() + 16))
 
     # -- what was read ------------------------------------------------------------------------
 
