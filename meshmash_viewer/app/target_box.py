@@ -110,8 +110,11 @@ class TargetBox(QWidget):
             self.eigenvalue_spin.show_quantity(target.estimated_eigenvalue(area))
         if target.kind != "wavelength" or not self.wavelength_spin.hasFocus():
             self.wavelength_spin.show_quantity(target.estimated_wavelength(area))
+        zeros = ready.health.n_components
+        counted = f"{zeros} of them are zero, one for each component. " if zeros > 1 else ""
         self.note.setText(
-            "≈ by Weyl's law from the area; thin branches can make it twice or half as much."
+            f"{counted}≈ by Weyl's law from the area: within a factor of two for many pairs, "
+            "but along thin branches the first hundred can lie ten times lower."
         )
 
     def _show_count(self, count: float) -> None:
