@@ -90,7 +90,7 @@ class ExportDialog(QDialog):
         self.pairs_spin.setAccessibleName("Number of eigenpairs to use")
         self.pairs_spin.setRange(1, len(self._spectrum))
         self.pairs_spin.setValue(len(self._spectrum))
-        self.pairs_spin.setSuffix(f" of {len(self._spectrum):,}")
+        self.pairs_spin.setSuffix(f" of {len(self._spectrum):,} eigenpairs")
         self._build_table()
         self.contents_label = self._label("export_contents_label", "What the file will contain")
         self.columns_label = self._label("export_columns_label", "Columns")

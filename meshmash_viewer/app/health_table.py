@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QWidget
+from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLabel, QPushButton, QWidget
 
 from meshmash_viewer.app import icons, theme
-from meshmash_viewer.health import REPAIRS, Health
+from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.model.document import Document
 
 __all__ = ["HealthTable"]
@@ -83,9 +83,15 @@ class HealthTable(QWidget):
                 label.setToolTip(row.tooltip)
             self._marks[row.attribute] = mark
             self._counts[row.attribute] = count
+            # text and button share a cell, so that the longest of each need not stand side by side
+            cell = QHBoxLayout()
+            cell.setContentsMargins(0, 0, 0, 0)
+            cell.setSpacing(theme.GAP)
+            cell.addWidget(text)
+            cell.addStretch(1)
             grid.addWidget(mark, at, 0)
-            grid.addWidget(text, at, 1)
-            grid.addWidget(count, at, 3)
+            grid.addLayout(cell, at, 1)
+            grid.addWidget(count, at, 2)
             if row.repair:
                 button = theme.with_role(QPushButton(row.verb, objectName=row.repair), "link")
                 button.setToolTip(f"{REPAIRS[row.repair].label} (can be undone)")
@@ -93,11 +99,9 @@ class HealthTable(QWidget):
                 button.clicked.connect(
                     lambda _checked=False, name=row.repair: document.repair(name)
                 )
-                policy = button.sizePolicy()
-                policy.setRetainSizeWhenHidden(True)
-                button.setSizePolicy(policy)
+                button.hide()
                 self._buttons[row.attribute] = button
-                grid.addWidget(button, at, 2)
+                cell.addWidget(button)
         document.mesh_changed.connect(self.refresh)
         document.job_changed.connect(self._refresh_buttons)
         theme.notifier().changed.connect(self.refresh)
@@ -113,7 +117,10 @@ class HealthTable(QWidget):
                 count.setText("–")
                 continue
             number = getattr(ready.health, row.attribute)
-            count.setText(_written(row, ready.health))
+            count.setText(f"{number:,}")
+            if row.attribute == "n_components":
+                share = ready.health.largest_component / max(ready.health.n_vertices, 1)
+                count.setToolTip(f"{row.tooltip}. The largest has {share:.1%} of the vertices")
             if row.fault:
                 name, color = ("warning", colors.warning) if number else ("good", colors.good)
                 mark.setPixmap(icons.pixmap(name, color, 14))
@@ -127,11 +134,3 @@ class HealthTable(QWidget):
                 todo = REPAIRS[row.repair].count(ready.health) if ready else 0
                 self._buttons[row.attribute].setVisible(todo > 0)
                 self._buttons[row.attribute].setEnabled(idle)
-
-
-def _written(row: _Row, health: Health) -> str:
-    number = f"{getattr(health, row.attribute):,}"
-    if row.attribute == "n_components" and health.n_components > 1:
-        share = health.largest_component / max(health.n_vertices, 1)
-        return f"{number} (largest {share:.0%})"
-    return number

@@ -39,7 +39,7 @@ class HelpDialog(QDialog):
         super().__init__(parent)
         self.setObjectName("help_dialog")
         self.setWindowTitle("Help and shortcuts")
-        self.resize(720, 640)
+        self.resize(860, 660)
 
         self.search = QLineEdit(objectName="help_search", clearButtonEnabled=True)
         self.search.setPlaceholderText("Find a command, a key or a gesture")
@@ -61,7 +61,9 @@ class HelpDialog(QDialog):
                     if each.menu == menu
                 ],
             )
-        self._add_group("Mouse over the render", [("", keys, what) for keys, what in MOUSE_HELP])
+        self._add_group(
+            "Mouse over the render", [(gesture, "", what) for gesture, what in MOUSE_HELP]
+        )
         self.tree.expandAll()
         self.tree.header().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         self.tree.header().setStretchLastSection(True)

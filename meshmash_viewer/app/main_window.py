@@ -36,6 +36,7 @@ from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.jobs import DecomposeJob, ReadJob
@@ -46,6 +47,8 @@ __all__ = ["MainWindow"]
 _LAYOUT_VERSION = 1
 #: What the four tabs of the Field panel need, in logical pixels.
 _FIELD_WIDTH = 316
+#: Least width of a plot, for a while, until the two share one place.
+_PLOT_WIDTH = 220
 #: Below this width of the window the two plots share one place, as tabs.
 _NARROW = 1240
 
@@ -98,6 +101,9 @@ class MainWindow(QMainWindow):
         application.installEventFilter(self)
         self._place()
         self._on_mesh_changed()
+        # keys mean commands from the start; no button stands out before one is chosen
+        self.stage.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
+        self.stage.setFocus()
         if not deferred:
             self.load()
 
@@ -208,6 +214,8 @@ class MainWindow(QMainWindow):
         for name in ("field", "spectrum", "profile"):
             placeholder, panel = self.docks[name].widget(), getattr(self, f"{name}_panel")
             panel.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+            if name != "field":
+                panel.setMinimumWidth(_PLOT_WIDTH)
             self.docks[name].setWidget(panel)
             placeholder.deleteLater()
         self.field_source = FieldSource(self.document, self)
@@ -239,7 +247,7 @@ class MainWindow(QMainWindow):
         document.pins_changed.connect(self._on_pins_changed)
         document.job_changed.connect(self._on_job_changed)
         document.noticed.connect(self._on_notice)
-        for name in ("nodal_lines", "playing"):
+        for name in ("nodal_lines", "playing", "kind"):
             getattr(document.display.events, name).connect(self._refresh_actions)
 
     def _stop_listening(self) -> None:
@@ -249,7 +257,7 @@ class MainWindow(QMainWindow):
         document.pins_changed.disconnect(self._on_pins_changed)
         document.job_changed.disconnect(self._on_job_changed)
         document.noticed.disconnect(self._on_notice)
-        for name in ("nodal_lines", "playing"):
+        for name in ("nodal_lines", "playing", "kind"):
             getattr(document.display.events, name).disconnect(self._refresh_actions)
         if self.loaded:
             for name in ("limits", "diverging_colormap", "sequential_colormap", "nodal_lines"):
@@ -284,6 +292,7 @@ class MainWindow(QMainWindow):
     def _on_pins_changed(self) -> None:
         if self.loaded:
             self.scene.set_pins(self.document.pins)
+        self._refresh_actions()
 
     def _on_field(self, field: Field | None) -> None:
         self._show_field()
@@ -365,6 +374,9 @@ class MainWindow(QMainWindow):
         self.actions_["undo_repair"].setEnabled(document.can_undo and not running)
         self.actions_["clear_pins"].setEnabled(bool(document.pins))
         self.actions_["similar"].setEnabled(bool(document.pins) and spectrum is not None)
+        if document.display.kind is not FieldKind.EIGENFUNCTION:
+            for name in ("nodal_lines", "flip"):
+                self.actions_[name].setEnabled(False)
         for name in ("save_picture", "copy_picture", "reset_camera", "pin"):
             self.actions_[name].setEnabled(self.loaded and document.ready is not None)
         self.actions_["nodal_lines"].setChecked(document.display.nodal_lines)

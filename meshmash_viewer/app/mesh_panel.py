@@ -112,7 +112,7 @@ class MeshPanel(QWidget):
         column.addWidget(self.path_label)
         grid = QGridLayout()
         grid.setHorizontalSpacing(theme.GAP)
-        grid.setVerticalSpacing(3)
+        grid.setVerticalSpacing(5)
         grid.setColumnStretch(1, 1)
         self._facts: dict[str, QLabel] = {}
         for at, name in enumerate(("Vertices", "Faces", "Area", "Extent")):

@@ -13,7 +13,10 @@ __all__ = ["MessageBar"]
 
 #: How long good news stays, in milliseconds; warnings and errors stay until dismissed.
 _STAY = 7000
-_WIDEST = 760
+_WIDEST = 620
+_NARROWEST = 360
+#: What the render's title takes at the upper left.
+_TITLE = 260
 
 
 class MessageBar(QFrame):
@@ -88,11 +91,14 @@ class MessageBar(QFrame):
 
     def _place(self) -> None:
         room = self.parentWidget().rect()
-        width = min(_WIDEST, room.width() - 2 * theme.MARGIN)
+        margin = theme.MARGIN
+        # beside the title of the field where there is room, so that it can still be read
+        beside = room.width() - _TITLE - margin
+        width = min(beside, _WIDEST) if beside >= _NARROWEST else room.width() - 2 * margin
         height = self.layout().heightForWidth(width)
         if height < 0:
             height = self.sizeHint().height()
-        self.setGeometry((room.width() - width) // 2, theme.MARGIN, width, height)
+        self.setGeometry(room.width() - width - margin, margin, width, height)
 
     def _refresh(self) -> None:
         self.style().unpolish(self)

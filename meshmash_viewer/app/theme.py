@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from importlib.resources import files
+from pathlib import Path
 from typing import TypeVar
 
 from PySide6.QtCore import QObject, Qt, Signal
@@ -39,6 +39,7 @@ __all__ = [
 GAP = 8
 MARGIN = 12
 
+_FOLDER = Path(__file__).parent
 WidgetType = TypeVar("WidgetType", bound=QWidget)
 
 
@@ -57,6 +58,7 @@ class Palette:
     window: str
     surface: str
     raised: str
+    field: str
     border: str
     border_strong: str
     text: str
@@ -97,6 +99,7 @@ _LIGHT = Palette(
     window="#f3f5f7",
     surface="#ffffff",
     raised="#ffffff",
+    field="#ffffff",
     border="#dde2e8",
     border_strong="#bcc5cf",
     text="#1b232d",
@@ -121,6 +124,7 @@ _DARK = Palette(
     window="#1a1e24",
     surface="#21262d",
     raised="#2a3038",
+    field="#1a1e24",
     border="#353c46",
     border_strong="#505a67",
     text="#e3e8ee",
@@ -313,7 +317,8 @@ def _style_sheet(colors: Palette, font: QFont) -> str:
     points = font.pointSizeF() if font.pointSizeF() > 0 else 9.0
     values = {name: getattr(colors, name) for name in Palette.__dataclass_fields__}
     values |= {"small": f"{points * 0.92:.2f}pt", "large": f"{points * 1.5:.2f}pt"}
-    sheet = files(__package__).joinpath("style.qss").read_text(encoding="utf-8")
+    values |= {"mode": "dark" if _State.dark else "light", "folder": _FOLDER.as_posix()}
+    sheet = (_FOLDER / "style.qss").read_text(encoding="utf-8")
     for name in sorted(values, key=len, reverse=True):
         sheet = sheet.replace(f"${name}", values[name])
     return sheet
