@@ -141,7 +141,8 @@ class EigenfunctionTab(QWidget):
         unit = mesh.unit if mesh is not None else ""
         value = float(spectrum.eigenvalues[index])
         zeros = first_nonzero(spectrum)
-        approximate = "≈" if spectrum.preview else "="
+        exact = spectrum.is_exact(index)
+        approximate = "=" if exact else "≈"
         if index < zeros:
             text, value = "0", 0.0
         else:
@@ -151,22 +152,24 @@ class EigenfunctionTab(QWidget):
         residual = float(spectrum.residuals[index]) if index < len(spectrum.residuals) else None
         self.facts.show_value(
             "residual_label",
-            "" if residual is None or spectrum.preview else f"{residual:.1e}",
+            "" if residual is None or not exact else f"{residual:.1e}",
         )
         self.facts.show_value("converged_label", _converged(spectrum))
         show_note(self.multiplet_note, _multiplet(spectrum, index, zeros))
         show_note(
             self.preview_note,
-            "Preview: from a coarse mesh, λ within a few per cent. "
-            "The exact eigenfunctions take its place as they converge."
-            if spectrum.preview
-            else "",
+            ""
+            if exact
+            else f"Preview: from a coarse mesh, λ within about {100.0 * spectrum.error:.0f} %. "
+            "The exact eigenfunctions take its place as they converge.",
         )
 
 
 def _converged(spectrum: Spectrum) -> str:
-    if spectrum.preview:
+    if spectrum.preview and not spectrum.n_exact:
         return f"{len(spectrum)} approximate"
+    if spectrum.preview:
+        return f"{spectrum.n_exact} of {spectrum.total or len(spectrum)} so far"
     if spectrum.complete:
         return f"{len(spectrum)}, complete"
     of = f" of {spectrum.total}" if spectrum.total else ""

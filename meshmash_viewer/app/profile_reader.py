@@ -34,7 +34,7 @@ class _Read(QRunnable):
                 break
             stop = min(start + _CHUNK, len(spectrum))
             for column, vertex in enumerate(self._vertices):
-                values[start:stop, column] = spectrum.rows[start:stop, vertex]
+                values[start:stop, column] = spectrum.shown_rows[start:stop, vertex]
         else:
             if shiboken6.isValid(reader):
                 reader.arrived.emit(spectrum, self._vertices, values)

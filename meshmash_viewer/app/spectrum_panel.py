@@ -178,7 +178,7 @@ class SpectrumPanel(QWidget):
         index = min(self._document.display.index if index is None else index, len(spectrum) - 1)
         value = float(spectrum.eigenvalues[index])
         text = (
-            f"λ{subscript(index)} {'≈' if spectrum.preview else '='} "
+            f"λ{subscript(index)} {'=' if spectrum.is_exact(index) else '≈'} "
             f"{format_quantity(value, unit, -2)}, "
             f"wavelength {format_wavelength(value, unit)}"
         )

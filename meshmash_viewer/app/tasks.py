@@ -12,9 +12,11 @@ from meshmash_viewer.model.jobs import (
     ExportJob,
     Job,
     MeshReady,
+    PreviewJob,
     SpectrumGrew,
     Written,
 )
+from meshmash_viewer.model.previews import FROM_VERTICES
 from meshmash_viewer.model.process import Failure
 from meshmash_viewer.progress import Progress
 
@@ -59,6 +61,8 @@ class Tasks(QObject):
         """Run a job now, or as soon as the one before it has ended."""
         if self._job is None:
             self._start(job)
+        elif isinstance(job, DecomposeJob) and isinstance(self._job, PreviewJob):
+            self._queue.insert(0, job)  # within seconds, and the preview is of use to it
         elif isinstance(job, ExportJob) or isinstance(self._job, ExportJob):
             self._queue.append(job)
             self._document.notify(Notice(f"{job.label} waits for: {self._job.label}."))
@@ -97,7 +101,7 @@ class Tasks(QObject):
 
     def _on_mesh_changed(self) -> None:
         """Stop a decomposition of a mesh that is no longer shown, as after an undo."""
-        if isinstance(self._job, DecomposeJob) and not self._is_shown(self._job.mesh):
+        if isinstance(self._job, DecomposeJob | PreviewJob) and not self._is_shown(self._job.mesh):
             self._worker.cancel()
 
     def _is_shown(self, mesh: Mesh) -> bool:
@@ -116,7 +120,7 @@ class Tasks(QObject):
             self._document.notify(message)
         elif (
             isinstance(message, SpectrumGrew)
-            and isinstance(job, DecomposeJob)
+            and isinstance(job, DecomposeJob | PreviewJob)
             and self._is_shown(job.mesh)
         ):
             self._document.accept_spectrum(message.spectrum)
@@ -127,6 +131,8 @@ class Tasks(QObject):
     def _on_finished(self, result: object) -> None:
         if isinstance(result, MeshReady):
             self._document.accept_mesh(result)
+            if result.known is None and result.mesh.n_vertices >= FROM_VERTICES:
+                self._queue.append(PreviewJob(result.mesh, self._document.operator))
             self._end(Notice(result.remark, Severity.WARNING) if result.remark else None)
         elif isinstance(result, Written):
             self._end(Notice(f"{result.description} written to {result.path}."))

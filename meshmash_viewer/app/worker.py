@@ -148,6 +148,7 @@ class _WorkerThread(QThread):
         """Keep a process warm, give it one job after the other."""
         try:
             self._start_process()
+            _warm_up()
             while (job := self.orders.get()) is not None:
                 self._run(job)
         finally:
@@ -248,6 +249,15 @@ def _crash(job: Job, code: int, details: str) -> Failure:
             "compute again to go on from there."
         )
     return Failure(text, details)
+
+
+def _warm_up() -> None:
+    """Import here what the interface thread would otherwise have to wait for."""
+    from meshmash_viewer.filters import bspline_bank
+    from meshmash_viewer.model.cost import decomposition_bytes
+
+    decomposition_bytes(1000, 10)
+    bspline_bank(0.0, 1.0, 4)([0.0, 0.5])
 
 
 def _tail(path: Path, size: int = 4000) -> str:

@@ -14,8 +14,10 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.store import EigenpairStore, StoreBusy
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.alignment import Alignment
 from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.jobs import Channel, SpectrumGrew
+from meshmash_viewer.model.previews import StoredPreview, open_preview
 from meshmash_viewer.progress import Cancelled, Progress
 from meshmash_viewer.weyl import Target
 
@@ -96,7 +98,11 @@ def decompose(
         known = None if stored is None else stored.decomposition()
         if known is not None:
             channel.send(_grown(store, operator, known, ended=False))
-        growth = _Growth(store, operator, channel, known, remark or unwritable)
+        preview = open_preview(mesh, channel) if known is None else None
+        if preview is not None:
+            channel.send(preview.alone(operator))
+        growth = _Growth(store, operator, channel, known, preview, remark or unwritable)
+        growth.mass = mass.diagonal()
 
         def allocate(k: int, n: int) -> npt.NDArray[Any]:
             refuse_what_cannot_fit(n, nnz, k, free)  # a threshold's count is known only now
@@ -118,7 +124,10 @@ def decompose(
             growth.tell()
             raise
         store.finish(decomposition, target.max_eigenvalue)
-        return _grown(store, operator, decomposition)
+        alignment = growth.align(decomposition.rows, decomposition.eigenvalues)
+        if preview is not None:
+            preview.drop()
+        return _grown(store, operator, decomposition, alignment=alignment)
 
 
 def free_memory() -> int:
@@ -183,11 +192,15 @@ class _Growth:
         operator: OperatorOptions,
         channel: Channel,
         known: Decomposition | None,
+        preview: StoredPreview | None,
         remark: str,
     ) -> None:
         self._store = store
         self._operator = operator
         self._channel = channel
+        self._preview = preview
+        self._alignment: Alignment | None = None
+        self.mass = np.zeros(0)
         self._remark = remark
         self._time = -_GROWTH_SECONDS
         # A solve that goes on from known pairs reports these again; the window has them already.
@@ -195,10 +208,12 @@ class _Growth:
         self._converged = 0
         self._eigenvalues = np.zeros(0)
         self._residuals = np.zeros(0)
+        self._rows: npt.NDArray[Any] = np.zeros((0, 0))
 
     def allocate(self, k: int, n: int) -> npt.NDArray[Any]:
         self._eigenvalues, self._residuals = np.zeros(k), np.zeros(k)
-        return self._store.allocate(k, n)
+        self._rows = self._store.allocate(k, n)
+        return self._rows
 
     def append(
         self, start: int, eigenvalues: npt.NDArray[np.float64], residuals: npt.NDArray[np.float64]
@@ -215,17 +230,37 @@ class _Growth:
         if self._converged <= self._told or not self._eigenvalues.any():
             return  # a null space alone is nothing to look at
         self._told, self._time = self._converged, time.monotonic()
+        eigenvalues = self._eigenvalues[: self._told].copy()
+        residuals = self._residuals[: self._told].copy()
+        alignment = self.align(self._rows, eigenvalues)
+        preview = self._preview
+        if preview is not None and len(preview.eigenvalues) <= self._told:
+            preview = None  # nothing of it is needed any more
+        if preview is not None:
+            eigenvalues, residuals = preview.before(eigenvalues, residuals)
         self._channel.send(
             SpectrumGrew(
                 self._store.folder / _ROWS,
-                self._eigenvalues[: self._told].copy(),
-                self._residuals[: self._told].copy(),
+                eigenvalues,
+                residuals,
                 total=len(self._eigenvalues),
                 operator=self._operator,
+                preview_path=None if preview is None else preview.path,
+                n_exact=self._told,
+                error=0.0 if preview is None else preview.error,
+                alignment=alignment,
                 remark=self._remark,
             )
         )
         self._remark = ""
+
+    def align(
+        self, rows: npt.NDArray[np.floating[Any]], eigenvalues: npt.NDArray[np.float64]
+    ) -> Alignment | None:
+        """Turn exact rows to what is shown, if a preview is."""
+        if self._preview is not None:
+            self._alignment = self._preview.align(rows, eigenvalues, self.mass, self._alignment)
+        return self._alignment
 
 
 def _grown(
@@ -234,6 +269,7 @@ def _grown(
     decomposition: Decomposition,
     *,
     ended: bool = True,
+    alignment: Alignment | None = None,
 ) -> SpectrumGrew:
     return SpectrumGrew(
         store.folder / _ROWS,
@@ -243,4 +279,5 @@ def _grown(
         complete=ended and decomposition.complete,
         proof=decomposition.proof() if ended else "",
         operator=operator,
+        alignment=alignment,
     )

@@ -24,6 +24,7 @@ from meshmash_viewer.model.jobs import (
     ScaleJob,
 )
 from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.model.translation import Translation
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.units import parse_unit
 from meshmash_viewer.weyl import Target
@@ -211,6 +212,15 @@ class Document:
             self._target = target
             self.settings_changed.emit()
 
+    def translation(self) -> Translation:
+        """What a target comes to on the open mesh; on the unit of area if there is none."""
+        if self.ready is None:
+            return Translation(1.0)
+        spectrum, area = self.spectrum, self.ready.health.area
+        if spectrum is None or spectrum.preview or spectrum.operator != self._operator:
+            return Translation(area)
+        return Translation(area, spectrum.eigenvalues)
+
     def compute(self) -> None:
         """Ask for the decomposition of the open mesh."""
         if self.ready is not None:
@@ -294,7 +304,7 @@ class Document:
         """Values of all known eigenfunctions at a vertex, shape (k,)."""
         if self.spectrum is None:
             return np.empty(0)
-        return np.asarray(self.spectrum.rows[: len(self.spectrum), vertex], dtype=np.float64)
+        return np.asarray(self.spectrum.shown_rows[: len(self.spectrum), vertex], dtype=np.float64)
 
 
 def _in_unit(ready: MeshReady, unit: str) -> MeshReady:

@@ -216,7 +216,7 @@ def compute_field(request: FieldRequest, live: LiveFeatures) -> Field | None:
     elif request.kind is FieldKind.SIMILARITY:
         values, draft = live.similarity(request)
     else:
-        values, draft = eigenfunction(request), request.spectrum.preview
+        values, draft = eigenfunction(request), not request.spectrum.is_exact(request.index)
     if values is None:
         return None
     return Field(
@@ -232,7 +232,7 @@ def compute_field(request: FieldRequest, live: LiveFeatures) -> Field | None:
 
 def eigenfunction(request: FieldRequest) -> npt.NDArray[np.float32]:
     """One row of the spectrum in single precision, shape (n,), in the sign asked for."""
-    values = np.array(request.spectrum.rows[request.index], dtype=np.float32)
+    values = np.array(request.spectrum.shown_rows[request.index], dtype=np.float32)
     return np.negative(values, out=values) if request.flipped else values
 
 
@@ -254,7 +254,7 @@ def _quantity(request: FieldRequest) -> str:
     if request.kind is FieldKind.EIGENFUNCTION:
         value = float(request.spectrum.eigenvalues[request.index])
         name = "λ" + str(request.index).translate(_SUBSCRIPTS)
-        about = "≈" if request.spectrum.preview else "="
+        about = "=" if request.spectrum.is_exact(request.index) else "≈"
         return f"{name} {about} {format_quantity(value, unit, -2)}"
     if request.kind is FieldKind.HKS:
         time = format_quantity(request.time, unit, 2)

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from meshmash_viewer.health import Health
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.alignment import Alignment, ShownRows
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.units import parse_unit
@@ -31,6 +32,7 @@ __all__ = [
     "Job",
     "JobState",
     "MeshReady",
+    "PreviewJob",
     "ReadJob",
     "RepairJob",
     "ScaleJob",
@@ -79,31 +81,57 @@ class SpectrumGrew:
 
     Parameters
     ----------
-    rows_path : Path
+    rows_path : Path, optional
         ``.npy`` file of shape (>= k, n); only the first k rows are to be read.
     eigenvalues, residuals : ndarray of float64, shape (k,)
-    total, complete, proof, preview, operator
+        Approximate ones included, whose residuals are NaN.
+    total, complete, proof, operator
         See `Spectrum`.
+    preview_path : Path, optional
+        ``.npy`` file with approximate rows, of which those after the exact ones count.
+    n_exact : int
+        With `preview_path`: how many are exact.
+    error : float
+        Expected relative error of the approximate eigenvalues.
+    alignment : Alignment, optional
+        Signs and rotations of the exact rows on the render.
     remark : str
         A sentence for the message bar, where there is something to say.
     """
 
-    rows_path: Path
+    rows_path: Path | None
     eigenvalues: npt.NDArray[np.float64]
     residuals: npt.NDArray[np.float64]
     total: int = 0
     complete: bool = False
     proof: str = ""
-    preview: bool = False
     operator: OperatorOptions | None = None
+    preview_path: Path | None = None
+    n_exact: int = 0
+    error: float = 0.0
+    alignment: Alignment | None = None
     remark: str = ""
 
     @cached_property
     def spectrum(self) -> Spectrum:
-        """The same as the views read it; the first access opens the file."""
+        """The same as the views read it; the first access opens the files."""
         from meshmash_viewer.io.npy import map_rows
 
-        rows = map_rows(self.rows_path, "r", (None, None))
+        exact, preview = (
+            None if path is None else map_rows(path, "r", (None, None))
+            for path in (self.rows_path, self.preview_path)
+        )
+        rows: npt.NDArray[np.floating[Any]] | ShownRows
+        shown = None
+        if exact is None or (preview is not None and self.n_exact == 0):
+            assert preview is not None
+            rows = preview
+        elif preview is not None:
+            rows = ShownRows(exact, self.n_exact, preview, self.alignment or Alignment())
+        else:
+            rows = exact
+            if self.alignment is not None:
+                shown = ShownRows(exact, len(self.eigenvalues), None, self.alignment)
         return Spectrum(
             self.eigenvalues,
             rows,
@@ -111,8 +139,11 @@ class SpectrumGrew:
             total=self.total,
             complete=self.complete,
             proof=self.proof,
-            preview=self.preview,
+            preview=preview is not None,
             operator=self.operator,
+            n_exact=self.n_exact,
+            error=self.error,
+            shown=shown,
         )
 
 
@@ -264,6 +295,26 @@ class RepairJob:
         channel.report(Progress("repairing", message=repair.label))
         mesh = repair.apply(self.mesh)
         return _inspect(mesh, self.operator, channel, path=self.path, repair=self.repair)
+
+
+@dataclass(frozen=True, eq=False)
+class PreviewJob:
+    """Approximate the first eigenfunctions within seconds; returns `SpectrumGrew` or None."""
+
+    mesh: Mesh
+    operator: OperatorOptions = field(default_factory=OperatorOptions)
+
+    @property
+    def label(self) -> str:
+        """See `Job.label`."""
+        return f"Previewing {self.mesh.name or 'the mesh'}"
+
+    def run(self, channel: Channel) -> SpectrumGrew | None:
+        """See `Job.run`."""
+        from meshmash_viewer.model.previews import open_preview
+
+        preview = open_preview(self.mesh, channel)
+        return None if preview is None else preview.alone(self.operator)
 
 
 @dataclass(frozen=True, eq=False)

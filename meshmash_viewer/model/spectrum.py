@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.model.alignment import ShownRows
 
 __all__ = ["Multiplet", "Spectrum"]
 
@@ -29,8 +30,9 @@ class Spectrum:
     ----------
     eigenvalues : ndarray of float64, shape (k,)
         Ascending, in inverse squared length units.
-    rows : ndarray, shape (>= k, n)
-        Eigenvectors, one a row; a read-only map of the store. NaN at unreferenced vertices.
+    rows : ndarray or ShownRows, shape (>= k, n)
+        Eigenvectors, one a row; a read-only map of the store, for features. NaN at unreferenced
+        vertices.
     residuals : ndarray of float64, shape (k,)
         Relative residuals ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``.
     total : int
@@ -40,22 +42,40 @@ class Spectrum:
     proof : str
         The proof line; empty until the solve has ended.
     preview : bool
-        Whether these are coarse approximations that exact ones will replace.
+        Whether some are coarse approximations that exact ones will replace.
     operator : OperatorOptions, optional
         The Laplacian that these belong to.
+    n_exact : int
+        With `preview`: number of leading pairs that are exact already.
+    error : float
+        Expected relative error of approximate eigenvalues.
+    shown : ShownRows, optional
+        The rows as they are drawn, where that differs from `rows` by signs and rotations.
     """
 
     eigenvalues: npt.NDArray[np.float64]
-    rows: npt.NDArray[np.floating]
+    rows: npt.NDArray[np.floating] | ShownRows
     residuals: npt.NDArray[np.float64]
     total: int = 0
     complete: bool = False
     proof: str = ""
     preview: bool = False
     operator: OperatorOptions | None = None
+    n_exact: int = 0
+    error: float = 0.0
+    shown: ShownRows | None = None
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
+
+    @property
+    def shown_rows(self) -> npt.NDArray[np.floating] | ShownRows:
+        """The rows as they are drawn and plotted, shape (>= k, n)."""
+        return self.rows if self.shown is None else self.shown
+
+    def is_exact(self, index: int) -> bool:
+        """Whether a pair is final, not an approximation."""
+        return not self.preview or index < self.n_exact
 
     def multiplet(self, index: int, gap: float = 1e-6) -> Multiplet | None:
         """The run of near-equal eigenvalues that an index belongs to, or None.

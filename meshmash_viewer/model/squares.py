@@ -7,6 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.model.alignment import ShownRows
 from meshmash_viewer.progress import CancelCallback, Cancelled
 
 __all__ = ["add_squares", "sum_squares"]
@@ -20,7 +21,7 @@ _NEGLIGIBLE = 1e-13
 
 
 def sum_squares(
-    rows: FloatArray,
+    rows: FloatArray | ShownRows,
     coefficients: npt.NDArray[np.float64],
     dtype: npt.DTypeLike = np.float32,
     cancel: CancelCallback | None = None,
@@ -48,7 +49,7 @@ def sum_squares(
 
 def add_squares(
     total: FloatArray,
-    rows: FloatArray,
+    rows: FloatArray | ShownRows,
     coefficients: npt.NDArray[np.float64],
     precision: npt.DTypeLike = np.float32,
     cancel: CancelCallback | None = None,

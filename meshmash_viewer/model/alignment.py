@@ -1,0 +1,171 @@
+"""Exact eigenfunctions turned so that they look like the approximate ones shown before them.
+
+The sign of an eigenfunction is arbitrary, and within a multiplet any rotation is as good. When
+exact pairs take the place of a preview, the free choice is made such that nothing flips on the
+render. Files and features keep the solver's own choice: features do not depend on it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Alignment", "ShownRows", "align"]
+
+FloatArray: TypeAlias = npt.NDArray[np.floating[Any]]
+
+#: Neighbouring eigenvalues within this relative gap are one multiplet.
+_GAP = 1e-6
+#: Vertices at a time in the inner products.
+_BLOCK = 1 << 16
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """An orthogonal matrix of blocks along the diagonal.
+
+    Parameters
+    ----------
+    blocks : tuple of (int, ndarray)
+        First row of each block and its orthogonal matrix, of shape (1, 1) for a sign; rows in no
+        block stay as they are.
+    """
+
+    blocks: tuple[tuple[int, npt.NDArray[np.float64]], ...] = ()
+
+    def block_of(self, index: int) -> tuple[int, npt.NDArray[np.float64]] | None:
+        """The block that a row is in."""
+        for start, matrix in self.blocks:
+            if start <= index < start + len(matrix):
+                return start, matrix
+        return None
+
+    def sign(self, index: int) -> float | None:
+        """1 or -1 where a row is only turned round; None within a rotated multiplet."""
+        block = self.block_of(index)
+        if block is None:
+            return 1.0
+        return float(np.sign(block[1][0, 0])) if block[1].size == 1 else None
+
+
+def align(
+    shown: FloatArray,
+    rows: FloatArray,
+    eigenvalues: npt.NDArray[np.float64],
+    mass: npt.NDArray[np.float64],
+    before: Alignment | None = None,
+) -> Alignment:
+    """Find signs and rotations that bring exact rows closest to those shown.
+
+    Parameters
+    ----------
+    shown : ndarray, shape (s, n)
+        Approximate rows, NaN where unreferenced.
+    rows : ndarray, shape (>= k, n)
+        Exact rows; the first min(s, k) are looked at.
+    eigenvalues : ndarray of float64, shape (k,)
+        Of the exact rows.
+    mass : ndarray of float64, shape (n,)
+        Vertex areas.
+    before : Alignment, optional
+        Found when there were fewer exact rows; its blocks are kept, but for the last one, whose
+        multiplet may have grown.
+
+    Returns
+    -------
+    Alignment
+        The nearest orthogonal matrix (Procrustes) of each multiplet.
+    """
+    blocks = list(before.blocks[:-1]) if before is not None else []
+    start = blocks[-1][0] + len(blocks[-1][1]) if blocks else 0
+    count = min(len(shown), len(eigenvalues))
+    floor = 1e-9 * float(eigenvalues[-1]) if len(eigenvalues) else 0.0
+    while start < count:
+        stop = start + 1
+        while stop < count and (
+            eigenvalues[stop] - eigenvalues[stop - 1] <= max(_GAP * eigenvalues[stop], floor)
+        ):
+            stop += 1
+        products = _inner(rows[start:stop], shown[start:stop], mass)
+        left, _, right = np.linalg.svd(products)
+        # shown ≈ matrix @ rows
+        blocks.append((start, (left @ right).T))
+        start = stop
+    return Alignment(tuple(blocks))
+
+
+def _inner(
+    rows: FloatArray, shown: FloatArray, mass: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Products ``rows M shownᵀ``; where there is nothing in common the identity is added."""
+    total = np.zeros((len(rows), len(shown)))
+    for begin in range(0, rows.shape[1], _BLOCK):
+        part = slice(begin, begin + _BLOCK)
+        weighted = np.nan_to_num(np.asarray(rows[:, part], dtype=np.float64)) * mass[part]
+        total += weighted @ np.nan_to_num(np.asarray(shown[:, part], dtype=np.float64)).T
+    # the slightest preference for how the rows are, so that products of zero turn nothing
+    return total + 1e-9 * np.eye(*total.shape)
+
+
+class ShownRows:
+    """Eigenfunctions as they are drawn: exact ones aligned, then approximate ones.
+
+    Reads like an array of shape (k, n): by a row, a slice or an array of rows, and within them
+    by vertex, slice or array.
+
+    Parameters
+    ----------
+    exact : ndarray, shape (>= n_exact, n)
+    n_exact : int
+    preview : ndarray, shape (s, n), optional
+        Its rows from `n_exact` on come after the exact ones.
+    alignment : Alignment
+    """
+
+    def __init__(
+        self,
+        exact: FloatArray,
+        n_exact: int,
+        preview: FloatArray | None,
+        alignment: Alignment,
+    ) -> None:
+        self._exact = exact
+        self._n_exact = n_exact
+        self._preview = preview
+        self._alignment = alignment
+        n_shown = n_exact if preview is None else max(len(preview), n_exact)
+        self.shape = (n_shown, exact.shape[1])
+        self.dtype = np.dtype(np.float64)
+        self.size = self.shape[0] * self.shape[1]
+        self.ndim = 2
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, key: Any) -> FloatArray:
+        rows, columns = key if isinstance(key, tuple) else (key, slice(None))
+        wanted = np.arange(self.shape[0])[rows]
+        if wanted.ndim == 0:
+            return self._row(int(wanted), columns)
+        found = [self._row(int(index), columns) for index in wanted]
+        if not found:
+            return np.zeros((0, self.shape[1]))[:, columns]
+        return np.stack(found)
+
+    def _row(self, index: int, columns: Any) -> FloatArray:
+        if index >= self._n_exact:
+            assert self._preview is not None
+            return np.asarray(self._preview[index, columns])
+        block = self._alignment.block_of(index)
+        if block is None:
+            return np.asarray(self._exact[index, columns])
+        start, matrix = block
+        weights = matrix[index - start]
+        if len(weights) == 1:
+            return np.asarray(weights[0] * self._exact[index, columns])
+        return np.asarray(
+            np.tensordot(weights, self._exact[start : start + len(weights), columns], axes=(0, 0))
+        )

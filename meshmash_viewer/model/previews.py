@@ -1,0 +1,104 @@
+"""The preview of a large mesh, kept for the session, and its hand-over to the exact pairs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.alignment import Alignment, align
+from meshmash_viewer.model.jobs import Channel, SpectrumGrew
+from meshmash_viewer.preview import preview_eigenpairs
+from meshmash_viewer.progress import Progress
+
+__all__ = ["FROM_VERTICES", "StoredPreview", "open_preview"]
+
+#: From this size on the exact pairs are long enough in coming.
+FROM_VERTICES = 60_000
+#: Pairs above the null space; fewer of a mesh whose rows take long to write.
+_PAIRS, _PAIRS_OF_HUGE, _HUGE = 50, 30, 500_000
+#: With more components than this, the first many eigenfunctions are constants on one of them.
+_MOST_COMPONENTS = 150
+
+
+@dataclass(frozen=True, eq=False)
+class StoredPreview:
+    """A preview in the session's folder.
+
+    Parameters
+    ----------
+    path : Path
+        ``.npy`` file of its rows, float32, shape (k, n).
+    eigenvalues : ndarray of float64, shape (k,)
+    error : float
+        See `meshmash_viewer.preview.Preview`.
+    """
+
+    path: Path
+    eigenvalues: npt.NDArray[np.float64]
+    error: float
+
+    def alone(self, operator: OperatorOptions) -> SpectrumGrew:
+        """What the window shows while nothing exact is known."""
+        return SpectrumGrew(
+            None,
+            self.eigenvalues,
+            np.full(len(self.eigenvalues), np.nan),
+            operator=operator,
+            preview_path=self.path,
+            error=self.error,
+        )
+
+    def before(
+        self, eigenvalues: npt.NDArray[np.float64], residuals: npt.NDArray[np.float64]
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Exact eigenvalues and residuals, then those that are still approximate."""
+        rest = self.eigenvalues[len(eigenvalues) :]
+        values = np.maximum.accumulate(np.concatenate([eigenvalues, rest]))
+        return values, np.concatenate([residuals, np.full(len(rest), np.nan)])
+
+    def align(
+        self,
+        rows: npt.NDArray[np.floating],
+        eigenvalues: npt.NDArray[np.float64],
+        mass: npt.NDArray[np.float64],
+        before: Alignment | None,
+    ) -> Alignment:
+        """See `meshmash_viewer.model.alignment.align`."""
+        shown = np.load(self.path, mmap_mode="r")
+        return align(shown, rows, eigenvalues, mass, before)
+
+    def drop(self) -> None:
+        """Delete the file; whoever has mapped it keeps seeing it."""
+        self.path.unlink(missing_ok=True)
+
+
+def open_preview(mesh: Mesh, channel: Channel) -> StoredPreview | None:
+    """Compute the preview of a mesh, or find it in the session's folder.
+
+    Returns
+    -------
+    StoredPreview or None
+        None for a mesh that is small, or of too many components to be worth it.
+    """
+    if mesh.n_vertices < FROM_VERTICES:
+        return None
+    path = channel.folder / f"preview-{mesh.content_hash[:32]}.npy"
+    notes = path.with_suffix(".npz")
+    if path.exists() and notes.exists():
+        with np.load(notes) as known:
+            return StoredPreview(path, known["eigenvalues"], float(known["error"]))
+    if mesh.n_components > _MOST_COMPONENTS:
+        return None
+    channel.report(Progress("preview", message="Approximating the first eigenfunctions"))
+    n_pairs = mesh.n_components + (_PAIRS if mesh.n_vertices < _HUGE else _PAIRS_OF_HUGE)
+    found = preview_eigenpairs(mesh, n_pairs, cancel=channel.cancelled)
+    if len(found.eigenvalues) <= mesh.n_components:
+        return None
+    np.save(path, found.rows)
+    np.savez(notes, eigenvalues=found.eigenvalues, error=found.error)
+    return StoredPreview(path, found.eigenvalues, found.error)

@@ -1,0 +1,49 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapes
+
+from meshmash_viewer.model.translation import Translation
+from meshmash_viewer.weyl import Target, wavelength, weyl_count, weyl_eigenvalue
+
+AREA = 4 * np.pi  # of the unit sphere, so that Weyl's law says λ of them
+
+
+def test_without_eigenpairs_it_is_weyls_law() -> None:
+    translation = Translation(AREA)
+    assert translation.eigenvalue(Target("count", 50)) == (weyl_eigenvalue(AREA, 50), False)
+    count, exact = translation.count(Target("max_eigenvalue", 50.0))
+    assert count == round(weyl_count(AREA, 50.0))
+    assert not exact
+
+
+def test_what_is_asked_for_is_exact() -> None:
+    translation = Translation(AREA)
+    assert translation.count(Target("count", 7)) == (7, True)
+    assert translation.eigenvalue(Target("max_eigenvalue", 3.5)) == (3.5, True)
+    assert translation.wavelength(Target("wavelength", 0.5)) == (0.5, True)
+
+
+def test_known_eigenvalues_are_counted() -> None:
+    known = shapes.sphere_eigenvalues(36)  # up to l = 5, λ = 30
+    translation = Translation(AREA, known)
+    assert translation.count(Target("max_eigenvalue", 12.5)) == (16, True)
+    assert translation.eigenvalue(Target("count", 16)) == (12.0, True)
+    assert translation.wavelength(Target("count", 16)) == (pytest.approx(wavelength(12.0)), True)
+
+
+def test_beyond_them_weyls_law_goes_on_from_the_last() -> None:
+    known = shapes.sphere_eigenvalues(36)
+    translation = Translation(AREA, known)
+    value, exact = translation.eigenvalue(Target("count", 100))
+    assert not exact
+    assert value == pytest.approx(30.0 + 64.0)
+    count, exact = translation.count(Target("max_eigenvalue", value))
+    assert (count, exact) == (100, False)
+
+
+def test_zeros_have_no_wavelength_and_rounding_no_sign() -> None:
+    translation = Translation(AREA, np.array([-1e-19, 2.0]))
+    assert translation.eigenvalue(Target("count", 1)) == (0.0, True)
+    assert translation.wavelength(Target("count", 1)) == (np.inf, True)
