@@ -56,7 +56,7 @@ class Commands:
             "theme_light": lambda _: self.choose_theme(theme.Mode.LIGHT),
             "theme_dark": lambda _: self.choose_theme(theme.Mode.DARK),
             "full_screen": self.full_screen,
-            "reset_layout": window.reset_layout,
+            "reset_layout": window.arrangement.reset,
             "play": lambda on: setattr(display, "playing", on),
             "next": lambda: self.step(1),
             "previous": lambda: self.step(-1),

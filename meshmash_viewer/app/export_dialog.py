@@ -137,7 +137,7 @@ class ExportDialog(QDialog):
         column.addLayout(grid)
         column.addWidget(theme.with_role(QFrame(), "line"))
         column.addWidget(buttons)
-        self.setMinimumWidth(640)
+        self.setMinimumWidth(700)
 
         self.kind_combo.currentIndexChanged.connect(self._change_kind)
         self.pairs_spin.valueChanged.connect(self._refresh)

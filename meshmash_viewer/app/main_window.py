@@ -21,15 +21,14 @@ from PySide6.QtWidgets import (
     QLabel,
     QMainWindow,
     QTabBar,
-    QTabWidget,
     QToolBar,
     QWidget,
 )
 
 from meshmash_viewer.app import icons, theme
 from meshmash_viewer.app.actions import Actions
+from meshmash_viewer.app.arrangement import Arrangement
 from meshmash_viewer.app.commands import Commands
-from meshmash_viewer.app.dock import Dock
 from meshmash_viewer.app.field_source import FieldSource
 from meshmash_viewer.app.mesh_panel import MeshPanel
 from meshmash_viewer.app.settings import Settings
@@ -43,14 +42,6 @@ from meshmash_viewer.model.jobs import DecomposeJob, ReadJob
 from meshmash_viewer.units import format_quantity
 
 __all__ = ["MainWindow"]
-
-_LAYOUT_VERSION = 1
-#: What the four tabs of the Field panel need, in logical pixels.
-_FIELD_WIDTH = 316
-#: Least width of a plot, for a while, until the two share one place.
-_PLOT_WIDTH = 220
-#: Below this width of the window the two plots share one place, as tabs.
-_NARROW = 1240
 
 
 class MainWindow(QMainWindow):
@@ -91,8 +82,11 @@ class MainWindow(QMainWindow):
         self.mesh_panel.seconds_rate = self.settings.seconds_rate
         self.actions_ = Actions(self)
         self.menus = self.actions_.fill_menus(self)
-        self._build_docks()
         self._build_toolbar()
+        self.arrangement = Arrangement(self)
+        self.arrangement.put("mesh", self.mesh_panel)
+        for dock in self.arrangement.docks.values():
+            self.menus["View"].insertAction(self.actions_["reset_camera"], dock.toggleViewAction())
         self._build_status_bar()
         self.tasks = Tasks(self.document, self)
         self.commands = Commands(self)
@@ -108,33 +102,6 @@ class MainWindow(QMainWindow):
             self.load()
 
     # -- building -----------------------------------------------------------------------------
-
-    def _build_docks(self) -> None:
-        self.setDockNestingEnabled(True)
-        for corner, area in (
-            (Qt.Corner.BottomLeftCorner, Qt.DockWidgetArea.LeftDockWidgetArea),
-            (Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea),
-        ):
-            self.setCorner(corner, area)
-        self.docks: dict[str, Dock] = {}
-        areas = Qt.DockWidgetArea
-        for name, title, area in (
-            ("mesh", "Mesh", areas.LeftDockWidgetArea),
-            ("field", "Field", areas.RightDockWidgetArea),
-            ("spectrum", "Spectrum", areas.BottomDockWidgetArea),
-            ("profile", "Profiles", areas.BottomDockWidgetArea),
-        ):
-            dock = Dock(name, title, self)
-            self.addDockWidget(area, dock)
-            self.docks[name] = dock
-            self.menus["View"].insertAction(self.actions_["reset_camera"], dock.toggleViewAction())
-        self.splitDockWidget(
-            self.docks["spectrum"], self.docks["profile"], Qt.Orientation.Horizontal
-        )
-        self._narrow = False
-        self.setTabPosition(areas.BottomDockWidgetArea, QTabWidget.TabPosition.North)
-        self.docks["mesh"].setWidget(self.mesh_panel)
-        self._first_state = None
 
     def _build_toolbar(self) -> None:
         self.toolbar = QToolBar("Toolbar", self, objectName="toolbar")
@@ -155,46 +122,10 @@ class MainWindow(QMainWindow):
         """Take the size of last time, or a good part of the screen."""
         screen = QGuiApplication.primaryScreen().availableGeometry()
         self.resize(min(1440, screen.width() - 40), min(900, screen.height() - 60))
-        self.reset_layout()
+        self.arrangement.reset()
         layout = self.settings.layout
         if layout is not None:
-            self.restoreGeometry(layout[0])
-            self.restoreState(layout[1], _LAYOUT_VERSION)
-
-    def reset_layout(self) -> None:
-        """Put the panels where they are on the first day."""
-        if self._first_state is None:
-            self._first_state = self.saveState(_LAYOUT_VERSION)
-        self.restoreState(self._first_state, _LAYOUT_VERSION)
-        self._narrow = False
-        self._arrange_plots()
-        sides = [self.docks["mesh"], self.docks["field"]]
-        self.resizeDocks(sides, [290, 330], Qt.Orientation.Horizontal)
-        below = [self.docks["spectrum"], self.docks["profile"]]
-        self.resizeDocks(below, [230, 230], Qt.Orientation.Vertical)
-        self.resizeDocks(below, [400, 400], Qt.Orientation.Horizontal)
-
-    def _arrange_plots(self) -> None:
-        """Put the plots side by side, or one behind the other where there is no room."""
-        narrow = self.width() < _NARROW
-        spectrum, profile = self.docks["spectrum"], self.docks["profile"]
-        bottom = Qt.DockWidgetArea.BottomDockWidgetArea
-        if narrow == self._narrow or any(
-            dock.isFloating() or dock.isHidden() or self.dockWidgetArea(dock) != bottom
-            for dock in (spectrum, profile)
-        ):
-            return
-        self._narrow = narrow
-        if narrow:
-            self.tabifyDockWidget(spectrum, profile)
-            spectrum.raise_()
-        else:
-            # a tab cannot be split off: it has to leave and come back
-            self.removeDockWidget(profile)
-            self.addDockWidget(bottom, profile)
-            self.splitDockWidget(spectrum, profile, Qt.Orientation.Horizontal)
-            profile.show()
-            self.resizeDocks([spectrum, profile], [400, 400], Qt.Orientation.Horizontal)
+            self.arrangement.restore(layout)
 
     def load(self) -> None:
         """Build the render and the plots; importing their libraries takes a moment."""
@@ -210,14 +141,8 @@ class MainWindow(QMainWindow):
         self.field_panel = FieldPanel(self.document)
         self.spectrum_panel = SpectrumPanel(self.document)
         self.profile_panel = ProfilePanel(self.document)
-        self.field_panel.setMinimumWidth(_FIELD_WIDTH)
         for name in ("field", "spectrum", "profile"):
-            placeholder, panel = self.docks[name].widget(), getattr(self, f"{name}_panel")
-            panel.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
-            if name != "field":
-                panel.setMinimumWidth(_PLOT_WIDTH)
-            self.docks[name].setWidget(panel)
-            placeholder.deleteLater()
+            self.arrangement.put(name, getattr(self, f"{name}_panel"))
         self.field_source = FieldSource(self.document, self)
         self.field_source.field_ready.connect(self._on_field)
         self.field_source.failed.connect(
@@ -231,8 +156,8 @@ class MainWindow(QMainWindow):
             getattr(display.events, event).connect(self._show_field)
         self.loaded = True
         self.stage.welcome.set_loading("")
-        if self._first_state is not None and self.settings.layout is None:
-            self.reset_layout()
+        if self.settings.layout is None:
+            self.arrangement.reset()
         self.scene.set_theme(theme.is_dark())
         self._on_mesh_changed()
         self._on_pins_changed()
@@ -407,7 +332,7 @@ class MainWindow(QMainWindow):
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Keep the plots readable."""
         super().resizeEvent(event)
-        self._arrange_plots()
+        self.arrangement.fit()
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         """Take files."""
@@ -433,7 +358,7 @@ class MainWindow(QMainWindow):
         """Stop what runs, leave no process and no temporary file, and forget nothing."""
         if not self._closed:
             self._closed = True
-            self.settings.layout = (self.saveGeometry(), self.saveState(_LAYOUT_VERSION))
+            self.settings.layout = self.arrangement.save()
             self.document.display.playing = False
             self._stop_listening()
             theme.notifier().changed.disconnect(self._on_theme_changed)

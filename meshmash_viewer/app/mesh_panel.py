@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -77,15 +77,16 @@ class MeshPanel(QWidget):
         outer.addWidget(theme.with_role(QFrame(), "line"))
         outer.addWidget(self._build_foot())
         self._content = content
+        content.installEventFilter(self)
 
         document.mesh_changed.connect(self._refresh_facts)
         document.mesh_changed.connect(self._refresh_cost)
         document.settings_changed.connect(self._refresh_operator)
         document.settings_changed.connect(self._refresh_cost)
+        document.spectrum_changed.connect(self._refresh_cost)
         document.job_changed.connect(self._refresh_job)
         document.spectrum_changed.connect(self._refresh_proof)
         document.mesh_changed.connect(self._refresh_job)
-        document.mesh_changed.connect(self._fit)
         self._refresh_facts()
         self._refresh_operator()
         self._refresh_cost()
@@ -94,8 +95,13 @@ class MeshPanel(QWidget):
 
     def _fit(self) -> None:
         """Be wide enough that no row is cut off: the scroll area only scrolls up and down."""
-        self._content.layout().activate()
         self.setMinimumWidth(max(_WIDTH, self._content.minimumSizeHint().width() + 16))
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Follow the contents, whatever makes them wider: a count, a unit, a style."""
+        if watched is self._content and event.type() == QEvent.Type.LayoutRequest:
+            self._fit()
+        return super().eventFilter(watched, event)
 
     # -- what was read ------------------------------------------------------------------------
 
@@ -195,6 +201,7 @@ class MeshPanel(QWidget):
             "How far edges are lengthened, relative to their mean, so that no triangle is "
             "degenerate (no unit; 1e-05 suits nearly every mesh)"
         )
+        self.mollify_spin.setFixedWidth(96)
         self.mollify_label = QLabel("Mollify")
         row = QHBoxLayout()
         row.setSpacing(theme.GAP)
@@ -228,7 +235,7 @@ class MeshPanel(QWidget):
             self.cost_label.setText("")
             return
         n = ready.health.n_vertices
-        pairs = min(target.estimated_count(ready.health.area), n)
+        pairs = min(self._document.translation().count(target)[0], n)
         memory = cost.written_bytes(cost.decomposition_bytes(n, pairs))
         time = cost.written_duration(cost.decomposition_seconds(n, pairs, self.seconds_rate))
         self.cost_label.setText(f"Takes about {memory} of memory and {time}.")

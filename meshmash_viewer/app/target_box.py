@@ -8,6 +8,7 @@ from PySide6.QtWidgets import (
     QGridLayout,
     QLabel,
     QRadioButton,
+    QSizePolicy,
     QSpinBox,
     QWidget,
 )
@@ -71,6 +72,9 @@ class TargetBox(QWidget):
             radio.setToolTip(tooltip)
             radio.setAccessibleName(f"Compute by {text.lower()}")
             box.setToolTip(tooltip)
+            # as wide as the panel, not as the longest number there is
+            box.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+            box.setMinimumWidth(132)
             group.addButton(radio)
             self._radios[kind] = radio
             radio.clicked.connect(lambda _checked=False, kind=kind: self._choose(kind))
@@ -82,6 +86,7 @@ class TargetBox(QWidget):
         grid.addWidget(self.note, len(rows), 0, 1, 2)
         document.mesh_changed.connect(self.refresh)
         document.settings_changed.connect(self.refresh)
+        document.spectrum_changed.connect(self.refresh)
         self.refresh()
 
     def refresh(self) -> None:
@@ -89,33 +94,44 @@ class TargetBox(QWidget):
         target, ready = self._document.target, self._document.ready
         self._radios[target.kind].setChecked(True)
         self.setEnabled(ready is not None)
-        for kind, box in self._boxes.items():
-            box.setPrefix("" if kind == target.kind else "≈ ")
         unit = ready.mesh.unit if ready else ""
         for box, power in ((self.eigenvalue_spin, -2), (self.wavelength_spin, 1)):
             written = power_unit(unit, power)
             box.setSuffix(f" {written}" if written else "")
-        if target.kind == "count":
-            self._show_count(target.value)
         if ready is None or not ready.health.area > 0.0:
+            self._show_count(target.estimated_count(1.0))
             self.eigenvalue_spin.show_nothing()
             self.wavelength_spin.show_nothing()
             self.note.setText("The three say the same thing: each is translated into the others.")
             return
-        area = ready.health.area
+        translation = self._document.translation()
+        count, counted = translation.count(target)
+        eigenvalue, bounded = translation.eigenvalue(target)
+        length, measured = translation.wavelength(target)
+        for kind, exact in (
+            ("count", counted),
+            ("max_eigenvalue", bounded),
+            ("wavelength", measured),
+        ):
+            self._boxes[kind].setPrefix("" if exact else "≈ ")
         # the box being typed in is left alone, so that the text under the cursor stays
-        if target.kind != "count":
-            self._show_count(round(target.estimated_count(area)))
+        if target.kind != "count" or not self.count_spin.hasFocus():
+            self._show_count(count)
         if target.kind != "max_eigenvalue" or not self.eigenvalue_spin.hasFocus():
-            self.eigenvalue_spin.show_quantity(target.estimated_eigenvalue(area))
+            self.eigenvalue_spin.show_quantity(eigenvalue)
         if target.kind != "wavelength" or not self.wavelength_spin.hasFocus():
-            self.wavelength_spin.show_quantity(target.estimated_wavelength(area))
+            self.wavelength_spin.show_quantity(length)
         zeros = ready.health.n_components
-        counted = f"{zeros} of them are zero, one for each component. " if zeros > 1 else ""
-        self.note.setText(
-            f"{counted}≈ by Weyl's law from the area: within a factor of two for many pairs, "
-            "but along thin branches the first hundred can lie ten times lower."
-        )
+        parts = [f"{zeros:,} of them are zero, one for each component."] if zeros > 1 else []
+        if not (counted and bounded and measured):
+            parts.append(
+                "≈ by Weyl's law, onwards from the last known eigenvalue."
+                if len(translation.eigenvalues)
+                else "≈ by Weyl's law from the area: within a factor of two for many pairs, but "
+                "along thin branches the first hundred can lie ten times lower."
+            )
+        self.note.setText(" ".join(parts))
+        self.note.setVisible(bool(parts))
 
     def _show_count(self, count: float) -> None:
         blocked = self.count_spin.blockSignals(True)

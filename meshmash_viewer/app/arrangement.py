@@ -1,0 +1,105 @@
+"""Where the panels of the window are."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QByteArray, Qt
+from PySide6.QtWidgets import QMainWindow, QTabBar, QTabWidget, QWidget
+
+from meshmash_viewer.app.dock import Dock
+
+__all__ = ["Arrangement"]
+
+_VERSION = 1
+#: What the four tabs of the Field panel need, in logical pixels.
+_FIELD_WIDTH = 316
+#: Least width of a plot, for a while, until the two share one place.
+_PLOT_WIDTH = 220
+#: Below this width of the window the two plots share one place, as tabs.
+_NARROW = 1240
+_BOTTOM = Qt.DockWidgetArea.BottomDockWidgetArea
+
+
+class Arrangement:
+    """The docks: Mesh at the left, Field at the right, Spectrum and Profiles below.
+
+    Parameters
+    ----------
+    window : QMainWindow
+    """
+
+    def __init__(self, window: QMainWindow) -> None:
+        self._window = window
+        self._narrow = False
+        window.setDockNestingEnabled(True)
+        window.setTabPosition(_BOTTOM, QTabWidget.TabPosition.North)
+        areas = Qt.DockWidgetArea
+        window.setCorner(Qt.Corner.BottomLeftCorner, areas.LeftDockWidgetArea)
+        window.setCorner(Qt.Corner.BottomRightCorner, areas.RightDockWidgetArea)
+        self.docks: dict[str, Dock] = {}
+        for name, title, area in (
+            ("mesh", "Mesh", areas.LeftDockWidgetArea),
+            ("field", "Field", areas.RightDockWidgetArea),
+            ("spectrum", "Spectrum", _BOTTOM),
+            ("profile", "Profiles", _BOTTOM),
+        ):
+            self.docks[name] = Dock(name, title, window)
+            window.addDockWidget(area, self.docks[name])
+        window.splitDockWidget(
+            self.docks["spectrum"], self.docks["profile"], Qt.Orientation.Horizontal
+        )
+        self._first = window.saveState(_VERSION)
+
+    def put(self, name: str, panel: QWidget) -> None:
+        """Put a panel into its dock."""
+        panel.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        if name == "field":
+            panel.setMinimumWidth(_FIELD_WIDTH)
+        elif name != "mesh":
+            panel.setMinimumWidth(_PLOT_WIDTH)
+        placeholder = self.docks[name].widget()
+        self.docks[name].setWidget(panel)
+        placeholder.deleteLater()
+
+    def reset(self) -> None:
+        """Put the docks where they are on the first day."""
+        self._window.restoreState(self._first, _VERSION)
+        self._narrow = False
+        self.fit()
+        sides = [self.docks["mesh"], self.docks["field"]]
+        self._window.resizeDocks(sides, [290, 330], Qt.Orientation.Horizontal)
+        below = [self.docks["spectrum"], self.docks["profile"]]
+        self._window.resizeDocks(below, [230, 230], Qt.Orientation.Vertical)
+        self._window.resizeDocks(below, [400, 400], Qt.Orientation.Horizontal)
+
+    def fit(self) -> None:
+        """Put the plots side by side, or one behind the other where there is no room."""
+        window, narrow = self._window, self._window.width() < _NARROW
+        spectrum, profile = self.docks["spectrum"], self.docks["profile"]
+        if narrow == self._narrow or any(
+            dock.isFloating() or dock.isHidden() or window.dockWidgetArea(dock) != _BOTTOM
+            for dock in (spectrum, profile)
+        ):
+            return
+        self._narrow = narrow
+        if narrow:
+            window.tabifyDockWidget(spectrum, profile)
+            spectrum.raise_()
+            direct = Qt.FindChildOption.FindDirectChildrenOnly
+            for bar in window.findChildren(QTabBar, options=direct):
+                bar.setElideMode(Qt.TextElideMode.ElideNone)
+        else:
+            # a tab cannot be split off: it has to leave and come back
+            window.removeDockWidget(profile)
+            window.addDockWidget(_BOTTOM, profile)
+            window.splitDockWidget(spectrum, profile, Qt.Orientation.Horizontal)
+            profile.show()
+            window.resizeDocks([spectrum, profile], [400, 400], Qt.Orientation.Horizontal)
+
+    def save(self) -> tuple[QByteArray, QByteArray]:
+        """Geometry and state, for the next time."""
+        return self._window.saveGeometry(), self._window.saveState(_VERSION)
+
+    def restore(self, layout: tuple[QByteArray, QByteArray]) -> None:
+        """Take geometry and state of the last time."""
+        self._window.restoreGeometry(layout[0])
+        self._window.restoreState(layout[1], _VERSION)
