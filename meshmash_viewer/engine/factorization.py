@@ -138,6 +138,28 @@ class OrderedPencil:
         quotients_block(block, images, weight, values, residuals)
         return values, residuals
 
+    def subtract(
+        self, target: FloatArray, source: FloatArray, weights: FloatArray, against: FloatArray
+    ) -> FloatArray:
+        """target -= weights · source for rows of shape (8, n); then target · againstᵀ."""
+        if self.structure is None:
+            target -= weights @ source
+            return np.asarray(target @ against.T)
+        from meshmash_viewer.engine.kernels import subtract_rows
+
+        products = np.empty((len(target), len(against)))
+        subtract_rows(target, source, np.ascontiguousarray(weights), against, products)
+        return products
+
+    def turn(self, target: FloatArray, lower: FloatArray) -> None:
+        """target = lower · target for rows of shape (8, n), in place."""
+        if self.structure is None:
+            target[:] = lower @ target
+            return
+        from meshmash_viewer.engine.kernels import turn_rows
+
+        turn_rows(target, np.ascontiguousarray(lower))
+
     def fill_columns(self, rows: FloatArray, columns: FloatArray) -> None:
         """Write rows of shape (8, n) into a block of shape (n, 8)."""
         if self.structure is None:

@@ -21,8 +21,8 @@ __all__ = ["Interval", "IntervalPairs", "find_pairs", "measure_pairs", "orthonor
 FloatArray = npt.NDArray[np.float64]
 
 _BLOCK = 8
-#: Columns of the basis that a pass works on at once: two blocks of them fit the cache.
-_STRETCH = 4096
+#: Columns of the basis that a product works on at once.
+_STRETCH = 16384
 #: Both newest blocks are orthogonalised against the whole basis every this many steps; three
 #: lose copies without a sign.
 _REORTHOGONALISE = 2
@@ -131,10 +131,46 @@ def find_pairs(
             f"{len(found_values)} of {owed} eigenvalues found between "
             f"{interval.low:.6g} and {interval.high:.6g}"
         )
-    del basis, factor
+    del basis
     order = np.argsort(found_values, kind="stable")
     rows = found[order] if np.any(order[1:] < order[:-1]) else found
-    return IntervalPairs(interval, *measure_pairs(ordered, rows), rows, solved)
+    values, residuals = measure_pairs(ordered, rows)
+    coarse = np.flatnonzero(residuals > tolerance * np.abs(values))
+    if len(coarse):
+        if interval.low < 0.0:
+            factor = ordered.factor(-1.0, -0.1, stop)
+        _polish(ordered, factor, rows, values, coarse)
+        values, residuals = measure_pairs(ordered, rows)
+    return IntervalPairs(interval, values, residuals, rows, solved)
+
+
+def _polish(
+    ordered: OrderedPencil,
+    factor: Factor,
+    rows: FloatArray,
+    values: FloatArray,
+    coarse: npt.NDArray[np.int64],
+) -> None:
+    """Rid some rows of the rounding that the basis left in them, by one inverse iteration.
+
+    That rounding is spread over the whole spectrum, and A magnifies it by its norm: next to the
+    smallest eigenvalues it is what bounds the residual. The inverse damps it again, best from a
+    shift below zero, where the factor is as stable as Cholesky's. What stays is the rounding of
+    the entries themselves, about eps ‖A‖ / λ.
+    """
+    for start in range(0, len(coarse), _BLOCK):
+        some = coarse[start : start + _BLOCK]
+        distance = values[some] - factor.shift
+        given = np.zeros((rows.shape[1], _BLOCK))
+        given[:, : len(some)] = (rows[some] * distance[:, None]).T
+        better = given.copy()
+        factor.solve(better)
+        defect = given - ordered.multiply(better) + factor.shift * better
+        factor.solve(defect)
+        better += defect
+        ordered.remove_null(better)
+        rows[some] = better[:, : len(some)].T
+    orthonormalise(rows)
 
 
 class _Basis:
@@ -221,54 +257,66 @@ class _Basis:
     def _extend(self, size: int, coupling: FloatArray) -> FloatArray:
         """One Lanczos step from the block at `size`; gives the coupling to the next block.
 
-        Every pass over the vectors goes stretch by stretch, so that they are fetched from
-        memory once a pass; the inner products of one pass are what the next subtracts.
+        The inner products of one pass over the vectors are what the next subtracts.
         """
         b, rows = _BLOCK, self.rows
-        new = rows[size + b : size + 2 * b]
-        self._apply(rows[size : size + b], new)
-        this = slice(size, size + b)
-        local = slice(max(size - b, 0), size + b)
-        repair = np.zeros((b, local.stop - local.start))
+        apply = self.ordered.subtract
+        this, new = rows[size : size + b], rows[size + b : size + 2 * b]
+        local = rows[max(size - b, 0) : size + b]
+        nothing = rows[:0]
+        self._apply(this, new)
+        repair = np.zeros((b, len(local)))
         if size:
             repair[:, :b] = coupling.T
-        repair = self._subtract(new, local, repair, local)
+        repair = apply(new, local, repair, local)
         diagonal = repair[:, -b:].copy()
         repair[:, :-b] = 0.0
-        itself = slice(size + b, size + 2 * b)
         if size and (size // b) % self.every == self.every - 1:
-            self._subtract(new, local, repair, None)
-            newest, earlier = rows[size : size + 2 * b], slice(0, size)
-            overlap = newest @ rows[earlier].T
-            self._subtract(newest, earlier, overlap, None)
-            _orthonormalise_block(rows[this])
-            repair = new @ rows[this].T
+            apply(new, local, repair, nothing)
+            newest, earlier = rows[size : size + 2 * b], rows[:size]
+            overlap = newest @ earlier.T
+            for start in range(0, self.n, _STRETCH):
+                part = slice(start, start + _STRETCH)
+                newest[:, part] -= overlap @ earlier[:, part]
+            self._orthonormalise(this)
+            local = this
+            repair = apply(new, nothing, np.zeros((b, 0)), this)
         else:
-            repair = self._subtract(new, local, repair, local)
+            repair = apply(new, local, repair, local)
         diagonal += repair[:, -b:]
-        self.projection[this, this] = 0.5 * (diagonal + diagonal.T)
-        source = local if repair.shape[1] > b else this
-        gram = self._subtract(new, source, repair, itself)
-        following, ok = _orthonormalise_block(new, gram)
+        at, after = slice(size, size + b), slice(size + b, size + 2 * b)
+        self.projection[at, at] = 0.5 * (diagonal + diagonal.T)
+        gram = apply(new, local, repair, new)
+        following, ok = self._orthonormalise(new, gram)
         if not ok:
             following = self._replace_lost(new, size + b)
-        self.projection[size + b : size + 2 * b, this] = following.T
+        self.projection[after, at] = following.T
         return following
 
-    def _subtract(
-        self, target: FloatArray, source: slice, weights: FloatArray, against: slice | None
-    ) -> FloatArray:
-        """target -= weights · basis[source], then target · basis[against]ᵀ."""
-        rows = self.rows
-        columns = 0 if against is None else against.stop - against.start
-        products = np.zeros((len(target), columns))
-        for start in range(0, self.n, _STRETCH):
-            part = slice(start, start + _STRETCH)
-            piece = target[:, part]
-            piece -= weights @ rows[source, part]
-            if against is not None:
-                products += piece @ rows[against, part].T
-        return products
+    def _orthonormalise(
+        self, block: FloatArray, gram: FloatArray | None = None
+    ) -> tuple[FloatArray, bool]:
+        """Cholesky QR, up to twice, in place: old block = returned lower · new block.
+
+        `gram` is block · blockᵀ where it is known already. False if the block has lost rank.
+        """
+        total = np.eye(len(block))
+        nothing, none = self.rows[:0], np.zeros((len(block), 0))
+        if gram is None:
+            gram = self.ordered.subtract(block, nothing, none, block)
+        for _ in range(2):
+            try:
+                lower = np.asarray(np.linalg.cholesky(gram))
+            except np.linalg.LinAlgError:
+                return total, False
+            if not np.diagonal(lower).min() ** 2 > 1e-13 * np.trace(gram):
+                return total, False
+            self.ordered.turn(block, np.linalg.inv(lower))
+            total = total @ lower
+            gram = self.ordered.subtract(block, nothing, none, block)
+            if np.abs(gram - np.eye(len(gram))).max() < _NORMAL:
+                break
+        return total, True
 
     def _replace_lost(self, new: FloatArray, size: int) -> FloatArray:
         """Where the Krylov space has run out, go on with fresh directions, uncoupled."""
@@ -347,39 +395,13 @@ def orthonormalise(rows: FloatArray, sweeps: int = 1) -> None:
         If the rows are far from independent.
     """
     for _ in range(sweeps):
-        values, turn = np.linalg.eigh(rows @ rows.T)
+        gram = rows @ rows.T
+        if np.abs(gram - np.eye(len(gram))).max(initial=0.0) < _NORMAL:
+            return
+        values, turn = np.linalg.eigh(gram)
         if len(values) and values[0] < 0.1:
             raise ArithmeticError("the same eigenvector was found twice")
         mend = (turn / np.sqrt(values)) @ turn.T
         for start in range(0, rows.shape[1], _STRETCH):
             part = slice(start, start + _STRETCH)
             rows[:, part] = mend @ rows[:, part]
-
-
-def _orthonormalise_block(
-    block: FloatArray, gram: FloatArray | None = None
-) -> tuple[FloatArray, bool]:
-    """Cholesky QR, twice, in place: old block = returned lower · new block.
-
-    `gram` is block · blockᵀ where it is known already. False if the block has lost rank.
-    """
-    total = np.eye(len(block))
-    for _ in range(2):
-        gram = block @ block.T if gram is None else gram
-        try:
-            lower = np.asarray(np.linalg.cholesky(gram))
-        except np.linalg.LinAlgError:
-            return total, False
-        if not np.diagonal(lower).min() ** 2 > 1e-13 * np.trace(gram):
-            return total, False
-        inverse = np.linalg.inv(lower)
-        gram = np.zeros_like(lower)
-        for start in range(0, block.shape[1], _STRETCH):
-            part = slice(start, start + _STRETCH)
-            piece = inverse @ block[:, part]
-            block[:, part] = piece
-            gram += piece @ piece.T
-        total = total @ lower
-        if np.abs(gram - np.eye(len(gram))).max() < _NORMAL:
-            break
-    return total, True

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from meshmash_viewer.engine.lanczos import orthonormalise
 from meshmash_viewer.engine.pencil import Pencil
 
-__all__ = ["Allocate", "Output", "PairsCallback", "fix_signs"]
+__all__ = ["Allocate", "Output", "PairsCallback", "fix_sign"]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 #: ``(k, n) -> array of shape (k, n)`` that the rows are written into.
@@ -60,6 +60,7 @@ class Output:
         self.written = 0
         self.orthonormality = 0.0
         self._before: FloatArray = np.zeros((0, pencil.n))
+        self._inverse_root_mass = 1.0 / pencil.root_mass
         self._random = np.random.default_rng(1)
         self._mixture = np.zeros((8, pencil.n))
 
@@ -89,11 +90,15 @@ class Output:
             eigenvalues = np.minimum(eigenvalues, self.ceiling)
         self.eigenvalues[place] = eigenvalues
         self.residuals[place] = residuals / np.where(values > pencil.noise, values, 1.0)
-        final = np.full(pencil.n_all, np.nan)
+        final = np.zeros(pencil.n_all)
+        without_mass = np.ones(pencil.n_all, dtype=bool)
+        without_mass[pencil.active] = False
         for i, row in enumerate(rows):
-            final[pencil.active] = row / pencil.root_mass
-            fix_signs(final[None], pencil.active)
+            final[pencil.active] = row * self._inverse_root_mass
+            fix_sign(final)
             self.rows[self.written + i] = final
+        if pencil.n < pencil.n_all:
+            self.rows[place, without_mass] = np.nan
         self._measure(rows, self.rows[place])
         self.written += count
         return place
@@ -135,17 +140,12 @@ class Output:
         self._before = rows
 
 
-def fix_signs(
-    rows: npt.NDArray[np.floating[Any]], considered: npt.NDArray[np.int64] | None = None
-) -> None:
-    """Turn each row, shape (k, n), so that its entry of largest magnitude is positive.
+def fix_sign(row: npt.NDArray[np.floating[Any]]) -> None:
+    """Turn a row in place so that its entry of largest magnitude is positive.
 
     Of entries whose magnitudes agree to 1e-6 the first decides, so that rounding does not.
-    `considered` are the entries that are numbers, if not all are.
     """
-    for row in rows:
-        size = np.abs(row)
-        largest = float(np.nanmax(size, initial=0.0))
-        leading = int(np.argmax(size >= (1.0 - 1e-6) * largest))
-        if row[leading] < 0.0:
-            np.negative(row, out=row)
+    size = np.abs(row)
+    leading = int(np.argmax(size >= (1.0 - 1e-6) * size.max(initial=0.0)))
+    if row[leading] < 0.0:
+        np.negative(row, out=row)
