@@ -191,17 +191,18 @@ def _nearest_seed(mesh: Mesh, seeds: IntArray) -> IntArray:
     cells = np.full(n, -1, dtype=np.int64)
     if not len(seeds):
         return cells
-    faces = mesh.faces[mesh.distinct_corners]
-    here = faces.T.ravel().astype(np.int32)
-    there = np.roll(faces, -1, axis=1).T.ravel().astype(np.int32)
-    lengths = np.linalg.norm(mesh.vertices[here] - mesh.vertices[there], axis=1)
-    # Coincident neighbours are as near as can be, but a zero would be no edge at all. Lengths of
-    # an edge's faces add up: edges at a border count half, which does not matter here.
+    # Each face's sides in one direction: every corner is reached from every other, neighbours
+    # mostly bring the other direction, and half the edges are half the time.
+    faces = mesh.faces[mesh.distinct_corners].astype(np.int32)
+    here, there = faces.T.ravel(), np.roll(faces, -1, axis=1).T.ravel()
+    squared = np.zeros(len(here))
+    for axis in range(3):
+        coordinate = mesh.vertices[:, axis]
+        squared += np.square(coordinate[here] - coordinate[there])
+    lengths = np.sqrt(squared)
+    # Coincident neighbours are as near as can be, but a zero would be no edge at all.
     lengths = np.maximum(lengths, 1e-6 * float(lengths.mean()))
-    graph = csr_array(
-        (np.concatenate([lengths, lengths]), (np.r_[here, there], np.r_[there, here])),
-        shape=(n, n),
-    )
+    graph = csr_array((lengths, (here, there)), shape=(n, n))
     _, _, sources = dijkstra(graph, indices=seeds, min_only=True, return_predecessors=True)
     number = np.full(n, -1, dtype=np.int64)
     number[seeds] = np.arange(len(seeds))

@@ -89,6 +89,7 @@ class LiveFeatures:
         """One geometry vector, shape (n,), and whether a better answer is on its way."""
         bands = self._bands
         if bands is not None and _same_bands(bands[0], request):
+            self._bands = (request, bands[1])  # next time it is the very same spectrum
             return bands[1][request.band], False
         response = _bank(request).response(request.spectrum.eigenvalues)
         weights = response[request.band : request.band + 1]
@@ -102,6 +103,7 @@ class LiveFeatures:
         known = self._similarity
         if known is not None:
             if _same_features(known[0], request):
+                self._similarity = (request, known[1])
                 return known[1].from_vertex(request.vertex), False
             if _grew(known[0].spectrum, request.spectrum) and known[0].basis is request.basis:
                 return known[1].from_vertex(request.vertex), True
@@ -175,19 +177,25 @@ def _grew(old: Spectrum, new: Spectrum) -> bool:
     )
 
 
+def _same(known: FieldRequest, request: FieldRequest) -> bool:
+    """Whether two requests are about the same pairs, be it that their proof has come since."""
+    if known.spectrum is request.spectrum:
+        return True
+    return len(known.spectrum) == len(request.spectrum) and _grew(known.spectrum, request.spectrum)
+
+
 def _same_bands(known: FieldRequest, request: FieldRequest) -> bool:
-    return (known.spectrum, known.band_count, known.eigenvalues) == (
-        request.spectrum,
+    return (known.band_count, known.eigenvalues) == (
         request.band_count,
         request.eigenvalues,
-    )
+    ) and _same(known, request)
 
 
 def _same_features(known: FieldRequest, request: FieldRequest) -> bool:
-    return (known.spectrum, known.basis, known.times, known.scales, known.band_count) == (
-        request.spectrum,
+    return (known.basis, known.times, known.scales, known.band_count, known.eigenvalues) == (
         request.basis,
         request.times,
         request.scales,
         request.band_count,
-    ) and known.eigenvalues == request.eigenvalues
+        request.eigenvalues,
+    ) and _same(known, request)

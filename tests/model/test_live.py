@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from solved import spectrum_of
@@ -167,3 +169,14 @@ def test_tables_are_counted_dropped_and_can_be_given_up(rectangle: Mesh) -> None
     assert 0 < live.nbytes <= expected_bytes(rectangle.n_vertices)
     live.forget()
     assert live.nbytes == 0
+
+
+def test_tables_outlast_the_proof_of_the_same_pairs(rectangle: Mesh) -> None:
+    spectrum = spectrum_of(rectangle, 60)
+    live = LiveFeatures()
+    live.prepare(band_request(spectrum, 0))
+    proven = replace(spectrum, proof="proven now")
+    assert live.prepared(band_request(proven, 1))
+    live.band(band_request(proven, 1))
+    other = replace(spectrum, eigenvalues=spectrum.eigenvalues[:59])
+    assert not live.prepared(band_request(other, 1))
