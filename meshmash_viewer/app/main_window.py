@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtCore import QEvent, QObject, Qt, Signal
 from PySide6.QtGui import (
     QCloseEvent,
     QDragEnterEvent,
@@ -57,6 +57,9 @@ class MainWindow(QMainWindow):
         Whether the render and the plots are left out until `load` is called, so that the window
         can be on the screen before their libraries are.
     """
+
+    #: The window has been closed, and what it ran has ended.
+    closed = Signal()
 
     def __init__(
         self, document: Document | None = None, fresh: bool = False, *, deferred: bool = False
@@ -367,4 +370,5 @@ class MainWindow(QMainWindow):
             if self.loaded:
                 self.field_source.close()
                 self.scene.close()
+            self.closed.emit()
         super().closeEvent(event)

@@ -235,7 +235,14 @@ class MeshPanel(QWidget):
             self.cost_label.setText("")
             return
         n = ready.health.n_vertices
-        pairs = min(self._document.translation().count(target)[0], n)
+        translation, spectrum = self._document.translation(), self._document.spectrum
+        if len(translation.eigenvalues):
+            wanted, exact = translation.count(target)
+            if exact and wanted <= len(translation.eigenvalues):
+                computed = "Already computed" if spectrum.complete else "Converged already"
+                self.cost_label.setText(f"{computed}: {wanted:,} eigenpairs are in the store.")
+                return
+        pairs = min(translation.count(target)[0], n)
         memory = cost.written_bytes(cost.decomposition_bytes(n, pairs))
         time = cost.written_duration(cost.decomposition_seconds(n, pairs, self.seconds_rate))
         self.cost_label.setText(f"Takes about {memory} of memory and {time}.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import atexit
 import importlib
 import os
 import signal
@@ -135,10 +136,17 @@ def view(
     window.document.take_mesh(taken)
     window.show()
     _windows.append(window)
-    window.destroyed.connect(lambda: None)
+    window.closed.connect(lambda: _windows.remove(window))
     if block if block is not None else not _has_prompt():
         app.exec()
     return window
+
+
+@atexit.register
+def _close_windows() -> None:
+    """Let no process outlive a script that ends with its window open."""
+    for window in list(_windows):
+        window.close()
 
 
 def _has_prompt() -> bool:
