@@ -182,7 +182,8 @@ def paint_caption(sheet: Sheet, caption: Caption) -> None:
     if caption.missing:
         below = y - 28 * scale
         painter.rectangle(x, below, bar_width, 12 * scale, NAN_COLOR)
-        painter.text("none", width - edge, below + 6 * scale, size, theme.faint_ink, RIGHT, MIDDLE)
+        beside, middle = x - 6 * scale, below + 6 * scale
+        painter.text("no value", beside, middle, size, theme.faint_ink, RIGHT, MIDDLE)
 
 
 def paint_scale(sheet: Sheet, view: View, unit: str) -> None:
