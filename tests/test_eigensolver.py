@@ -70,7 +70,7 @@ def check(decomposition: Decomposition, exact: npt.NDArray[np.float64]) -> None:
     floor = 1e-9 * exact[exact > 1e-9 * exact[-1]][:1].sum()
     np.testing.assert_allclose(decomposition.eigenvalues, exact, rtol=1e-9, atol=floor)
     assert decomposition.residuals.max() < 1e-9
-    assert decomposition.orthonormality < 1e-12
+    assert decomposition.orthonormality < 1e-10
 
 
 def test_torus_multiplicities_match_the_closed_form() -> None:
@@ -232,10 +232,10 @@ def test_iterate_yields_the_same_pairs_and_can_be_left() -> None:
     batches = list(iterate(*matrices, 150))
     assert [b.start for b in batches] == [0, *(b.stop for b in batches[:-1])]
     np.testing.assert_array_equal(np.concatenate([b.rows for b in batches]), reference.rows)
-    before = threading.active_count()
+    before = set(threading.enumerate())
     for _ in iterate(*matrices, 250):
         break
-    assert threading.active_count() == before
+    assert not [t for t in threading.enumerate() if t not in before and t.name == "eigenpairs"]
 
 
 @pytest.mark.parametrize("patience", [0, 1, 2, 5])

@@ -123,9 +123,13 @@ def find_pairs(
         if fruitless == _PATIENCE:
             break
         found_values = np.concatenate([found_values, values])
-        found = np.concatenate([found, rows]) if len(found) else rows
-        if len(found_values) > len(values):
-            orthonormalise(found, sweeps=2)
+        if len(found):
+            for _ in range(2):
+                rows -= (rows @ found.T) @ found
+                orthonormalise(rows)
+            found = np.concatenate([found, rows])
+        else:
+            found = rows
     if len(found_values) != owed:
         raise ArithmeticError(
             f"{len(found_values)} of {owed} eigenvalues found between "
@@ -204,7 +208,9 @@ class _Basis:
         self.projection = np.zeros((capacity + 2 * b, capacity + 2 * b))
         self._start()
         coupling = np.zeros((b, b))
-        check = min(int(2.3 * missing) + 4 * b, capacity)
+        usual = min(int(2.3 * missing) + 4 * b, capacity)
+        # Early looks are for multiple eigenvalues, of which a basis sees eight copies at most.
+        check = min(10 * b, usual)
         stagnant = 0
         before = (-1, -1)
         size = 0
@@ -218,7 +224,9 @@ class _Basis:
             theta = self.factor.shift + 1.0 / mu
             inside = (theta > self.interval.low) & (theta < self.interval.high)
             # After one more implicit solve the residual is this, whatever the norm of A.
-            wanted = self.tolerance * np.maximum(np.abs(theta), 1e-3)
+            # Against the width, so that pairs of distant slices are orthogonal to as much.
+            width = self.interval.high - self.interval.low
+            wanted = self.tolerance * np.clip(np.abs(theta), 1e-3, width)
             floor = 1e-15 * np.linalg.norm(coupling) / mu**2
             ratio = errors / mu**2 / np.maximum(wanted, floor)
             n_inside, good = int(inside.sum()), int((inside & (ratio <= 1.0)).sum())
@@ -226,7 +234,7 @@ class _Basis:
             before = (n_inside, good)
             # All that is inside has converged, yet fewer than owed: other copies of multiple
             # eigenvalues are invisible to this basis.
-            copies_left = n_inside == good < missing and good > 0 and stagnant >= 3
+            copies_left = n_inside == good < missing and good > 0 and stagnant >= 2
             if good > missing:
                 raise ArithmeticError("more pairs converged than there are")
             if good == missing or full or copies_left:
@@ -234,6 +242,8 @@ class _Basis:
                 chosen = chosen[np.argsort(theta[chosen], kind="stable")]
                 return self._vectors(size, chosen, mu, small, coupling)
             check = size + (b if 0 < good == n_inside else 2 * b)
+            if good < n_inside or good == 0:
+                check = max(check, min(usual, 3 * size // 2))
 
     def _start(self) -> None:
         first = self.rows[:_BLOCK]
@@ -345,7 +355,7 @@ class _Basis:
         projected = self.projection[:size, :size]
         mu, small = np.linalg.eigh(projected, UPLO="L")
         errors = np.linalg.norm(coupling.T @ small[size - b :], axis=0)
-        mu = np.where(np.abs(mu) < 1e-300, 1e-300, mu)
+        mu = np.where(np.abs(mu) < 1e-100, 1e-100, mu)
         return mu, small, errors
 
     def _vectors(

@@ -51,15 +51,17 @@ class SpectrumPlan:
 
         Where a multiple eigenvalue leaves no such value, the one just above it.
         """
-        for _ in range(60):
+        for turn in range(80):
             i = bisect_left(self._knots, least, key=self._counts.__getitem__)
             high = self._knots[i]
             if self._counts[high] <= most:
                 return high
             low = self._knots[i - 1]
-            if high - low < 1e-9 * high:
+            if high - low < 1e-6 * high:
                 return high
             value = self._between(low, high, 0.5 * (least + most), last=i == len(self._knots) - 1)
+            if turn % 2 and turn > 3:  # a multiple eigenvalue makes the count jump
+                value = 0.5 * (low + high)
             self.count(value)
         raise ArithmeticError(f"no border between {least} and {most} eigenvalues")
 

@@ -96,7 +96,7 @@ class _Crew:
         # Thread-local in joblib, so it is asked for here, where the caller set it.
         prefer = "threads" if ordered.structure is not None else "processes"
         self._backend = get_active_backend(prefer=prefer)[0]
-        self._in_threads = bool(self._backend.supports_sharedmem)
+        self._in_threads = bool(getattr(self._backend, "supports_sharedmem", False))
 
     def work(self) -> None:
         """Run everything; results, then None or the fault, go to the queue."""

@@ -1,0 +1,234 @@
+"""The eigensolver where others lose pairs: multiplets, clusters, slivers, killed workers."""
+
+from __future__ import annotations
+
+import gc
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import psutil
+import pytest
+import scipy.sparse as sp
+from test_eigensolver import Matrices, check, dense, random_mesh, torus
+
+from meshmash_viewer.eigensolver import Decomposition, solve
+from meshmash_viewer.engine.factorization import order_pencil
+from meshmash_viewer.engine.lanczos import Interval, find_pairs
+from meshmash_viewer.engine.pencil import reduce_pencil
+from meshmash_viewer.engine.plan import SpectrumPlan
+from meshmash_viewer.engine.slices import run_slices
+from meshmash_viewer.progress import Cancelled
+
+
+def icosphere(subdivisions: int) -> Matrices:
+    """Cotangent Laplacian and lumped mass of the unit icosphere."""
+    import robust_laplacian
+    import trimesh
+
+    sphere = trimesh.creation.icosphere(subdivisions=subdivisions)
+    vertices, faces = np.array(sphere.vertices), np.array(sphere.faces)
+    stiffness, mass = robust_laplacian.mesh_laplacian(vertices, faces)
+    return stiffness, mass
+
+
+def strip(n: int, split: float) -> Matrices:
+    """Two long chains whose eigenvalues differ by `split`, relatively: pairs next to pairs."""
+    chain = sp.diags_array([-np.ones(n - 1), 2.0 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1])
+    chain = sp.lil_array(chain)
+    chain[0, 0] = chain[n - 1, n - 1] = 1.0
+    both = sp.block_diag([chain, (1.0 + split) * chain]).tocsc()
+    return both, sp.eye_array(2 * n)
+
+
+def test_multiplets_of_the_sphere_at_slice_borders_are_whole() -> None:
+    matrices = icosphere(4)
+    decomposition = solve(*matrices, 15**2)  # degrees 0 to 14, up to 29 of a kind
+    assert decomposition.complete
+    assert decomposition.orthonormality < 1e-10
+    degree = np.repeat(np.arange(15), 2 * np.arange(15) + 1)
+    exact = degree * (degree + 1.0)
+    # Linear elements bring an error of order λ² h², never enough to swap two degrees.
+    np.testing.assert_allclose(decomposition.eigenvalues[1:], exact[1:], rtol=0.08)
+
+
+def test_many_equal_spheres() -> None:
+    stiffness, mass = icosphere(1)
+    copies = 30
+    many = sp.block_diag([stiffness] * copies).tocsc()
+    masses = np.tile(mass.diagonal(), copies)
+    exact = np.repeat(dense((stiffness, mass)), copies)
+    exact[:copies] = 0.0
+    k = copies * 4 + 50  # within the fivefold eigenvalue, 150 copies of it
+    decomposition = solve(many, masses, k)
+    assert decomposition.complete
+    np.testing.assert_allclose(decomposition.eigenvalues, exact[:k], rtol=1e-9, atol=1e-12)
+    assert decomposition.orthonormality < 1e-10
+    assert decomposition.residuals.max() < 1e-9
+
+
+def test_threshold_exactly_on_an_eigenvalue_keeps_all_its_copies() -> None:
+    matrices = icosphere(3)
+    values = solve(*matrices, 60).eigenvalues
+    for last in (3, 8, 15, 24):
+        decomposition = solve(*matrices, max_eigenvalue=float(values[last]))
+        assert decomposition.n_components == last + 1
+        assert decomposition.complete
+
+
+def test_pairs_a_billionth_apart_are_told_from_one() -> None:
+    n = 1500
+    matrices = strip(n, 1e-9)
+    decomposition = solve(*matrices, 120)
+    single = 4.0 * np.sin(0.5 * np.pi * np.arange(61) / n) ** 2
+    exact = np.sort(np.concatenate([single, single * (1.0 + 1e-9)]))[:120]
+    assert decomposition.complete
+    floor = 3e-13 * 4.0
+    np.testing.assert_allclose(decomposition.eigenvalues, exact, rtol=1e-10, atol=floor)
+    assert decomposition.orthonormality < 1e-10
+
+
+def test_mesh_of_slivers() -> None:
+    import robust_laplacian
+
+    rng = np.random.default_rng(3)
+    points = rng.random((1500, 2)) * [1.0, 1e-4]
+    from scipy.spatial import Delaunay
+
+    faces = Delaunay(points * [1.0, 1e4]).simplices
+    vertices = np.column_stack([points, np.zeros(1500)])
+    matrices = robust_laplacian.mesh_laplacian(vertices, faces)
+    decomposition = solve(*matrices, 60)
+    assert decomposition.complete
+    exact = dense(matrices)[:60]
+    np.testing.assert_allclose(decomposition.eigenvalues[1:], exact[1:], rtol=1e-6)
+
+
+def test_all_but_one_pair_beyond_the_dense_size() -> None:
+    matrices, exact = torus(52, 50, 1.0, 1.1)
+    decomposition = solve(*matrices, 52 * 50 - 1)
+    check(decomposition, exact[:-1])
+
+
+def test_bits_do_not_depend_on_the_number_of_workers() -> None:
+    matrices = random_mesh(21, copies=4)
+    runs = [solve(*matrices, 300, n_jobs=jobs) for jobs in (1, 2, 3)]
+    for run in runs[1:]:
+        assert run.rows.tobytes() == runs[0].rows.tobytes()
+        assert run.residuals.tobytes() == runs[0].residuals.tobytes()
+
+
+def without_numba(monkeypatch: pytest.MonkeyPatch) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "meshmash_viewer.engine.symbolic", None)
+
+
+def test_without_numba_the_pairs_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    matrices, exact = torus(45, 40, 1.0, 1.2)
+    without_numba(monkeypatch)
+    check(solve(*matrices, 80, n_jobs=1), exact[:80])
+
+
+def slice_of(matrices: Matrices, low: int, high: int) -> tuple[Any, list[Interval]]:
+    """The problem in elimination order, and its slices between two counts."""
+    ordered = order_pencil(reduce_pencil(*matrices))
+    plan = SpectrumPlan(ordered, np.zeros(1, dtype=np.uint8))
+    ends = plan.find(low, low + 5), plan.find(high, high + 5)
+    return ordered, list(plan.slices(*ends))
+
+
+def test_slice_of_a_killed_process_is_done_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    from joblib import parallel_config
+
+    ordered, intervals = slice_of(torus(50, 40, 1.0, 1.3)[0], 20, 240)
+    stop = np.zeros(1, dtype=np.uint8)
+    expected = [find_pairs(ordered, interval, 1e-10, stop) for interval in intervals]
+    killed = []
+
+    def poll() -> None:
+        if killed:
+            return
+        for worker in psutil.Process().children(recursive=True):
+            if "popen_loky" in " ".join(worker.cmdline()):
+                killed.append(worker.pid)
+                worker.send_signal(signal.SIGKILL)
+                return
+
+    with parallel_config(backend="loky"):
+        found = list(run_slices(ordered, intervals, 1e-10, 2, stop, poll))
+    assert killed
+    for one, two in zip(found, expected, strict=True):
+        assert one.rows.tobytes() == two.rows.tobytes()
+
+
+def test_cancel_at_random_moments_leaves_nothing_behind() -> None:
+    matrices = random_mesh(22, copies=3)
+    solve(*matrices, 200)  # everything that stays loaded is loaded
+    rng = np.random.default_rng(0)
+    threads = threading.active_count()
+    children = len(psutil.Process().children(recursive=True))
+    cancelled = 0
+    for _ in range(20):
+        due = time.perf_counter() + float(rng.uniform(0.0, 0.3))
+        try:
+            solve(*matrices, 600, n_jobs=2, cancel=lambda due=due: time.perf_counter() > due)
+        except Cancelled:
+            cancelled += 1
+    assert cancelled > 10
+    gc.collect()
+    # joblib's thread pool may take a moment to end.
+    for _ in range(200):
+        if threading.active_count() <= threads:
+            break
+        time.sleep(0.05)
+    assert threading.active_count() <= threads
+    assert len(psutil.Process().children(recursive=True)) == children
+
+
+def run_for_ever(started: Any) -> None:
+    stiffness, mass = torus(70, 60, 1.0, 1.0)[0]
+    started.set()
+    while True:
+        solve(stiffness, mass, 500, n_jobs=2)
+
+
+def test_terminated_parent_leaves_no_process() -> None:
+    context = multiprocessing.get_context("spawn")
+    started = context.Event()
+    process = context.Process(target=run_for_ever, args=(started,))
+    process.start()
+    assert started.wait(60)
+    time.sleep(0.5)
+    family = psutil.Process(process.pid).children(recursive=True)
+    os.kill(process.pid, signal.SIGTERM)
+    process.join(10)
+    assert process.exitcode is not None
+    _, alive = psutil.wait_procs(family, timeout=10)
+    assert not alive
+
+
+def exactness(decomposition: Decomposition, matrices: Matrices) -> npt.NDArray[np.float64]:
+    """Relative errors of the eigenvalues against the dense solution."""
+    exact = dense(matrices)[: decomposition.n_components]
+    some = exact > 1e-9 * exact[-1]
+    return np.asarray(np.abs(decomposition.eigenvalues[some] / exact[some] - 1.0))
+
+
+def test_three_ways_agree_with_the_dense_solution() -> None:
+    matrices = random_mesh(23, copies=2)
+    by_count = solve(*matrices, 200)
+    assert exactness(by_count, matrices).max() < 1e-9
+    middle = float(by_count.eigenvalues[199] + by_count.eigenvalues[198]) / 2.0
+    by_threshold = solve(*matrices, max_eigenvalue=middle)
+    assert by_threshold.n_components == 199
+    assert exactness(by_threshold, matrices).max() < 1e-9
+    around = solve(*matrices, 40, sigma=float(by_count.eigenvalues[100]) * 1.0001)
+    exact = dense(matrices)
+    nearest = np.sort(exact[np.argsort(np.abs(exact - by_count.eigenvalues[100] * 1.0001))[:40]])
+    np.testing.assert_allclose(around.eigenvalues, nearest, rtol=1e-9)
