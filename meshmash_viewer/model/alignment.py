@@ -135,7 +135,7 @@ class ShownRows:
         self._exact = exact
         self._n_exact = n_exact
         self._preview = preview
-        self._alignment = alignment
+        self.alignment = alignment
         n_shown = n_exact if preview is None else max(len(preview), n_exact)
         self.shape = (n_shown, exact.shape[1])
         self.dtype = np.dtype(np.float64)
@@ -159,7 +159,7 @@ class ShownRows:
         if index >= self._n_exact:
             assert self._preview is not None
             return np.asarray(self._preview[index, columns])
-        block = self._alignment.block_of(index)
+        block = self.alignment.block_of(index)
         if block is None:
             return np.asarray(self._exact[index, columns])
         start, matrix = block

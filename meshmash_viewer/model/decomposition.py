@@ -125,8 +125,6 @@ def decompose(
             raise
         store.finish(decomposition, target.max_eigenvalue)
         alignment = growth.align(decomposition.rows, decomposition.eigenvalues)
-        if preview is not None:
-            preview.drop()
         return _grown(store, operator, decomposition, alignment=alignment)
 
 

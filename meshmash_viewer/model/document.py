@@ -172,6 +172,8 @@ class Document:
             self._undo.append((self.ready, self.spectrum))
         else:
             self._undo.clear()
+            # before it come the constants, one for each component, which show nothing
+            self.display.index = ready.health.n_components
         self._show(ready, ready.known.spectrum if ready.known is not None else None)
 
     def _show(self, ready: MeshReady, spectrum: Spectrum | None) -> None:

@@ -72,10 +72,6 @@ class StoredPreview:
         shown = np.load(self.path, mmap_mode="r")
         return align(shown, rows, eigenvalues, mass, before)
 
-    def drop(self) -> None:
-        """Delete the file; whoever has mapped it keeps seeing it."""
-        self.path.unlink(missing_ok=True)
-
 
 def open_preview(mesh: Mesh, channel: Channel) -> StoredPreview | None:
     """Compute the preview of a mesh, or find it in the session's folder.
@@ -94,6 +90,9 @@ def open_preview(mesh: Mesh, channel: Channel) -> StoredPreview | None:
             return StoredPreview(path, known["eigenvalues"], float(known["error"]))
     if mesh.n_components > _MOST_COMPONENTS:
         return None
+    # The window may be about to map the preview of this mesh, but has done with all others.
+    for other in channel.folder.glob("preview-*"):
+        other.unlink()
     channel.report(Progress("preview", message="Approximating the first eigenfunctions"))
     n_pairs = mesh.n_components + (_PAIRS if mesh.n_vertices < _HUGE else _PAIRS_OF_HUGE)
     found = preview_eigenpairs(mesh, n_pairs, cancel=channel.cancelled)

@@ -60,8 +60,13 @@ def _decomposition(document: Document, n_pairs: int) -> list[str]:
 
 def _field(request: FieldRequest) -> list[str]:
     if request.kind is FieldKind.EIGENFUNCTION:
-        sign = "-" if request.flipped else ""
-        return [f"values = {sign}decomposition.eigenvectors[:, {request.index}]"]
+        shown = request.spectrum.shown
+        turned = 1.0 if shown is None else shown.alignment.sign(request.index)
+        sign = "-" if request.flipped != (turned == -1.0) else ""
+        lines = [f"values = {sign}decomposition.eigenvectors[:, {request.index}]"]
+        if turned is None:
+            lines.insert(0, "# one of a multiplet: on screen it is rotated within that")
+        return lines
     if request.kind is FieldKind.HKS:
         bank = f"mv.heat_kernel_bank([{request.time!r}])"
         column = 0

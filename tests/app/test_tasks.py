@@ -207,3 +207,18 @@ def test_closing_in_the_middle_of_a_decomposition(qtbot: QtBot) -> None:
     tasks.close()
     assert not tasks.worker.folder.exists()
     assert tasks.worker.process_id is None
+
+
+def test_large_mesh_is_previewed_by_itself(session: Session) -> None:
+    document = session.document
+    document.take_mesh(shapes.rectangle(250, 250))
+    session.wait(lambda: document.spectrum is not None)
+    session.wait_until_idle()
+    assert document.spectrum.preview
+    assert not session.notices
+    document.target = Target("count", 10)
+    document.compute()
+    session.wait(lambda: document.spectrum.complete)
+    session.wait_until_idle()
+    assert not document.spectrum.preview
+    assert document.spectrum.shown is not None

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapes
+from listeners import Listener
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.store import EigenpairStore
@@ -20,31 +21,10 @@ from meshmash_viewer.model.jobs import (
     ScaleJob,
     SpectrumGrew,
 )
-from meshmash_viewer.progress import Cancelled, Progress
+from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.weyl import Target
 
 OPERATOR = OperatorOptions()
-
-
-class Listener:
-    """A channel that keeps what it is told, and may ask to stop."""
-
-    def __init__(self, folder: Path, stop_at: int | None = None) -> None:
-        self.folder = folder
-        self.reports: list[Progress] = []
-        self.messages: list[SpectrumGrew] = []
-        self.stop_at = stop_at
-
-    def report(self, progress: Progress) -> None:
-        self.reports.append(progress)
-
-    def send(self, message: object) -> None:
-        assert isinstance(message, SpectrumGrew)
-        self.messages.append(message)
-
-    def cancelled(self) -> bool:
-        last = self.reports[-1].converged if self.reports else 0
-        return self.stop_at is not None and last >= self.stop_at
 
 
 @pytest.fixture

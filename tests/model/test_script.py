@@ -7,30 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from listeners import Listener
 from solved import spectrum_of
 
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.alignment import Alignment, ShownRows
 from meshmash_viewer.model.display import FieldKind, SimilarityBasis
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import compute_field, request_of
 from meshmash_viewer.model.jobs import InspectJob, ReadJob, RepairJob, ScaleJob
 from meshmash_viewer.model.live import LiveFeatures
 from meshmash_viewer.model.script import reproduction_script
-from meshmash_viewer.progress import Progress
-
-
-class Deaf:
-    folder = Path()
-
-    def report(self, progress: Progress) -> None:
-        return
-
-    def send(self, message: object) -> None:
-        return
-
-    def cancelled(self) -> bool:
-        return False
 
 
 @pytest.fixture
@@ -39,12 +27,12 @@ def document(neuron: Mesh, tmp_path: Path) -> Document:
     path = tmp_path / "my neuron.npz"
     np.savez(path, vertices=neuron.vertices, faces=neuron.faces)
     document = Document()
-    document.accept_mesh(ReadJob(path, "none").run(Deaf()))
+    document.accept_mesh(ReadJob(path, "none").run(Listener(tmp_path)))
     before = document.ready
-    scaled = ScaleJob(before.mesh, 8.0, "nm", before.path, before.factor).run(Deaf())
+    scaled = ScaleJob(before.mesh, 8.0, "nm", before.path, before.factor).run(Listener(tmp_path))
     document.accept_mesh(scaled)
     repair = RepairJob(document.mesh, "keep_largest_component", document.path)
-    document.accept_mesh(repair.run(Deaf()))
+    document.accept_mesh(repair.run(Listener(tmp_path)))
     spectrum = spectrum_of(document.mesh, 30)
     document.accept_spectrum(replace(spectrum, operator=OperatorOptions()))
     return document
@@ -75,16 +63,32 @@ def test_script_makes_the_field_again(document: Document, tmp_path: Path, kind: 
 
 def test_unit_text_is_what_opens_the_file_again(document: Document, tmp_path: Path) -> None:
     assert document.unit_text == "8 nm"
-    again = ReadJob(document.path, document.unit_text).run(Deaf())
+    again = ReadJob(document.path, document.unit_text).run(Listener(tmp_path))
     assert again.factor == 8.0
     assert again.mesh.unit == "nm"
     assert Document().unit_text == ""
 
 
-def test_mesh_in_memory_leaves_a_line_to_fill_in(sphere: Mesh) -> None:
+def test_mesh_in_memory_leaves_a_line_to_fill_in(sphere: Mesh, tmp_path: Path) -> None:
     document = Document()
     assert reproduction_script(document) == "import meshmash_viewer as mv\n"
-    document.accept_mesh(InspectJob(sphere).run(Deaf()))
+    document.accept_mesh(InspectJob(sphere).run(Listener(tmp_path)))
     script = reproduction_script(document)
     assert "in memory" in script
     compile(script, "script", "exec")
+
+
+def test_signs_that_follow_a_preview_are_in_the_script(document: Document) -> None:
+    document.display.index = 4
+    plain = reproduction_script(document)
+    spectrum = document.spectrum
+    turn = Alignment(((4, np.array([[-1.0]])), (5, np.eye(2))))
+    shown = ShownRows(spectrum.rows, len(spectrum), None, turn)
+    document.accept_spectrum(replace(spectrum, shown=shown))
+    turned = reproduction_script(document)
+    assert "-decomposition" not in plain
+    assert "-decomposition" in turned
+    document.flip()
+    assert reproduction_script(document) == plain
+    document.display.index = 5
+    assert "multiplet" in reproduction_script(document)

@@ -1,0 +1,95 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapes
+from listeners import Listener
+
+from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model import previews
+from meshmash_viewer.model.decomposition import decompose
+from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.model.field import FieldRequest, compute_field
+from meshmash_viewer.model.jobs import PreviewJob
+from meshmash_viewer.model.live import LiveFeatures
+from meshmash_viewer.weyl import Target
+
+OPERATOR = OperatorOptions()
+
+
+@pytest.fixture
+def large(monkeypatch: pytest.MonkeyPatch) -> Mesh:
+    """A mesh that counts as large: nearly a square, so that pairs are nearly double."""
+    monkeypatch.setattr(previews, "FROM_VERTICES", 1000)
+    return shapes.rectangle(60, 60, 1.0, 1.0001)
+
+
+def products(mesh: Mesh, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    _, mass = cotangent_laplacian(mesh, robust=True)
+    return np.sum(np.asarray(one, dtype=np.float64) * mass.diagonal() * other, axis=1)
+
+
+def test_small_mesh_needs_no_preview(sphere: Mesh, tmp_path: Path) -> None:
+    assert PreviewJob(sphere).run(Listener(tmp_path)) is None
+
+
+def test_preview_is_marked_and_found_again(large: Mesh, tmp_path: Path) -> None:
+    listener = Listener(tmp_path)
+    grew = PreviewJob(large).run(listener)
+    assert grew is not None
+    spectrum = grew.spectrum
+    assert spectrum.preview
+    assert not spectrum.complete
+    assert not spectrum.is_exact(0)
+    assert 0.0 < spectrum.error < 0.2
+    reports = len(listener.reports)
+    again = PreviewJob(large).run(listener)
+    assert again is not None
+    assert len(listener.reports) == reports
+    request = FieldRequest(spectrum, "nm", FieldKind.EIGENFUNCTION, index=3)
+    field = compute_field(request, LiveFeatures())
+    assert field is not None
+    assert field.draft
+    assert "≈" in field.quantity
+
+
+@pytest.mark.parametrize("count", [30, 120])
+def test_exact_pairs_take_over_without_a_flip(large: Mesh, tmp_path: Path, count: int) -> None:
+    listener = Listener(tmp_path)
+    last = decompose(large, OPERATOR, Target("count", count), listener)
+    first = listener.messages[0].spectrum
+    assert first.preview
+    shown = np.array(first.rows)
+    for message in listener.messages[1:]:
+        spectrum = message.spectrum
+        assert len(spectrum) >= min(len(first), count)
+        assert np.all(np.diff(spectrum.eigenvalues) >= 0.0)
+        assert spectrum.preview is (spectrum.n_exact < len(first))
+        assert spectrum.rows[: len(spectrum), 5].shape == (len(spectrum),)
+    final = last.spectrum
+    assert final.complete
+    assert not final.preview
+    assert len(final) == count
+    common = min(count, len(first), 12)
+    agreement = products(large, final.shown_rows[:common], shown[:common])
+    assert np.all(agreement > 0.9)
+    assert len(list(tmp_path.glob("preview-*.npy"))) == 1
+    PreviewJob(Mesh(large.vertices + 1.0, large.faces)).run(listener)
+    assert len(list(tmp_path.glob("preview-*.npy"))) == 1
+    # what is drawn are eigenfunctions still, but features are made of the store's
+    stiffness, mass = cotangent_laplacian(large, robust=True)
+    drawn = np.asarray(final.shown_rows[:common])
+    defect = drawn @ stiffness - final.eigenvalues[:common, None] * (drawn @ mass)
+    assert np.abs(defect).max() < 1e-4 * np.abs(drawn @ mass).max() * final.eigenvalues[common]
+    assert isinstance(final.rows, np.ndarray)
+
+
+def test_stored_pairs_make_a_preview_needless(large: Mesh, tmp_path: Path) -> None:
+    listener = Listener(tmp_path)
+    decompose(large, OPERATOR, Target("count", 10), listener)
+    listener.messages.clear()
+    decompose(large, OPERATOR, Target("count", 40), listener)
+    assert not any(message.preview_path for message in listener.messages)
