@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, Qt, QThread, Signal, Slot
 
@@ -12,6 +13,9 @@ from meshmash_viewer.model.field import Field, FieldRequest, compute_field, requ
 from meshmash_viewer.model.limits import LimitPolicy
 from meshmash_viewer.model.live import LiveFeatures
 from meshmash_viewer.progress import CancelCallback, Cancelled
+
+if TYPE_CHECKING:
+    from threadpoolctl import threadpool_limits
 
 __all__ = ["FieldSource"]
 
@@ -59,6 +63,7 @@ class FieldSource(QObject):
         self._field: Field | None = None
         self._wanted: FieldRequest | None = None
         self._policy: LimitPolicy | None = None
+        self._threads: threadpool_limits | None = None
         queued = Qt.ConnectionType.QueuedConnection
         self._computed.connect(self._take, queued)
         self._prepared.connect(self._improve, queued)
@@ -113,11 +118,20 @@ class FieldSource(QObject):
             signal.disconnect(self.refresh)
         self._answers.close()
         self._tables.close()
+        if self._threads is not None:
+            self._threads.restore_original_limits()
+            self._threads = None
 
     # -- in the threads -----------------------------------------------------------------------
 
     def _answer(self, request: FieldRequest, cancel: CancelCallback) -> None:
         answer: Field | Exception | None
+        if self._threads is None:
+            # More threads of the linear algebra would compete with the interface's, and beside
+            # the solver's processes they make products several times slower.
+            from threadpoolctl import threadpool_limits
+
+            self._threads = threadpool_limits(1, user_api="blas")
         try:
             answer = compute_field(request, self._live)
             if answer is not None:
@@ -127,13 +141,8 @@ class FieldSource(QObject):
         self._computed.emit(request, answer)
 
     def _build(self, request: FieldRequest, cancel: CancelCallback) -> None:
-        from threadpoolctl import threadpool_limits
-
         try:
-            # A second thread of the linear algebra would compete with the interface's, and with
-            # the solver's processes it makes products several times slower.
-            with threadpool_limits(1):
-                self._live.prepare(request, cancel)
+            self._live.prepare(request, cancel)
         except Cancelled:
             return
         except Exception as error:  # noqa: BLE001  the window says it
