@@ -140,9 +140,12 @@ class Tour:
         self.open(mesh)
         self.shoot("mesh")
 
+        constants = document.ready.health.n_components  # they come first
         self.ask_for(2000)
-        self.wait(lambda: document.spectrum is not None and len(document.spectrum) >= 12)
-        display.index = 6
+        self.wait(
+            lambda: document.spectrum is not None and len(document.spectrum) >= constants + 12
+        )
+        display.index = constants + 5
         self.settle()
         self.shoot("computing")
         document.cancel()
@@ -153,7 +156,7 @@ class Tour:
         self.ask_for(200)
         self.wait(lambda: document.job is None and document.spectrum.complete)
         window.stage.message_bar.dismiss()
-        display.index = 8
+        display.index = constants + 7
         display.nodal_lines = True
         self.settle()
         self.shoot("eigenfunction")
@@ -194,7 +197,7 @@ class Tour:
 
         theme.set_mode(theme.Mode.DARK)
         display.kind = FieldKind.EIGENFUNCTION
-        display.index = 17
+        display.index = constants + 16
         self.settle()
         self.shoot("dark-eigenfunction")
         display.kind = FieldKind.HKS

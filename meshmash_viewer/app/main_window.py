@@ -16,6 +16,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import (
     QAbstractButton,
+    QAbstractSpinBox,
     QApplication,
     QComboBox,
     QLabel,
@@ -321,6 +322,9 @@ class MainWindow(QMainWindow):
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Leave Space and the arrows to a focused control that has a use for them."""
+        if event.type() == QEvent.Type.Polish and isinstance(watched, QAbstractSpinBox):
+            # the style sheet's padding does not reach the number
+            watched.lineEdit().setTextMargins(5, 0, 0, 0)
         if event.type() == QEvent.Type.ShortcutOverride and isinstance(watched, QWidget):
             key = event.key()
             buttons = (QAbstractButton, QComboBox)
