@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 
 from meshmash_viewer.engine.factorization import OrderedPencil, StopFlag
 from meshmash_viewer.engine.lanczos import Interval
-from meshmash_viewer.engine.workers import SLICE_PAIRS
+from meshmash_viewer.engine.workers import slice_count
 
 __all__ = ["SpectrumPlan"]
 
@@ -80,7 +80,7 @@ class SpectrumPlan:
     def slices(self, low: float, high: float) -> Iterator[Interval]:
         """Slices from low to high, lowest first; borders are counted as they are reached."""
         first, last = self.count(low), self.count(high)
-        parts = max(1, round((last - first) / SLICE_PAIRS))
+        parts = slice_count(last - first)
         slack = _SLACK * (last - first) / parts
         start, index = low, 0
         for part in range(1, parts + 1):
