@@ -132,24 +132,25 @@ class MeshPanel(QWidget):
             grid.addWidget(QLabel(name), at, 0)
             grid.addWidget(label, at, 1)
         self.unit_combo = QComboBox(objectName="unit_combo", editable=True)
-        self.unit_combo.addItems([unit or "none" for unit in LENGTH_UNITS])
+        # the last one shows that a voxel size can be said too, whichever it is
+        self.unit_combo.addItems([*(unit or "none" for unit in LENGTH_UNITS), "8 nm"])
         self.unit_combo.setInsertPolicy(QComboBox.InsertPolicy.NoInsert)
         self.unit_combo.setAccessibleName("Unit of the coordinates")
         self.unit_combo.setToolTip(
-            "Unit of the coordinates; or the size of a voxel, such as “8 nm”, "
-            "which multiplies coordinates counted in voxels"
+            "Unit of the coordinates in the file; or the size of a voxel, such as “8 nm”, "
+            "by which coordinates counted in voxels are multiplied"
         )
         self.unit_combo.setFixedWidth(96)
         self.unit_combo.lineEdit().editingFinished.connect(self._choose_unit)
         self.unit_combo.activated.connect(self._choose_unit)
-        grid.addWidget(QLabel("Unit"), 4, 0)
+        grid.addWidget(QLabel("Unit or voxel"), 4, 0)
         grid.addWidget(self.unit_combo, 4, 1, Qt.AlignmentFlag.AlignRight)
         column.addLayout(grid)
 
     def _choose_unit(self) -> None:
         ready = self._document.ready
         text = self.unit_combo.currentText().strip()
-        if ready is None or text == (ready.mesh.unit or "none"):
+        if ready is None or text == self._document.unit_text:
             return
         try:
             self._document.set_unit(text)
@@ -183,7 +184,7 @@ class MeshPanel(QWidget):
         self._facts["Extent"].setText(f"{size} {power_unit(mesh.unit, 1)}".strip())
         for label in self._facts.values():
             label.setToolTip(label.text())
-        self.unit_combo.setCurrentText(mesh.unit or "none")
+        self.unit_combo.setCurrentText(self._document.unit_text)
 
     # -- the Laplacian ------------------------------------------------------------------------
 

@@ -120,8 +120,10 @@ class Document:
         Parameters
         ----------
         text : str
-            See `meshmash_viewer.units.parse_unit`. Without a voxel size the numbers stay as they
-            are, so the spectrum stays too; with one the mesh is scaled and has to be solved again.
+            See `meshmash_viewer.units.parse_unit`. It speaks of the coordinates as they are in
+            the file: "8 nm" said twice is said once, and "nm" after it takes it back. Where the
+            numbers stay as they are the spectrum stays too; a mesh in another scale has to be
+            solved again.
 
         Raises
         ------
@@ -131,7 +133,7 @@ class Document:
         factor, unit = parse_unit(text)
         if self.ready is None:
             return
-        if factor == 1.0:
+        if factor == self.ready.factor:
             self._undo = [(_in_unit(ready, unit), known) for ready, known in self._undo]
             self.ready = _in_unit(self.ready, unit)
             self.mesh_changed.emit()
@@ -167,7 +169,10 @@ class Document:
 
     def accept_mesh(self, ready: MeshReady) -> None:
         """Take a mesh that was read or repaired, with the spectrum that was stored."""
-        if ready.repair and self.ready is not None:
+        if ready.scaled_by is not None and self.ready is not None:
+            ready = replace(ready, repair=self.ready.repair)
+            self._undo = [(_scaled(before, ready), None) for before, _ in self._undo]
+        elif ready.repair and self.ready is not None:
             ready = replace(ready, factor=self.ready.factor)
             self._undo.append((self.ready, self.spectrum))
         else:
@@ -311,3 +316,17 @@ class Document:
 
 def _in_unit(ready: MeshReady, unit: str) -> MeshReady:
     return replace(ready, mesh=ready.mesh.in_unit(unit))
+
+
+def _scaled(before: MeshReady, like: MeshReady) -> MeshReady:
+    """A mesh of the history, in the scale that the mesh made from it was given."""
+    mesh = before.mesh
+    vertices = mesh.vertices / before.factor * like.factor
+    area = before.health.area * (like.factor / before.factor) ** 2
+    return replace(
+        before,
+        mesh=Mesh(vertices, mesh.faces, like.mesh.unit, mesh.name),
+        health=replace(before.health, area=area),
+        factor=like.factor,
+        known=None,
+    )

@@ -166,6 +166,9 @@ class MeshReady:
         A sentence for the message bar, where there is something to say.
     factor : float
         What the coordinates of the file were multiplied by.
+    scaled_by : float, optional
+        What the coordinates shown before were multiplied by, if it is the same mesh in another
+        scale.
     sample : ndarray of int64, optional
         `Mesh.area_sample`, for the limits of colours.
     """
@@ -178,6 +181,7 @@ class MeshReady:
     known: SpectrumGrew | None = None
     remark: str = ""
     factor: float = 1.0
+    scaled_by: float | None = None
     sample: npt.NDArray[np.int64] | None = None
 
 
@@ -246,10 +250,12 @@ class ScaleJob:
     ----------
     mesh : Mesh
     factor : float
+        What the coordinates of its file are to be multiplied by.
     unit : str
         Of the product.
     path, file_factor : Path and float, optional
-        Where the mesh comes from, and what its coordinates were multiplied by before.
+        Where the mesh comes from, and what the coordinates of the file were multiplied by to give
+        those of `mesh`.
     operator : OperatorOptions
     """
 
@@ -268,9 +274,11 @@ class ScaleJob:
     def run(self, channel: Channel) -> MeshReady:
         """See `Job.run`."""
         mesh = self.mesh
-        scaled = Mesh(mesh.vertices * self.factor, mesh.faces, self.unit, mesh.name)
+        # divided first: the numbers of the file come back, and with them what is stored for them
+        vertices = mesh.vertices / self.file_factor * self.factor
+        scaled = Mesh(vertices, mesh.faces, self.unit, mesh.name)
         ready = _inspect(scaled, self.operator, channel, path=self.path)
-        return replace(ready, factor=self.factor * self.file_factor)
+        return replace(ready, factor=self.factor, scaled_by=self.factor / self.file_factor)
 
 
 @dataclass(frozen=True, eq=False)

@@ -170,6 +170,39 @@ def test_repair_scale_and_undo(session: Session, neuron: Mesh) -> None:
     np.testing.assert_allclose(document.mesh.vertices, 8.0 * neuron.vertices)
 
 
+def test_a_voxel_size_speaks_of_the_file_however_often_it_is_said(
+    session: Session, neuron: Mesh
+) -> None:
+    document = session.document
+    document.take_mesh(neuron)
+    session.wait_until_idle()
+    for text, factor in (("8 nm", 8.0), ("8 nm", 8.0), ("16 nm", 16.0), ("nm", 1.0)):
+        document.set_unit(text)
+        session.wait_until_idle()
+        assert document.unit_text == text
+        np.testing.assert_array_equal(document.mesh.vertices, factor * neuron.vertices)
+
+
+def test_a_voxel_size_after_a_repair_keeps_the_repair_and_its_undo(
+    session: Session, neuron: Mesh
+) -> None:
+    document = session.document
+    document.take_mesh(neuron)
+    session.wait_until_idle()
+    document.repair("keep_largest_component")
+    session.wait_until_idle()
+    area = document.ready.health.area
+    document.set_unit("8 nm")
+    session.wait_until_idle()
+    assert document.repairs == ("keep_largest_component",)
+    assert document.ready.health.area == pytest.approx(64.0 * area)
+    document.undo_repair()
+    assert document.repairs == ()
+    assert document.mesh.unit == "nm"
+    np.testing.assert_allclose(document.mesh.vertices, 8.0 * neuron.vertices)
+    assert document.ready.health.area == pytest.approx(document.mesh.area)
+
+
 def test_undo_stops_the_decomposition_of_what_is_gone(session: Session, neuron: Mesh) -> None:
     document = session.document
     document.take_mesh(neuron)
