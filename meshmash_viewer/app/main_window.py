@@ -76,6 +76,7 @@ class MainWindow(QMainWindow):
         application = QApplication.instance()
         theme.set_mode(self.settings.theme)
         theme.apply(application)
+        application.installEventFilter(self)
 
         self.loaded = False
         self._closed = False
@@ -96,7 +97,6 @@ class MainWindow(QMainWindow):
         self.commands = Commands(self)
         self._listen_to_document()
         theme.notifier().changed.connect(self._on_theme_changed)
-        application.installEventFilter(self)
         self._place()
         self._on_mesh_changed()
         # keys mean commands from the start; no button stands out before one is chosen

@@ -95,7 +95,8 @@ class MessageBar(QFrame):
         # beside the title of the field where there is room, so that it can still be read
         beside = room.width() - _TITLE - margin
         width = min(beside, _WIDEST) if beside >= _NARROWEST else room.width() - 2 * margin
-        height = self.layout().heightForWidth(width)
+        self.ensurePolished()
+        height = self.heightForWidth(width)
         if height < 0:
             height = self.sizeHint().height()
         self.setGeometry(room.width() - width - margin, margin, width, height)
