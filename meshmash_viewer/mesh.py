@@ -116,7 +116,8 @@ class Mesh:
         """
         filled = np.cumsum(self.face_areas)
         drawn = np.searchsorted(filled, (np.arange(count) + 0.5) / count * filled[-1])
-        return self.faces[np.minimum(drawn, self.n_faces - 1), np.arange(count) % 3]
+        corners = self.faces[np.minimum(drawn, self.n_faces - 1), np.arange(count) % 3]
+        return np.asarray(corners, dtype=np.int64)
 
     @cached_property
     def referenced(self) -> npt.NDArray[np.bool_]:
