@@ -77,6 +77,7 @@ class Worker(QObject):
         if self.busy or not self._thread.isRunning():
             raise RuntimeError("the worker is busy or closed")
         self._number = next(self._numbers)
+        self._thread.start_listening_for_stop()
         self.started.emit(job)
         self._thread.orders.put(job)
 
@@ -123,6 +124,11 @@ class _WorkerThread(QThread):
 
     # -- called by the interface thread -------------------------------------------------------
 
+    def start_listening_for_stop(self) -> None:
+        # here and not where the job starts: it may be cancelled before its turn comes
+        with self._lock:
+            self._stop_asked = False
+
     def ask_to_stop(self) -> None:
         with self._lock:
             self._stop_asked = True
@@ -157,7 +163,9 @@ class _WorkerThread(QThread):
     def _run(self, job: Job) -> None:
         worker = self._worker
         with self._lock:
-            self._stop_asked = False
+            stop_asked = self._stop_asked
+        if stop_asked:
+            return worker.cancelled.emit()
         try:
             if self._process is None or self._process.poll() is not None:
                 self._drop_process()
@@ -165,6 +173,8 @@ class _WorkerThread(QThread):
             if self._wire is None:
                 raise EOFError
             self._wire.send(("run", job))
+            if self._stop_asked:  # the process heard of it before it had the job
+                self._wire.send(("stop", None))
             while True:
                 kind, message = cast(tuple[str, object], self._wire.receive())
                 if isinstance(message, SpectrumGrew):

@@ -88,6 +88,20 @@ def test_cancelling_asks_and_then_insists(qtbot: QtBot, worker: Worker, deaf: bo
     np.testing.assert_array_equal(finished.args[0], 2.0)
 
 
+def test_cancelling_before_the_thread_takes_the_job_is_no_failure(
+    qtbot: QtBot, worker: Worker
+) -> None:
+    # a thread that takes the job late: it was cancelled between the order and its start
+    late = worker._thread._run
+    worker._thread._run = lambda job: (time.sleep(0.3), late(job))
+    failures = []
+    worker.failed.connect(failures.append)
+    with qtbot.waitSignal(worker.cancelled, timeout=_PATIENCE):
+        worker.submit(EndlessJob())
+        worker.cancel()
+    assert failures == []
+
+
 def test_cancelling_nothing_does_nothing(worker: Worker) -> None:
     worker.cancel()
     assert not worker.busy
