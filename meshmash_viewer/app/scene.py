@@ -16,7 +16,7 @@ from meshmash_viewer.app.canvas import Canvas, Ring
 from meshmash_viewer.app.picture import draw_picture
 from meshmash_viewer.app.render.camera import View
 from meshmash_viewer.app.render.drawing import Drawing
-from meshmash_viewer.clustering import cluster_vertices
+from meshmash_viewer.clustering import CoarseMesh, cluster_vertices
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.nodal_lines import nodal_lines
 
@@ -296,12 +296,18 @@ class Scene(QWidget):
 
     def _ask_coarse(self) -> None:
         """Make a stand-in for slow frames, if the mesh is large enough for it to help."""
-        mesh = self._drawing.mesh
-        if mesh.n_vertices > 2 * COARSE_VERTICES:
-            self._coarse_asked = True
-            self._run(
-                "coarse", lambda: cluster_vertices(mesh.vertices, mesh.faces, COARSE_VERTICES)
-            )
+        mesh, normals, centre = self._drawing.mesh, self._drawing.normals, self._drawing.centre
+        if mesh.n_vertices <= 2 * COARSE_VERTICES:
+            return
+        self._coarse_asked = True
+
+        def compute() -> tuple[CoarseMesh, npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+            coarse = cluster_vertices(mesh.vertices, mesh.faces, COARSE_VERTICES)
+            chosen = coarse.representatives
+            points = (mesh.vertices[chosen] - centre).astype(np.float32)
+            return coarse, points, normals[chosen]
+
+        self._run("coarse", compute)
 
     def _compute_lines(self) -> None:
         mesh, values, centre = self._drawing.mesh, self._line_values, self._drawing.centre
@@ -320,7 +326,7 @@ class Scene(QWidget):
         if self._closed or what[1] != self._generation:
             return
         if what[0] == "coarse":
-            self._drawing.set_coarse(result)
+            self._drawing.set_coarse(*result)
             if self._rest.isActive():
                 self._rest.start(REST)
                 self._canvas.update()

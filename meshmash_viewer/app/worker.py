@@ -15,6 +15,7 @@ from typing import cast
 
 from PySide6.QtCore import QObject, QThread, QTimer, Signal
 
+from meshmash_viewer.app.render.geometry import geometry_of
 from meshmash_viewer.model.jobs import Job, MeshReady, SpectrumGrew
 from meshmash_viewer.model.process import Failure, child_command, end_group
 from meshmash_viewer.model.transport import Wire
@@ -179,8 +180,10 @@ class _WorkerThread(QThread):
                 kind, message = cast(tuple[str, object], self._wire.receive())
                 if isinstance(message, SpectrumGrew):
                     _ = message.spectrum  # opens its file here, not where it is looked at
-                elif isinstance(message, MeshReady) and message.known is not None:
-                    _ = message.known.spectrum
+                elif isinstance(message, MeshReady):
+                    geometry_of(message.mesh)  # made here, so that the window only takes it
+                    if message.known is not None:
+                        _ = message.known.spectrum
                 if kind == "progressed":
                     worker.progressed.emit(message)
                 elif kind == "sent":

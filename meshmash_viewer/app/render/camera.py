@@ -151,15 +151,15 @@ def sampled_points(mesh: Mesh) -> FloatArray:
     return np.asarray(points[:: max(1, len(points) // 100_000)])
 
 
-def default_axes(mesh: Mesh) -> FloatArray:
+def default_axes(mesh: Mesh, points: FloatArray | None = None) -> FloatArray:
     """Right, up and eye directions from which a mesh is best seen first, as rows, shape (3, 3).
 
     Spindly meshes (neurons) have no up: they lie with their longest principal axis across the
     picture and their shortest towards the eye. Bodies stand on their feet, y up as in graphics
     or z up where the unit is that of medical images or the mesh stands tall on a flat base,
-    turned by a third of a right angle so that depth shows.
+    turned by a third of a right angle so that depth shows. `points` are its `sampled_points`.
     """
-    points = sampled_points(mesh)
+    points = sampled_points(mesh) if points is None else points
     if mesh.unit in ("nm", "µm") or _compactness(mesh) < 0.01:
         centred = points - points.mean(axis=0)
         scale = np.abs(centred).max() or 1.0

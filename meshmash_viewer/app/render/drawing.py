@@ -13,8 +13,9 @@ from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 from vtkmodules.vtkRenderingCore import vtkLight, vtkRenderer, vtkRenderWindow
 
 from meshmash_viewer.app.render import overlay
-from meshmash_viewer.app.render.camera import View, default_axes, fitted_view, sampled_points
+from meshmash_viewer.app.render.camera import View, fitted_view
 from meshmash_viewer.app.render.colors import DARK, LIGHT, color_table, rgb
+from meshmash_viewer.app.render.geometry import geometry_of
 from meshmash_viewer.app.render.overlay import Caption, Mark
 from meshmash_viewer.app.render.painter import Painter
 from meshmash_viewer.app.render.picking import Picker
@@ -60,6 +61,7 @@ class Drawing:
         self.centre = np.zeros(3)
         self._sample = np.zeros((1, 3))
         self._axes = np.eye(3)
+        self._bounds = np.zeros((2, 3))
         self.view: View | None = None
         self.caption: Caption | None = None
         self.surface: Surface | None = None
@@ -100,14 +102,13 @@ class Drawing:
         if mesh is None:
             self.view = None
             return
-        self._sample = sampled_points(mesh)
-        self._axes = default_axes(mesh)
-        self.centre = (self._sample.min(axis=0) + self._sample.max(axis=0)) / 2
-        points = np.empty(mesh.vertices.shape, dtype=np.float32)
-        np.subtract(mesh.vertices, self.centre, out=points, casting="same_kind")
-        self.surface = self._new_surface(points, mesh.faces, normals)
+        geometry = geometry_of(mesh)
+        self._sample, self._axes = geometry.sample, geometry.axes
+        self.centre, self._bounds = geometry.centre, geometry.bounds
+        self.surface = self._new_surface(geometry.points, geometry.faces, normals)
         if picking:
-            self.picker = Picker(self.surface.data, points, mesh.faces)
+            size = float(np.linalg.norm(geometry.bounds[1] - geometry.bounds[0]))
+            self.picker = Picker(self.surface.data, geometry.points, geometry.faces, size)
 
     def _new_surface(self, points, faces, normals) -> Surface:
         surface = Surface(points, faces, normals, self._table)
@@ -116,14 +117,24 @@ class Drawing:
         self.renderer.AddActor(surface.actor)
         return surface
 
-    def set_coarse(self, coarse: CoarseMesh) -> None:
-        """Take a stand-in that `show_coarse` draws in place of the mesh."""
-        chosen = coarse.representatives
-        points = (self.mesh.vertices[chosen] - self.centre).astype(np.float32)
-        self.coarse = self._new_surface(points, coarse.faces, self.normals[chosen])
+    def set_coarse(
+        self,
+        coarse: CoarseMesh,
+        points: npt.NDArray[np.float32],
+        normals: npt.NDArray[np.float32],
+    ) -> None:
+        """Take a stand-in that `show_coarse` draws in place of the mesh.
+
+        Parameters
+        ----------
+        coarse : CoarseMesh
+        points, normals : ndarray of float32, shape (c, 3)
+            Of its representatives, relative to `centre`.
+        """
+        self.coarse = self._new_surface(points, coarse.faces, normals)
         self.coarse.actor.VisibilityOff()
         self._coarse_mesh = coarse
-        self.coarse.write(self.surface.values[chosen])
+        self.coarse.write(self.surface.values[coarse.representatives])
 
     def show_coarse(self, shown: bool) -> None:
         """Draw the stand-in, if it is there yet, or the mesh with its lines."""
@@ -227,8 +238,8 @@ class Drawing:
         camera = self.renderer.GetActiveCamera()
         view = self.view
         focus = view.focus - self.centre
-        bounds = np.reshape(self.surface.data.GetBounds(), (3, 2))
-        reach = float(np.linalg.norm(bounds).clip(1e-300)) + float(np.linalg.norm(focus))
+        # Not the surface's own bounds: VTK goes through all faces to find them.
+        reach = float(np.linalg.norm(self._bounds).clip(1e-300)) + float(np.linalg.norm(focus))
         # Nodal lines lie in the surface: some pixels nearer to the eye they are seen whole, and, in
         # a parallel projection, at the same place.
         lift = 5.0 * view.length_per_pixel(width, height)

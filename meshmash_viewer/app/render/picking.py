@@ -31,6 +31,8 @@ class Picker:
     points : ndarray, shape (n, 3)
         The same.
     faces : ndarray of int, shape (m, 3)
+    size : float
+        Diagonal of the box around them.
     """
 
     def __init__(
@@ -38,25 +40,26 @@ class Picker:
         surface: vtkPolyData,
         points: npt.NDArray[np.floating],
         faces: npt.NDArray[np.integer],
+        size: float,
     ) -> None:
         self._vertices = surface.GetPoints()
         self._points = points
         self._faces = faces
-        low, high = np.reshape(surface.GetBounds(), (3, 2)).T
-        self._size = float(np.linalg.norm(high - low)) or 1.0
+        self._size = size or 1.0
         self._locators: list[vtkStaticCellLocator] = []
         self._stop = Event()
         self._thread = Thread(target=self._build, name="picking", daemon=True)
         self._thread.start()
 
     def _build(self) -> None:
+        starts = np.arange(0, 3 * PIECE + 1, 3, dtype=np.int32)
         for start in range(0, len(self._faces), PIECE):
             if self._stop.is_set():
                 return
-            corners = self._faces[start : start + PIECE].astype(np.int32).ravel()
+            piece_faces = self._faces[start : start + PIECE]
+            corners = np.ascontiguousarray(piece_faces, dtype=np.int32).reshape(-1)
             cells = vtkCellArray()
-            starts = np.arange(0, len(corners) + 1, 3, dtype=np.int32)
-            cells.SetData(numpy_to_vtk(starts), numpy_to_vtk(corners))
+            cells.SetData(numpy_to_vtk(starts[: len(piece_faces) + 1]), numpy_to_vtk(corners))
             piece = vtkPolyData()
             piece.SetPoints(self._vertices)
             piece.SetPolys(cells)
