@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtWidgets import (
     QCheckBox,
@@ -143,7 +146,7 @@ class MeshPanel(QWidget):
         self.unit_combo.setFixedWidth(96)
         self.unit_combo.lineEdit().editingFinished.connect(self._choose_unit)
         self.unit_combo.activated.connect(self._choose_unit)
-        grid.addWidget(QLabel("Unit or voxel"), 4, 0)
+        grid.addWidget(QLabel("Unit"), 4, 0)
         grid.addWidget(self.unit_combo, 4, 1, Qt.AlignmentFlag.AlignRight)
         column.addLayout(grid)
 
@@ -177,11 +180,10 @@ class MeshPanel(QWidget):
             self.path_label.fontMetrics().elidedText(where, Qt.TextElideMode.ElideMiddle, 244)
         )
         extent = mesh.bounds[1] - mesh.bounds[0]
-        size = " × ".join(_short(length) for length in extent)
         self._facts["Vertices"].setText(f"{health.n_vertices:,}")
         self._facts["Faces"].setText(f"{health.n_faces:,}")
         self._facts["Area"].setText(format_quantity(health.area, mesh.unit, 2))
-        self._facts["Extent"].setText(f"{size} {power_unit(mesh.unit, 1)}".strip())
+        self._facts["Extent"].setText(_size(extent, mesh.unit))
         for label in self._facts.values():
             label.setToolTip(label.text())
         self.unit_combo.setCurrentText(self._document.unit_text)
@@ -328,8 +330,19 @@ class MeshPanel(QWidget):
             self.proof_label.style().polish(self.proof_label)
 
 
+def _size(extent: np.ndarray, unit: str) -> str:
+    """Three lengths that fit the panel: "150 × 207 × 142 nm", "(1.92 × 2.65 × 0.18)·10⁷ nm"."""
+    largest = float(extent.max())
+    unit = power_unit(unit, 1)
+    if largest == 0.0 or 1e-3 <= largest < 999_500:
+        return f"{' × '.join(_short(length) for length in extent)} {unit}".strip()
+    power = math.floor(math.log10(largest))
+    digits = " × ".join(f"{length / 10.0**power:.2f}" for length in extent)
+    return f"({digits})·{power_unit('10', power)} {unit}".strip()
+
+
 def _short(length: float) -> str:
-    """Three digits without an exponent where that is short: "15,900", "0.0123", "1.59e+07"."""
-    if 1e3 <= length < 1e6:
+    """Three digits without an exponent where that is short: "15,900", "0.0123"."""
+    if length >= 1e3:
         return f"{float(f'{length:.3g}'):,.0f}"
-    return f"{length:.3g}"
+    return f"{round(length, 6):.3g}"

@@ -249,6 +249,21 @@ def test_names_that_scripts_rely_on(window: MainWindow) -> None:
 # -- the mesh panel --------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("scale", [1e-7, 1.0, 3.3e5, 9.99e5, 1.4e7])
+def test_the_extent_fits_the_panel_with_its_unit(
+    window: MainWindow, tmp_path: Path, scale: float
+) -> None:
+    path = tmp_path / "flat.npz"
+    corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 1.0]])
+    np.savez(path, vertices=scale * corners, faces=[[0, 1, 2]])
+    open_file(window, path)
+    window.document.set_unit("nm")
+    label = window.mesh_panel.findChild(QLabel, "mesh_extent_label")
+    assert label.text().endswith(" nm")
+    QTest.qWait(50)
+    assert label.fontMetrics().horizontalAdvance(label.text()) <= label.width()
+
+
 def test_the_mesh_panel_says_what_was_read(
     qtbot: QtBot, window: MainWindow, sphere_file: Path
 ) -> None:
