@@ -310,7 +310,7 @@ class ExportDialog(QDialog):
             parts.append(f"{self.path.name} exists and will be replaced.")
         self.remark_label.setText(" ".join(parts))
         self.remark_label.setVisible(bool(parts))
-        self.export_button.setEnabled(bool(self.file_row.edit.text().strip()))
+        self.export_button.setEnabled(self.file_row.named)
 
     def _accept(self) -> None:
         kind = "eigenpairs" if self.kind == "eigenpairs" else "features"

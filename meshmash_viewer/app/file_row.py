@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from PySide6.QtCore import Signal
@@ -48,20 +49,27 @@ class FileRow(QWidget):
         row.addWidget(self.browse_button)
 
     @property
-    def path(self) -> Path:
-        """The file, with its ending."""
+    def named(self) -> bool:
+        """Whether there is a name to write to: a folder alone, or nothing, is none."""
         text = self.edit.text().strip()
-        path = Path(text).expanduser()
-        if text and not path.name.lower().endswith(self._ending):
-            path = path.with_name(path.name + self._ending)
+        return bool(Path(text).name) and not text.endswith(("/", os.sep))
+
+    @property
+    def path(self) -> Path:
+        """The file, with its ending; what was typed, where it names no file."""
+        # unlike Path.expanduser it takes "~r" on the way to "~root" as it is
+        path = Path(os.path.expanduser(self.edit.text().strip()))
+        if self.named and not path.name.lower().endswith(self._ending):
+            path = path.parent / (path.name + self._ending)
         return path
 
     def set_ending(self, ending: str, pattern: str) -> None:
         """Change the ending of the file."""
-        path = self.path
-        stem = path.name.removesuffix(self._ending)
+        path, before = self.path, self._ending
         self._ending, self._pattern = ending, pattern
-        self.edit.setText(str(path.with_name(stem + ending)))
+        if self.named:
+            stem = path.name.removesuffix(before)
+            self.edit.setText(str(path.parent / (stem + ending)))
 
     def _browse(self) -> None:
         chosen, _ = QFileDialog.getSaveFileName(

@@ -86,6 +86,7 @@ class PictureDialog(QDialog):
         self.save_button = theme.with_role(
             QPushButton("Save", objectName="picture_save_button"), "primary"
         )
+        self.file_row.changed.connect(lambda: self.save_button.setEnabled(self.file_row.named))
         buttons.addButton(self.save_button, QDialogButtonBox.ButtonRole.AcceptRole)
         buttons.accepted.connect(self.accept)
         buttons.rejected.connect(self.reject)
