@@ -19,7 +19,7 @@ from meshmash_viewer.app.render.geometry import geometry_of
 from meshmash_viewer.app.render.overlay import Caption, Mark
 from meshmash_viewer.app.render.painter import Painter
 from meshmash_viewer.app.render.picking import Picker
-from meshmash_viewer.app.render.surface import LineSet, Surface, new_lookup_table, set_colors
+from meshmash_viewer.app.render.surface import LineSet, Surface
 from meshmash_viewer.clustering import CoarseMesh
 from meshmash_viewer.mesh import Mesh
 
@@ -51,7 +51,6 @@ class Drawing:
             light.SetIntensity(intensity)
             self.renderer.AddLight(light)
         self.renderer.GetActiveCamera().ParallelProjectionOn()
-        self._table = new_lookup_table()
         self._lines = LineSet()
         self._lines.actor.GetProperty().SetLineWidth(2.0)
         self.renderer.AddActor(self._lines.actor)
@@ -111,9 +110,10 @@ class Drawing:
             self.picker = Picker(self.surface.data, geometry.points, geometry.faces, size)
 
     def _new_surface(self, points, faces, normals) -> Surface:
-        surface = Surface(points, faces, normals, self._table)
+        surface = Surface(points, faces, normals)
         surface.actor.GetProperty().SetColor(*rgb(self.theme.surface))
-        surface.show_field(self.caption is not None)
+        if self.caption is not None:
+            _dress(surface, self.caption)
         self.renderer.AddActor(surface.actor)
         return surface
 
@@ -162,6 +162,7 @@ class Drawing:
         """
         if self.surface is None:
             return
+        before = None
         if values is None:
             self.caption = None
         else:
@@ -171,20 +172,19 @@ class Drawing:
                     f"{self.mesh.n_vertices} vertices."
                 )
             colors = color_table(colormap)
-            if self.caption is None or colors is not self.caption.table:
-                set_colors(self._table, colors)
             low, high = (float(limit) for limit in limits)
-            if (low, high) != tuple(self._table.GetRange()):
-                self._table.SetRange(low, high)
-            self.surface.write(values)
+            missing = self.surface.write(values)
             if self.coarse is not None:
                 self.coarse.write(self.surface.values[self._coarse_mesh.representatives])
-            # The sum is NaN as soon as one entry is: one pass, without a temporary array.
-            missing = bool(np.isnan(self.surface.values.sum()))
+            before = self.caption
             self.caption = Caption(title, quantity, unit, low, high, colors, missing)
         for surface in (self.surface, self.coarse):
-            if surface is not None:
-                surface.show_field(values is not None)
+            if surface is None:
+                continue
+            if self.caption is None:
+                surface.show_field(False)
+            else:
+                _dress(surface, self.caption, before)
 
     def set_segments(self, segments: npt.NDArray[np.float32] | None) -> None:
         """Draw segments of shape (s, 2, 3) relative to `centre`, or none."""
@@ -268,10 +268,8 @@ class Drawing:
         other.set_mesh(self.mesh, self.normals)
         other.view, other.picker, other._pins = self.view, self.picker, self._pins
         if self.caption is not None:
-            set_colors(other._table, self.caption.table)
-            other._table.SetRange(self.caption.low, self.caption.high)
             other.surface.write(self.surface.values)
-            other.surface.show_field(True)
+            _dress(other.surface, self.caption)
             other.caption = self.caption
         other.set_segments(self._segments)
         return other
@@ -279,6 +277,16 @@ class Drawing:
     def camera_state(self) -> dict[str, Any] | None:
         """The view for a session file."""
         return self.view.to_json() if self.view is not None else None
+
+
+def _dress(surface: Surface, caption: Caption, before: Caption | None = None) -> None:
+    """Give a surface the colours of a caption, as far as they are not those of the one before."""
+    if before is None or caption.table is not before.table:
+        surface.set_colors(caption.table)
+    if before is None or (caption.low, caption.high) != (before.low, before.high):
+        surface.set_range(caption.low, caption.high)
+    if before is None:
+        surface.show_field(True)
 
 
 def read_pixels(window: vtkRenderWindow, alpha: bool) -> npt.NDArray[np.uint8]:
