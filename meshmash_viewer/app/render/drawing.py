@@ -227,11 +227,22 @@ class Drawing:
             self._place_camera(width, height)
             self._lines.actor.GetProperty().SetLineWidth(2.0 * scale)
             sheet = overlay.Sheet(painter, self.theme, width, height, scale, plates)
-            overlay.paint_marks(sheet, self._marks(), self.view)
-            overlay.paint_axes(sheet, self.view)
-            overlay.paint_scale(sheet, self.view, self.mesh.unit)
-            if self.caption is not None:
-                overlay.paint_caption(sheet, self.caption)
+            view, caption, unit = self.view, self.caption, self.mesh.unit
+            place = (self.dark, width, height, scale, plates)
+            ready = self.picker is not None and self.picker.ready
+            painter.part(
+                "marks",
+                (place, view, self._pins, ready),
+                lambda: overlay.paint_marks(sheet, self._marks(), view),
+            )
+            painter.part("axes", (place, view), lambda: overlay.paint_axes(sheet, view))
+            painter.part(
+                "scale", (place, view, unit), lambda: overlay.paint_scale(sheet, view, unit)
+            )
+            if caption is not None:
+                painter.part(
+                    "caption", (place, caption), lambda: overlay.paint_caption(sheet, caption)
+                )
         painter.end()
 
     def _place_camera(self, width: int, height: int) -> None:

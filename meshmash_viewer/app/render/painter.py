@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -54,12 +57,27 @@ def _text_size(text: str, size: int, bold: bool) -> tuple[int, int]:
     return box[1] - box[0] + 1, box[3] - box[2] + 1
 
 
+@dataclass
+class _Part:
+    """What one part of a picture consists of."""
+
+    key: Hashable = None
+    points: list[npt.NDArray[np.float64]] = field(default_factory=list)
+    sizes: list[int] = field(default_factory=list)
+    colors: list[npt.NDArray[np.uint8]] = field(default_factory=list)
+    texts: list[tuple[Any, ...]] = field(default_factory=list)
+
+
+def _is(one: object, other: object) -> bool:
+    return one is other
+
+
 class Painter:
     """Shapes and text in pixels from the lower left of a renderer.
 
-    `begin`, then shapes in the order they cover one another, then `end`; text lies over shapes.
-    All shapes of a frame are one actor, and text actors are used again, so that a frame costs
-    about a millisecond.
+    `begin`, then parts in the order they cover one another, then `end`; text lies over shapes.
+    A part whose key has not changed is not painted again. All shapes of a frame are one actor,
+    and text actors are used again, so that a frame costs less than a millisecond.
 
     Parameters
     ----------
@@ -69,10 +87,11 @@ class Painter:
     def __init__(self, renderer: vtkRenderer) -> None:
         self._renderer = renderer
         self._texts: list[vtkTextActor] = []
-        self._used = 0
-        self._points: list[npt.NDArray[np.float64]] = []
-        self._sizes: list[int] = []
-        self._colors: list[npt.NDArray[np.uint8]] = []
+        self._shown: list[tuple[Any, ...] | None] = []
+        self._parts: dict[str, _Part] = {}
+        self._part = _Part()
+        self._now: list[_Part] = []
+        self._before: list[_Part] = []
         self._shapes = vtkPolyData()
         mapper = vtkPolyDataMapper2D()
         mapper.SetInputData(self._shapes)
@@ -83,35 +102,66 @@ class Painter:
 
     def begin(self) -> None:
         """Start a frame."""
-        self._used = 0
-        self._points.clear()
-        self._sizes.clear()
-        self._colors.clear()
+        self._part = _Part()
+        self._now = [self._part]
+
+    def part(self, name: str, key: Hashable, paint: Callable[[], None]) -> None:
+        """Paint a part of the picture, or show it as it was if its key is the same.
+
+        Parameters
+        ----------
+        name : str
+        key : hashable
+            All that it depends on; objects without an equality of their own by identity.
+        paint : callable
+            Paints it.
+        """
+        known = self._parts.get(name)
+        if known is None or known.key != key:
+            self._part = self._parts[name] = known = _Part(key)
+            paint()
+        self._now.append(known)
+        self._part = _Part()
+        self._now.append(self._part)
 
     def end(self) -> None:
         """Show what was painted since `begin`."""
-        for actor in self._texts[self._used :]:
-            actor.SetVisibility(False)
-        self._actor.SetVisibility(bool(self._sizes))
-        if not self._sizes:
+        parts = [part for part in self._now if part.sizes or part.texts]
+        same = len(parts) == len(self._before) and all(map(_is, parts, self._before))
+        if same:
             return
-        flat = np.concatenate(self._points)
+        self._before = parts
+        texts = [text for part in parts for text in part.texts]
+        for number, text in enumerate(texts):
+            self._show_text(number, *text)
+        for number in range(len(texts), len(self._texts)):
+            self._texts[number].SetVisibility(False)
+            self._shown[number] = None
+        sizes = [size for part in parts for size in part.sizes]
+        self._actor.SetVisibility(bool(sizes))
+        if not sizes:
+            return
+        flat = np.concatenate([points for part in parts for points in part.points])
         points = vtkPoints()
-        points.SetData(numpy_to_vtk(np.c_[flat, np.zeros(len(flat))].astype(np.float32), deep=True))
+        places = np.zeros((len(flat), 3), dtype=np.float32)
+        places[:, :2] = flat
+        points.SetData(numpy_to_vtk(places, deep=True))
         cells = vtkCellArray()
-        ends = np.concatenate([[0], np.cumsum(self._sizes)]).astype(np.int64)
+        ends = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
         cells.SetData(numpy_to_vtk(ends, deep=True), numpy_to_vtk(np.arange(len(flat)), deep=True))
         self._shapes.SetPoints(points)
         self._shapes.SetPolys(cells)
         self._shapes.GetPointData().SetScalars(
-            numpy_to_vtk(np.concatenate(self._colors), deep=True)
+            numpy_to_vtk(
+                np.concatenate([colors for part in parts for colors in part.colors]), deep=True
+            )
         )
 
     def _add(self, corners: npt.NDArray[np.float64], rgba: npt.NDArray[np.float64]) -> None:
         """Add polygons of shape (p, m, 2) in colours of shape (p, m, 4), 0 to 255."""
-        self._points.append(corners.reshape(-1, 2))
-        self._sizes.extend([corners.shape[1]] * len(corners))
-        self._colors.append(rgba.round().astype(np.uint8).reshape(-1, 4))
+        self._part.points.append(corners.reshape(-1, 2))
+        self._part.sizes.extend([corners.shape[1]] * len(corners))
+        self._part.colors.append(rgba.round().astype(np.uint8).reshape(-1, 4))
 
     def polygon(self, points: npt.ArrayLike, color: str, opacity: float = 1.0) -> None:
         """A filled convex polygon with corners of shape (m, 2)."""
@@ -223,20 +273,41 @@ class Painter:
         opacity: float = 1.0,
     ) -> None:
         """A line of text anchored at (x, y)."""
-        if self._used == len(self._texts):
+        place = round(x), round(y)
+        self._part.texts.append((text, *place, round(size), color, across, along, bold, opacity))
+
+    def _show_text(
+        self,
+        number: int,
+        text: str,
+        x: int,
+        y: int,
+        size: int,
+        color: str,
+        across: int,
+        along: int,
+        bold: bool,
+        opacity: float,
+    ) -> None:
+        """Show a line of text by the actor of a number, unless it shows just that."""
+        if number == len(self._texts):
             self._texts.append(vtkTextActor())
+            self._shown.append(None)
             self._texts[-1].SetLayerNumber(1)
             self._renderer.AddViewProp(self._texts[-1])
-        actor = self._texts[self._used]
-        self._used += 1
+        actor = self._texts[number]
+        wanted = (text, x, y, size, color, across, along, bold, opacity)
+        if self._shown[number] == wanted:
+            return
+        self._shown[number] = wanted
         properties = actor.GetTextProperty()
         properties.SetFontFamily(VTK_FONT_FILE)
         properties.SetFontFile(_font_file(bold))
-        properties.SetFontSize(round(size))
+        properties.SetFontSize(size)
         properties.SetColor(*rgb(color))
         properties.SetOpacity(opacity)
         properties.SetJustification(across)
         properties.SetVerticalJustification(along)
         actor.SetInput(text)
-        actor.SetPosition(round(x), round(y))
+        actor.SetPosition(x, y)
         actor.SetVisibility(True)
