@@ -459,17 +459,28 @@ def _matrices(
 def _checked_coefficients(
     returned: npt.ArrayLike, eigenvalues: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    coefficients = np.asarray(returned, dtype=np.float64)
+    given = np.asarray(returned)
+    if given.dtype.kind not in "biuf":
+        # None, text, or complex numbers, of which a cast would keep half without a sound.
+        raise InputError(
+            f"The filter returned {_described(returned, given)}: let it return real numbers, shape "
+            "(n_filters, n_eigenvalues)."
+        )
+    coefficients = given.astype(np.float64)
     if coefficients.shape == eigenvalues.shape:
         coefficients = coefficients[np.newaxis]  # one filter, written without the axis for it
     bad = np.argwhere(~np.isfinite(coefficients))
-    if len(bad) and coefficients.shape[-1] == len(eigenvalues):
+    if len(bad) and coefficients.ndim == 2 and coefficients.shape[1] == len(eigenvalues):
         raise InputError(
             f"The filter returned {coefficients[tuple(bad[0])]} for the eigenvalue "
             f"{eigenvalues[bad[0][-1]]:.4g}: let it return finite numbers for every eigenvalue, "
             "zero included."
         )
     return coefficients
+
+
+def _described(returned: object, given: npt.NDArray[Any]) -> str:
+    return f"values of type {given.dtype}" if given.shape else repr(returned)[:60]
 
 
 def _warn_of_zeros(max_eigenvalue: float, result: Decomposition) -> None:

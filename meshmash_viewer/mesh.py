@@ -6,6 +6,7 @@ import copy
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -265,9 +266,10 @@ def as_mesh(mesh: MeshLike, *, unit: str = "", name: str = "") -> Mesh:
                 "as (vertices, faces)."
             )
         return Mesh(mesh[0], mesh[1], unit, name)
+    hint = " Read a file with read_mesh." if isinstance(mesh, (str, PurePath)) else ""
     raise InputError(
         f"A mesh is a pair (vertices, faces) or an object with these two attributes, "
-        f"not {_described(mesh)}."
+        f"not {_described(mesh)}.{hint}"
     )
 
 
@@ -314,6 +316,8 @@ def _offenders(indices: IntArray) -> str:
 
 def _checked_vertices(given: Any) -> FloatArray:
     try:
+        if np.iscomplexobj(given):
+            raise TypeError  # a cast would drop the imaginary parts
         vertices = np.array(given, dtype=np.float64, order="C")
     except (TypeError, ValueError):
         raise InputError("Vertices are an array of numbers of shape (n, 3).") from None

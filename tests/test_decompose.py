@@ -431,6 +431,9 @@ def test_no_filter_returns_pairs_and_drops_exactly_one(neuron, matrices):
         (lambda x: np.ones((2, 3)), "for 30 eigenvalues"),
         (lambda x: np.ones(5), "for 30 eigenvalues"),
         (lambda x: np.where(x > 0, 1.0, np.inf)[None], "returned inf for the eigenvalue 0:"),
+        (lambda x: None, "returned None: let it return real numbers"),
+        (lambda x: np.nan, r"shape \(\) for 30 eigenvalues"),
+        (lambda x: np.exp(1j * x)[None], "returned values of type complex128"),
     ],
 )
 def test_filters_that_return_nonsense_are_told_so(neuron, filter_, words):

@@ -285,6 +285,14 @@ def test_nonsense_is_refused_in_a_sentence() -> None:
         solve(stiffness, mass, 5, dtype=np.int32)
     with pytest.raises(InputError, match="not finite"):
         solve(stiffness * np.nan, mass, 5)
+    with pytest.raises(InputError, match="complex128"):
+        solve(stiffness * 1j, mass, 5)
+    with pytest.raises(InputError, match="sparse matrix or array"):
+        solve(None, mass, 5)
+    with pytest.raises(InputError, match="-L if it is of the other sign"):
+        solve(-stiffness, mass, 5)
+    with pytest.raises(InputError, match="sigma is nan"):
+        solve(stiffness, mass, 5, sigma=np.nan)
     with pytest.raises(InputError, match="diagonal"):
         solve(stiffness, stiffness, 5)
     with pytest.raises(InputError, match="no area"):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import pickle
 from types import SimpleNamespace
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import shapes
@@ -20,6 +22,7 @@ TRIANGLE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     [
         (TRIANGLE[:, :2], [[0, 1, 2]], r"shape \(3, 2\)"),
         ("abc", [[0, 1, 2]], "array of numbers"),
+        (TRIANGLE + 1j, [[0, 1, 2]], "array of numbers"),
         (TRIANGLE, [[0, 1, 2, 0]], r"Faces have shape \(1, 4\)"),
         (TRIANGLE, np.zeros((0, 3), int), "no faces"),
         (TRIANGLE, [], "no faces"),
@@ -92,6 +95,12 @@ def test_polygons_of_polydata_become_triangles():
 @pytest.mark.parametrize("thing", [None, 3, "mesh.ply", (1, 2, 3), np.zeros((4, 3))])
 def test_other_things_are_not_meshes(thing):
     with pytest.raises(InputError, match="A mesh is a pair"):
+        as_mesh(thing)
+
+
+@pytest.mark.parametrize("thing", ["mesh.ply", Path("mesh.ply")])
+def test_a_path_is_told_how_to_be_read(thing):
+    with pytest.raises(InputError, match=r"Read a file with read_mesh\.$"):
         as_mesh(thing)
 
 

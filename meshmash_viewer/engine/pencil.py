@@ -138,7 +138,7 @@ def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:
         If the shapes differ, an entry is not finite, M is not diagonal or negative, L is not
         symmetric, or a vertex without mass is tied to others by L.
     """
-    laplacian: Any = sp.csr_array(stiffness).astype(np.float64)
+    laplacian: Any = _real_matrix(stiffness)
     n_all = laplacian.shape[0]
     if laplacian.shape != (n_all, n_all):
         raise InputError(f"The Laplacian must be square, this one is {laplacian.shape}.")
@@ -161,6 +161,12 @@ def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:
     if asymmetry.nnz and asymmetry.max() > 0.0:
         laplacian = sp.csr_array((laplacian + laplacian.T) * 0.5)
     laplacian.eliminate_zeros()
+    negative = np.flatnonzero(laplacian.diagonal() < -1e-9 * largest)
+    if len(negative):
+        raise InputError(
+            f"The diagonal of the Laplacian is negative at vertex {negative[0]}: give L with a "
+            "positive diagonal, -L if it is of the other sign."
+        )
 
     used = diagonal > 0.0
     tied = ~used & (np.diff(laplacian.indptr) > 0)
@@ -202,6 +208,16 @@ def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:
         labels=numbers[labels].astype(np.int64),
         n_null=int(is_null.sum()),
     )
+
+
+def _real_matrix(stiffness: Any) -> Any:
+    """A float64 copy of L, shape (n, n), in rows."""
+    if not sp.issparse(stiffness) and np.ndim(stiffness) != 2:
+        raise InputError("The Laplacian is a sparse matrix or array, shape (n, n).")
+    laplacian: Any = sp.csr_array(stiffness)
+    if laplacian.dtype.kind not in "biuf":
+        raise InputError(f"The Laplacian holds {laplacian.dtype}: its entries are real numbers.")
+    return laplacian.astype(np.float64)
 
 
 def mass_diagonal(mass: Any, n: int) -> FloatArray:

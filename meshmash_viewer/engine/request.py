@@ -48,6 +48,8 @@ class Request:
             raise InputError(f"The largest eigenvalue must not be negative: {self.max_eigenvalue}.")
         if self.precision not in (np.dtype(np.float64), np.dtype(np.float32)):
             raise InputError(f"Eigenvectors come as float64 or float32, not {self.precision}.")
+        if self.sigma is not None and not np.isfinite(self.sigma):
+            raise InputError(f"The shift sigma is {self.sigma}: give a finite number or None.")
         if not self.tol >= 0.0:
             raise InputError(f"The tolerance must not be negative: {self.tol}.")
         if self.n_jobs is not None and self.n_jobs < 1:
