@@ -166,9 +166,8 @@ def _refuse_flat_faces(mesh: Mesh) -> None:
     flat = np.flatnonzero(mesh.degenerate_faces & mesh.distinct_corners)
     if len(flat):
         raise InputError(
-            f"{len(flat)} faces have no area (the first joins vertices "
-            f"{mesh.faces[flat[0]].tolist()}), so their cotangents are infinite: "
-            "use robust=True, or drop these faces."
+            f"Faces without area, {len(flat)} of {mesh.n_faces}, have infinite cotangents (the "
+            f"first joins vertices {mesh.faces[flat[0]].tolist()}): use robust=True, or drop them."
         )
 
 

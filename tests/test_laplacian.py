@@ -122,7 +122,7 @@ def test_robust_takes_a_soup_of_zero_area_and_duplicate_faces(sphere):
 
 
 def test_plain_refuses_faces_without_area_and_names_one(neuron):
-    with pytest.raises(InputError, match=r"1 faces have no area .*robust=True") as caught:
+    with pytest.raises(InputError, match=r"Faces without area, 1 of .*robust=True") as caught:
         cotangent_laplacian(neuron)
     flat = neuron.faces[-1].tolist()
     assert str(flat) in str(caught.value)

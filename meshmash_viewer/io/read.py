@@ -180,18 +180,23 @@ def _check_content(raw: RawMesh) -> None:
     if len(wrong):
         face = int(wrong[0])
         raise InputError(
-            f"has {len(np.unique(wrong))} faces with a vertex index out of range, the first being"
-            f" face {face} with {_offender(raw, face)} of {n} vertices"
+            f"has {_counted(len(np.unique(wrong)), 'face', 'faces')} with a vertex index out of"
+            f" range, the first being face {face} with {_offender(raw, face)} of {n} vertices, all"
+            " counted from 0"
         )
     broken = np.flatnonzero(~np.isfinite(raw.vertices).all(axis=1))
     if len(broken):
         raise InputError(
-            f"has {len(broken)} vertices with a coordinate that is not finite, the first being"
-            f" vertex {broken[0]}"
+            f"has {_counted(len(broken), 'vertex', 'vertices')} with a coordinate that is not"
+            f" finite, the first being vertex {broken[0]}, counted from 0"
         )
     a, b, c = raw.faces.T
     if not np.any((a != b) & (b != c) & (a != c)):
         raise InputError("has no triangle with three different corners")
+
+
+def _counted(count: int, one: str, many: str) -> str:
+    return f"{count} {one if count == 1 else many}"
 
 
 def _offender(raw: RawMesh, face: int) -> str:
@@ -200,15 +205,23 @@ def _offender(raw: RawMesh, face: int) -> str:
 
 
 def _way_out(fault: str, ending: str) -> str:
-    """End the reader's clause with what the user can do about it."""
+    """End the reader's clause with what the user can do about it; `Mesh` says that itself."""
+    if fault.endswith("."):
+        return f"is no usable mesh: {fault[0].lower()}{fault[1:]}"
     if "point cloud" in fault:
         return f"{fault}; export it as a surface with triangles."
     if any(word in fault for word in ("out of range", "finite", "three different corners")):
         return f"{fault}; repair or export the mesh again."
-    kind = ending.removesuffix(".gz").lstrip(".").upper()
     if "cut short" in fault:
         return f"{fault}; copy or export it again."
-    return f"{fault}; check that it is a {kind} mesh, or export it again."
+    return f"{fault}; check that it is {_kind(ending.removesuffix('.gz'))}, or export it again."
+
+
+def _kind(ending: str) -> str:
+    if ending in FREESURFER_ENDINGS:
+        return "a FreeSurfer surface"
+    name = "GIFTI" if ending == ".gii" else ending.lstrip(".").upper()
+    return f"an {name} mesh" if name[0] in "ONS" else f"a {name} mesh"  # an OBJ, an NPZ, an STL
 
 
 @contextlib.contextmanager

@@ -367,8 +367,15 @@ def test_truncated_ply_says_how_much_is_there(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "clause"),
     [
-        ("v 0 0 0\nv 1 0 0\nv 0 nan 0\nf 1 2 3\n", "1 vertices with a coordinate"),
+        (
+            "v 0 0 0\nv 1 0 0\nv 0 nan 0\nf 1 2 3\n",
+            "1 vertex with a coordinate that is not finite",
+        ),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 7\n", "index 6 of 3 vertices"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 7\n", "1 face with a vertex index out of range"),
+        ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "is no usable mesh: the faces have no area"),
+        ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "those of a surface."),
+        ("hello\n", "check that it is an OBJ mesh, or"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "index 0"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf -4 1 2\n", "before the first vertex"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", "no faces"),
@@ -384,6 +391,13 @@ def test_faulty_obj(content: str, clause: str, tmp_path: Path) -> None:
     path = tmp_path / "faulty.obj"
     path.write_text(content)
     assert clause in fault_of(path)
+
+
+@pytest.mark.parametrize("content", ["hello", "[]", "{"])
+def test_gltf_that_is_none(content: str, tmp_path: Path) -> None:
+    path = tmp_path / "scene.gltf"
+    path.write_text(content)
+    assert "does not hold the JSON" in fault_of(path)
 
 
 def test_index_out_of_range_in_binary_formats(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +23,12 @@ def read_gltf(path: Path) -> RawMesh:
     Raises
     ------
     InputError
-        If the scene holds no triangle mesh.
+        If the file is no glTF, or its scene holds no triangle mesh.
     """
     import trimesh
 
+    if path.suffix.lower() == ".gltf":
+        _check_json(path)
     options: dict[str, Any] = {"process": False, "skip_materials": True}
     scene = trimesh.load_scene(path, file_type=path.suffix[1:].lower(), **options)
     vertices, faces, offset = [], [], 0
@@ -48,3 +51,13 @@ def read_gltf(path: Path) -> RawMesh:
     if not vertices:
         raise InputError("holds no triangle mesh")
     return RawMesh(*merge_equal_vertices(np.concatenate(vertices), np.concatenate(faces)))
+
+
+def _check_json(path: Path) -> None:
+    """Refuse what is no JSON, of which trimesh only says that it has no "model.gltf"."""
+    try:
+        content = json.loads(path.read_bytes())
+    except ValueError:
+        content = None
+    if not isinstance(content, dict):
+        raise InputError("does not hold the JSON that a glTF scene begins with")
