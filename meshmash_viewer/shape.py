@@ -232,8 +232,8 @@ def match_features(
     quantile : float
         Share of the matches to call confident: those with the lowest scores.
     standardize : bool
-        Divide each column by its standard deviation over `b` first. Otherwise the columns with
-        the largest values decide: the shortest times of a heat kernel signature.
+        Divide each column by its spread over `b` first (`column_spread`). Otherwise the columns
+        with the largest values decide: the shortest times of a heat kernel signature.
 
     Returns
     -------
@@ -258,7 +258,7 @@ def match_features(
     rows_a, rows_b = (np.flatnonzero(np.isfinite(v).all(axis=1)) for v in (values_a, values_b))
     if not (len(rows_a) and len(rows_b)):
         raise InputError("One of the two shapes has no vertex with features to match.")
-    scale = _deviations(values_b[rows_b]) if standardize else 1.0
+    scale = column_spread(values_b[rows_b]) if standardize else 1.0
     tree = KDTree(values_b[rows_b] / scale)
     distances, nearest = tree.query(values_a[rows_a] / scale, workers=-1)
     indices = np.full(len(values_a), -1, dtype=np.int64)
@@ -283,7 +283,7 @@ def feature_distance(
     vertex : int
         Index of the one to compare with.
     standardize : bool
-        Divide each column by its standard deviation over the mesh first, so that all columns
+        Divide each column by its spread over the mesh first (`column_spread`), so that all columns
         count alike and the distance is a plain number.
 
     Returns
@@ -302,7 +302,7 @@ def feature_distance(
     if not np.isfinite(values[vertex]).all():
         raise InputError(f"Vertex {vertex} has no features: no face uses it.")
     used = np.isfinite(values).all(axis=1)
-    scale = _deviations(values[used]) if standardize else 1.0
+    scale = column_spread(values[used]) if standardize else 1.0
     return np.asarray(np.linalg.norm((values - values[vertex]) / scale, axis=1), dtype=np.float64)
 
 
@@ -315,9 +315,30 @@ def _values(features: FeaturesLike) -> FloatArray:
     return values
 
 
-def _deviations(values: FloatArray) -> FloatArray:
-    """Standard deviation of each column; 1 for a constant one, which then tells nothing apart."""
-    deviations = np.asarray(values.std(axis=0), dtype=np.float64)
-    rounding = 1e-12 * np.abs(values).max(axis=0)
-    deviations[deviations <= rounding] = 1.0
-    return deviations
+def column_spread(values: FloatArray) -> FloatArray:
+    """Half of what lies between the 15.9th and the 84.1th percentile of each column.
+
+    For normal values that is their standard deviation. Unlike it, it does not follow the few
+    vertices of a neuron's specks, whose features are thousands of times larger than the rest and
+    would leave all other distances near zero.
+
+    Parameters
+    ----------
+    values : ndarray of float64, shape (n, f)
+        Finite numbers.
+
+    Returns
+    -------
+    ndarray of float64, shape (f,)
+        The standard deviation where two thirds of a column are one number; 1 for a constant
+        column, which tells nothing apart.
+    """
+    spread = np.ones(values.shape[1])
+    for at, column in enumerate(values.T):
+        rounding = 1e-12 * np.abs(column).max(initial=0.0)
+        low, high = np.percentile(column, (15.865525, 84.134475))
+        for candidate in ((high - low) / 2.0, column.std()):
+            if candidate > rounding:
+                spread[at] = candidate
+                break
+    return spread

@@ -13,6 +13,7 @@ from meshmash_viewer.features import Features
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.shape import (
+    column_spread,
     feature_distance,
     low_pass_vertices,
     match_features,
@@ -149,7 +150,7 @@ def test_matching_agrees_with_all_pairs(rng):
     assert matches.confident.sum() == 20
     assert matches.scores[matches.confident].max() < matches.scores[~matches.confident].min()
     scaled = match_features(a * 1e-6, b * 1e-6, standardize=True)
-    standard = cdist(a / b.std(axis=0), b / b.std(axis=0))
+    standard = cdist(a / column_spread(b), b / column_spread(b))
     np.testing.assert_allclose(scaled.scores, standard.min(axis=1))
 
 
@@ -169,12 +170,24 @@ def test_matching_refuses_what_does_not_fit():
         match_features(np.ones(4), np.ones((4, 3)))
 
 
+def test_spread_is_the_deviation_of_normal_values_and_ignores_a_few_that_are_far_out(rng):
+    values = rng.standard_normal((20_000, 3)) * [1.0, 1e-9, 1e6] + [0.0, 1e-9, 0.0]
+    clean = column_spread(values)
+    np.testing.assert_allclose(clean, [1.0, 1e-9, 1e6], rtol=0.03)
+    values[:800] *= 1e6
+    np.testing.assert_allclose(column_spread(values), clean, rtol=0.1)
+    mostly_zero = np.zeros((100, 2))
+    mostly_zero[:5, 0] = 1.0
+    np.testing.assert_allclose(column_spread(mostly_zero), [mostly_zero[:, 0].std(), 1.0])
+
+
 def test_similarity_to_a_vertex(rng):
     values = rng.standard_normal((50, 4)) * [1.0, 1e-9, 1e6, 0.0] + [0, 0, 0, 5.0]
     values[7] = np.nan
     distance = feature_distance(values, 3)
     used = np.isfinite(values).all(axis=1)
-    scale = np.append(values[used, :3].std(axis=0), 1.0)
+    low, high = np.percentile(values[used, :3], (15.865525, 84.134475), axis=0)
+    scale = np.append((high - low) / 2, 1.0)
     np.testing.assert_allclose(distance, np.linalg.norm((values - values[3]) / scale, axis=1))
     assert distance[3] == 0.0
     assert np.isnan(distance[7])

@@ -100,8 +100,11 @@ class SimilarityTab(QWidget):
         show_note(self.hint, "" if pins else "Click a vertex on the render to pin it.")
         self.basis.show_key(display.similarity_basis)
         what = (
-            f"{display.hks_scales} times of the HKS tab, in log"
+            f"{display.hks_scales} times of the HKS tab"
             if display.similarity_basis is SimilarityBasis.HKS
             else f"{display.band_count} bands of the Geometry vectors tab"
         )
-        show_note(self.explanation, f"Over the {what}; 0 is alike, larger is less so.")
+        show_note(
+            self.explanation,
+            f"Over the {what}, each in units of its spread; 0 is alike, larger is less so.",
+        )

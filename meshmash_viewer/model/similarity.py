@@ -19,6 +19,8 @@ ColumnArray: TypeAlias = npt.NDArray[np.float32]
 
 #: Share of the variance that may be left out: an error of 2e-3 is half a step of colour.
 _VARIANCE = 4e-6
+#: How many spreads from the median a vertex may be before its length stops to count.
+_FAR = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,16 +81,20 @@ def build_similarity_table(
     coefficients = response(spectrum.eigenvalues)
     features = sum_squares(spectrum.rows, coefficients, np.float64, cancel)
     used = np.isfinite(features[0])
-    features -= features[:, used].mean(axis=1, keepdims=True)
-    largest = np.abs(features[:, used]).max(axis=1, initial=0.0)
-    deviation = features[:, used].std(axis=1)
-    deviation[deviation <= 1e-12 * np.maximum(largest, 1e-300)] = 1.0
-    standard = np.asarray(features / deviation[:, None], dtype=np.float32)
+    from meshmash_viewer.shape import column_spread
+
+    features -= np.median(features[:, used], axis=1, keepdims=True)
+    spread = column_spread(np.asarray(features[:, used].T, dtype=np.float64))
+    standard = np.asarray(features / spread[:, None], dtype=np.float32)
     del features
     gram = np.zeros((len(standard), len(standard)))
+    far = _FAR * np.sqrt(len(standard))
     for start in range(0, standard.shape[1], 1 << 16):
         part = standard[:, start : start + (1 << 16)]
         part = part[:, np.isfinite(part[0])].astype(np.float64)
+        # A neuron's specks lie thousands of times farther out than the rest: taken as they are
+        # they alone would decide which directions are kept, so each counts as its direction.
+        part /= np.maximum(np.linalg.norm(part, axis=0) / far, 1.0)
         gram += part @ part.T
     variances, directions = np.linalg.eigh(gram)
     variances, directions = np.maximum(variances[::-1], 0.0), directions[:, ::-1]

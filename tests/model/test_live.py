@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapes
 from solved import spectrum_of
 
 from meshmash_viewer.features import accumulate_features
@@ -155,6 +156,38 @@ def test_similarity_is_the_distance_in_feature_space(neuron: Mesh, basis: Simila
         assert not draft
         assert found[vertex] == 0.0
         assert np.nanmax(np.abs(found - wanted)) < 4e-3 * np.nanmax(wanted)
+
+
+def test_similarity_holds_on_a_neuron_among_specks(rectangle: Mesh) -> None:
+    """Specks have features thousands of times larger: they must not decide what the rest shows."""
+    small = shapes.icosphere(1)
+    specks = [Mesh(1e-3 * small.vertices + [5.0 + at, 0.0, 0.0], small.faces) for at in range(4)]
+    vertices, faces, n = [rectangle.vertices], [rectangle.faces], rectangle.n_vertices
+    for speck in specks:
+        vertices.append(speck.vertices)
+        faces.append(speck.faces + n)
+        n += speck.n_vertices
+    mesh = Mesh(np.concatenate(vertices), np.concatenate(faces))
+    spectrum = spectrum_of(mesh, 60)
+    times = (0.01, 1.0)
+    bank = heat_kernel_bank(np.geomspace(*times, 16))
+    live = LiveFeatures()
+    asked = FieldRequest(
+        spectrum,
+        "",
+        FieldKind.SIMILARITY,
+        times=times,
+        scales=16,
+        vertex=77,
+        basis=SimilarityBasis.HKS,
+    )
+    live.prepare(asked)
+    found, _ = live.similarity(asked)
+    assert found is not None
+    wanted = feature_distance(direct(spectrum, bank(spectrum.eigenvalues)), 77)
+    body = slice(0, rectangle.n_vertices)
+    assert np.abs(found[body] - wanted[body]).max() < 4e-3 * wanted[body].max()
+    assert 0.1 < np.median(wanted[body]) < 100.0
 
 
 def test_tables_are_counted_dropped_and_can_be_given_up(rectangle: Mesh) -> None:
