@@ -29,6 +29,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model import cost
 from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.live import expected_bytes
 from meshmash_viewer.units import LENGTH_UNITS, format_quantity, power_unit
 
 __all__ = ["MeshPanel"]
@@ -248,7 +249,10 @@ class MeshPanel(QWidget):
         pairs = min(translation.count(target)[0], n)
         memory = cost.written_bytes(cost.decomposition_bytes(n, pairs))
         time = cost.written_duration(cost.decomposition_seconds(n, pairs, self.seconds_rate))
-        self.cost_label.setText(f"Takes about {memory} of memory and {time}.")
+        window = cost.written_bytes(expected_bytes(n, self._document.display.band_count))
+        self.cost_label.setText(
+            f"Takes about {memory} of memory and {time}. Live features then take {window}."
+        )
 
     def _build_foot(self) -> QWidget:
         foot = QWidget(objectName="mesh_panel_foot")
