@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QFileDialog, QInputDialog, QMessageBox
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS
+from meshmash_viewer.app.picture_writer import PictureWriter
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.read import READABLE_ENDINGS
 from meshmash_viewer.io.session import SESSION_ENDING
@@ -35,6 +36,11 @@ class Commands:
     def __init__(self, window: MainWindow) -> None:
         self._window = window
         self._document = window.document
+        self.pictures = PictureWriter(window)
+        self.pictures.written.connect(
+            lambda path: self._document.notify(Notice(f"Picture saved to {path}."))
+        )
+        self.pictures.failed.connect(self._say_not_saved)
         document, display = window.document, window.document.display
         does = {
             "open_mesh": self.ask_for_mesh,
@@ -199,17 +205,12 @@ class Commands:
         dialog.open()
 
     def _write_picture(self, dialog: object) -> None:
-        from meshmash_viewer.io.write import write_picture
-
         path = dialog.path
-        try:
-            picture = self._window.scene.picture(dialog.size_, dialog.transparent)
-            write_picture(path, picture)
-        except (InputError, OSError) as fault:
-            self._document.notify(Notice(f"The picture was not saved: {fault}", Severity.ERROR))
-            return
+        self.pictures.write(path, self._window.scene.picture(dialog.size_, dialog.transparent))
         self._window.settings.folder = path.parent
-        self._document.notify(Notice(f"Picture saved to {path}."))
+
+    def _say_not_saved(self, fault: str) -> None:
+        self._document.notify(Notice(f"The picture was not saved: {fault}", Severity.ERROR))
 
     def copy_picture(self) -> None:
         """Put the render on the clipboard."""

@@ -137,6 +137,7 @@ class ExportDialog(QDialog):
         column.addLayout(grid)
         column.addWidget(theme.with_role(QFrame(), "line"))
         column.addWidget(buttons)
+        theme.pad_numbers(self)
         self.setMinimumWidth(700)
 
         self.kind_combo.currentIndexChanged.connect(self._change_kind)

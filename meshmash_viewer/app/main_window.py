@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from PySide6.QtCore import QEvent, QObject, Qt, Signal
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import (
     QCloseEvent,
     QDragEnterEvent,
@@ -15,15 +15,10 @@ from PySide6.QtGui import (
     QResizeEvent,
 )
 from PySide6.QtWidgets import (
-    QAbstractButton,
-    QAbstractSpinBox,
     QApplication,
-    QComboBox,
     QLabel,
     QMainWindow,
-    QTabBar,
     QToolBar,
-    QWidget,
 )
 
 from meshmash_viewer.app import icons, theme
@@ -31,6 +26,7 @@ from meshmash_viewer.app.actions import Actions
 from meshmash_viewer.app.arrangement import Arrangement
 from meshmash_viewer.app.commands import Commands
 from meshmash_viewer.app.field_source import FieldSource
+from meshmash_viewer.app.focus_keys import FocusKeys
 from meshmash_viewer.app.mesh_panel import MeshPanel
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
@@ -76,7 +72,7 @@ class MainWindow(QMainWindow):
         application = QApplication.instance()
         theme.set_mode(self.settings.theme)
         theme.apply(application)
-        application.installEventFilter(self)
+        self._focus_keys = FocusKeys(application, self)
 
         self.loaded = False
         self._closed = False
@@ -97,6 +93,7 @@ class MainWindow(QMainWindow):
         self.commands = Commands(self)
         self._listen_to_document()
         theme.notifier().changed.connect(self._on_theme_changed)
+        theme.pad_numbers(self)
         self._place()
         self._on_mesh_changed()
         # keys mean commands from the start; no button stands out before one is chosen
@@ -147,6 +144,7 @@ class MainWindow(QMainWindow):
         self.profile_panel = ProfilePanel(self.document)
         for name in ("field", "spectrum", "profile"):
             self.arrangement.put(name, getattr(self, f"{name}_panel"))
+        theme.pad_numbers(self)
         self.field_source = FieldSource(self.document, self)
         self.field_source.field_ready.connect(self._on_field)
         self.field_source.failed.connect(
@@ -320,22 +318,6 @@ class MainWindow(QMainWindow):
 
     # -- events -------------------------------------------------------------------------------
 
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Leave Space and the arrows to a focused control that has a use for them."""
-        if event.type() == QEvent.Type.Polish and isinstance(watched, QAbstractSpinBox):
-            # the style sheet's padding does not reach the number
-            watched.lineEdit().setTextMargins(5, 0, 0, 0)
-        if event.type() == QEvent.Type.ShortcutOverride and isinstance(watched, QWidget):
-            key = event.key()
-            buttons = (QAbstractButton, QComboBox)
-            arrows = (Qt.Key.Key_Left, Qt.Key.Key_Right, Qt.Key.Key_Home, Qt.Key.Key_End)
-            if (key == Qt.Key.Key_Space and isinstance(watched, buttons)) or (
-                key in arrows and isinstance(watched, QTabBar)
-            ):
-                event.accept()
-                return True
-        return super().eventFilter(watched, event)
-
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Keep the plots readable."""
         super().resizeEvent(event)
@@ -369,7 +351,8 @@ class MainWindow(QMainWindow):
             self.document.display.playing = False
             self._stop_listening()
             theme.notifier().changed.disconnect(self._on_theme_changed)
-            QApplication.instance().removeEventFilter(self)
+            self._focus_keys.stop()
+            self.commands.pictures.wait()
             self.tasks.close()
             if self.loaded:
                 self.field_source.close()

@@ -95,6 +95,7 @@ class PictureDialog(QDialog):
         column.setSpacing(theme.MARGIN)
         column.addLayout(grid)
         column.addWidget(buttons)
+        theme.pad_numbers(self)
 
     @property
     def path(self) -> Path:

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 from PySide6.QtCore import QObject, Qt, Signal
 from PySide6.QtGui import QColor, QFont, QFontDatabase, QPalette
-from PySide6.QtWidgets import QApplication, QLabel, QWidget
+from PySide6.QtWidgets import QAbstractSpinBox, QApplication, QLabel, QWidget
 
 __all__ = [
     "GAP",
@@ -27,6 +27,7 @@ __all__ = [
     "mode",
     "monospace",
     "notifier",
+    "pad_numbers",
     "palette",
     "plot_colors",
     "set_mode",
@@ -210,6 +211,12 @@ def palette() -> Palette:
 def plot_colors() -> PlotColors:
     """The colours of plots in force."""
     return _DARK_PLOT if _State.dark else _LIGHT_PLOT
+
+
+def pad_numbers(parent: QWidget) -> None:
+    """Keep the numbers of a widget's spin boxes off their edges, as a style sheet cannot."""
+    for spin in parent.findChildren(QAbstractSpinBox):
+        spin.lineEdit().setTextMargins(5, 0, 0, 0)
 
 
 def with_role(widget: WidgetType, role: str) -> WidgetType:

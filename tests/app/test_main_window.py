@@ -564,6 +564,8 @@ def test_a_picture_is_saved_at_any_size(qtbot: QtBot, ball: MainWindow, tmp_path
     dialog.height_spin.setValue(234)
     dialog.transparent_check.setChecked(True)
     ball.commands._write_picture(dialog)
+    ball.commands.pictures.wait()
+    qtbot.waitUntil(lambda: ball.stage.message_bar.notice is not None)
     with Image.open(tmp_path / "picture.png") as image:
         assert image.size == (321, 234)
         assert image.mode == "RGBA"

@@ -1,0 +1,52 @@
+"""Leaves keys to the focused control that has a use for them."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtWidgets import QAbstractButton, QApplication, QComboBox, QTabBar, QWidget
+
+__all__ = ["FocusKeys"]
+
+_ARROWS = (Qt.Key.Key_Left, Qt.Key.Key_Right, Qt.Key.Key_Home, Qt.Key.Key_End)
+
+
+class FocusKeys(QObject):
+    """Keeps Space from being a command while a button or a list has the focus, and so on.
+
+    It watches the one widget that has the focus: to watch the whole application would call
+    Python for each of its events, some fifty at every tick of a slider.
+    """
+
+    def __init__(self, application: QApplication, parent: QObject) -> None:
+        super().__init__(parent)
+        self._application = application
+        self._watched: QWidget | None = None
+        application.focusChanged.connect(self._follow)
+        self._follow(None, application.focusWidget())
+
+    def stop(self) -> None:
+        """Watch nothing any more."""
+        self._application.focusChanged.disconnect(self._follow)
+        self._follow(None, None)
+
+    def _follow(self, _before: QWidget | None, now: QWidget | None) -> None:
+        if self._watched is not None:
+            self._watched.removeEventFilter(self)
+            self._watched.destroyed.disconnect(self._forget)
+        takes_keys = isinstance(now, (QAbstractButton, QComboBox, QTabBar))
+        self._watched = now if takes_keys else None
+        if self._watched is not None:
+            self._watched.installEventFilter(self)
+            self._watched.destroyed.connect(self._forget)
+
+    def _forget(self) -> None:
+        self._watched = None
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Leave Space and the arrows to the control."""
+        if event.type() == QEvent.Type.ShortcutOverride:
+            taken = _ARROWS if isinstance(watched, QTabBar) else (Qt.Key.Key_Space,)
+            if event.key() in taken:
+                event.accept()
+                return True
+        return False
