@@ -75,10 +75,11 @@ def _eliminate(front, m, w):  # type: ignore[no-untyped-def]
                     for j in range(k1, i + 1):
                         front[i, j] -= scaled * front[j, k]
         else:
-            lower = np.ascontiguousarray(front[k1:m, k0:k1])
+            lower = np.empty((rest, width))
             scaled_lower = np.empty((rest, width))
             for i in range(rest):
                 for k in range(width):
+                    lower[i, k] = front[k1 + i, k0 + k]
                     scaled_lower[i, k] = lower[i, k] * front[k0 + k, k0 + k]
             step = 192
             for t0 in range(0, rest, step):

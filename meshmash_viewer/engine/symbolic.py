@@ -127,6 +127,7 @@ def analyse(matrix: Any) -> Structure:
     counts = _column_counts(lower_start, lower_rows, parent)
     first = _supernodes(parent, counts)
     row_start, rows, children = _supernode_rows(first, lower_start, lower_rows)
+    rows = _ascending(row_start, rows)
     height = np.diff(row_start)
     width = np.diff(first)
     return Structure(
@@ -312,12 +313,16 @@ def _supernodes(parent, counts):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def _supernode_rows(first, lower_start, lower_rows):  # type: ignore[no-untyped-def]
-    """Rows of each supernode, and how many children each has."""
+    """Rows of each supernode, its own first, and how many children each has.
+
+    Neither sorting nor assigning slices here: numba takes seconds to compile those.
+    """
     n = len(lower_start) - 1
     s_count = len(first) - 1
     of_column = np.empty(n, np.int64)
     for s in range(s_count):
-        of_column[first[s] : first[s + 1]] = s
+        for j in range(first[s], first[s + 1]):
+            of_column[j] = s
     row_start = np.zeros(s_count + 1, np.int64)
     rows = np.empty(max(len(lower_rows), 16), np.int64)
     mark = np.full(n, -1, np.int64)
@@ -329,7 +334,8 @@ def _supernode_rows(first, lower_start, lower_rows):  # type: ignore[no-untyped-
         begin = size
         if size + n > len(rows):
             grown = np.empty(2 * len(rows) + n, np.int64)
-            grown[:size] = rows[:size]
+            for p in range(size):
+                grown[p] = rows[p]
             rows = grown
         for j in range(first[s], first[s + 1]):
             mark[j] = s
@@ -352,12 +358,23 @@ def _supernode_rows(first, lower_start, lower_rows):  # type: ignore[no-untyped-
                     rows[size] = i
                     size += 1
             child = after[child]
-        rows[below:size] = np.sort(rows[below:size])
         row_start[s] = begin
         row_start[s + 1] = size
         if size > below:
-            parent = of_column[rows[below]]
+            nearest = rows[below]
+            for p in range(below, size):
+                nearest = min(nearest, rows[p])
+            parent = of_column[nearest]
             children[parent] += 1
             after[s] = head[parent]
             head[parent] = s
     return row_start, rows[:size].copy(), children
+
+
+def _ascending(row_start: IndexArray, rows: IndexArray) -> IndexArray:
+    """The rows of each supernode in ascending order."""
+    shape = (len(row_start) - 1, int(rows.max()) + 1)
+    marks = np.ones(len(rows), dtype=np.int8)
+    lists: Any = sp.csr_array((marks, rows, row_start), shape=shape)
+    lists.sort_indices()
+    return np.asarray(lists.indices, dtype=np.int64)
