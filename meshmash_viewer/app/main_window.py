@@ -296,7 +296,9 @@ class MainWindow(QMainWindow):
             spectrum=self.loaded and spectrum is not None and len(spectrum) > 0,
         )
         running = document.job is not None
-        self.actions_["compute"].setEnabled(document.ready is not None and not running)
+        self.actions_["compute"].setEnabled(document.can_compute)
+        if spectrum is not None and spectrum.preview:
+            self.actions_["export"].setEnabled(False)  # approximations are for the eye
         self.actions_["cancel"].setEnabled(running)
         self.actions_["undo_repair"].setEnabled(document.can_undo and not running)
         self.actions_["clear_pins"].setEnabled(bool(document.pins))

@@ -295,7 +295,7 @@ class MeshPanel(QWidget):
 
     def _refresh_job(self) -> None:
         state = self._document.job
-        self.compute_button.setEnabled(state is None and self._document.ready is not None)
+        self.compute_button.setEnabled(self._document.can_compute)
         self.cancel_button.setEnabled(state is not None and not state.cancelling)
         self.progress_bar.setVisible(state is not None)
         self.progress_label.setVisible(state is not None)
@@ -318,6 +318,8 @@ class MeshPanel(QWidget):
         text, role = "", "muted"
         if spectrum is not None and spectrum.proof:
             text, role = spectrum.proof, "proof" if spectrum.complete else "warning"
+        elif spectrum is not None and state is None and spectrum.preview and not spectrum.n_exact:
+            text = f"A preview of {len(spectrum):,} pairs: Compute makes them exact."
         elif spectrum is not None and state is None and len(spectrum):
             owed = f" of {spectrum.total:,}" if spectrum.total else ""
             text = f"{len(spectrum):,}{owed} pairs, stopped early: Compute goes on from here."

@@ -62,7 +62,9 @@ class Tasks(QObject):
         if self._job is None:
             self._start(job)
         elif isinstance(job, DecomposeJob) and isinstance(self._job, PreviewJob):
-            self._queue.insert(0, job)  # within seconds, and the preview is of use to it
+            # within seconds, and the preview is of use to it; asked for twice, it runs once
+            self._queue = [other for other in self._queue if not isinstance(other, DecomposeJob)]
+            self._queue.insert(0, job)
         elif isinstance(job, ExportJob) or isinstance(self._job, ExportJob):
             self._queue.append(job)
             self._document.notify(Notice(f"{job.label} waits for: {self._job.label}."))

@@ -19,6 +19,7 @@ from meshmash_viewer.model.jobs import (
     Job,
     JobState,
     MeshReady,
+    PreviewJob,
     ReadJob,
     RepairJob,
     ScaleJob,
@@ -227,6 +228,13 @@ class Document:
         if spectrum is None or spectrum.preview or spectrum.operator != self._operator:
             return Translation(area)
         return Translation(area, spectrum.eigenvalues)
+
+    @property
+    def can_compute(self) -> bool:
+        """Whether there is a mesh and nothing runs that would keep it from being solved."""
+        # a preview that is made unasked gives way within seconds
+        waits = self.job is None or isinstance(self.job.job, PreviewJob)
+        return self.ready is not None and waits
 
     def compute(self) -> None:
         """Ask for the decomposition of the open mesh."""

@@ -14,7 +14,7 @@ from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
-from meshmash_viewer.model.jobs import DecomposeJob, ExportJob
+from meshmash_viewer.model.jobs import DecomposeJob, ExportJob, PreviewJob
 from meshmash_viewer.weyl import Target
 
 _PATIENCE = 30_000
@@ -255,3 +255,18 @@ def test_large_mesh_is_previewed_by_itself(session: Session) -> None:
     session.wait_until_idle()
     assert not document.spectrum.preview
     assert document.spectrum.shown is not None
+
+
+def test_compute_need_not_wait_for_a_preview_and_runs_once(session: Session) -> None:
+    document = session.document
+    runs: list[object] = []
+    session.tasks.worker.started.connect(runs.append)
+    document.take_mesh(shapes.rectangle(250, 250))
+    session.wait(lambda: document.job is not None and isinstance(document.job.job, PreviewJob))
+    assert document.can_compute
+    document.target = Target("count", 10)
+    document.compute()
+    document.compute()
+    session.wait(lambda: document.spectrum is not None and document.spectrum.complete)
+    session.wait_until_idle()
+    assert sum(isinstance(job, DecomposeJob) for job in runs) == 1
