@@ -117,10 +117,18 @@ def _parser() -> argparse.ArgumentParser:
     _add_unit(features)
     _add_target(features)
     features.add_argument(
-        "--n-components", type=int, default=32, metavar="N", help="number of columns, default 32"
+        "--n-components",
+        type=_positive,
+        default=32,
+        metavar="N",
+        help="number of columns, default 32",
     )
     features.add_argument(
-        "--t-min", type=float, metavar="T", help="shortest diffusion time (unit²); default by λ"
+        "--t-min",
+        type=float,
+        metavar="T",
+        help="shortest diffusion time (unit²); default by the λ of each mesh, so give both times"
+        " where columns of many meshes are to agree",
     )
     features.add_argument("--t-max", type=float, metavar="T", help="longest diffusion time (unit²)")
     features.add_argument("--drop-first", action="store_true", help="leave out the first eigenpair")
@@ -146,7 +154,9 @@ def _parser() -> argparse.ArgumentParser:
         "--index", type=int, metavar="I", help="which eigenfunction or band, from 0"
     )
     render.add_argument("--time", type=float, metavar="T", help="diffusion time of the HKS (unit²)")
-    render.add_argument("--n-components", type=int, default=32, metavar="N", help="number of bands")
+    render.add_argument(
+        "--n-components", type=_positive, default=32, metavar="N", help="number of bands"
+    )
     _add_unit(render)
     _add_target(render)
     _add_solver(render)
@@ -187,7 +197,9 @@ def _add_solver(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-cache", action="store_true", help="neither use nor keep stored eigenpairs"
     )
-    parser.add_argument("--jobs", type=int, metavar="J", help="processes; default: as many as fit")
+    parser.add_argument(
+        "--jobs", type=_positive, metavar="J", help="processes; default: as many as fit"
+    )
 
 
 def _add_json(parser: argparse.ArgumentParser) -> None:
@@ -205,6 +217,12 @@ def _size(text: str) -> tuple[int, int]:
     return size
 
 
+def _positive(text: str) -> int:
+    if not (text.isdecimal() and int(text) >= 1):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1")
+    return int(text)
+
+
 def _target(options: argparse.Namespace) -> Target:
     from meshmash_viewer.weyl import Target
 
@@ -218,13 +236,33 @@ def _target(options: argparse.Namespace) -> Target:
 def _operator(options: argparse.Namespace) -> OperatorOptions:
     from meshmash_viewer.laplacian import OperatorOptions
 
+    if not options.mollify_factor >= 0.0:
+        raise InputError(
+            f"--mollify-factor is {options.mollify_factor}: give zero or a small positive one."
+        )
     return OperatorOptions(robust=not options.no_robust, mollify_factor=options.mollify_factor)
+
+
+def _check_times(options: argparse.Namespace) -> None:
+    """Complain of diffusion times now, not after the first decomposition."""
+    if options.kind == "hks":
+        from meshmash_viewer.filters import get_hks_filter
+
+        get_hks_filter(options.t_max, options.t_min)
+    elif options.t_min is not None or options.t_max is not None:
+        raise InputError(f"--t-min and --t-max are of --kind hks; {options.kind} has no times.")
 
 
 # Commands -------------------------------------------------------------------------------------
 
 
 def _window(options: argparse.Namespace) -> int:
+    first = options.mesh[0] if options.mesh else ""
+    if first.isidentifier() and not os.path.lexists(first):
+        raise InputError(
+            f"There is neither a command nor a file {first}; the commands are info, features and"
+            " render."
+        )
     if (
         sys.platform.startswith("linux")
         and not os.environ.get("DISPLAY")
@@ -267,6 +305,7 @@ def _features(options: argparse.Namespace) -> int:
     from meshmash_viewer.io.write import check_output
 
     target, operator = _target(options), _operator(options)
+    _check_times(options)
     outputs = output_paths(options.mesh, options.output, options.kind, f".{options.format}")
     for path in outputs:
         check_output(path, "eigenpairs" if options.kind == "eigenpairs" else "features")
@@ -328,7 +367,10 @@ def _render(options: argparse.Namespace) -> int:
 def _for_each(options: argparse.Namespace, work: Any) -> int:
     """Do the work for every mesh; one that cannot be done does not hold up the others."""
     from meshmash_viewer.io.read import read_mesh
+    from meshmash_viewer.units import parse_unit
 
+    if options.unit is not None:
+        parse_unit(options.unit)  # wrong for all meshes is said once
     status = 0
     for index, path in enumerate(options.mesh):
         try:

@@ -253,7 +253,8 @@ def write_kind(
         if kind != "wks" and not (pairs.eigenvalues > 0.0).any():
             report["warning"] = (
                 f"all {pairs.n_components} eigenvalues are zero, one for each connected component,"
-                " so the features are the same all over a component: raise --count for more."
+                " so the features are the same all over a component: go further up the spectrum"
+                " (a larger --count or --max-eigenvalue, a shorter --wavelength)."
             )
         bank = _bank(mesh, kind, pairs.eigenvalues, solver.target, n_components, t_min, t_max)
         features: Features = compute_features(pairs, bank, unit=mesh.unit, drop_first=drop_first)

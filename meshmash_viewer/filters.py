@@ -351,7 +351,7 @@ def construct_bspline_filter(
 def _check_times(t_min: float | None, t_max: float | None) -> None:
     for bound, name in ((t_min, "t_min"), (t_max, "t_max")):
         if bound is not None and not (np.isfinite(bound) and bound > 0.0):
-            raise InputError(f"{name} is {bound:g}: give a positive time, or None.")
+            raise InputError(f"{name} is {bound:g}: give a positive time, or none.")
     if t_min is not None and t_max is not None and t_min > t_max:
         raise InputError(f"t_min ({t_min:.4g}) is above t_max ({t_max:.4g}): swap them.")
 

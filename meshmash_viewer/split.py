@@ -54,7 +54,11 @@ class MeshStitcher:
     --------
     >>> stitcher = MeshStitcher(mesh, n_jobs=-1)
     >>> stitcher.split_mesh(max_vertex_threshold=20_000)
-    >>> hks = stitcher.apply(lambda piece: compute_hks(piece, max_eigenvalue=1e-6))
+    >>> times = {"t_min": 1e7, "t_max": 1e9}  # the same for all pieces, here in nm²
+    >>> hks = stitcher.apply(lambda piece: compute_hks(piece, max_eigenvalue=1e-6, **times))
+
+    Without `t_min` and `t_max` every piece would take those of its own spectrum, and a column would
+    mean another time on each of them.
     """
 
     def __init__(self, mesh: MeshLike, n_jobs: int = -1) -> None:

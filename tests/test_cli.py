@@ -42,7 +42,7 @@ def ball(sphere: Mesh, tmp_path: Path) -> Path:
 @pytest.fixture
 def three_balls(sphere: Mesh, tmp_path: Path) -> Path:
     n = sphere.n_vertices
-    vertices = np.concatenate([sphere.vertices + [3.0 * i, 0.0, 0.0] for i in range(3)])
+    vertices = np.concatenate([sphere.vertices + np.array([3.0 * i, 0.0, 0.0]) for i in range(3)])
     faces = np.concatenate([sphere.faces + i * n for i in range(3)])
     return save(Mesh(vertices, faces), tmp_path / "balls.npz")
 
@@ -126,6 +126,20 @@ def test_eigenpairs_and_times_and_wks(
     )
     assert status == 2
     assert ".npz .vtp" in err
+
+
+@pytest.mark.parametrize(
+    "wrong", [("--n-components", "0"), ("--t-min", "-1"), ("--t-min", "2", "--t-max", "1")]
+)
+def test_what_cannot_be_is_said_before_the_work(
+    capsys: pytest.CaptureFixture[str], ball: Path, monkeypatch: pytest.MonkeyPatch, wrong: tuple
+) -> None:
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("eigenpairs were computed first")
+
+    monkeypatch.setattr("meshmash_viewer.commands.Solver.__call__", never)
+    status, out, err = run(capsys, "features", ball, ball.with_suffix(".ply"), *wrong, "-o", "f/")
+    assert (status, out, len(err.splitlines())) == (2, "", 1)
 
 
 @pytest.mark.parametrize("kind", ["hks", "geometry-vectors"])
@@ -235,6 +249,11 @@ def test_unwritable_cache_is_no_reason_to_stop(
         (["features", "{ball}", "-o", "o.npz", "--count", "5", "--max-eigenvalue", "1"], "not all"),
         (["features", "{ball}", "-o", "o.npz", "--count", "9", "--n-components", "0"], "0"),
         (["features", "{ball}", "-o", "o.npz", "--max-eigenvalue", "-1"], "positive"),
+        (["features", "{ball}", "-o", "o.npz", "--jobs", "0"], "whole number from 1"),
+        (["features", "{ball}", "-o", "o.npz", "--mollify-factor", "-1"], "--mollify-factor"),
+        (["features", "{ball}", "-o", "o.npz", "--kind", "wks", "--t-min", "1"], "--kind hks"),
+        (["features", "{ball}", "absent.ply", "-o", "f_{name}.npz", "--unit", "ell"], "'ell'"),
+        (["frobnicate", "{ball}"], "neither a command nor a file frobnicate"),
         (["render", "{ball}", "-o", "out.jpg"], ".png"),
         (["render", "{ball}", "-o", "out.png", "--size", "big"], "1600x1200"),
         (["render", "{ball}", "-o", "out.png", "--limits", "2", "1"], "swap"),
