@@ -336,9 +336,15 @@ class MeshPanel(QWidget):
             self.proof_label.style().polish(self.proof_label)
 
 
+#: The unit a thousand times as long, in which long meshes are easier to read.
+_LARGER = {"nm": "µm", "µm": "mm", "mm": "m"}
+
+
 def _size(extent: np.ndarray, unit: str) -> str:
-    """Three lengths that fit the panel: "150 × 207 × 142 nm", "(1.92 × 2.65 × 0.18)·10⁷ nm"."""
+    """Three lengths that fit the panel: "150 × 207 × 142 µm", "(1.92 × 2.65 × 0.18)·10⁷"."""
     largest = float(extent.max())
+    while largest >= 99_950 and unit in _LARGER:
+        unit, extent, largest = _LARGER[unit], extent / 1000.0, largest / 1000.0
     unit = power_unit(unit, 1)
     if largest == 0.0 or 1e-3 <= largest < 999_500:
         return f"{' × '.join(_short(length) for length in extent)} {unit}".strip()

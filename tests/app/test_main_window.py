@@ -249,17 +249,21 @@ def test_names_that_scripts_rely_on(window: MainWindow) -> None:
 # -- the mesh panel --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scale", [1e-7, 1.0, 3.3e5, 9.99e5, 1.4e7])
+@pytest.mark.parametrize(
+    ("scale", "unit"),
+    [(1e-7, "nm"), (1.0, "nm"), (9.99e4, "nm"), (3.3e5, "µm"), (1.4e7, "µm"), (1e20, "m")],
+)
 def test_the_extent_fits_the_panel_with_its_unit(
-    window: MainWindow, tmp_path: Path, scale: float
+    window: MainWindow, tmp_path: Path, scale: float, unit: str
 ) -> None:
+    window.resize(1000, 640)  # with a scroll bar beside it
     path = tmp_path / "flat.npz"
     corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 1.0]])
     np.savez(path, vertices=scale * corners, faces=[[0, 1, 2]])
     open_file(window, path)
     window.document.set_unit("nm")
     label = window.mesh_panel.findChild(QLabel, "mesh_extent_label")
-    assert label.text().endswith(" nm")
+    assert label.text().endswith(f" {unit}")
     QTest.qWait(50)
     assert label.fontMetrics().horizontalAdvance(label.text()) <= label.width()
 
