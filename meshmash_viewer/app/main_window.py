@@ -196,6 +196,7 @@ class MainWindow(QMainWindow):
 
     def _on_mesh_changed(self) -> None:
         ready = self.document.ready
+        self.stage.message_bar.forget_error()
         name = f"{ready.mesh.name or 'Mesh in memory'} – " if ready else ""
         self.setWindowTitle(f"{name}MeshMash Viewer")
         if ready is not None and ready.path is not None and not ready.repair:

@@ -83,6 +83,11 @@ class MessageBar(QFrame):
         self.notice = None
         self.hide()
 
+    def forget_error(self) -> None:
+        """Take an error away that what came after it has made past: the next try succeeded."""
+        if self.notice is not None and self.notice.severity is Severity.ERROR:
+            self.dismiss()
+
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Follow the size of the widget it floats over."""
         if watched is self.parent() and event.type() == QEvent.Type.Resize and self.isVisible():

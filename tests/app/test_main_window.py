@@ -392,6 +392,19 @@ def test_errors_stay_until_dismissed_and_their_details_are_copied(window: MainWi
 # -- opening ---------------------------------------------------------------------------------
 
 
+def test_an_error_goes_when_the_next_try_succeeds(window: MainWindow, sphere_file: Path) -> None:
+    bar = window.stage.message_bar
+    window.open_mesh(sphere_file.with_name("no such mesh.npz"))
+    wait_for(lambda: bar.notice is not None)
+    open_file(window, sphere_file)
+    assert bar.notice is None
+    window.mesh_panel.unit_combo.setCurrentText("frog")
+    window.mesh_panel.unit_combo.lineEdit().editingFinished.emit()
+    assert "frog" in bar.notice.text
+    window.document.set_unit("mm")
+    assert bar.notice is None
+
+
 def test_a_file_is_dropped_on_the_render_and_remembered(
     qtbot: QtBot, window: MainWindow, sphere_file: Path, tmp_path: Path
 ) -> None:
