@@ -77,7 +77,10 @@ def map_rows(
     ValueError
         If it is another array, or the file is shorter than its header says.
     """
-    array = np.load(path, mmap_mode=mode, allow_pickle=False)
+    try:
+        array = np.load(path, mmap_mode=mode, allow_pickle=False)
+    except EOFError:
+        raise ValueError(f"{path.name} is empty") from None
     if len(array.shape) != len(shape) or any(
         wanted is not None and wanted != found
         for wanted, found in zip(shape, array.shape, strict=False)

@@ -245,8 +245,11 @@ class EigenpairStore:
             spectrum = self._map()
             if check and spectrum is not None:
                 self._verify(spectrum)
-        except FileNotFoundError:
-            return None  # cleared by another process in between
+        except FileNotFoundError as fault:
+            # Clearing moves a folder away whole: where some is left, some was taken out.
+            if (self.folder / _VALUES).exists():
+                self.set_aside(f"{Path(fault.filename).name} is missing")
+            return None
         except (OSError, ValueError, KeyError, TypeError) as fault:
             self.set_aside(str(fault))
             return None
@@ -292,6 +295,13 @@ class EigenpairStore:
             found = _checksum(row, values[index], spectrum.residuals[index])
             if found != checksums[index]:
                 raise ValueError(f"eigenpair {index} is damaged")
+        said = spectrum.meta.get("mass_checksum")
+        if (
+            spectrum.mass is not None
+            and said is not None
+            and zlib.crc32(spectrum.mass.tobytes()) != said
+        ):
+            raise ValueError("its mass matrix is damaged")
 
     # Writing, by the one process that holds the lock -----------------------------------------
 
@@ -412,8 +422,9 @@ class EigenpairStore:
                 if not np.shares_memory(decomposition.rows[i], self._rows[i]):
                     self._rows[i] = decomposition.rows[i]
             self.append(0, decomposition.eigenvalues, decomposition.residuals)
+            mass = np.asarray(decomposition.mass, dtype=np.float64)
             with written_whole(self.folder / _MASS) as part, part.open("wb") as file:
-                np.save(file, np.asarray(decomposition.mass, dtype=np.float64))
+                np.save(file, mass)
             meta = {
                 "format": _FORMAT,
                 "n_pairs": k,
@@ -422,6 +433,7 @@ class EigenpairStore:
                 "orthonormality": float(decomposition.orthonormality),
                 "timings": {key: float(value) for key, value in decomposition.timings.items()},
                 "max_eigenvalue": max_eigenvalue,
+                "mass_checksum": zlib.crc32(mass.tobytes()),
                 "exhausted": k >= int(np.count_nonzero(decomposition.mass > 0)),
             }
             with written_whole(self.folder / _META) as part:
@@ -462,6 +474,8 @@ class EigenpairStore:
             return
         try:
             moved = self._cache.set_aside(self.folder)
+        except FileNotFoundError:
+            return  # cleared in between
         finally:
             self.close()
         self.notice = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -206,8 +207,26 @@ def noise(folder: Path) -> None:
     (folder / "eigenvalues.npy").write_bytes(np.random.default_rng(1).bytes(500))
 
 
+def damage_mass(folder: Path) -> None:
+    np.load(folder / "mass.npy", mmap_mode="r+")[7] *= 2.0
+
+
+def empty(name: str) -> Callable[[Path], None]:
+    return lambda folder: os.truncate(folder / name, 0)
+
+
+def remove(name: str) -> Callable[[Path], None]:
+    return lambda folder: (folder / name).unlink()
+
+
+ARRAYS = ("eigenvectors.npy", "residuals.npy", "checksums.npy", "mass.npy")
+
+
 @pytest.mark.parametrize(
-    "damage", [damage_row, damage_value, cut_rows, spoil_meta, overstate_meta, noise]
+    "damage",
+    [damage_row, damage_value, cut_rows, spoil_meta, overstate_meta, noise, damage_mass]
+    + [empty(name) for name in ("eigenvalues.npy", *ARRAYS)]
+    + [remove(name) for name in ARRAYS],
 )
 def test_damage_is_seen_and_set_aside(
     damage: Any, sphere: Mesh, tmp_path: Path, whole: Decomposition
