@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.io.session import Session, read_session, write_session
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model.display import FieldKind, SimilarityBasis
 from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.jobs import ReadJob
 from meshmash_viewer.model.limits import (
     LimitPolicy,
     LockedLimits,
@@ -47,6 +49,7 @@ def store_session(window: MainWindow, path: Path) -> None:
     session = Session(
         mesh_path=str(document.path or ""),
         unit=document.unit_text,
+        repairs=list(document.repairs),
         mesh_hash=mesh.content_hash,
         operator=asdict(document.operator),
         target={"kind": document.target.kind, "value": document.target.value},
@@ -75,24 +78,31 @@ def restore_session(window: MainWindow, path: Path) -> None:
         raise fault from error
     wanted = Path(session.mesh_path)
 
-    def go_on() -> None:
-        if document.path is None or document.path.absolute() != wanted:
-            return
-        document.mesh_changed.disconnect(go_on)
-        document.job_changed.disconnect(give_up)
-        _restore(window, session, path)
+    repairs, started = list(session.repairs), False
+    if not set(repairs) <= set(REPAIRS):
+        raise fault
 
-    def give_up() -> None:
-        # the read has ended without this mesh: its own notice says why
-        if document.job is None and (document.path is None or document.path.absolute() != wanted):
-            document.mesh_changed.disconnect(go_on)
-            document.job_changed.disconnect(give_up)
+    def advance() -> None:
+        """Repair what was repaired once the mesh has been read, then restore the rest."""
+        nonlocal started
+        state = document.job
+        if state is not None:
+            job = state.job
+            started |= isinstance(job, ReadJob) and job.path.absolute() == wanted
+        elif not started:
+            pass  # what ran before has been stopped; the read comes next
+        elif document.path is None or document.path.absolute() != wanted:
+            document.job_changed.disconnect(advance)  # its own notice says why
+        elif repairs:
+            document.repair(repairs.pop(0))
+        else:
+            document.job_changed.disconnect(advance)
+            _restore(window, session, path)
 
     document.operator = operator
     document.target = target
-    document.mesh_changed.connect(go_on)
+    document.job_changed.connect(advance)
     window.open_mesh(wanted, session.unit)
-    document.job_changed.connect(give_up)
 
 
 def _restore(window: MainWindow, session: Session, path: Path) -> None:

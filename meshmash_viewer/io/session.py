@@ -30,8 +30,11 @@ class Session:
         that the two can be moved together.
     unit : str
         What `read_mesh` was asked for: "nm", "8 nm", "none", or "" for what the format states.
+    repairs : list of str
+        Names of the repairs made after reading, oldest first.
     mesh_hash : str
-        Content hash of the mesh, to tell whether the file has changed since; "" if not known.
+        Content hash of the repaired mesh, to tell whether the file has changed since; "" if not
+        known.
     operator : dict
         Fields of `OperatorOptions`.
     target : dict
@@ -46,6 +49,7 @@ class Session:
 
     mesh_path: str = ""
     unit: str = ""
+    repairs: list[str] = field(default_factory=list)
     mesh_hash: str = ""
     operator: dict[str, Any] = field(default_factory=dict)
     target: dict[str, Any] = field(default_factory=dict)

@@ -628,6 +628,31 @@ def test_a_session_comes_back(
     other.close()
 
 
+def test_a_session_repairs_what_was_repaired_and_interrupts_what_runs(
+    window: MainWindow, tmp_path: Path, neuron: Mesh
+) -> None:
+    document = window.document
+    source = tmp_path / "neuron.npz"
+    np.savez(source, vertices=neuron.vertices, faces=neuron.faces)
+    window.open_mesh(source, "8 nm")
+    wait_for(lambda: document.mesh is not None and document.job is None)
+    document.repair("keep_largest_component")
+    wait_for(lambda: document.ready.health.n_components == 1 and document.job is None)
+    document.toggle_pin(42)
+    path, place = tmp_path / "now.meshmash.json", document.mesh.vertices[42]
+    store_session(window, path)
+    document.undo_repair()
+    document.target = Target("count", 1000)
+    document.compute()
+    window.stage.message_bar.dismiss()
+    restore_session(window, path)
+    wait_for(lambda: len(document.pins) == 1 and document.job is None)
+    assert document.repairs == ("keep_largest_component",)
+    assert document.unit_text == "8 nm"
+    np.testing.assert_array_equal(document.mesh.vertices[document.pins[0].vertex], place)
+    assert window.stage.message_bar.notice is None, "nothing has changed since"
+
+
 def test_a_broken_session_is_one_sentence(window: MainWindow, tmp_path: Path) -> None:
     path = tmp_path / "broken.meshmash.json"
     path.write_text("{")
