@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import datetime
+import json
 import platform
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
+from meshmash_viewer.units import LENGTH_UNITS
+
 if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
 
-__all__ = ["provenance"]
+__all__ = ["provenance", "stated_unit"]
 
 #: The packages whose numbers end up in a file.
 _PACKAGES = ("numpy", "scipy", "robust_laplacian")
@@ -47,3 +50,12 @@ def provenance(mesh: Mesh, options: dict[str, Any] | None = None) -> dict[str, A
         "options": dict(options or {}),
         "versions": versions,
     }
+
+
+def stated_unit(meta: str) -> str | None:
+    """The unit of the mesh in the JSON text of `provenance`; None in another program's text."""
+    try:
+        unit = json.loads(meta)["mesh"]["unit"]
+    except (ValueError, KeyError, TypeError):
+        return None
+    return unit if unit in LENGTH_UNITS else None

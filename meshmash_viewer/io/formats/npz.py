@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.polygons import RawMesh, fan_triangles
-from meshmash_viewer.units import LENGTH_UNITS
+from meshmash_viewer.io.provenance import stated_unit
 
 __all__ = ["read_npz"]
 
@@ -34,7 +33,7 @@ def read_npz(path: Path) -> RawMesh:
             held = ", ".join(archive.files) or "nothing"
             raise InputError(f"holds {held}, not arrays called vertices and faces")
         vertices, faces = archive["vertices"], archive["faces"]
-        unit = _stated_unit(str(archive["meta"])) if "meta" in archive.files else None
+        unit = stated_unit(str(archive["meta"])) if "meta" in archive.files else None
     if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "fiu":
         raise InputError(f"has vertices of shape {vertices.shape}, not (n, 3) numbers")
     if faces.ndim != 2 or faces.shape[1] < 3 or faces.dtype.kind not in "iu":
@@ -42,11 +41,3 @@ def read_npz(path: Path) -> RawMesh:
     counts = np.full(len(faces), faces.shape[1], dtype=np.int64)
     triangles = fan_triangles(faces.astype(np.int64).reshape(-1), counts)
     return RawMesh(vertices.astype(np.float64), triangles, unit)
-
-
-def _stated_unit(meta: str) -> str | None:
-    try:
-        unit = json.loads(meta)["mesh"]["unit"]
-    except (ValueError, KeyError, TypeError):
-        return None  # another program's meta
-    return unit if unit in LENGTH_UNITS else None

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.polygons import RawMesh, fan_triangles, parse_rows, strip_triangles
+from meshmash_viewer.io.provenance import stated_unit
 from meshmash_viewer.mesh import IntArray
 
 __all__ = ["read_ply"]
@@ -59,6 +60,8 @@ class _Element:
 def read_ply(path: Path) -> RawMesh:
     """Read elements ``vertex`` (x, y, z) and ``face`` or ``tristrips`` of a PLY file.
 
+    The unit is taken from the comment in which our own exports state it.
+
     Raises
     ------
     InputError
@@ -97,7 +100,15 @@ def read_ply(path: Path) -> RawMesh:
                 faces.extend(strip_triangles(strip[strip != -1]) for strip in strips)
     if vertices is None:
         raise InputError("has no vertices")
-    return RawMesh(vertices, np.concatenate(faces) if faces else np.empty((0, 3), dtype=np.int64))
+    corners_of_all = np.concatenate(faces) if faces else np.empty((0, 3), dtype=np.int64)
+    return RawMesh(vertices, corners_of_all, _unit_in_comments(data[:start]))
+
+
+def _unit_in_comments(header: bytes) -> str | None:
+    for line in header.splitlines():
+        if line.startswith(b"comment meshmash-viewer "):
+            return stated_unit(line.split(b" ", 2)[2].decode("latin-1"))
+    return None
 
 
 def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.polygons import RawMesh, fan_triangles, strip_triangles
+from meshmash_viewer.io.provenance import stated_unit
 from meshmash_viewer.mesh import IntArray
 
 __all__ = ["convert", "read_legacy_vtk", "read_vtp"]
@@ -76,7 +77,7 @@ def _in_child(path: Path) -> RawMesh:
         if not result.exists():
             raise InputError(child.stdout.decode("utf-8").strip())
         with np.load(result) as arrays:
-            return RawMesh(arrays["vertices"], arrays["faces"])
+            return RawMesh(arrays["vertices"], arrays["faces"], stated_unit(str(arrays["meta"])))
 
 
 def convert(source: str, result: str) -> None:
@@ -86,22 +87,23 @@ def convert(source: str, result: str) -> None:
     """
     try:
         path = Path(source)
-        raw = _read_xml(path) if path.suffix.lower() == ".vtp" else _read_legacy(path)
-        np.savez(result, vertices=raw.vertices, faces=raw.faces)
+        output = _read_xml(path) if path.suffix.lower() == ".vtp" else _read_legacy(path)
+        raw = _from_polydata(output)
+        np.savez(result, vertices=raw.vertices, faces=raw.faces, meta=np.array(_said(output)))
     except InputError as fault:
         sys.stdout.buffer.write(str(fault).encode("utf-8"))
 
 
-def _read_xml(path: Path) -> RawMesh:
+def _read_xml(path: Path) -> Any:
     from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
     reader = vtkXMLPolyDataReader()
     if not reader.CanReadFile(str(path)):
         raise InputError("is not a VTK XML PolyData file")
-    return _from_polydata(_output(reader, path))
+    return _output(reader, path)
 
 
-def _read_legacy(path: Path) -> RawMesh:
+def _read_legacy(path: Path) -> Any:
     from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
 
     output = _output(vtkGenericDataObjectReader(), path)
@@ -116,7 +118,13 @@ def _read_legacy(path: Path) -> RawMesh:
         output = surface.GetOutput()
     if not output.IsA("vtkPolyData"):
         raise InputError(f"holds a {output.GetClassName()} where a surface should be")
-    return _from_polydata(output)
+    return output
+
+
+def _said(output: Any) -> str:
+    """What our own exports say of themselves, where the unit is; empty in other files."""
+    told = output.GetFieldData().GetAbstractArray("meshmash-viewer")
+    return str(told.GetValue(0)) if told is not None and told.GetNumberOfValues() else ""
 
 
 def _output(reader: Any, path: Path) -> Any:
