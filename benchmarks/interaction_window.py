@@ -6,6 +6,7 @@ import contextlib
 import ctypes
 import gc
 import json
+import os
 import sys
 import threading
 import time
@@ -38,6 +39,12 @@ LONG = 0.02
 Script = Iterator[float | Callable[[], bool]]
 
 
+def seconds_waited() -> float:
+    """Seconds that the main thread was ready and other programs had the processors."""
+    schedule = Path(f"/proc/{os.getpid()}/schedstat")
+    return int(schedule.read_text().split()[1]) * 1e-9 if schedule.exists() else 0.0
+
+
 class Drawing:
     """Seconds spent inside VTK's own drawing calls."""
 
@@ -52,11 +59,13 @@ class Drawing:
 
     def _timed(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
         def timed(*arguments: Any) -> Any:
-            started = time.perf_counter()
+            started, waited = time.perf_counter(), seconds_waited()
             try:
                 return call(*arguments)
             finally:
-                self.seconds += time.perf_counter() - started
+                # What it waited for a processor is taken off the gaps as it is.
+                waited = seconds_waited() - waited
+                self.seconds += time.perf_counter() - started - waited
                 self.frames += name == "Render"
 
         return timed
@@ -69,8 +78,7 @@ class Gaps:
         self.drawing = drawing
         self.phase = "start"
         self.found: dict[str, list[tuple[float, float]]] = {}
-        self._schedule = Path(f"/proc/self/task/{threading.get_native_id()}/schedstat")
-        self._last = (time.perf_counter(), 0.0, self._waited())
+        self._last = (time.perf_counter(), 0.0, seconds_waited())
         self._samples: list[tuple[float, str]] = []
         self._main = threading.get_ident()
         self._timer = QTimer(interval=round(1000 * TICK), timerType=Qt.TimerType.PreciseTimer)
@@ -80,7 +88,7 @@ class Gaps:
             threading.Thread(target=self._sample, daemon=True).start()
 
     def _tick(self) -> None:
-        now, drawn, waited = time.perf_counter(), self.drawing.seconds, self._waited()
+        now, drawn, waited = time.perf_counter(), self.drawing.seconds, seconds_waited()
         gap = now - self._last[0] - (waited - self._last[2])
         less = gap - (drawn - self._last[1])
         self.found.setdefault(self.phase, []).append((gap, less))
@@ -91,12 +99,6 @@ class Gaps:
                 print(f"  {inside.count(text)} × {text}")
         self._samples.clear()
         self._last = (now, drawn, waited)
-
-    def _waited(self) -> float:
-        """Seconds that this thread was ready and other programs had the processors."""
-        if not self._schedule.exists():
-            return 0.0
-        return int(self._schedule.read_text().split()[1]) * 1e-9
 
     def _sample(self) -> None:
         while True:
