@@ -102,7 +102,9 @@ class Solver:
                     store,
                     progress=self.progress,
                     cancel=cancel,
-                    check=lambda n, nnz, k: refuse_what_cannot_fit(n, nnz, k, free),
+                    check=lambda n, nnz, k: refuse_what_cannot_fit(
+                        n, nnz, k, free, mesh.n_components
+                    ),
                     n_jobs=self.n_jobs,
                 )
         finally:
@@ -161,12 +163,14 @@ def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> lis
     InputError
         If two results would go to one file, or one over a mesh.
     """
+    from meshmash_viewer.io.atomic import writing_errors
     from meshmash_viewer.io.read import mesh_name
 
     if "{" in output:
         template = output
     elif output.endswith(("/", "\\")) or Path(output).is_dir():
-        Path(output).mkdir(parents=True, exist_ok=True)
+        with writing_errors(Path(output), is_folder=True):
+            Path(output).mkdir(parents=True, exist_ok=True)
         template = (
             f"{Path(output).as_posix().replace('{', '{{').replace('}', '}}')}/{{name}}{ending}"
         )

@@ -230,7 +230,7 @@ def iterate(
         thread.join()
 
 
-def estimate_memory(n: int, nnz: int, k: int, n_jobs: int | None = None) -> int:
+def estimate_memory(n: int, nnz: int, k: int, n_jobs: int | None = None, *, n_null: int = 1) -> int:
     """Predict the bytes a run takes beyond the matrices given, its rows included.
 
     Parameters
@@ -243,12 +243,14 @@ def estimate_memory(n: int, nnz: int, k: int, n_jobs: int | None = None) -> int:
         Number of pairs, in float64.
     n_jobs : int, optional
         Slices at a time; None for as many as there are cores.
+    n_null : int
+        Components of the mesh, whose constants are known beforehand.
     """
     from joblib import cpu_count
 
     from meshmash_viewer.engine.workers import memory_of_run
 
-    return int(memory_of_run(n, nnz, k, n_jobs or int(cpu_count())))
+    return int(memory_of_run(n, nnz, k, n_jobs or int(cpu_count()), n_null))
 
 
 def _decomposition(run: Run) -> Decomposition:

@@ -308,3 +308,6 @@ def test_proof_is_one_line_and_memory_grows_with_pairs() -> None:
     assert "30 pairs · complete (" in proof
     assert "\n" not in proof
     assert estimate_memory(10_000, 70_000, 300) > estimate_memory(10_000, 70_000, 100) > 0
+    many = estimate_memory(10_000, 70_000, 100, n_null=64)
+    assert estimate_memory(10_000, 70_000, 64, n_null=64) < many
+    assert many < estimate_memory(10_000, 70_000, 100)

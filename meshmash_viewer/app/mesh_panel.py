@@ -247,7 +247,7 @@ class MeshPanel(QWidget):
                 self.cost_label.setText(f"{computed}: {wanted:,} eigenpairs are in the store.")
                 return
         pairs = min(translation.count(target)[0], n)
-        memory = cost.written_bytes(cost.decomposition_bytes(n, pairs))
+        memory = cost.written_bytes(cost.decomposition_bytes(n, pairs, ready.health.n_components))
         time = cost.written_duration(cost.decomposition_seconds(n, pairs, self.seconds_rate))
         window = cost.written_bytes(expected_bytes(n, self._document.display.band_count))
         self.cost_label.setText(

@@ -17,17 +17,13 @@ from meshmash_viewer.engine.pencil import reduce_pencil
 from meshmash_viewer.engine.plan import SpectrumPlan
 from meshmash_viewer.engine.request import Request
 from meshmash_viewer.engine.slices import run_slices
-from meshmash_viewer.engine.workers import worker_count
+from meshmash_viewer.engine.workers import is_dense, worker_count
 from meshmash_viewer.progress import Cancelled, Progress
 
 __all__ = ["Run"]
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Up to this many vertices all pairs are computed at once, by dense `eigh`.
-_DENSE_VERTICES = 700
-#: Up to this many where more than a third of the pairs is asked for.
-_DENSE_VERTICES_MOST_PAIRS = 2500
 #: A threshold keeps eigenvalues up to this relative distance above it: rounding.
 _THRESHOLD_MARGIN = 1e-11
 
@@ -76,9 +72,7 @@ class Run:
             yield from self._sliced(ordered)
 
     def _is_dense(self, wanted: int) -> bool:
-        n = self.pencil.n
-        most = wanted > n // 3 and n <= _DENSE_VERTICES_MOST_PAIRS
-        return n <= _DENSE_VERTICES or most or n - self.pencil.n_null < 64
+        return is_dense(self.pencil.n, self.pencil.n_null, wanted)
 
     def _order(self) -> OrderedPencil:
         started = time.perf_counter()
@@ -113,8 +107,8 @@ class Run:
             yield from self._dense()
             return
         self._open(wanted)
-        null = pencil.null_rows()[:wanted]
-        yield self._write(np.zeros(len(null)), np.zeros(len(null)), null)
+        none = np.zeros(min(pencil.n_null, wanted))
+        yield self._write(none, none, pencil.null_rows()[:wanted])
         low = 0.0
         if wanted > pencil.n_null:
             known = self._known(ordered, plan, top)
@@ -131,7 +125,7 @@ class Run:
         self, ordered: OrderedPencil, plan: SpectrumPlan, low: float, high: float
     ) -> Iterator[slice]:
         started = time.perf_counter()
-        jobs = worker_count(ordered, self.request.n_jobs)
+        jobs = worker_count(ordered, self.request.n_jobs, plan.count(high))
         for pairs in run_slices(
             ordered,
             plan.slices(low, high),
@@ -192,7 +186,7 @@ class Run:
         if low == 0.0:
             n_null = pencil.n_null
             parts.append((np.zeros(n_null), np.zeros(n_null), pencil.null_rows()))
-        jobs = worker_count(ordered, self.request.n_jobs)
+        jobs = worker_count(ordered, self.request.n_jobs, inside)
         for pairs in run_slices(
             ordered, plan.slices(low, high), self.request.tolerance, jobs, self._stop, self._poll
         ):

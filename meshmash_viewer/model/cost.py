@@ -12,7 +12,7 @@ _SECONDS = 4e-7
 _FIXED_PAIRS = 15
 
 
-def decomposition_bytes(n_vertices: int, n_pairs: float) -> int:
+def decomposition_bytes(n_vertices: int, n_pairs: float, n_components: int = 1) -> int:
     """Predict the bytes of memory that a decomposition takes beyond the mesh.
 
     Parameters
@@ -20,10 +20,12 @@ def decomposition_bytes(n_vertices: int, n_pairs: float) -> int:
     n_vertices : int
     n_pairs : float
         Number of eigenpairs, estimated where a threshold is asked for.
+    n_components : int
+        Components of the mesh.
     """
     n_pairs = max(1, min(round(n_pairs), n_vertices))
     # a closed surface has 3 edges a vertex, so 7 entries a row
-    return estimate_memory(n_vertices, 7 * n_vertices, n_pairs)
+    return estimate_memory(n_vertices, 7 * n_vertices, n_pairs, n_null=n_components)
 
 
 def decomposition_seconds(n_vertices: int, n_pairs: float, rate: float | None = None) -> float:

@@ -94,7 +94,7 @@ def decompose(
         n, nnz = mesh.n_vertices, int(stiffness.nnz)
         free = free_memory()
         if target.n_components is not None:
-            refuse_what_cannot_fit(n, nnz, target.n_components, free)
+            refuse_what_cannot_fit(n, nnz, target.n_components, free, mesh.n_components)
         known = None if stored is None else stored.decomposition()
         if known is not None:
             channel.send(_grown(store, operator, known, ended=False))
@@ -105,7 +105,8 @@ def decompose(
         growth.mass = mass.diagonal()
 
         def allocate(k: int, n: int) -> npt.NDArray[Any]:
-            refuse_what_cannot_fit(n, nnz, k, free)  # a threshold's count is known only now
+            # a threshold's count is known only now
+            refuse_what_cannot_fit(n, nnz, k, free, mesh.n_components)
             return growth.allocate(k, n)
 
         try:
@@ -135,7 +136,7 @@ def free_memory() -> int:
     return int(psutil.virtual_memory().available)
 
 
-def refuse_what_cannot_fit(n: int, nnz: int, k: int, free: int) -> None:
+def refuse_what_cannot_fit(n: int, nnz: int, k: int, free: int, n_null: int = 1) -> None:
     """Raise an `InputError` if k pairs of n vertices take more than the free memory.
 
     Parameters
@@ -144,12 +145,19 @@ def refuse_what_cannot_fit(n: int, nnz: int, k: int, free: int) -> None:
         Vertices, entries of L, pairs.
     free : int
         Bytes that are free.
+    n_null : int
+        Components of the mesh.
     """
+
+    def need(count: int) -> int:
+        # Where memory is short the slices are computed one after the other.
+        return estimate_memory(n, nnz, count, 1, n_null=n_null)
+
     k = min(k, n)
-    needed = estimate_memory(n, nnz, k)
+    needed = need(k)
     if needed <= _SHARE * free:
         return
-    fitting = _largest(lambda count: estimate_memory(n, nnz, count) <= _SHARE * free, k)
+    fitting = _largest(lambda count: need(count) <= _SHARE * free, k)
     way_out = f"ask for at most {fitting}" if fitting else "simplify the mesh"
     raise InputError(
         f"{k} eigenpairs of {n} vertices take about {written_bytes(needed)} of memory, and "
