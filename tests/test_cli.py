@@ -249,6 +249,7 @@ def test_unwritable_cache_is_no_reason_to_stop(
         (["features", "{ball}", "-o", "o.npz", "--count", "5", "--max-eigenvalue", "1"], "not all"),
         (["features", "{ball}", "-o", "o.npz", "--count", "9", "--n-components", "0"], "0"),
         (["features", "{ball}", "-o", "o.npz", "--max-eigenvalue", "-1"], "positive"),
+        (["features", "{ball}", "-o", "{ball}/features/"], "cannot be written (Not a directory)"),
         (["features", "{ball}", "-o", "o.npz", "--jobs", "0"], "whole number from 1"),
         (["features", "{ball}", "-o", "o.npz", "--mollify-factor", "-1"], "--mollify-factor"),
         (["features", "{ball}", "-o", "o.npz", "--kind", "wks", "--t-min", "1"], "--kind hks"),

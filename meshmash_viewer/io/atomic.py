@@ -41,17 +41,17 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def writing_errors(path: Path) -> Iterator[None]:
-    """Turn what the system says against writing `path` into one sentence.
+def writing_errors(path: Path, *, is_folder: bool = False) -> Iterator[None]:
+    """Turn what the system says against writing `path`, a file or a folder, into one sentence.
 
     Raises
     ------
     InputError
         Instead of `OSError`.
     """
-    if path.is_dir():
+    if path.is_dir() and not is_folder:
         raise InputError(f"{path} is a folder; name a file in it.")
-    if not path.parent.is_dir():
+    if not path.parent.is_dir() and not is_folder:
         raise InputError(
             f"{path} cannot be written because there is no folder {path.parent}; make it first."
         )
