@@ -81,6 +81,18 @@ def test_threshold_exactly_on_an_eigenvalue_keeps_all_its_copies() -> None:
         assert decomposition.complete
 
 
+@pytest.mark.parametrize("off", [0.0, 1e-13, 1e-9, 1e-6])
+def test_shift_on_an_eigenvalue_costs_no_digit(off: float) -> None:
+    matrices = random_mesh(33)
+    exact = dense(matrices)
+    for index in (11, 23, 42, 65):
+        sigma = float(exact[index] * (1.0 + off))
+        nearest = np.sort(exact[np.argsort(np.abs(exact - sigma))[:12]])
+        found = solve(*matrices, 12, sigma=sigma)
+        np.testing.assert_allclose(found.eigenvalues, nearest, rtol=1e-9)
+        assert found.residuals.max() < 1e-9
+
+
 def test_pairs_a_billionth_apart_are_told_from_one() -> None:
     n = 1500
     matrices = strip(n, 1e-9)

@@ -30,6 +30,10 @@ _REORTHOGONALISE = 2
 _NORMAL = 1e-13
 #: Runs that end with nothing new before the interval is given up.
 _PATIENCE = 6
+#: An eigenvalue nearer to the shift than this, in mean spacings, drowns the others in its rounding.
+_NEAR = 1e-3
+#: How far the shift is then moved, in mean spacings, and how often at most.
+_MOVE, _MOVES = 0.3, 5
 
 
 @dataclass(frozen=True)
@@ -105,7 +109,9 @@ def find_pairs(
     found = np.zeros((0, n))
     solved = 0
     fruitless = 0
+    moves = 0
     every = _REORTHOGONALISE
+    spacing = width / max(owed, 1)
     for attempt in range(40 + owed):
         missing = owed - len(found_values)
         if missing <= 0:
@@ -119,6 +125,11 @@ def find_pairs(
             values, rows = np.zeros(0), np.zeros((0, n))
             every = 1
         solved += basis.columns_solved
+        if moves < _MOVES and np.any(np.abs(values - factor.shift) < _NEAR * spacing):
+            moves += 1
+            factor = ordered.factor(factor.shift + _MOVE * spacing, 0.03 * width, stop)
+            found_values, found = np.zeros(0), np.zeros((0, n))
+            continue
         fruitless = fruitless + 1 if len(values) == 0 else 0
         if fruitless == _PATIENCE:
             break
