@@ -161,8 +161,8 @@ class _WorkerThread(QThread):
         finally:
             self._drop_process(patience=_CLOSE_PATIENCE)
 
-    def _run(self, job: Job) -> None:
-        worker = self._worker
+    def _run(self, job: Job, *, again: bool = True) -> None:
+        worker, heard = self._worker, False
         with self._lock:
             stop_asked = self._stop_asked
         if stop_asked:
@@ -178,6 +178,7 @@ class _WorkerThread(QThread):
                 self._wire.send(("stop", None))
             while True:
                 kind, message = cast(tuple[str, object], self._wire.receive())
+                heard = True
                 if isinstance(message, SpectrumGrew):
                     _ = message.spectrum  # opens its file here, not where it is looked at
                 elif isinstance(message, MeshReady):
@@ -195,6 +196,12 @@ class _WorkerThread(QThread):
                 else:
                     return worker.cancelled.emit()
         except (EOFError, BrokenPipeError):
+            with self._lock:
+                wanted = not (self._stop_asked or self._closing)
+            if again and wanted and not heard:
+                # it died while it was idle, too recently for the system to say so
+                self._drop_process()
+                return self._run(job, again=False)
             self._report_end(job)
         except OSError as error:
             text = f"{job.label} stopped: {error.strerror or error}."
