@@ -1,8 +1,9 @@
 """How many eigenvalues a surface has, and how long their waves are.
 
 Weyl's law: a surface of area A has about ``A λ / 4π`` eigenvalues below λ, whatever its shape.
-It is exact in the limit only; a neuron, nearly one-dimensional at long wavelengths, has about
-half of that or twice, so every number from here is to be shown as an estimate.
+It is exact in the limit only. Along thin branches, nearly one-dimensional at long wavelengths, and
+with many components the first hundred eigenvalues can lie ten times lower than it says, so every
+number from here is to be shown as an estimate.
 """
 
 from __future__ import annotations
