@@ -311,3 +311,13 @@ def test_proof_is_one_line_and_memory_grows_with_pairs() -> None:
     many = estimate_memory(10_000, 70_000, 100, n_null=64)
     assert estimate_memory(10_000, 70_000, 64, n_null=64) < many
     assert many < estimate_memory(10_000, 70_000, 100)
+
+
+def test_a_large_residual_vetoes_the_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    stiffness, mass = random_mesh(0)
+    assert solve(stiffness, mass, 5).complete
+    monkeypatch.setattr("meshmash_viewer.eigensolver._VETO_RESIDUAL", 1e-30)
+    result = solve(stiffness, mass, 5)
+    assert not result.complete
+    assert "not proven complete" in result.proof()
+    assert "residual above" in result.proof()

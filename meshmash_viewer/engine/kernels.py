@@ -12,6 +12,8 @@ import numba
 import numpy as np
 from numba.core import config
 
+from meshmash_viewer.engine import compilation as _compilation  # noqa: F401  before any kernel
+
 __all__ = [
     "BLOCK",
     "collect_rows",

@@ -26,6 +26,11 @@ FloatArray = npt.NDArray[np.float64]
 
 #: A threshold keeps eigenvalues up to this relative distance above it: rounding.
 _THRESHOLD_MARGIN = 1e-11
+#: What is said of stages in which no pairs are counted yet.
+_MESSAGES = {
+    "matrices": "Preparing the solver (the first run after an installation compiles it)",
+    "order": "Factoring and counting eigenvalues",
+}
 
 
 class Run:
@@ -306,7 +311,7 @@ class Run:
                 stage=stage,
                 fraction=fraction,
                 remaining=elapsed * (1.0 / fraction - 1.0) if fraction > 0.05 else None,
-                message=f"{done} of {total} eigenpairs" if total else stage,
+                message=f"{done} of {total} eigenpairs" if total else _MESSAGES.get(stage, stage),
                 converged=done,
                 total=total,
             )

@@ -15,6 +15,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
+from meshmash_viewer.engine import compilation as _compilation  # noqa: F401  before any kernel
+
 __all__ = ["Structure", "analyse", "elimination_order"]
 
 IndexArray = npt.NDArray[np.int64]
