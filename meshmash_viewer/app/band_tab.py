@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QSpinBox, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QSpinBox
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.band_curves import band_centers, band_support
 from meshmash_viewer.app.facts import Facts, estimated_pairs, format_wavelength, note, show_note
-from meshmash_viewer.app.listening import listen
+from meshmash_viewer.app.field_stepper import FieldStepper
 from meshmash_viewer.app.play_button import PlayButton
 from meshmash_viewer.app.range_box import RangeBox
-from meshmash_viewer.app.step_slider import StepSlider
 from meshmash_viewer.model.display import FieldKind
-from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.ranges import band_range, first_nonzero
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.units import format_quantity, power_unit
@@ -28,39 +26,16 @@ _FACTS = {
 }
 
 
-class BandTab(QWidget):
+class BandTab(FieldStepper):
     """Step through the bands; their number and range are those of the exported feature."""
 
     kind = FieldKind.BAND
 
-    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._document = document
-        self._build()
-        listen(document.spectrum_changed, self.refresh)
-        listen(document.display.events, self.refresh)
-        self.refresh()
-
     def _build(self) -> None:
-        column = QVBoxLayout(self)
-        column.setContentsMargins(theme.MARGIN, theme.MARGIN, theme.MARGIN, theme.GAP)
-        column.setSpacing(theme.GAP)
-        self.title = theme.with_role(QLabel(self), "title")
-        self.title.setObjectName("band_label")
-        self.title.setAccessibleName("Band")
-        column.addWidget(self.title)
-        self.slider = StepSlider(self)
-        self.slider.setObjectName("band_slider")
-        self.slider.setAccessibleName("Band")
-        self.slider.valueChanged.connect(self._choose)
-        column.addWidget(self.slider)
+        column = self._build_head(("band_label", "Band"), ("band_slider", "Band"))
         row = QHBoxLayout()
         row.setSpacing(theme.GAP)
-        self.spin = QSpinBox(self)
-        self.spin.setObjectName("band_spin")
-        self.spin.setAccessibleName("Band, counted from 0")
-        self.spin.setKeyboardTracking(False)
-        self.spin.valueChanged.connect(self._choose)
+        self.spin = self._index_spin("band_spin", "Band, counted from 0")
         self.play_button = PlayButton(self._document, "band_play_button", self)
         row.addWidget(self.spin)
         row.addWidget(self.play_button)

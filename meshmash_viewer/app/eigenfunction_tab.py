@@ -5,20 +5,14 @@ from __future__ import annotations
 from PySide6.QtWidgets import (
     QCheckBox,
     QHBoxLayout,
-    QLabel,
     QPushButton,
-    QSpinBox,
-    QVBoxLayout,
-    QWidget,
 )
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.facts import Facts, format_wavelength, note, show_note, subscript
-from meshmash_viewer.app.listening import listen
+from meshmash_viewer.app.field_stepper import FieldStepper
 from meshmash_viewer.app.play_button import PlayButton
-from meshmash_viewer.app.step_slider import StepSlider
 from meshmash_viewer.model.display import FieldKind
-from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.ranges import first_nonzero
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.units import format_quantity
@@ -26,42 +20,22 @@ from meshmash_viewer.units import format_quantity
 __all__ = ["EigenfunctionTab"]
 
 
-class EigenfunctionTab(QWidget):
+class EigenfunctionTab(FieldStepper):
     """Scroll the eigenfunctions that have converged, and read what each one is."""
 
     kind = FieldKind.EIGENFUNCTION
 
-    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._document = document
-        self._build()
-        listen(document.spectrum_changed, self.refresh)
-        listen(document.display.events, self.refresh)
-        self.refresh()
-
     def _build(self) -> None:
-        column = QVBoxLayout(self)
-        column.setContentsMargins(theme.MARGIN, theme.MARGIN, theme.MARGIN, theme.GAP)
-        column.setSpacing(theme.GAP)
-        self.title = theme.with_role(QLabel(self), "title")
-        self.title.setObjectName("eigenvalue_label")
-        self.title.setAccessibleName("Eigenvalue")
-        column.addWidget(self.title)
-
-        self.slider = StepSlider(self)
-        self.slider.setObjectName("eigenvector_slider")
-        self.slider.setAccessibleName("Eigenfunction")
+        column = self._build_head(
+            ("eigenvalue_label", "Eigenvalue"), ("eigenvector_slider", "Eigenfunction")
+        )
         self.slider.setToolTip("Wheel or arrow keys: one eigenfunction; Ctrl + wheel or PgDn: ten")
-        self.slider.valueChanged.connect(self._choose)
-        column.addWidget(self.slider)
 
         row = QHBoxLayout()
         row.setSpacing(theme.GAP)
-        self.spin = QSpinBox(self)
-        self.spin.setObjectName("eigenvector_spin")
-        self.spin.setAccessibleName("Index of the eigenfunction, counted from 0")
-        self.spin.setKeyboardTracking(False)
-        self.spin.valueChanged.connect(self._choose)
+        self.spin = self._index_spin(
+            "eigenvector_spin", "Index of the eigenfunction, counted from 0"
+        )
         self.play_button = PlayButton(self._document, "eigenvector_play_button", self)
         self.flip_button = QPushButton("Flip sign", self)
         self.flip_button.setObjectName("flip_button")

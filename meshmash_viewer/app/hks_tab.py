@@ -8,19 +8,15 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QSpinBox,
-    QVBoxLayout,
-    QWidget,
 )
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.facts import Facts, estimated_pairs, note, show_note
-from meshmash_viewer.app.listening import listen
+from meshmash_viewer.app.field_stepper import FieldStepper
 from meshmash_viewer.app.play_button import PlayButton
 from meshmash_viewer.app.range_box import RangeBox
 from meshmash_viewer.app.scale_marks import decade_marks
-from meshmash_viewer.app.step_slider import StepSlider
 from meshmash_viewer.model.display import FieldKind
-from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.ranges import (
     first_nonzero,
     hks_range,
@@ -37,33 +33,17 @@ __all__ = ["HksTab"]
 _POSITIONS = 1000
 
 
-class HksTab(QWidget):
+class HksTab(FieldStepper):
     """Choose a time, in log scale, its range, and the number of times that are exported."""
 
     kind = FieldKind.HKS
 
-    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._document = document
-        self._build()
-        listen(document.spectrum_changed, self.refresh)
-        listen(document.display.events, self.refresh)
-        self.refresh()
-
     def _build(self) -> None:
-        column = QVBoxLayout(self)
-        column.setContentsMargins(theme.MARGIN, theme.MARGIN, theme.MARGIN, theme.GAP)
-        column.setSpacing(theme.GAP)
-        self.title = theme.with_role(QLabel(self), "title")
-        self.title.setObjectName("hks_time_label")
-        self.title.setAccessibleName("Time of the heat kernel signature")
-        column.addWidget(self.title)
-        self.slider = StepSlider(self)
-        self.slider.setObjectName("hks_time_slider")
-        self.slider.setAccessibleName("Time, in log scale")
+        column = self._build_head(
+            ("hks_time_label", "Time of the heat kernel signature"),
+            ("hks_time_slider", "Time, in log scale"),
+        )
         self.slider.setRange(0, _POSITIONS)
-        self.slider.valueChanged.connect(self._choose)
-        column.addWidget(self.slider)
 
         row = QHBoxLayout()
         row.setSpacing(theme.GAP)
