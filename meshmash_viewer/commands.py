@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.laplacian import OperatorOptions
@@ -340,6 +339,7 @@ def write_render(
     from meshmash_viewer.app.picture import render_picture
     from meshmash_viewer.features import compute_features
     from meshmash_viewer.filters import bspline_bank, heat_kernel_bank, hks_times
+    from meshmash_viewer.model.limits import PercentileLimits
     from meshmash_viewer.units import format_quantity, power_unit
 
     report: dict[str, Any] = {"mesh": mesh.name, "output": str(path), "field": field}
@@ -380,7 +380,7 @@ def write_render(
             unit = features.unit
             colormap = colormap or "viridis"
             # A few tips of the surface would otherwise take the whole colour bar.
-            limits = limits or _percentiles(values[mesh.area_sample()])
+            limits = limits or PercentileLimits().limits(values, mesh.area_sample())
         report["limits"] = None if limits is None else list(limits)
     render_picture(
         mesh,
@@ -396,8 +396,3 @@ def write_render(
         dark=dark,
     )
     return report
-
-
-def _percentiles(values: npt.NDArray[Any]) -> tuple[float, float]:
-    low, high = np.nanpercentile(values, [1.0, 99.0]).tolist()
-    return (low, high) if low < high else (low, low + (abs(low) or 1.0))  # the same everywhere

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-import numpy as np
 from psygnal import Signal
 
 from meshmash_viewer.laplacian import OperatorOptions
@@ -66,8 +65,7 @@ class Document:
 
     Views read attributes, listen to the signals and call the methods; they hold no copies.
     Long work is only described here: `job_requested` carries a `Job`, and whoever runs it answers
-    with `job_started`, `job_progressed`, `accept` and one of `job_finished`, `job_failed`,
-    `job_cancelled`.
+    with `job_started`, `job_progressed`, `accept_mesh` or `accept_spectrum`, and `job_ended`.
     """
 
     mesh_changed = Signal()
@@ -312,14 +310,6 @@ class Document:
     def notify(self, notice: Notice) -> None:
         """Say a sentence in the message bar."""
         self.noticed.emit(notice)
-
-    # -- values under the pointer -----------------------------------------------------------
-
-    def eigenvector_profile(self, vertex: int) -> np.ndarray:
-        """Values of all known eigenfunctions at a vertex, shape (k,)."""
-        if self.spectrum is None:
-            return np.empty(0)
-        return np.asarray(self.spectrum.shown_rows[: len(self.spectrum), vertex], dtype=np.float64)
 
 
 def _in_unit(ready: MeshReady, unit: str) -> MeshReady:
