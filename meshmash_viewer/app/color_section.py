@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.facts import note, show_note
-from meshmash_viewer.app.listening import listen
+from meshmash_viewer.app.listening import follow, later, listen
 from meshmash_viewer.app.number_field import NumberField
 from meshmash_viewer.app.swatches import DIVERGING, SEQUENTIAL, swatch_icon
 from meshmash_viewer.model.display import FieldKind
@@ -55,7 +55,7 @@ class ColorSection(QWidget):
         self._limits: tuple[float, float] | None = None
         self._unit = ""
         self._build()
-        listen(document.display.events, self.refresh)
+        follow(document.display.events, self.refresh)
         listen(document.spectrum_changed, self._forget)
         self.refresh()
 
@@ -172,7 +172,7 @@ class ColorSection(QWidget):
         self._signed = None if field is None else field.signed
         self._unit = "" if field is None else field.unit
         self._limits = None if field is None else limits
-        self.refresh()
+        later(self.refresh)
 
     def _forget(self) -> None:
         if self._document.spectrum is None:

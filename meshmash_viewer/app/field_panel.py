@@ -10,7 +10,7 @@ from meshmash_viewer.app.color_section import ColorSection
 from meshmash_viewer.app.eigenfunction_tab import EigenfunctionTab
 from meshmash_viewer.app.facts import note, show_note
 from meshmash_viewer.app.hks_tab import HksTab
-from meshmash_viewer.app.listening import listen
+from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.play_button import Player
 from meshmash_viewer.app.similarity_tab import SimilarityTab
 from meshmash_viewer.model.document import Document
@@ -72,9 +72,9 @@ class FieldPanel(QWidget):
         column.addWidget(line)
         column.addWidget(self.colors)
 
-        listen(document.display.events.kind, self._refresh_tab)
-        listen(document.spectrum_changed, self._refresh_use)
-        listen(document.mesh_changed, self._refresh_use)
+        follow(document.display.events.kind, self._refresh_tab)
+        follow(document.spectrum_changed, self._refresh_use)
+        follow(document.mesh_changed, self._refresh_use)
         self._refresh_tab()
         self._refresh_use()
 

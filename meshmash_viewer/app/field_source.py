@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, Qt, QThread, Signal, Slot
 
+from meshmash_viewer.app.listening import first_a_frame
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, FieldRequest, compute_field, request_of
 from meshmash_viewer.model.limits import LimitPolicy
@@ -110,6 +111,7 @@ class FieldSource(QObject):
             self._field = None
             self.field_ready.emit(None)
         if request is not None:
+            first_a_frame()
             self._answers.ask(request)
 
     def close(self) -> None:

@@ -7,7 +7,7 @@ from typing import ClassVar
 from PySide6.QtWidgets import QLabel, QSpinBox, QVBoxLayout, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.listening import listen
+from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.step_slider import StepSlider
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
@@ -28,9 +28,14 @@ class FieldStepper(QWidget):
         super().__init__(parent)
         self._document = document
         self._build()
-        listen(document.spectrum_changed, self.refresh)
-        listen(document.display.events, self.refresh)
+        follow(document.spectrum_changed, self._refresh_in_front)
+        follow(document.display.events, self._refresh_in_front)
         self.refresh()
+
+    def _refresh_in_front(self) -> None:
+        """Refresh if this is the tab in front; the others do so when they come there."""
+        if self._document.display.kind is self.kind:
+            self.refresh()
 
     def refresh(self) -> None:
         """Show what the document says."""

@@ -8,6 +8,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLabel, QPushButton, QWidget
 
 from meshmash_viewer.app import icons, theme
+from meshmash_viewer.app.listening import follow
 from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.model.document import Document
 
@@ -102,8 +103,8 @@ class HealthTable(QWidget):
                 button.hide()
                 self._buttons[row.attribute] = button
                 cell.addWidget(button)
-        document.mesh_changed.connect(self.refresh)
-        document.job_changed.connect(self._refresh_buttons)
+        follow(document.mesh_changed, self.refresh)
+        follow(document.job_changed, self._refresh_buttons)
         theme.notifier().changed.connect(self.refresh)
         self.refresh()
 

@@ -1,18 +1,31 @@
-"""Let a widget listen to the model without being kept alive by it, nor called after its end."""
+"""How widgets follow the model: at once where they act on it, in turns where they only show it.
+
+To show something takes milliseconds, and one change of the model concerns many. So what has to be
+shown is only noted, once however often it is said, and done in turns of the event loop between
+which input and frames come through. While a field is on its way to the render, the turns wait for
+its frame: first the picture, then the words about it.
+"""
 
 from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
+from time import perf_counter
 from typing import Any
 
 import shiboken6
+from PySide6.QtCore import QObject, QTimer
 
-__all__ = ["listen"]
+__all__ = ["catch_up", "first_a_frame", "follow", "frame_drawn", "later", "listen"]
+
+#: Seconds after which a turn is over; what is left comes in the next one.
+_TURN = 0.003
+#: Milliseconds that turns wait for a frame, which may not come at all.
+_PATIENCE = 40
 
 
 def listen(signals: Any, slot: Callable[[], None]) -> None:
-    """Call a bound method of a Qt object, without arguments, whenever the model says something.
+    """Call a bound method of a Qt object at once, without arguments, when the model says something.
 
     Parameters
     ----------
@@ -22,10 +35,91 @@ def listen(signals: Any, slot: Callable[[], None]) -> None:
         Held weakly; skipped once Qt has deleted its object, though Python may still know it.
     """
     held = weakref.WeakMethod(slot)
+    signals.connect(lambda: _call(held))
 
-    def call() -> None:
-        method = held()
-        if method is not None and shiboken6.isValid(method.__self__):
-            method()
 
-    signals.connect(call)
+def follow(signals: Any, slot: Callable[[], None]) -> None:
+    """Like `listen`, but in one of the next turns of the event loop: for what is only shown."""
+    held = weakref.WeakMethod(slot)
+    signals.connect(lambda: _turns().note(held))
+
+
+def later(slot: Callable[[], None]) -> None:
+    """Call a bound method of a Qt object in one of the next turns, once however often it is due."""
+    _turns().note(weakref.WeakMethod(slot))
+
+
+def first_a_frame() -> None:
+    """Let the turns wait until `frame_drawn`, though not for long."""
+    _turns().wait()
+
+
+def frame_drawn() -> None:
+    """Let the turns go on."""
+    _turns().go_on()
+
+
+def catch_up() -> None:
+    """Do now what is due, for whoever looks at the widgets before the event loop gets to it."""
+    _turns().finish()
+
+
+def _call(held: weakref.WeakMethod[Callable[[], None]]) -> None:
+    method = held()
+    if method is not None and shiboken6.isValid(method.__self__):
+        method()
+
+
+class _Turns(QObject):
+    """What is due, in the order in which it was said first."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._due: dict[weakref.WeakMethod[Callable[[], None]], None] = {}
+        # at 0 ms it is served when nothing else waits: input and painting go before
+        self._timer = QTimer(self, singleShot=True)
+        self._timer.timeout.connect(self._take_turn)
+        self._waiting = False
+
+    def note(self, held: weakref.WeakMethod[Callable[[], None]]) -> None:
+        self._due.setdefault(held)
+        if not self._timer.isActive():
+            self._timer.start(_PATIENCE if self._waiting else 0)
+
+    def wait(self) -> None:
+        self._waiting = True
+        if self._due:
+            self._timer.start(_PATIENCE)
+
+    def go_on(self) -> None:
+        self._waiting = False
+        if self._due:
+            self._timer.start(0)
+
+    def finish(self) -> None:
+        while self._due:
+            self._call_first()
+
+    def _take_turn(self) -> None:
+        self._waiting = False
+        end = perf_counter() + _TURN
+        while self._due and perf_counter() < end:
+            if len(self._due) > 1:
+                self._timer.start(0)  # before the call, which may fail
+            self._call_first()
+
+    def _call_first(self) -> None:
+        first = next(iter(self._due))
+        del self._due[first]
+        _call(first)
+
+
+_known: _Turns | None = None
+
+
+def _turns() -> _Turns:
+    """Made when the first one follows: there is an application then."""
+    global _known
+    if _known is None or not shiboken6.isValid(_known):
+        _known = _Turns()
+    return _known

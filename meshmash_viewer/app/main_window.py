@@ -27,6 +27,7 @@ from meshmash_viewer.app.arrangement import Arrangement
 from meshmash_viewer.app.commands import Commands
 from meshmash_viewer.app.field_source import FieldSource
 from meshmash_viewer.app.focus_keys import FocusKeys
+from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.app.mesh_panel import MeshPanel
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
@@ -96,6 +97,8 @@ class MainWindow(QMainWindow):
         theme.pad_numbers(self)
         self._place()
         self._on_mesh_changed()
+        self._show_stage()
+        self._refresh_actions()
         # keys mean commands from the start; no button stands out before one is chosen
         self.stage.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         self.stage.setFocus()
@@ -163,6 +166,8 @@ class MainWindow(QMainWindow):
         self.scene.set_theme(theme.is_dark())
         self._on_mesh_changed()
         self._on_pins_changed()
+        self._show_stage()
+        self._refresh_actions()
         self.field_source.refresh()
 
     # -- wiring -------------------------------------------------------------------------------
@@ -170,22 +175,23 @@ class MainWindow(QMainWindow):
     def _listen_to_document(self) -> None:
         document = self.document
         document.mesh_changed.connect(self._on_mesh_changed)
-        document.spectrum_changed.connect(self._refresh_actions)
         document.pins_changed.connect(self._on_pins_changed)
         document.job_changed.connect(self._on_job_changed)
         document.noticed.connect(self._on_notice)
-        for name in ("nodal_lines", "playing", "kind"):
-            getattr(document.display.events, name).connect(self._refresh_actions)
+        events = document.display.events
+        for signal in (
+            document.mesh_changed, document.spectrum_changed, document.pins_changed,
+            document.job_changed, events.nodal_lines, events.playing, events.kind,
+        ):  # fmt: skip
+            follow(signal, self._refresh_actions)
+        follow(document.mesh_changed, self._show_stage)
 
     def _stop_listening(self) -> None:
         document = self.document
         document.mesh_changed.disconnect(self._on_mesh_changed)
-        document.spectrum_changed.disconnect(self._refresh_actions)
         document.pins_changed.disconnect(self._on_pins_changed)
         document.job_changed.disconnect(self._on_job_changed)
         document.noticed.disconnect(self._on_notice)
-        for name in ("nodal_lines", "playing", "kind"):
-            getattr(document.display.events, name).disconnect(self._refresh_actions)
         if self.loaded:
             for name in ("limits", "diverging_colormap", "sequential_colormap", "nodal_lines"):
                 getattr(document.display.events, name).disconnect(self._show_field)
@@ -201,7 +207,6 @@ class MainWindow(QMainWindow):
         self.setWindowTitle(f"{name}MeshMash Viewer")
         if ready is not None and ready.path is not None and not ready.repair:
             self.settings.add_recent(ready.path)
-        self.commands.refresh_recent()
         self.hover_label.setText(self._mesh_summary())
         if self.loaded and ready is not None:
             # the same coordinates in another unit are looked at from where one is
@@ -210,8 +215,11 @@ class MainWindow(QMainWindow):
             if camera is not None:
                 self.scene.set_camera(camera)
             self._show_field()
-        self.stage.show_scene(self.loaded and ready is not None)
-        self._refresh_actions()
+
+    def _show_stage(self) -> None:
+        """Show the render or the welcome, and which meshes were opened last."""
+        self.stage.show_scene(self.loaded and self.document.ready is not None)
+        self.commands.refresh_recent()
 
     def _same_place(self, mesh: Mesh) -> bool:
         before = self.scene.mesh
@@ -220,7 +228,6 @@ class MainWindow(QMainWindow):
     def _on_pins_changed(self) -> None:
         if self.loaded:
             self.scene.set_pins(self.document.pins)
-        self._refresh_actions()
 
     def _on_field(self, field: Field | None) -> None:
         self._show_field()
@@ -287,9 +294,8 @@ class MainWindow(QMainWindow):
             self.stage.welcome.set_loading(f"Reading {state.job.path.name} …")
         elif self.loaded:
             self.stage.welcome.set_loading("")
-        self._refresh_actions()
 
-    def _refresh_actions(self, *_: object) -> None:
+    def _refresh_actions(self) -> None:
         document = self.document
         spectrum = document.spectrum
         self.actions_.enable(

@@ -23,6 +23,7 @@ from PySide6.QtWidgets import (
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.health_table import HealthTable
+from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.number_box import QuantityBox
 from meshmash_viewer.app.target_box import TargetBox
 from meshmash_viewer.errors import InputError
@@ -83,14 +84,14 @@ class MeshPanel(QWidget):
         self._content = content
         content.installEventFilter(self)
 
-        document.mesh_changed.connect(self._refresh_facts)
-        document.mesh_changed.connect(self._refresh_cost)
-        document.settings_changed.connect(self._refresh_operator)
-        document.settings_changed.connect(self._refresh_cost)
-        document.spectrum_changed.connect(self._refresh_cost)
-        document.job_changed.connect(self._refresh_job)
-        document.spectrum_changed.connect(self._refresh_proof)
-        document.mesh_changed.connect(self._refresh_job)
+        follow(document.mesh_changed, self._refresh_facts)
+        follow(document.mesh_changed, self._refresh_cost)
+        follow(document.settings_changed, self._refresh_operator)
+        follow(document.settings_changed, self._refresh_cost)
+        follow(document.spectrum_changed, self._refresh_cost)
+        follow(document.job_changed, self._refresh_job)
+        follow(document.spectrum_changed, self._refresh_proof)
+        follow(document.mesh_changed, self._refresh_job)
         self._refresh_facts()
         self._refresh_operator()
         self._refresh_cost()

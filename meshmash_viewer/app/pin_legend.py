@@ -14,7 +14,7 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.listening import listen
+from meshmash_viewer.app.listening import follow
 from meshmash_viewer.model.document import Document, Pin
 
 __all__ = ["PinLegend"]
@@ -39,7 +39,7 @@ class PinLegend(QScrollArea):
         self._column.addStretch(1)
         self.setWidget(content)
         self._rows: dict[Pin, QWidget] = {}
-        listen(document.pins_changed, self._refresh)
+        follow(document.pins_changed, self._refresh)
         self._refresh()
 
     def _refresh(self) -> None:

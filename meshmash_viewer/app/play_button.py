@@ -5,7 +5,7 @@ from __future__ import annotations
 from PySide6.QtCore import QObject, QTimer
 from PySide6.QtWidgets import QPushButton, QWidget
 
-from meshmash_viewer.app.listening import listen
+from meshmash_viewer.app.listening import follow, listen
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.stepping import advance
@@ -52,7 +52,7 @@ class PlayButton(QPushButton):
         self.setCheckable(True)
         self._document = document
         self.toggled.connect(self._toggle)
-        listen(document.display.events.playing, self._refresh)
+        follow(document.display.events.playing, self._refresh)
 
     def _toggle(self, on: bool) -> None:
         self._document.display.playing = on

@@ -8,7 +8,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QStackedLayout, QVBoxLayout, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.listening import listen
+from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panel_head import PanelHead
 from meshmash_viewer.app.pin_legend import PinLegend
 from meshmash_viewer.app.plot import Plot, color, hatch, solid
@@ -46,10 +46,10 @@ class ProfilePanel(QWidget):
         self._reader = ProfileReader(self)
         self._reader.changed.connect(self._refresh)
         self._build()
-        listen(document.spectrum_changed, self._refresh)
-        listen(document.pins_changed, self._refresh)
-        listen(document.display.events, self._refresh_display)
-        listen(document.display.events.kind, self._follow_kind)
+        follow(document.spectrum_changed, self._refresh)
+        follow(document.pins_changed, self._refresh)
+        follow(document.display.events, self._refresh_display)
+        follow(document.display.events.kind, self._follow_kind)
         theme.notifier().changed.connect(self._dress)
         self._dress()
         self._follow_kind()

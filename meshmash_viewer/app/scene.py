@@ -13,6 +13,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
 from meshmash_viewer.app.canvas import Canvas, Ring
+from meshmash_viewer.app.listening import frame_drawn
 from meshmash_viewer.app.picture import draw_picture
 from meshmash_viewer.app.render.camera import View
 from meshmash_viewer.app.render.drawing import Drawing
@@ -277,6 +278,7 @@ class Scene(QWidget):
         window.Render()
         window.WaitForCompletion()  # a graphics card would otherwise look fast and be late
         took = perf_counter() - started
+        frame_drawn()
         if self._first:
             self._first = False
             self._software = _draws_by_software(window)

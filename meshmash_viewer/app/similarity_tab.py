@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QComboBox, QLabel, QVBoxLayout, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.facts import note, show_note
-from meshmash_viewer.app.listening import listen
+from meshmash_viewer.app.listening import follow, listen
 from meshmash_viewer.app.segments import Segments
 from meshmash_viewer.model.display import FieldKind, SimilarityBasis
 from meshmash_viewer.model.document import Document, Pin
@@ -25,9 +25,9 @@ class SimilarityTab(QWidget):
         self._document = document
         self._pins: tuple[Pin, ...] = ()
         self._build()
-        listen(document.spectrum_changed, self.refresh)
+        follow(document.spectrum_changed, self.refresh)
         listen(document.pins_changed, self._follow_pins)
-        listen(document.display.events, self.refresh)
+        follow(document.display.events, self.refresh)
         self._follow_pins()
 
     def _build(self) -> None:

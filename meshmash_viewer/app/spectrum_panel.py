@@ -16,7 +16,7 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.eigenvalue_view import EigenvalueView
 from meshmash_viewer.app.facts import format_wavelength, subscript
-from meshmash_viewer.app.listening import listen
+from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panel_head import PanelHead
 from meshmash_viewer.app.plot import Plot
 from meshmash_viewer.app.response_view import ResponseView, shows_bands
@@ -37,10 +37,10 @@ class SpectrumPanel(QWidget):
         self.setAccessibleName("Spectrum")
         self._document = document
         self._build()
-        listen(document.spectrum_changed, self._refresh_spectrum)
-        listen(document.mesh_changed, self._refresh_spectrum)
-        listen(document.display.events, self._refresh_current)
-        listen(document.display.events.kind, self._follow_kind)
+        follow(document.spectrum_changed, self._refresh_spectrum)
+        follow(document.mesh_changed, self._refresh_spectrum)
+        follow(document.display.events, self._refresh_current)
+        follow(document.display.events.kind, self._follow_kind)
         theme.notifier().changed.connect(self._dress)
         self._follow_kind()
 

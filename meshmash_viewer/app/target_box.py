@@ -14,6 +14,7 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.number_box import QuantityBox
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document
@@ -84,9 +85,9 @@ class TargetBox(QWidget):
         grid.setColumnStretch(1, 1)
         self.note = theme.with_role(QLabel(wordWrap=True, objectName="weyl_note"), "muted")
         grid.addWidget(self.note, len(rows), 0, 1, 2)
-        document.mesh_changed.connect(self.refresh)
-        document.settings_changed.connect(self.refresh)
-        document.spectrum_changed.connect(self.refresh)
+        follow(document.mesh_changed, self.refresh)
+        follow(document.settings_changed, self.refresh)
+        follow(document.spectrum_changed, self.refresh)
         self.refresh()
 
     def refresh(self) -> None:

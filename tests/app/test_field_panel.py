@@ -18,6 +18,7 @@ from meshmash_viewer.model.live import LiveFeatures
 from meshmash_viewer.model.ranges import hks_range, required_eigenvalue, resolved_from
 
 LEFT = Qt.MouseButton.LeftButton
+pytestmark = pytest.mark.usefixtures("shown_at_once")
 
 
 @pytest.fixture

@@ -28,6 +28,7 @@ from pytestqt.qtbot import QtBot
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS, MENUS
 from meshmash_viewer.app.export_dialog import FORMATS, ExportDialog
+from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.number_box import QuantityBox
 from meshmash_viewer.app.picture_dialog import PictureDialog
@@ -57,6 +58,7 @@ def wait_for(condition: Callable[[], bool]) -> None:
     while not condition():
         assert time.monotonic() < deadline, "waited in vain"
         QTest.qWait(10)
+    catch_up()
 
 
 def opened() -> MainWindow:
@@ -302,9 +304,11 @@ def test_faults_are_repaired_with_one_click_and_undone_with_another(
     qtbot.waitUntil(lambda: window.document.can_undo, timeout=PATIENCE)
     qtbot.waitUntil(lambda: window.document.job is None, timeout=PATIENCE)
     assert window.document.mesh.n_faces == len(mesh.faces)
+    catch_up()
     assert not repair.isVisible()
     QTest.keyClick(window, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
     assert window.document.mesh.n_faces == len(mesh.faces) + 3
+    catch_up()
     assert repair.isVisible()
 
 
@@ -319,6 +323,7 @@ def test_the_three_targets_are_translated_into_each_other(
     spin.selectAll()
     QTest.keyClicks(spin, "40")
     assert document.target == Target("count", 40)
+    catch_up()
     assert box.eigenvalue_spin.value() == pytest.approx(weyl_eigenvalue(area, 40), rel=1e-9)
     assert box.eigenvalue_spin.text().startswith("≈ ")
     assert box.eigenvalue_spin.text().endswith(" nm⁻²")
@@ -328,6 +333,7 @@ def test_the_three_targets_are_translated_into_each_other(
     eigenvalue.selectAll()
     QTest.keyClicks(eigenvalue, "2.5e-4")
     assert document.target == Target("max_eigenvalue", 2.5e-4)
+    catch_up()
     assert box.count_spin.value() == round(area * 2.5e-4 / (4 * np.pi))
     assert box.count_spin.text().startswith("≈ ")
     assert not box.eigenvalue_spin.text().startswith("≈")
@@ -337,6 +343,7 @@ def test_the_operator_is_chosen(window: MainWindow) -> None:
     check = window.mesh_panel.robust_check
     QTest.mouseClick(check, LEFT, pos=QPoint(8, check.height() // 2))
     assert not window.document.operator.robust
+    catch_up()
     assert not window.mesh_panel.mollify_spin.isEnabled()
 
 

@@ -14,6 +14,7 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.ranges import band_range, hks_range, resolved_from
 
 LEFT = Qt.MouseButton.LeftButton
+pytestmark = pytest.mark.usefixtures("shown_at_once")
 
 
 @pytest.fixture

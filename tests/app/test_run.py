@@ -15,6 +15,7 @@ from pytestqt.qtbot import QtBot
 
 import meshmash_viewer
 from meshmash_viewer.app import run
+from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 
 PATIENCE = 60_000
@@ -42,6 +43,7 @@ def test_the_application_opens_a_mesh_and_ends_when_its_window_is_closed(
         seen.setdefault("first", (window.loaded, window.stage.welcome.isVisible()))
         if window.loaded and window.document.mesh is not None:
             seen["mesh"] = window.document.mesh
+            catch_up()
             seen["page"] = window.scene.isVisible()
             window.close()
 

@@ -17,6 +17,7 @@ from PySide6.QtWidgets import QApplication, QDialog, QLabel, QSlider, QWidget
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.canvas import Canvas
+from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
 from meshmash_viewer.decompose import decompose_mesh
@@ -49,7 +50,8 @@ def window(qapp: QApplication, qtbot: QtBot) -> Iterator[MainWindow]:
 
 
 def part(window: MainWindow, name: str) -> QWidget:
-    """The control that a script finds under this name."""
+    """The control that a script finds under this name, as it is once the window rests."""
+    catch_up()
     found = window.findChildren(QWidget, name)
     assert len(found) == 1, name
     return found[0]

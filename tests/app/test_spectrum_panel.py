@@ -18,6 +18,7 @@ from meshmash_viewer.model.ranges import band_range, hks_range, hks_time
 from meshmash_viewer.weyl import weyl_eigenvalue
 
 LEFT = Qt.MouseButton.LeftButton
+pytestmark = pytest.mark.usefixtures("shown_at_once")
 
 
 @pytest.fixture

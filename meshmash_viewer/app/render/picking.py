@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from threading import Event, Thread
-from time import sleep
+from time import perf_counter, sleep
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,8 @@ __all__ = ["Picker"]
 #: Faces of one piece. VTK holds the interpreter lock while it builds a locator, 0.2 ms for a
 #: thousand faces: pieces of this size never keep the window waiting for longer than a frame.
 PIECE = 30_000
+#: How long the window has the lock, as a multiple of the time that a piece took.
+_PAUSE = 2.0
 
 
 class Picker:
@@ -56,6 +58,7 @@ class Picker:
         for start in range(0, len(self._faces), PIECE):
             if self._stop.is_set():
                 return
+            began = perf_counter()
             piece_faces = self._faces[start : start + PIECE]
             corners = np.ascontiguousarray(piece_faces, dtype=np.int32).reshape(-1)
             cells = vtkCellArray()
@@ -67,7 +70,7 @@ class Picker:
             locator.SetDataSet(piece)
             locator.BuildLocator()
             self._locators.append(locator)
-            sleep(0.001)  # lets the window's thread have the lock
+            sleep(_PAUSE * (perf_counter() - began))
 
     @property
     def ready(self) -> bool:

@@ -1,0 +1,94 @@
+from __future__ import annotations
+
+import time
+
+import pytest
+import shiboken6
+from PySide6.QtCore import QObject
+from PySide6.QtTest import QTest
+
+from meshmash_viewer.app.listening import (
+    catch_up,
+    first_a_frame,
+    follow,
+    frame_drawn,
+    later,
+    listen,
+)
+from meshmash_viewer.model.document import Document
+
+
+class Follower(QObject):
+    """Notes when it was called; may take its time."""
+
+    def __init__(self, calls: list[str], name: str, seconds: float = 0.0) -> None:
+        super().__init__()
+        self.calls, self.name, self.seconds = calls, name, seconds
+
+    def show(self) -> None:
+        self.calls.append(self.name)
+        time.sleep(self.seconds)
+
+
+@pytest.fixture
+def calls(qapp) -> list[str]:
+    catch_up()
+    return []
+
+
+def test_listeners_are_told_at_once_and_followers_in_a_turn(calls: list[str]) -> None:
+    document = Document()
+    acts, shows = Follower(calls, "acts"), Follower(calls, "shows")
+    follow(document.display.events, shows.show)
+    follow(document.spectrum_changed, shows.show)
+    listen(document.display.events.index, acts.show)
+    document.display.index = 4
+    document.display.index = 5
+    document.spectrum_changed.emit()
+    assert calls == ["acts", "acts"]
+    QTest.qWait(20)
+    assert calls == ["acts", "acts", "shows"], "however often it was said"
+
+
+def test_long_work_is_spread_over_turns(calls: list[str]) -> None:
+    followers = [Follower(calls, name, 0.01) for name in "abc"]
+    turn = Follower(calls, "|")
+    for follower in followers:
+        later(follower.show)
+    for _ in range(6):
+        QTest.qWait(0)  # what waits besides: one round of the loop
+        turn.show()
+    text = "".join(calls)
+    assert text.replace("|", "") == "abc", "in the order in which it was said"
+    assert "ab" not in text
+    assert "bc" not in text
+
+
+def test_words_wait_for_the_picture(calls: list[str]) -> None:
+    words = Follower(calls, "words")
+    first_a_frame()
+    later(words.show)
+    for _ in range(3):
+        QTest.qWait(1)
+    assert not calls
+    frame_drawn()
+    QTest.qWait(5)
+    assert calls == ["words"]
+
+
+def test_a_frame_that_does_not_come_is_not_waited_for_forever(calls: list[str]) -> None:
+    words = Follower(calls, "words")
+    first_a_frame()
+    later(words.show)
+    QTest.qWait(200)
+    assert calls == ["words"]
+
+
+def test_the_dead_are_not_called(calls: list[str]) -> None:
+    gone, deleted = Follower(calls, "gone"), Follower(calls, "deleted")
+    later(gone.show)
+    later(deleted.show)
+    del gone
+    shiboken6.delete(deleted)
+    catch_up()
+    assert not calls
