@@ -7,6 +7,7 @@ interpreter lock, and SuperLU's where numba is not installed.
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -192,13 +193,16 @@ class OrderedPencil:
         remove_null_block(pencil.labels, pencil.null_direction, sums, block)
 
 
-def order_pencil(pencil: Pencil) -> OrderedPencil:
-    """Put a pencil in elimination order and analyse its factor."""
+def order_pencil(pencil: Pencil, poll: Callable[[], None] | None = None) -> OrderedPencil:
+    """Put a pencil in elimination order and analyse its factor.
+
+    `poll` is called several times a second while that takes long; what it raises ends it.
+    """
     try:
         from meshmash_viewer.engine.symbolic import analyse, elimination_order
     except ImportError:  # without numba SuperLU orders and factors
         return OrderedPencil(pencil, None)
-    ordered = pencil.permuted(elimination_order(pencil.matrix))
+    ordered = pencil.permuted(elimination_order(pencil.matrix, poll))
     return OrderedPencil(ordered, analyse(ordered.matrix))
 
 

@@ -6,8 +6,10 @@ rows below; its part of the factor is one dense block, which is what makes solve
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.util import find_spec
 from typing import Any
 
 import numba
@@ -16,6 +18,7 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 from meshmash_viewer.engine import compilation as _compilation  # noqa: F401  before any kernel
+from meshmash_viewer.engine.dissection import nested_dissection
 
 __all__ = ["Structure", "analyse", "elimination_order"]
 
@@ -79,20 +82,18 @@ class Structure:
         return int(self.block_start[-1])
 
 
-def fill_reducing_order(matrix: Any) -> IndexArray:
+def fill_reducing_order(matrix: Any, poll: Callable[[], None] | None = None) -> IndexArray:
     """Nested dissection by METIS where it is installed, else minimum degree by SuperLU."""
-    n = matrix.shape[0]
-    pattern: Any = sp.csr_array(matrix)
-    try:
-        import pymetis
-    except ImportError:
+    if find_spec("pymetis") is None:
         return _minimum_degree(matrix)
-    rows = np.repeat(np.arange(n), np.diff(pattern.indptr))
-    off = rows != pattern.indices
-    starts = np.concatenate([[0], np.cumsum(np.bincount(rows[off], minlength=n))])
-    adjacency = pymetis.CSRAdjacency(starts.astype(np.int32), pattern.indices[off].astype(np.int32))
-    order, _ = pymetis.nested_dissection(adjacency)
-    return np.asarray(order, dtype=np.int64)
+    n = matrix.shape[0]
+    # The matrix is symmetric: its columns are its rows.
+    column = np.repeat(np.arange(n), np.diff(matrix.indptr))
+    off = column != matrix.indices
+    starts = np.concatenate([[0], np.cumsum(np.bincount(column[off], minlength=n))])
+    marks = np.ones(int(starts[-1]), dtype=np.int8)
+    graph: Any = sp.csr_array((marks, matrix.indices[off], starts), shape=(n, n))
+    return nested_dissection(graph, poll).astype(np.int64)
 
 
 def _minimum_degree(matrix: Any) -> IndexArray:
@@ -112,9 +113,12 @@ def _minimum_degree(matrix: Any) -> IndexArray:
     return np.argsort(factor.perm_c).astype(np.int64)
 
 
-def elimination_order(matrix: Any) -> IndexArray:
-    """Fill-reducing order in which every subtree of the elimination tree is contiguous."""
-    order = fill_reducing_order(matrix)
+def elimination_order(matrix: Any, poll: Callable[[], None] | None = None) -> IndexArray:
+    """Fill-reducing order in which every subtree of the elimination tree is contiguous.
+
+    What `poll` raises ends it.
+    """
+    order = fill_reducing_order(matrix, poll)
     start = np.asarray(matrix.indptr, dtype=np.int64)
     index = np.asarray(matrix.indices, dtype=np.int64)
     return np.asarray(order[_postorder(_elimination_tree(start, index, order))])

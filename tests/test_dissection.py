@@ -1,0 +1,85 @@
+"""Orders from METIS in processes: good, the same everywhere, and stopped at once."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+import scipy.sparse as sp
+
+from meshmash_viewer.engine import dissection
+from meshmash_viewer.engine.dissection import nested_dissection
+from meshmash_viewer.progress import Cancelled
+
+pytest.importorskip("pymetis")
+
+
+def grid(nx: int, ny: int) -> Any:
+    """Adjacency of a rectangular grid."""
+    chain = [sp.diags_array([np.ones(n - 1)] * 2, offsets=[-1, 1]) for n in (nx, ny)]
+    graph = sp.kron(chain[0], sp.eye_array(ny)) + sp.kron(sp.eye_array(nx), chain[1])
+    graph = sp.csr_array(graph)
+    graph.sort_indices()
+    return graph
+
+
+def fill(graph: Any, order: Any) -> int:
+    """Entries of the factor in that order."""
+    from scipy.sparse.linalg import splu
+
+    matrix = sp.csc_array(6.0 * sp.eye_array(graph.shape[0]) - graph)[order][:, order]
+    options = {"SymmetricMode": True}
+    factor = splu(
+        sp.csc_array(matrix), permc_spec="NATURAL", diag_pivot_thresh=0.0, options=options
+    )
+    return int(factor.L.nnz)
+
+
+@pytest.mark.parametrize("cuts", [1, 2])
+def test_parts_are_ordered_as_well_as_the_whole(monkeypatch: pytest.MonkeyPatch, cuts: int) -> None:
+    pieces = sp.csr_array(sp.block_diag([grid(70, 60), grid(5, 4)]))
+    whole = nested_dissection(pieces, None)
+    monkeypatch.setattr(dissection, "_VERTICES_TO_HALVE", 1000)
+    monkeypatch.setattr(dissection, "_VERTICES_TO_QUARTER", 1000 if cuts == 2 else 10**9)
+    polls = []
+    order = nested_dissection(pieces, lambda: polls.append(1))
+    assert polls
+    np.testing.assert_array_equal(np.sort(order), np.arange(len(order)))
+    assert fill(pieces, order) < 1.1 * fill(pieces, whole)
+    monkeypatch.setattr(sys, "executable", "")  # inside another program, without processes
+    np.testing.assert_array_equal(nested_dissection(pieces, None), order)
+
+
+def test_a_poll_that_raises_ends_the_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dissection, "_VERTICES_TO_HALVE", 1000)
+    threads = threading.active_count()
+    children = len(psutil.Process().children(recursive=True))
+    for patience in (0, 3):
+        polls: list[int] = []
+
+        def poll(polls: list[int] = polls, patience: int = patience) -> None:
+            polls.append(1)
+            if len(polls) > patience:
+                raise Cancelled("enough")
+
+        with pytest.raises(Cancelled):
+            nested_dissection(grid(400, 400), poll)
+    assert threading.active_count() == threads
+    assert len(psutil.Process().children(recursive=True)) == children
+
+
+def test_a_process_that_dies_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dissection, "_VERTICES_TO_HALVE", 1000)
+    began = {child.pid for child in psutil.Process().children()}
+
+    def poll() -> None:
+        for child in psutil.Process().children():
+            if child.pid not in began:
+                child.kill()
+
+    with pytest.raises(ChildProcessError):
+        nested_dissection(grid(400, 400), poll)
