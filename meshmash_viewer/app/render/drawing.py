@@ -301,9 +301,12 @@ def _dress(surface: Surface, caption: Caption, before: Caption | None = None) ->
 
 
 def read_pixels(window: vtkRenderWindow, alpha: bool) -> npt.NDArray[np.uint8]:
-    """The frame that was rendered last, shape (height, width, 3 or 4), first row on top."""
+    """The frame that was rendered last, shape (height, width, 3 or 4), first row on top.
+
+    A view: VTK has the last row first.
+    """
     width, height = window.GetSize()
     pixels = vtkUnsignedCharArray()
     read = window.GetRGBACharPixelData if alpha else window.GetPixelData
     read(0, 0, width - 1, height - 1, 0, pixels, 0)
-    return vtk_to_numpy(pixels).reshape(height, width, -1)[::-1].copy()
+    return vtk_to_numpy(pixels).reshape(height, width, -1)[::-1]

@@ -145,16 +145,14 @@ class Painter:
         points = vtkPoints()
         places = np.zeros((len(flat), 3), dtype=np.float32)
         places[:, :2] = flat
-        points.SetData(numpy_to_vtk(places, deep=True))
+        points.SetData(numpy_to_vtk(places))
         cells = vtkCellArray()
         ends = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-        cells.SetData(numpy_to_vtk(ends, deep=True), numpy_to_vtk(np.arange(len(flat)), deep=True))
+        cells.SetData(numpy_to_vtk(ends), numpy_to_vtk(np.arange(len(flat)), deep=True))
         self._shapes.SetPoints(points)
         self._shapes.SetPolys(cells)
         self._shapes.GetPointData().SetScalars(
-            numpy_to_vtk(
-                np.concatenate([colors for part in parts for colors in part.colors]), deep=True
-            )
+            numpy_to_vtk(np.concatenate([colors for part in parts for colors in part.colors]))
         )
 
     def _add(self, corners: npt.NDArray[np.float64], rgba: npt.NDArray[np.float64]) -> None:

@@ -116,8 +116,8 @@ class Surface:
     def write(self, values: npt.NDArray[np.floating]) -> bool:
         """Show values of shape (n,), NaN where there is none; returns whether there are such."""
         np.copyto(self.values, values, casting="same_kind")
-        # The sum is NaN as soon as one entry is: one pass, without a temporary array.
-        missing = bool(np.isnan(self.values.sum()))
+        # The least is NaN as soon as one entry is: one pass, without a temporary array.
+        missing = bool(np.isnan(self.values.min(initial=0.0)))
         if missing:
             self.values[np.isnan(self.values)] = _MISSING
         self._array.Modified()
