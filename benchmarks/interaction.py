@@ -1,20 +1,31 @@
-"""How the real window answers on large meshes: ticks, gaps of its event loop, memory.
+"""How the real window answers on large meshes: ticks, gaps, memory, first pictures.
 
     xvfb-run -a -s "-screen 0 1600x1000x24" python benchmarks/interaction.py MESH
-        [--sizes 100000 500000 1000000] [--pairs 300] [--solve-up-to 150000]
-        [--decompose MESH:PAIRS] [--trace]
+        [--sizes 100000 500000 1000000] [--parts window solve peer start]
+        [--drivers no-op software] [--pairs 300] [--solve-up-to 150000] [--first-pairs 100]
+        [--peer SECONDS] [--folder DIR] [--trace]
 
-MESH is refined to exactly the given numbers of vertices by splitting its longest edges. Up to
-`--solve-up-to` vertices the eigenpairs are solved for; above, they are SYNTHETIC: smooth random
-waves with eigenvalues after Weyl's law, in a store like any other, which cost the window the same
-to map, read, sum and draw. Columns of the table say which.
+MESH is refined to exactly the given numbers of vertices by splitting its longest edges. A full run
+takes the better part of an hour; with `--folder` meshes, eigenpairs and results are kept there, so
+that parts can be run one at a time, and the table always shows all that is known so far.
 
-Each size is run twice, each time in a process of its own with an empty cache: once with the
-software OpenGL of this machine, and once with Mesa's no-op driver (GALLIUM_NOOP), in which
-drawing costs nothing and what remains is the processor's side. Gaps are the time between two ticks
-of a timer of 5 ms, less the time in which the thread was ready to run but the processors were taken
-(as Linux counts it), so that a busy machine does not blur them; "less drawing" has the time inside
-VTK's Render and Frame taken off, too. Times are medians unless said otherwise.
+window  a scripted minute in a window of its own process: open a mesh with stored eigenpairs,
+        scroll, turn, drag, pin, export, save a picture; then ticks, one at a time. Once with Mesa's
+        no-op driver (GALLIUM_NOOP), in which drawing costs nothing and what remains is the
+        processor's side, and once with the software OpenGL of this machine. Up to `--solve-up-to`
+        vertices the stored pairs are solved for; above, they are SYNTHETIC: smooth random waves
+        with eigenvalues after Weyl's law, which cost the window the same to map, sum and draw.
+solve   a window opens a mesh that nothing is known of, and computes at once: the first preview, the
+        first 20 and all exact pairs on the screen, counted from when the file has been read.
+peer    what a script does for its first picture: all pairs by SciPy's `eigsh` (sigma = -1e-10,
+        tol = 1e-10), then pyvista; given up after `--peer` seconds.
+start   from starting the process until the window is painted, and until it is complete.
+
+Ticks go from a change of the model to the frame that shows it; the no-op driver still takes new
+memory for each upload, which is inside VTK's Render. Gaps are the time between two ticks of a timer
+of 5 ms, less the time in which the thread was ready to run but the processors were taken (as Linux
+counts it), so that a busy machine does not blur them; "less drawing" has the time inside VTK's
+Render and Frame taken off, too. Times are medians unless said otherwise.
 """
 
 from __future__ import annotations
@@ -25,6 +36,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -33,34 +45,14 @@ import numpy as np
 from meshmash_viewer.mesh import Mesh
 
 HERE = Path(__file__).parent
-
-#: What the table shows: key of a result, text, and how it is written.
-ROWS = (
-    ("pairs", "eigenpairs", "{}"),
-    ("step_noop", "eigenfunction step, processor's side (ms)", "{:.1f}"),
-    ("hks_noop", "HKS tick, processor's side (ms)", "{:.1f}"),
-    ("band_noop", "band tick, processor's side (ms)", "{:.1f}"),
-    ("similarity_noop", "similarity tick, processor's side (ms)", "{:.1f}"),
-    ("floor", "floor: writing 4 n bytes (ms)", "{:.2f}"),
-    ("hks_table", "HKS of a time from the table (ms)", "{:.1f}"),
-    ("hks_direct", "the same by the direct sum (ms)", "{:.0f}"),
-    ("hks_ratio", "direct sum / table", "{:.0f}×"),
-    ("hks_error", "largest error, of the field's range", "{:.0e}"),
-    ("readd", "scene made again with pyvista's add_mesh (ms)", "{:.0f}"),
-    ("readd_ratio", "add_mesh / eigenfunction step", "{:.0f}×"),
-    ("step_soft", "eigenfunction step on the screen, software OpenGL (ms)", "{:.0f}"),
-    ("gap_noop", "largest gap, no-op driver, all included (ms)", "{:.0f}"),
-    ("p99_noop", "99 % of gaps, no-op driver (ms)", "{:.1f}"),
-    ("gap_noop_less", "largest gap, no-op driver, less drawing (ms)", "{:.0f}"),
-    ("gap_soft_less", "largest gap, software OpenGL, less drawing (ms)", "{:.0f}"),
-    ("p99_soft_less", "99 % of gaps, software OpenGL, less drawing (ms)", "{:.1f}"),
-    ("gap_soft", "largest gap, software OpenGL, all included (ms)", "{:.0f}"),
-    ("private", "private memory beyond the empty window (MB)", "{:.0f}"),
-    ("trimmed", "the same without what the C library keeps for later (MB)", "{:.0f}"),
-    ("tables", "live tables in it (MB)", "{:.0f}"),
-    ("formula", "formula: mesh, surface, tables, fields (MB)", "{:.0f}"),
-    ("private_ratio", "memory / formula", "{:.2f}"),
-)
+PARTS = ("window", "solve", "peer", "start")
+DRIVERS = ("no-op", "software")
+TICKS = {
+    "step": "eigenfunction step",
+    "hks": "HKS tick",
+    "band": "band tick",
+    "similarity": "similarity tick",
+}
 
 
 def refined(mesh: Mesh, n_vertices: int) -> Mesh:
@@ -134,104 +126,199 @@ def prepare_store(mesh: Mesh, n_pairs: int, solved: bool) -> None:
     store.finish(found)
 
 
-def run_window(what: str, options: dict[str, Any], *, noop: bool, trace: bool) -> dict[str, Any]:
+def run_window(
+    what: str, options: dict[str, Any], driver: str, folder: Path, *, trace: bool
+) -> dict[str, Any]:
     """What a window of its own process measures."""
-    environment = {**os.environ, "GALLIUM_NOOP": "1" if noop else "0"}
-    if not noop:
-        environment.pop("GALLIUM_NOOP")
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "result.json"
+    environment = {**os.environ, "XDG_CACHE_HOME": str(folder), "GALLIUM_NOOP": "1"}
+    if driver != "no-op":
+        del environment["GALLIUM_NOOP"]
+    with tempfile.TemporaryDirectory() as scratch:
+        path = Path(scratch) / "result.json"
         order = json.dumps({"what": what, "result": str(path), "trace": trace, **options})
         command = [sys.executable, str(HERE / "interaction_window.py"), order]
         subprocess.run(command, env=environment, check=True)
         return dict(json.loads(path.read_text()))
 
 
-def measure_size(path: Path, mesh: Mesh, n_pairs: int, solved: bool, trace: bool) -> dict[str, Any]:
-    """One column of the table."""
-    options = {"mesh": str(path), "pairs": n_pairs, "vertices": mesh.n_vertices}
-    noop = run_window("session", options, noop=True, trace=trace)
-    soft = run_window("session", options, noop=False, trace=trace)
-    ticks = noop["ticks"]
-    print_phases(f"{mesh.n_vertices:,} vertices", noop, soft)
-    return {
-        "pairs": f"{n_pairs} {'solved' if solved else 'SYNTHETIC'}",
-        "step_noop": ticks["step"],
-        "hks_noop": ticks["hks"],
-        "band_noop": ticks["band"],
-        "similarity_noop": ticks["similarity"],
-        "floor": noop["floor"],
-        **noop["compressed"],
-        "hks_ratio": noop["compressed"]["hks_direct"] / noop["compressed"]["hks_table"],
-        "readd": noop["readd"],
-        "readd_ratio": noop["readd"] / ticks["step"],
-        "step_soft": soft["ticks"]["step"],
-        "gap_noop": noop["gaps"]["largest"],
-        "p99_noop": noop["gaps"]["p99"],
-        "gap_noop_less": noop["gaps"]["largest_less"],
-        "gap_soft_less": soft["gaps"]["largest_less"],
-        "p99_soft_less": soft["gaps"]["p99_less"],
-        "gap_soft": soft["gaps"]["largest"],
-        **{key: soft[key] for key in ("private", "trimmed", "tables", "formula")},
-        "private_ratio": soft["private"] / soft["formula"],
-    }
+def run_peer(mesh: Path, n_pairs: int, seconds: float) -> dict[str, Any]:
+    """The peer's times, or how long it was waited for."""
+    command = [sys.executable, str(HERE / "interaction_peer.py"), str(mesh), str(n_pairs)]
+    try:
+        done = subprocess.run(command, check=True, timeout=seconds, capture_output=True, text=True)
+    except subprocess.TimeoutExpired:
+        return {"given_up": seconds}
+    return dict(json.loads(done.stdout.splitlines()[-1]))
 
 
-def print_phases(title: str, *runs: dict[str, Any]) -> None:
+def run_start(folder: Path) -> dict[str, Any]:
+    """Seconds until the window is painted, and complete; the second start, so from a warm disk."""
+    environment = {**os.environ, "XDG_CACHE_HOME": str(folder)}
+    for _ in range(2):
+        command = [sys.executable, str(HERE / "interaction_start.py"), str(time.time())]
+        done = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
+    return dict(json.loads(done.stdout.splitlines()[-1]))
+
+
+class Column:
+    """The results for one size, kept in a file so that parts can be run one at a time."""
+
+    def __init__(self, folder: Path, source: Path, size: int) -> None:
+        self.folder = folder
+        self.mesh = folder / f"{source.stem}-{size}.npz"
+        self.results = folder / f"{source.stem}-{size}.json"
+        if not self.mesh.exists():
+            from meshmash_viewer.io.read import read_mesh
+
+            mesh = refined(read_mesh(source), size)
+            np.savez(self.mesh, vertices=mesh.vertices, faces=mesh.faces)
+        self.known: dict[str, Any] = {}
+        if self.results.exists():
+            self.known = json.loads(self.results.read_text())
+
+    def keep(self, what: str, result: dict[str, Any]) -> None:
+        """Note a result."""
+        self.known[what] = result
+        self.results.write_text(json.dumps(self.known, indent=1))
+
+    def measure(self, part: str, options: argparse.Namespace) -> None:
+        """Run a part."""
+        if part == "start":
+            self.keep(part, run_start(self.folder))
+        elif part == "peer":
+            self.keep(part, run_peer(self.mesh, options.first_pairs, options.peer))
+        elif part == "solve":
+            # Nothing is known of the mesh: a cache of its own.
+            with tempfile.TemporaryDirectory(prefix="interaction-", dir=self.folder) as cache:
+                order = {"mesh": str(self.mesh), "pairs": options.first_pairs}
+                found = run_window(part, order, "software", Path(cache), trace=options.trace)
+            self.keep(part, found)
+            print_phases("first pictures", found)
+        else:
+            self.measure_window(options)
+
+    def measure_window(self, options: argparse.Namespace) -> None:
+        """The scripted minute and the ticks, with each driver."""
+        from meshmash_viewer.io.read import read_mesh
+
+        mesh = read_mesh(self.mesh)
+        solved = mesh.n_vertices <= options.solve_up_to
+        stored = self.folder / f"{self.mesh.stem}-{options.pairs}"
+        if not stored.exists():
+            os.environ["XDG_CACHE_HOME"] = str(stored)
+            prepare_store(mesh, options.pairs, solved)
+        order = {"mesh": str(self.mesh), "pairs": options.pairs, "vertices": mesh.n_vertices}
+        for driver in options.drivers:
+            found = run_window("session", order, driver, stored, trace=options.trace)
+            # in a process of its own: the no-op driver gives no upload's memory back
+            ticks = run_window("ticks", order, driver, stored, trace=False)
+            new = ("ticks", "ticks_in_render", "compressed", "floor", "readd")
+            found |= {key: ticks[key] for key in new if key in ticks}
+            found["pairs"] = f"{options.pairs} {'solved' if solved else 'SYNTHETIC'}"
+            self.keep(driver, found)
+            print_phases(f"{mesh.n_vertices:,} vertices", found)
+
+
+def print_phases(title: str, run: dict[str, Any]) -> None:
     """Largest gaps by what was done meanwhile."""
-    print(f"\n{title}: largest gap in ms, all included / less drawing; 99 % less drawing")
-    for name in runs[0]["phases"]:
-        cells = []
-        for run in runs:
-            phase = run["phases"].get(name)
-            if phase:
-                cells.append(
-                    f"{run['driver']}: {phase['largest']:6.0f} / {phase['largest_less']:4.0f};"
-                    f" {phase['p99_less']:5.1f}"
-                )
-        print(f"  {name:28s} {'    '.join(cells)}", flush=True)
+    print(f"\n{title}, {run['driver']}: largest gap in ms, all included / less drawing; 99 % less")
+    for name, phase in run["phases"].items():
+        print(
+            f"  {name:28s} {phase['largest']:6.0f} / {phase['largest_less']:4.0f};"
+            f" {phase['p99_less']:5.1f}",
+            flush=True,
+        )
+
+
+def rows(known: dict[str, Any]) -> dict[str, str]:
+    """A column of the table: text of a row to what is known of it."""
+    lines: dict[str, str] = {}
+
+    def put(text: str, form: str, *path: str, times: float = 1.0) -> float | None:
+        value: Any = known
+        for key in path:
+            value = value.get(key) if isinstance(value, dict) else None
+        number = isinstance(value, int | float)
+        lines[text] = "" if value is None else form.format(value * times if number else value)
+        return value if number else None
+
+    put("eigenpairs of the ticks", "{}", "no-op", "pairs")
+    floor = put("floor: writing 4 n bytes (ms)", "{:.2f}", "no-op", "floor")
+    for key, text in TICKS.items():
+        took = put(f"{text}, no-op driver (ms)", "{:.1f}", "no-op", "ticks", key)
+        put(f"  {text}, of it in VTK's Render (ms)", "{:.1f}", "no-op", "ticks_in_render", key)
+        if took and floor:
+            lines[f"  {text} / floor"] = f"{took / floor:.0f}×"
+        put(f"{text}, software OpenGL (ms)", "{:.0f}", "software", "ticks", key)
+    table = put("HKS of a time from the table (ms)", "{:.1f}", "no-op", "compressed", "hks_table")
+    direct = put("the same by the direct sum (ms)", "{:.0f}", "no-op", "compressed", "hks_direct")
+    lines["direct sum / table"] = f"{direct / table:.0f}×" if direct and table else ""
+    put("largest error, of the field's range", "{:.0e}", "no-op", "compressed", "hks_error")
+    again = put("scene made again with add_mesh (ms)", "{:.0f}", "no-op", "readd")
+    step = known.get("no-op", {}).get("ticks", {}).get("step")
+    lines["add_mesh / eigenfunction step"] = f"{again / step:.0f}×" if again and step else ""
+    for driver in DRIVERS:
+        put(f"largest gap, {driver}, all included (ms)", "{:.0f}", driver, "gaps", "largest")
+        put(f"largest gap, {driver}, less drawing (ms)", "{:.0f}", driver, "gaps", "largest_less")
+        put(f"99 % of gaps, {driver}, all included (ms)", "{:.1f}", driver, "gaps", "p99")
+        put(f"99 % of gaps, {driver}, less drawing (ms)", "{:.1f}", driver, "gaps", "p99_less")
+        put(f"200 notches of the wheel, {driver}", "{}", driver, "wheel")
+        put(f"known mesh: first field after the mesh, {driver} (ms)", "{:.0f}",
+            driver, "moments", "field", times=1e3)  # fmt: skip
+    held = put("private memory beyond the empty window (MB)", "{:.0f}", "software", "private")
+    put("  without what the C library keeps for later (MB)", "{:.0f}", "software", "trimmed")
+    put("  live tables in it (MB)", "{:.0f}", "software", "tables")
+    formula = put("formula: mesh, surface, tables, fields (MB)", "{:.0f}", "software", "formula")
+    lines["memory / formula"] = f"{held / formula:.2f}" if held and formula else ""
+    put("window painted after the start (s)", "{:.2f}", "start", "visible")
+    put("window complete after the start (s)", "{:.2f}", "start", "complete")
+    put("first preview after the file is read (s)", "{:.1f}", "solve", "moments", "field")
+    put("first 20 exact pairs (s)", "{:.1f}", "solve", "moments", "pairs_20")
+    put("all 100 exact pairs (s)", "{:.1f}", "solve", "moments", "pairs_all")
+    put("largest gap meanwhile, less drawing (ms)", "{:.0f}", "solve", "gaps", "largest_less")
+    put("peer: all 100 pairs, then its first picture (s)", "{:.1f}", "peer", "picture")
+    if "given_up" in known.get("peer", {}):
+        lines["peer: all 100 pairs, then its first picture (s)"] = (
+            f"not finished in {known['peer']['given_up']:.0f} s"
+        )
+    return lines
+
+
+def print_table(title: str, columns: dict[int, dict[str, Any]]) -> None:
+    """All that is known, as a table of Markdown."""
+    cells = [rows(known) for known in columns.values()]
+    print(f"\n| {title} | " + " | ".join(f"{size:,}" for size in columns) + " |")
+    print("|---|" + "---|" * len(columns))
+    for text in max(cells, key=len):
+        values = [column.get(text, "") for column in cells]
+        if any(values):
+            print(f"| {text} | " + " | ".join(values) + " |")
 
 
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("mesh", type=Path, nargs="?")
+    parser.add_argument("mesh", type=Path)
     parser.add_argument("--sizes", type=int, nargs="*", default=[100_000, 500_000, 1_000_000])
-    parser.add_argument("--pairs", type=int, default=300)
+    parser.add_argument("--parts", nargs="*", choices=PARTS, default=PARTS, help="none: table only")
+    parser.add_argument("--drivers", nargs="+", choices=DRIVERS, default=DRIVERS)
+    parser.add_argument("--pairs", type=int, default=300, help="stored for the scripted minute")
     parser.add_argument("--solve-up-to", type=int, default=150_000)
-    parser.add_argument("--decompose", nargs="*", default=[], metavar="MESH:PAIRS")
+    parser.add_argument("--first-pairs", type=int, default=100, help="computed by `solve`, `peer`")
+    parser.add_argument("--peer", type=float, default=900.0, metavar="SECONDS")
+    parser.add_argument("--folder", type=Path, help="where to keep meshes, pairs and results")
     parser.add_argument("--trace", action="store_true", help="say what ran during long gaps")
-    arguments = parser.parse_args()
-
-    from meshmash_viewer.io.read import read_mesh
-
-    columns = {}
-    for size in arguments.sizes if arguments.mesh else []:
-        # A cache of its own, for this process and the windows it starts.
-        with tempfile.TemporaryDirectory(prefix="interaction-") as folder:
-            os.environ["XDG_CACHE_HOME"] = folder
-            mesh = refined(read_mesh(arguments.mesh), size)
-            path = Path(folder) / f"{arguments.mesh.stem}.npz"
-            np.savez(path, vertices=mesh.vertices, faces=mesh.faces)
-            solved = mesh.n_vertices <= arguments.solve_up_to
-            prepare_store(mesh, arguments.pairs, solved)
-            columns[size] = measure_size(path, mesh, arguments.pairs, solved, arguments.trace)
-    if columns:
-        print(f"\n| {arguments.mesh.stem} | " + " | ".join(f"{n:,}" for n in columns) + " |")
-        print("|---|" + "---|" * len(columns))
-        for key, text, form in ROWS:
-            cells = [form.format(column[key]) for column in columns.values()]
-            print(f"| {text} | " + " | ".join(cells) + " |")
-    for text in arguments.decompose:
-        name, _, pairs = text.rpartition(":")
-        with tempfile.TemporaryDirectory(prefix="interaction-") as folder:
-            os.environ["XDG_CACHE_HOME"] = folder
-            options = {"mesh": str(Path(name).absolute()), "pairs": int(pairs)}
-            runs = [
-                run_window("decompose", options, noop=noop, trace=arguments.trace)
-                for noop in (True, False)
-            ]
-            print_phases(f"{Path(name).stem} decomposed, {pairs} pairs", *runs)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="interaction-") as scratch:
+        folder = options.folder or Path(scratch)
+        folder.mkdir(parents=True, exist_ok=True)
+        columns = {}
+        for size in options.sizes:
+            column = Column(folder, options.mesh, size)
+            for part in options.parts:
+                column.measure(part, options)
+            columns[size] = column.known
+    print_table(options.mesh.stem, columns)
 
 
 if __name__ == "__main__":

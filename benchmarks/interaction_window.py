@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
 import gc
 import json
-import os
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import numpy as np
+from interaction_measure import (
+    Drawing,
+    Gaps,
+    Player,
+    Script,
+    formula_bytes,
+    private_bytes,
+    trimmed_bytes,
+)
 from PySide6.QtCore import QEventLoop, QPoint, QPointF, Qt, QTimer
 from PySide6.QtGui import QWheelEvent
 from PySide6.QtTest import QTest
@@ -23,171 +27,13 @@ from PySide6.QtWidgets import QApplication, QTabWidget, QWidget
 
 import meshmash_viewer.app.picture as picture_module
 from meshmash_viewer.app.canvas import Canvas
+from meshmash_viewer.app.facts import subscript
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
 from meshmash_viewer.model.display import FieldKind
-from meshmash_viewer.model.field import compute_field, request_of
 from meshmash_viewer.model.jobs import ExportJob
-from meshmash_viewer.model.live import expected_bytes
 from meshmash_viewer.model.squares import sum_squares
 from meshmash_viewer.weyl import Target
-
-TICK = 0.005
-#: Gaps (s, less drawing) above which `--trace` tells what ran.
-LONG = 0.02
-
-Script = Iterator[float | Callable[[], bool]]
-
-
-def seconds_waited() -> float:
-    """Seconds that the main thread was ready and other programs had the processors."""
-    schedule = Path(f"/proc/{os.getpid()}/schedstat")
-    return int(schedule.read_text().split()[1]) * 1e-9 if schedule.exists() else 0.0
-
-
-class Drawing:
-    """Seconds spent inside VTK's own drawing calls."""
-
-    def __init__(self) -> None:
-        self.seconds = 0.0
-        self.frames = 0
-
-    def watch(self, window: Any) -> Any:
-        for name in ("Render", "Frame", "WaitForCompletion"):
-            setattr(window, name, self._timed(name, getattr(window, name)))
-        return window
-
-    def _timed(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        def timed(*arguments: Any) -> Any:
-            started, waited = time.perf_counter(), seconds_waited()
-            try:
-                return call(*arguments)
-            finally:
-                # What it waited for a processor is taken off the gaps as it is.
-                waited = seconds_waited() - waited
-                self.seconds += time.perf_counter() - started - waited
-                self.frames += name == "Render"
-
-        return timed
-
-
-class Gaps:
-    """The time between ticks of a timer, by phase of the session."""
-
-    def __init__(self, drawing: Drawing, trace: bool) -> None:
-        self.drawing = drawing
-        self.phase = "start"
-        self.found: dict[str, list[tuple[float, float]]] = {}
-        self._last = (time.perf_counter(), 0.0, seconds_waited())
-        self._samples: list[tuple[float, str]] = []
-        self._main = threading.get_ident()
-        self._timer = QTimer(interval=round(1000 * TICK), timerType=Qt.TimerType.PreciseTimer)
-        self._timer.timeout.connect(self._tick)
-        self._timer.start()
-        if trace:
-            threading.Thread(target=self._sample, daemon=True).start()
-
-    def _tick(self) -> None:
-        now, drawn, waited = time.perf_counter(), self.drawing.seconds, seconds_waited()
-        gap = now - self._last[0] - (waited - self._last[2])
-        less = gap - (drawn - self._last[1])
-        self.found.setdefault(self.phase, []).append((gap, less))
-        if self._samples and less > LONG:
-            inside = [text for at, text in self._samples if self._last[0] < at < now]
-            print(f"--- {self.phase}: {1e3 * gap:.0f} ms, {1e3 * less:.0f} less drawing")
-            for text in sorted(set(inside), key=inside.index):
-                print(f"  {inside.count(text)} × {text}")
-        self._samples.clear()
-        self._last = (now, drawn, waited)
-
-    def _sample(self) -> None:
-        while True:
-            time.sleep(0.002)
-            frame, calls = sys._current_frames().get(self._main), []
-            # Nothing in between may let the other thread run on: no files, no formatting.
-            while frame is not None and len(calls) < 8:
-                calls.append((frame.f_code, frame.f_lineno))
-                frame = frame.f_back
-            at = time.perf_counter()
-            texts = [f"{Path(c.co_filename).name}:{line} {c.co_name}" for c, line in calls]
-            self._samples.append((at, " < ".join(texts)))
-
-    def summary(self, phases: list[str] | None = None) -> dict[str, float]:
-        names = phases if phases is not None else list(self.found)
-        gaps = np.array([gap for name in names for gap in self.found[name]]) * 1e3
-        return {
-            "largest": float(gaps[:, 0].max()),
-            "p99": float(np.percentile(gaps[:, 0], 99)),
-            "largest_less": float(gaps[:, 1].max()),
-            "p99_less": float(np.percentile(gaps[:, 1], 99)),
-        }
-
-
-class Player:
-    """Plays a script while the event loop runs: each step is a delay (s) or a condition."""
-
-    def __init__(self, script: Script, patience: float = 900.0) -> None:
-        self._script = script
-        self._patience = patience
-        # Not the application's own loop, whose end closes all windows.
-        self._loop = QEventLoop()
-
-    def play(self) -> None:
-        self.fault: BaseException | None = None
-        self._next()
-        self._loop.exec()
-        if self.fault is not None:
-            raise self.fault
-
-    def _next(self) -> None:
-        try:
-            step = next(self._script)
-        except StopIteration:
-            self._loop.quit()
-        except BaseException as fault:  # noqa: BLE001  raised again where it is waited for
-            self.fault = fault
-            self._loop.quit()
-        else:
-            if callable(step):
-                self._wait(step, time.perf_counter() + self._patience)
-            else:
-                QTimer.singleShot(round(1000 * step), self._next)
-
-    def _wait(self, condition: Callable[[], bool], deadline: float) -> None:
-        if condition():
-            self._next()
-        elif time.perf_counter() > deadline:
-            self.fault = TimeoutError("the window did not get there")
-            self._loop.quit()
-        else:
-            QTimer.singleShot(2, lambda: self._wait(condition, deadline))
-
-
-def private_bytes() -> int:
-    """Memory of this process that no file backs."""
-    for line in Path("/proc/self/status").read_text().splitlines():
-        if line.startswith("RssAnon:"):
-            return 1024 * int(line.split()[1])
-    raise RuntimeError("this system does not say")
-
-
-def _trimmed_bytes() -> int:
-    """The same after the C library has given back what it keeps for later."""
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL("libc.so.6").malloc_trim(0)
-    return private_bytes()
-
-
-def formula_bytes(n_vertices: int, n_faces: int) -> int:
-    """What a window should hold.
-
-    The mesh in double precision with 64-bit indices (24 n + 24 m), its normals (12 n), the
-    surface that is drawn (12 n + 4 n and, for its faces, 16 m), the search structure for picking
-    (about 24 m), then tables and fields.
-    """
-    mesh = 24 * n_vertices + 24 * n_faces + 12 * n_vertices
-    surface = 16 * n_vertices + 16 * n_faces
-    return mesh + surface + 24 * n_faces + expected_bytes(n_vertices)
 
 
 class Session:
@@ -210,6 +56,33 @@ class Session:
         self.gaps = Gaps(self.drawing, order["trace"])
         self.empty = private_bytes()
         self.result: dict[str, Any] = {}
+        self.moments: dict[str, float] = {}
+        self.document.mesh_changed.connect(lambda: self.note("mesh"))
+        self.document.spectrum_changed.connect(self.note_pairs)
+        # the window's own slot is connected before this one: the frame is done
+        self.canvas.frame_due.connect(self.note_frame)
+
+    # -- what came when -----------------------------------------------------------------------
+
+    def note(self, what: str) -> None:
+        self.moments.setdefault(what, time.perf_counter())
+
+    def note_pairs(self) -> None:
+        spectrum = self.document.spectrum
+        if spectrum is not None and len(spectrum) >= 20 and spectrum.is_exact(19):
+            self.note("pairs_20")
+        if spectrum is not None and spectrum.complete:
+            self.note("pairs_all")
+
+    def note_frame(self) -> None:
+        if self.source.field is not None and self.window.scene.mesh is self.document.mesh:
+            self.note("field")
+            if self.document.spectrum.is_exact(self.source.field.index):
+                self.note("exact_field")
+
+    def since_mesh(self, what: str) -> float | None:
+        """Seconds after the mesh was read."""
+        return self.moments[what] - self.moments["mesh"] if what in self.moments else None
 
     # -- parts of scripts -------------------------------------------------------------------
 
@@ -240,6 +113,19 @@ class Session:
         )  # fmt: skip
         QApplication.sendEvent(widget, event)
 
+    def wheel_fault(self, index: int) -> str:
+        """What is wrong after the wheel has gone to an eigenfunction; empty if nothing is."""
+        window, rows = self.window, self.document.spectrum.shown_rows
+        shown = window.scene._drawing.surface.values
+        label = self.part("eigenvalue_label").text()
+        if self.display.index != index:
+            return f"at {self.display.index} instead of {index}"
+        if not np.array_equal(shown, np.asarray(rows[index], dtype=np.float32)):
+            return "another field is displayed"
+        if not label.startswith(f"λ{subscript(index)} "):
+            return f"the label says {label}"
+        return "" if self.source.idle else "the queue is not idle"
+
     def drag(self, widget: QWidget, way: list[QPoint], pause: float = 0.016) -> Script:
         left = Qt.MouseButton.LeftButton
         QTest.mousePress(widget, left, pos=way[0])
@@ -268,8 +154,7 @@ class Session:
         self.phase("open, picking and stand-in")
         yield 0.5
         yield lambda: self.window.scene.can_pick
-        if self.order["what"] == "session":
-            yield self.at_rest
+        yield self.at_rest
 
     def session(self) -> Script:
         none, control = Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.ControlModifier
@@ -281,6 +166,16 @@ class Session:
             self.wheel(canvas, -1, control)
             yield 0.016
         yield self.at_rest
+        yield 0.1
+        paced = self.wheel_fault(min(1 + 200, self.order["pairs"] - 1))
+        self.phase("200 notches at once")
+        for number in range(200):
+            self.wheel(canvas, 1, control)
+            if number % 20 == 19:
+                yield 0.0  # it is the window that is measured, not this loop
+        yield self.at_rest
+        yield 0.1
+        self.result["wheel"] = paced or self.wheel_fault(1) or "ok"
         self.phase("hover")
         for turn in range(60):
             centre = canvas.rect().center()
@@ -372,13 +267,15 @@ class Session:
 
         path = self.folder / "picture.png"
         dialog = PictureDialog((1920, 1080), path, self.window)
+        yield 0.1  # whoever presses Save takes longer
         self.window.commands._write_picture(dialog)
         yield path.exists
         dialog.deleteLater()
 
     def ticks(self) -> Script:
         """From a change of the display to the frame that shows it, one at a time."""
-        display, count = self.display, 40
+        display = self.display
+        count = 40 if self.result["driver"] == "no-op" else 12
         pairs, vertices = self.order["pairs"], self.order["vertices"]
         kinds = {
             "step": (
@@ -392,7 +289,7 @@ class Session:
                 lambda i: setattr(display, "similarity_vertex", 7919 * (i + 1) % vertices),
             ),
         }  # fmt: skip
-        self.result["ticks"], self.result["tick_parts"] = {}, {}
+        self.result["ticks"], self.result["ticks_in_render"] = {}, {}
         for name, (kind, change) in kinds.items():
             self.phase(f"tick {name}")
             if kind is FieldKind.SIMILARITY:
@@ -400,9 +297,10 @@ class Session:
             display.kind = kind
             yield 0.5
             yield self.at_rest
-            took, computing = [], []
+            took, rendering = [], []
             for i in range(count):
-                field, loop, started = self.source.field, QEventLoop(), time.perf_counter()
+                field, loop, drawn_before = self.source.field, QEventLoop(), self.drawing.seconds
+                started = time.perf_counter()
                 change(i)
 
                 def drawn(field: Any = field, loop: QEventLoop = loop) -> None:
@@ -415,15 +313,11 @@ class Session:
                 loop.exec()
                 took.append(time.perf_counter() - started)
                 self.canvas.frame_due.disconnect(drawn)
-                request = request_of(self.document)
-                started = time.perf_counter()
-                answer = compute_field(request, self.source.live)
-                answer.limits(display.limits)
-                computing.append(time.perf_counter() - started)
-                del answer, field
+                rendering.append(self.drawing.seconds - drawn_before)
+                del field
                 yield 0.03
             self.result["ticks"][name] = 1e3 * median(took)
-            self.result["tick_parts"][name] = 1e3 * median(computing)
+            self.result["ticks_in_render"][name] = 1e3 * median(rendering)
             yield self.at_rest
 
     def time(self, share: float) -> float:
@@ -470,48 +364,67 @@ class Session:
         plotter.close()
         return 1e3 * median(took)
 
-    def decompose(self) -> Script:
-        yield from self.open()
-        self.phase("decompose")
+    def solve(self) -> Script:
+        """Open a mesh that nothing is known of, and compute at once; look around meanwhile."""
+        self.phase("empty")
+        yield 1.0
+        self.phase("open")
+        self.window.open_mesh(self.order["mesh"])
+        yield lambda: self.document.mesh is not None
+        self.phase("preview and solve")
         self.document.target = Target("count", self.order["pairs"])
         self.document.compute()
         yield 0.1
         step = 0
         while self.document.job is not None:
-            if self.document.spectrum is not None and len(self.document.spectrum) > 5:
+            spectrum = self.document.spectrum
+            # not before the preview is looked at, and after the first exact pairs have replaced it
+            if spectrum is not None and "pairs_20" in self.moments:
                 step += 1
-                self.display.index = 1 + step % (len(self.document.spectrum) - 1)
+                self.display.index = 1 + step % (len(spectrum) - 1)
             yield 0.05
         self.phase("end")
         yield self.at_rest
 
     def run(self) -> dict[str, Any]:
-        if self.order["what"] == "decompose":
-            Player(self.decompose()).play()
-        else:
-            Player(self.session()).play()
+        what = self.order["what"]
+        scripts = {"solve": self.solve, "session": self.session, "ticks": self.open}
+        Player(scripts[what]()).play()
+        # not earlier: to ask makes the context, in a window that is not on the screen yet
         self.result["driver"] = "no-op" if _is_noop(self.window) else "software"
         phases = [name for name in self.gaps.found if name != "start"]
         self.result["gaps"] = self.gaps.summary(phases)
         self.result["phases"] = {name: self.gaps.summary([name]) for name in phases}
-        if self.order["what"] == "session":
-            gc.collect()
-            mesh = self.document.mesh
-            self.result["private"] = (private_bytes() - self.empty) / 1e6
-            self.result["tables"] = self.source.live.nbytes / 1e6
-            self.result["trimmed"] = (_trimmed_bytes() - self.empty) / 1e6
-            self.result["formula"] = formula_bytes(mesh.n_vertices, mesh.n_faces) / 1e6
+        self.result["moments"] = {name: self.since_mesh(name) for name in self.moments}
+        if what == "session":
+            self.measure_memory()
+        if what == "ticks":
             Player(self.ticks()).play()
             self.result["compressed"] = self.compressed()
-            values, target = np.zeros(mesh.n_vertices, np.float32), self.source.field.values.copy()
-            started = time.perf_counter()
-            for _ in range(20):
-                np.copyto(target, values)
-            self.result["floor"] = 1e3 * (time.perf_counter() - started) / 20
+            self.result["floor"] = self.floor()
             if self.result["driver"] == "no-op":
                 self.result["readd"] = self.readd()
         self.window.close()
         return self.result
+
+    def measure_memory(self) -> None:
+        gc.collect()
+        mesh = self.document.mesh
+        self.result["private"] = (private_bytes() - self.empty) / 1e6
+        self.result["tables"] = self.source.live.nbytes / 1e6
+        self.result["trimmed"] = (trimmed_bytes() - self.empty) / 1e6
+        self.result["formula"] = formula_bytes(mesh.n_vertices, mesh.n_faces) / 1e6
+
+    def floor(self) -> float:
+        """Writing a field into an array that is there (ms)."""
+        values = np.zeros(self.document.mesh.n_vertices, np.float32)
+        target = self.source.field.values.copy()
+        took = []
+        for _ in range(20):
+            started = time.perf_counter()
+            np.copyto(target, values)
+            took.append(time.perf_counter() - started)
+        return 1e3 * median(took)
 
 
 def _is_noop(window: MainWindow) -> bool:

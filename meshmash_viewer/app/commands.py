@@ -206,7 +206,8 @@ class Commands:
 
     def _write_picture(self, dialog: object) -> None:
         path = dialog.path
-        self.pictures.write(path, self._window.scene.raw_picture(dialog.size_, dialog.transparent))
+        twin = self._window.scene.twin()
+        self.pictures.write(path, twin, dialog.size_, dialog.transparent)
         self._window.settings.folder = path.parent
 
     def _say_not_saved(self, fault: str) -> None:

@@ -14,7 +14,7 @@ from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
 from meshmash_viewer.app.canvas import Canvas, Ring
 from meshmash_viewer.app.listening import frame_drawn
-from meshmash_viewer.app.picture import RawPicture, draw_raw
+from meshmash_viewer.app.picture import draw_picture
 from meshmash_viewer.app.render.camera import View
 from meshmash_viewer.app.render.drawing import Drawing
 from meshmash_viewer.clustering import CoarseMesh, cluster_vertices
@@ -212,11 +212,11 @@ class Scene(QWidget):
         self, size: tuple[int, int] | None = None, transparent: bool = False
     ) -> npt.NDArray[np.uint8]:
         """What is on the screen as RGBA of shape (height, width, 4), at any size."""
-        return self.raw_picture(size or self._canvas.pixels()[:2], transparent).rgba()
+        return draw_picture(self.twin(), size or self._canvas.pixels()[:2], transparent)
 
-    def raw_picture(self, size: tuple[int, int], transparent: bool) -> RawPicture:
-        """The same, to be finished by another thread."""
-        return draw_raw(self._drawing.twin(), size, transparent)
+    def twin(self) -> Drawing:
+        """What is on the screen, to be drawn elsewhere."""
+        return self._drawing.twin()
 
     def display_point(self, vertex: int) -> QPoint:
         """Where a vertex is on this widget."""
