@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.engine.lanczos import orthonormalise
+from meshmash_viewer.engine.orthogonality import orthonormalise
 from meshmash_viewer.engine.pencil import Pencil
 
 __all__ = ["pairs_of_inverse"]

@@ -6,13 +6,12 @@ them; what is missing is taken off against the slice before, which is already fi
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.engine.lanczos import orthonormalise
 from meshmash_viewer.engine.pencil import Pencil
 
 __all__ = ["Allocate", "Output", "PairsCallback", "fix_sign"]
@@ -24,7 +23,11 @@ Allocate: TypeAlias = Callable[[int, int], npt.NDArray[np.floating[Any]]]
 PairsCallback: TypeAlias = Callable[[int, FloatArray, FloatArray], None]
 
 #: Inner products of neighbouring slices below this stay as they are.
-_TOUCHING = 1e-13
+_TOUCHING = 1e-12
+#: Random sums of all rows but the newest.
+_MIXTURES = 8
+#: Vertices that a product works on at once.
+_STRETCH = 4096
 
 
 class Output:
@@ -59,17 +62,25 @@ class Output:
             raise ValueError(f"allocate gave {self.rows.shape} for {shape}")
         self.written = 0
         self.orthonormality = 0.0
-        self._before: FloatArray = np.zeros((0, pencil.n))
+        self._before = slice(0, 0)
         self._inverse_root_mass = 1.0 / pencil.root_mass
         self._random = np.random.default_rng(1)
-        self._mixture = np.zeros((8, pencil.n))
+        self._mixture = np.zeros((_MIXTURES, pencil.n_all))
+        self._mass = np.zeros(pencil.n_all)
+        self._mass[pencil.active] = pencil.root_mass**2
 
     @property
     def total(self) -> int:
         """Number of pairs in the end."""
         return len(self.eigenvalues)
 
-    def write(self, values: FloatArray, residuals: FloatArray, rows: FloatArray) -> slice:
+    def write(
+        self,
+        values: FloatArray,
+        residuals: FloatArray,
+        rows: FloatArray,
+        orthonormality: float | None = None,
+    ) -> slice:
         """Finish pairs of the reduced problem and write them behind those that are there.
 
         Parameters
@@ -78,10 +89,11 @@ class Output:
         residuals : ndarray, shape (p,)
             In the reduced unit, not relative.
         rows : ndarray, shape (p, n)
-            Orthonormal.
+            Orthonormal; overwritten.
+        orthonormality : float, optional
+            Largest defect of their inner products, where it has been measured.
         """
         pencil = self.pencil
-        rows = self._agree(rows)
         count = min(len(values), self.total - self.written)
         values, residuals, rows = values[:count], residuals[:count], rows[:count]
         place = slice(self.written, self.written + count)
@@ -90,62 +102,92 @@ class Output:
             eigenvalues = np.minimum(eigenvalues, self.ceiling)
         self.eigenvalues[place] = eigenvalues
         self.residuals[place] = residuals / np.where(values > pencil.noise, values, 1.0)
-        final = np.zeros(pencil.n_all)
-        without_mass = np.ones(pencil.n_all, dtype=bool)
-        without_mass[pencil.active] = False
-        for i, row in enumerate(rows):
-            final[pencil.active] = row * self._inverse_root_mass
-            fix_sign(final)
-            self.rows[self.written + i] = final
+        written = self.rows[place]
+        for row, target in zip(rows, written, strict=True):
+            row *= self._inverse_root_mass
+            fix_sign(row, pencil.active)
+            target[pencil.active] = row
+        worst = self._agree(written)
+        if orthonormality is None or self.rows.dtype != np.float64:
+            orthonormality = self._defect(written)
+        worst = max(worst, orthonormality)
+        self.orthonormality = max(self.orthonormality, worst)
         if pencil.n < pencil.n_all:
-            self.rows[place, without_mass] = np.nan
-        self._measure(rows, self.rows[place])
+            written[:, self._mass == 0.0] = np.nan
+        self._before = place
         self.written += count
         return place
 
-    def _agree(self, rows: FloatArray) -> FloatArray:
-        """Take off what the rows still share with those of the slice before."""
-        if len(self._before) == 0:
-            return rows
-        shared = rows @ self._before.T
-        if np.abs(shared).max(initial=0.0) > 0.5:
-            raise ArithmeticError("two slices found the same eigenvector")
-        if np.abs(shared).max(initial=0.0) < _TOUCHING:
-            return rows
-        for start in range(0, rows.shape[1], 4096):
-            part = slice(start, start + 4096)
-            rows[:, part] -= shared @ self._before[:, part]
-        orthonormalise(rows)
-        return rows
+    def _agree(self, written: npt.NDArray[np.floating[Any]]) -> float:
+        """Take off what rows share with those of the slice before; the rest that remains.
 
-    def _measure(self, rows: FloatArray, written: npt.NDArray[np.floating[Any]]) -> None:
-        """Inner products among the rows, with their neighbours, and with all before those.
-
-        The last are measured through eight random sums of rows: the size of a row of inner
-        products, which is at least the largest of them.
+        What they share with rows before those, far from them in the spectrum, is measured
+        through eight random sums: the size of a row of inner products, which is at least the
+        largest of them.
         """
-        if len(rows) == 0:
-            return
-        if written.dtype != np.float64:
-            rows = np.asarray(written[:, self.pencil.active], dtype=np.float64)
-            rows *= self.pencil.root_mass
-        gram = rows @ rows.T
-        gram[np.diag_indices(len(rows))] -= 1.0
-        shared = rows @ self._before.T
-        far = np.linalg.norm(rows @ self._mixture.T, axis=1) / np.sqrt(8.0)
-        worst = [np.abs(part).max(initial=0.0) for part in (gram, shared, far)]
-        self.orthonormality = max(self.orthonormality, *map(float, worst))
-        signs = self._random.choice([-1.0, 1.0], size=(8, len(self._before)))
-        self._mixture += signs @ self._before
-        self._before = rows
+        before = self.rows[self._before]
+        if len(before) == 0 or len(written) == 0:
+            return 0.0
+        shared = np.zeros((len(written), len(before)))
+        far = np.zeros((len(written), _MIXTURES))
+        for part, weighted in self._weighted(written):
+            shared += weighted @ self._finite(before[:, part]).T
+            far += weighted @ self._mixture[:, part].T
+        if np.abs(shared).max() > 0.5:
+            raise ArithmeticError("two slices found the same eigenvector")
+        if np.abs(shared).max() > _TOUCHING and self.rows.dtype == np.float64:
+            for part, _ in self._weighted(written):
+                written[:, part] -= shared @ self._finite(before[:, part])
+            shared[:] = 0.0
+            for part, weighted in self._weighted(written):
+                shared += weighted @ self._finite(before[:, part]).T
+        signs = self._random.choice([-1.0, 1.0], size=(_MIXTURES, len(before)))
+        for start in range(0, self._mixture.shape[1], _STRETCH):
+            part = slice(start, start + _STRETCH)
+            self._mixture[:, part] += signs @ self._finite(before[:, part])
+        return float(max(np.abs(shared).max(), np.linalg.norm(far, axis=1).max() / _MIXTURES**0.5))
+
+    def _defect(self, written: npt.NDArray[np.floating[Any]]) -> float:
+        """Largest defect of the inner products among rows."""
+        gram = -np.eye(len(written))
+        for part, weighted in self._weighted(written):
+            gram += weighted @ self._finite(written[:, part]).T
+        return float(np.abs(gram).max(initial=0.0))
+
+    def _finite(self, rows: npt.NDArray[np.floating[Any]]) -> FloatArray:
+        """Rows in float64, zero where a vertex has no mass."""
+        exact: FloatArray = np.asarray(rows, dtype=np.float64)
+        if self.pencil.n < self.pencil.n_all:
+            exact = np.nan_to_num(exact)
+        return exact
+
+    def _weighted(
+        self, written: npt.NDArray[np.floating[Any]]
+    ) -> Iterator[tuple[slice, FloatArray]]:
+        """Stretches of vertices, and rows times the masses there."""
+        for start in range(0, written.shape[1], _STRETCH):
+            part = slice(start, start + _STRETCH)
+            yield part, self._finite(written[:, part]) * self._mass[part]
 
 
-def fix_sign(row: npt.NDArray[np.floating[Any]]) -> None:
+def fix_sign(row: FloatArray, places: npt.NDArray[np.int64]) -> None:
     """Turn a row in place so that its entry of largest magnitude is positive.
 
-    Of entries whose magnitudes agree to 1e-6 the first decides, so that rounding does not.
+    Of entries whose magnitudes agree to 1e-6 the one of the first place decides, so that rounding
+    does not.
+
+    Parameters
+    ----------
+    row : ndarray, shape (n,)
+    places : ndarray of int, shape (n,)
+        Vertices in the order of the mesh.
     """
-    size = np.abs(row)
-    leading = int(np.argmax(size >= (1.0 - 1e-6) * size.max(initial=0.0)))
-    if row[leading] < 0.0:
-        np.negative(row, out=row)
+    highest, lowest = float(row.max(initial=0.0)), float(row.min(initial=0.0))
+    near = (1.0 - 1e-6) * max(highest, -lowest)
+    if highest >= near > -lowest:
+        return
+    if highest >= near:
+        leading = np.flatnonzero(np.abs(row) >= near)
+        if row[leading[np.argmin(places[leading])]] > 0.0:
+            return
+    np.negative(row, out=row)

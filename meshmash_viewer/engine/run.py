@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from meshmash_viewer.engine.arnoldi import pairs_of_inverse
 from meshmash_viewer.engine.factorization import OrderedPencil, order_pencil
-from meshmash_viewer.engine.lanczos import measure_pairs, orthonormalise
+from meshmash_viewer.engine.lanczos import measure_pairs
+from meshmash_viewer.engine.orthogonality import orthonormalise
 from meshmash_viewer.engine.output import Output
 from meshmash_viewer.engine.pencil import reduce_pencil
 from meshmash_viewer.engine.plan import SpectrumPlan
@@ -139,7 +140,8 @@ class Run:
             self._stop,
             self._poll,
         ):
-            yield self._write(pairs.values, pairs.residuals, pairs.rows)
+            yield self._write(pairs.values, pairs.residuals, pairs.rows, pairs.orthonormality)
+            ordered.give_back(pairs.rows)
         self._spend("slices", started)
 
     def _known(
@@ -153,7 +155,7 @@ class Run:
         if len(inside) < 8:
             return None
         rows = np.asarray(known.rows[pencil.n_null + inside], dtype=np.float64)
-        rows = rows[:, pencil.active] * pencil.root_mass
+        rows = np.ascontiguousarray(rows[:, pencil.active]) * pencil.root_mass
         if known.rows.dtype != np.float64 or not np.isfinite(rows).all():
             return None
         values, residuals = measure_pairs(ordered, rows)
@@ -280,10 +282,16 @@ class Run:
         self._open(len(values))
         yield self._write(values, residuals, rows)
 
-    def _write(self, values: FloatArray, residuals: FloatArray, rows: FloatArray) -> slice:
+    def _write(
+        self,
+        values: FloatArray,
+        residuals: FloatArray,
+        rows: FloatArray,
+        orthonormality: float | None = None,
+    ) -> slice:
         started = time.perf_counter()
         output = self.output
-        place = output.write(values, residuals, rows)
+        place = output.write(values, residuals, rows, orthonormality)
         self._spend("output", started)
         if self.request.on_pairs is not None:
             self.request.on_pairs(

@@ -9,7 +9,7 @@ from meshmash_viewer.engine.factorization import OrderedPencil
 __all__ = ["is_dense", "memory_of_run", "slice_count", "worker_count"]
 
 #: Pairs a slice should hold: more make its basis dear, fewer its factor and its ends.
-_SLICE_PAIRS = 68
+_SLICE_PAIRS = 140
 #: Fewer pairs than this are one slice.
 _INDIVISIBLE = 48
 
@@ -23,7 +23,7 @@ _DENSE_VERTICES_MOST_PAIRS = 2500
 _FACTOR_DENSITY = 2.6
 #: Rows of a basis when its pairs have converged, by pairs and for none; it is not all touched
 #: before.
-_BASIS_ROWS = (3.2, 48)
+_BASIS_ROWS = (2.3, 110)
 #: Freed blocks that the allocator keeps: up to this share, and this many bytes.
 _KEPT_SHARE, _KEPT_BYTES = 0.2, 80e6
 
@@ -66,8 +66,8 @@ def memory_of_run(
 ) -> float:
     """Bytes that a run takes at most, its rows in float64 included.
 
-    The peak is where the last slices end: their bases, their pairs, those of the slice before,
-    and all rows. Measured within 20 % from 6 thousand to 400 thousand vertices.
+    The peak is where the last slices end: their bases, in whose memory their pairs are made, and
+    all rows. Measured within 20 % from 6 thousand to 400 thousand vertices.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def memory_of_run(
     row = 8.0 * n
     matrices = 95.0 * nnz + 200.0 * n
     # One slice writes its rows when its factor has gone; others may still have theirs.
-    ending = row * (k + n_null + (1 + at_once) * pairs) + 8.0 * entries * max(at_once - 1, 0)
+    ending = row * (k + n_null) + 8.0 * entries * max(at_once - 1, 0)
     starting = 8.0 * entries * at_once + row * n_null
     total = matrices + row * basis * at_once + max(ending, starting)
     return total + min(_KEPT_SHARE * total, _KEPT_BYTES) + _KEPT_BYTES / 8.0
