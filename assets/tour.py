@@ -20,10 +20,13 @@ import numpy as np
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDialog
+from trimesh.remesh import subdivide
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.canvas import Canvas
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
+from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.samples import sample_path
 
@@ -227,7 +230,61 @@ class Tour:
         theme.set_mode(theme.Mode.DARK)
         self.settle()
         self.shoot("dark-faults")
+        theme.set_mode(theme.Mode.LIGHT)
+        self.go_large(mesh)
         window.close()
+
+    def go_large(self, mesh: Path) -> None:
+        """Go through what only large meshes need: preview, hand-over, and the stand-in."""
+        document, display = self.document, self.display
+        window, canvas = self.window, self.window.findChild(Canvas)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"{mesh.name.split('.')[0]}_large.npz"
+            refine(mesh, path)
+            window.open_mesh(path, "nm")
+            self.wait(lambda: document.path == path and document.spectrum is not None)
+            constants = document.ready.health.n_components
+            display.index = constants + 4
+            self.settle()
+            self.shoot("preview")
+
+            # the same function before and after the exact one has taken its place
+            before, limits = self.shown()
+            self.ask_for(constants + 20)
+            self.wait(lambda: document.spectrum.is_exact(display.index))
+            self.wait(lambda: document.job is None)
+            window.stage.message_bar.dismiss()
+            self.settle()
+            self.shoot("preview-replaced")
+            after, new_limits = self.shown()
+            alike = float(np.corrcoef(before, after)[0, 1])
+            print(
+                f"hand-over: correlation {alike:.4f}, limits ±{limits:.3g}, then ±{new_limits:.3g}"
+            )
+
+            self.wait(lambda: window.scene.can_pick)
+            middle = canvas.rect().center()
+            QTest.mousePress(canvas, LEFT, pos=middle)
+            for step in range(1, 9):
+                QTest.mouseMove(canvas, middle + QPoint(6 * step, 2 * step))
+                QTest.qWait(40)
+            print(f"stand-in while it is turned: {window.scene.shows_stand_in}")
+            self.shoot("turning")
+            QTest.mouseRelease(canvas, LEFT, pos=middle + QPoint(48, 16))
+            self.settle()
+            self.shoot("turned")
+
+    def shown(self) -> tuple[np.ndarray, float]:
+        """Values on the render, and the upper end of their colours."""
+        field = self.window.field_source.field
+        return field.values[np.isfinite(field.values)], field.limits(self.display.limits)[1]
+
+
+def refine(mesh: Path, path: Path) -> None:
+    """Write a mesh with every face split in four, so that it is a large one."""
+    read = read_mesh(mesh)
+    vertices, faces = subdivide(read.vertices, read.faces)
+    np.savez(path, vertices=vertices, faces=faces)
 
 
 def main() -> int:

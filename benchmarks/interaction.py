@@ -191,7 +191,9 @@ class Column:
             # Nothing is known of the mesh: a cache of its own.
             with tempfile.TemporaryDirectory(prefix="interaction-", dir=self.folder) as cache:
                 order = {"mesh": str(self.mesh), "pairs": options.first_pairs}
-                found = run_window(part, order, "software", Path(cache), trace=options.trace)
+                found = run_window(
+                    part, order, options.drivers[-1], Path(cache), trace=options.trace
+                )
             self.keep(part, found)
             print_phases("first pictures", found)
         else:

@@ -20,6 +20,9 @@ __all__ = ["catch_up", "first_a_frame", "follow", "frame_drawn", "later", "liste
 
 #: Seconds after which a turn is over; what is left comes in the next one.
 _TURN = 0.003
+#: Milliseconds between turns. At 0, Qt would serve them only when nothing else waits at all, which
+#: may be never while slow frames are drawn.
+_PAUSE = 1
 #: Milliseconds that turns wait for a frame, which may not come at all.
 _PATIENCE = 40
 
@@ -76,7 +79,6 @@ class _Turns(QObject):
     def __init__(self) -> None:
         super().__init__()
         self._due: dict[weakref.WeakMethod[Callable[[], None]], None] = {}
-        # at 0 ms it is served when nothing else waits: input and painting go before
         self._timer = QTimer(self, singleShot=True)
         self._timer.timeout.connect(self._take_turn)
         self._waiting = False
@@ -84,7 +86,7 @@ class _Turns(QObject):
     def note(self, held: weakref.WeakMethod[Callable[[], None]]) -> None:
         self._due.setdefault(held)
         if not self._timer.isActive():
-            self._timer.start(_PATIENCE if self._waiting else 0)
+            self._timer.start(_PATIENCE if self._waiting else _PAUSE)
 
     def wait(self) -> None:
         self._waiting = True
@@ -94,7 +96,7 @@ class _Turns(QObject):
     def go_on(self) -> None:
         self._waiting = False
         if self._due:
-            self._timer.start(0)
+            self._timer.start(_PAUSE)
 
     def finish(self) -> None:
         while self._due:
@@ -105,7 +107,7 @@ class _Turns(QObject):
         end = perf_counter() + _TURN
         while self._due and perf_counter() < end:
             if len(self._due) > 1:
-                self._timer.start(0)  # before the call, which may fail
+                self._timer.start(_PAUSE)  # before the call, which may fail
             self._call_first()
 
     def _call_first(self) -> None:

@@ -27,6 +27,7 @@ from meshmash_viewer.app.arrangement import Arrangement
 from meshmash_viewer.app.commands import Commands
 from meshmash_viewer.app.field_source import FieldSource
 from meshmash_viewer.app.focus_keys import FocusKeys
+from meshmash_viewer.app.last_look import LastLook
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.mesh_panel import MeshPanel
 from meshmash_viewer.app.settings import Settings
@@ -91,6 +92,7 @@ class MainWindow(QMainWindow):
             self.menus["View"].insertAction(self.actions_["reset_camera"], dock.toggleViewAction())
         self._build_status_bar()
         self.tasks = Tasks(self.document, self)
+        self.last_look = LastLook(self.document, self.settings, self)
         self.commands = Commands(self)
         self._listen_to_document()
         theme.notifier().changed.connect(self._on_theme_changed)
@@ -207,6 +209,7 @@ class MainWindow(QMainWindow):
         self.setWindowTitle(f"{name}MeshMash Viewer")
         if ready is not None and ready.path is not None and not ready.repair:
             self.settings.add_recent(ready.path)
+            self.last_look.restore()
         self.hover_label.setText(self._mesh_summary())
         if self.loaded and ready is not None:
             # the same coordinates in another unit are looked at from where one is
@@ -357,6 +360,7 @@ class MainWindow(QMainWindow):
         if not self._closed:
             self._closed = True
             self.settings.layout = self.arrangement.save()
+            self.last_look.keep()
             self.document.display.playing = False
             self._stop_listening()
             theme.notifier().changed.disconnect(self._on_theme_changed)

@@ -260,6 +260,11 @@ class Scene(QWidget):
         else:
             self._canvas.update()
 
+    @property
+    def shows_stand_in(self) -> bool:
+        """Whether the last frame had the stand-in in it."""
+        return self._drawing.shows_coarse
+
     def _is_slow(self) -> bool:
         return self._full_frame is not None and self._full_frame > SLOW_FRAME
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import QByteArray, QSettings
 
@@ -11,10 +13,11 @@ from meshmash_viewer.app.theme import Mode
 __all__ = ["Settings"]
 
 _RECENT_KEPT = 10
+_LOOKS_KEPT = 50
 
 
 class Settings:
-    """Recent files, theme, layout and the speed of the last solve.
+    """Recent files, what was looked at in them, theme, layout and the speed of the last solve.
 
     Parameters
     ----------
@@ -50,6 +53,20 @@ class Settings:
         path = path.absolute()
         kept = [path, *(other for other in self.recent if other != path)][:_RECENT_KEPT]
         self._set("recent", [str(each) for each in kept])
+
+    @property
+    def looks(self) -> dict[str, dict[str, Any]]:
+        """What was on the render of each mesh file last (`LastLook`), the newest at the end."""
+        try:
+            stored = json.loads(str(self._get("looks") or "{}"))
+        except ValueError:
+            return {}
+        return stored if isinstance(stored, dict) else {}
+
+    @looks.setter
+    def looks(self, looks: dict[str, dict[str, Any]]) -> None:
+        newest = dict(list(looks.items())[-_LOOKS_KEPT:])
+        self._set("looks", json.dumps(newest))
 
     @property
     def folder(self) -> Path:

@@ -252,10 +252,13 @@ def _title(request: FieldRequest) -> str:
 def _quantity(request: FieldRequest) -> str:
     unit = request.unit
     if request.kind is FieldKind.EIGENFUNCTION:
-        value = float(request.spectrum.eigenvalues[request.index])
+        spectrum = request.spectrum
         name = "λ" + str(request.index).translate(_SUBSCRIPTS)
-        about = "=" if request.spectrum.is_exact(request.index) else "≈"
-        return f"{name} {about} {format_quantity(value, unit, -2)}"
+        written = format_quantity(float(spectrum.eigenvalues[request.index]), unit, -2)
+        if spectrum.is_exact(request.index):
+            return f"{name} = {written}"
+        # on the render too, and so on every picture that is made of it
+        return f"{name} ≈ {written} · preview, within about {100.0 * spectrum.error:.0f} %"
     if request.kind is FieldKind.HKS:
         time = format_quantity(request.time, unit, 2)
         return f"t = {time} (√t = {format_quantity(request.time**0.5, unit)})"

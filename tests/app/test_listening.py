@@ -4,9 +4,10 @@ import time
 
 import pytest
 import shiboken6
-from PySide6.QtCore import QObject
-from PySide6.QtTest import QTest
+from PySide6.QtCore import QObject, QTimer
+from pytestqt.qtbot import QtBot
 
+from meshmash_viewer.app import listening
 from meshmash_viewer.app.listening import (
     catch_up,
     first_a_frame,
@@ -36,7 +37,7 @@ def calls(qapp) -> list[str]:
     return []
 
 
-def test_listeners_are_told_at_once_and_followers_in_a_turn(calls: list[str]) -> None:
+def test_listeners_are_told_at_once_and_followers_in_a_turn(qtbot: QtBot, calls: list[str]) -> None:
     document = Document()
     acts, shows = Follower(calls, "acts"), Follower(calls, "shows")
     follow(document.display.events, shows.show)
@@ -46,42 +47,47 @@ def test_listeners_are_told_at_once_and_followers_in_a_turn(calls: list[str]) ->
     document.display.index = 5
     document.spectrum_changed.emit()
     assert calls == ["acts", "acts"]
-    QTest.qWait(20)
+    qtbot.waitUntil(lambda: len(calls) > 2)
+    qtbot.wait(20)
     assert calls == ["acts", "acts", "shows"], "however often it was said"
 
 
-def test_long_work_is_spread_over_turns(calls: list[str]) -> None:
+def test_long_work_is_spread_over_turns(qtbot: QtBot, calls: list[str]) -> None:
     followers = [Follower(calls, name, 0.01) for name in "abc"]
     turn = Follower(calls, "|")
     for follower in followers:
         later(follower.show)
-    for _ in range(6):
-        QTest.qWait(0)  # what waits besides: one round of the loop
-        turn.show()
+    timer = QTimer(interval=1)
+    timer.timeout.connect(turn.show)
+    timer.start()
+    qtbot.waitUntil(lambda: "c" in calls)
+    timer.stop()
     text = "".join(calls)
     assert text.replace("|", "") == "abc", "in the order in which it was said"
     assert "ab" not in text
     assert "bc" not in text
 
 
-def test_words_wait_for_the_picture(calls: list[str]) -> None:
+def test_words_wait_for_the_picture(
+    qtbot: QtBot, calls: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(listening, "_PATIENCE", 60_000)
     words = Follower(calls, "words")
     first_a_frame()
     later(words.show)
-    for _ in range(3):
-        QTest.qWait(1)
+    qtbot.wait(20)
     assert not calls
     frame_drawn()
-    QTest.qWait(5)
-    assert calls == ["words"]
+    qtbot.waitUntil(lambda: calls == ["words"])
 
 
-def test_a_frame_that_does_not_come_is_not_waited_for_forever(calls: list[str]) -> None:
+def test_a_frame_that_does_not_come_is_not_waited_for_forever(
+    qtbot: QtBot, calls: list[str]
+) -> None:
     words = Follower(calls, "words")
     first_a_frame()
     later(words.show)
-    QTest.qWait(200)
-    assert calls == ["words"]
+    qtbot.waitUntil(lambda: calls == ["words"])
 
 
 def test_the_dead_are_not_called(calls: list[str]) -> None:

@@ -725,3 +725,22 @@ def test_close_while_nothing_runs_is_quick(qtbot: QtBot) -> None:
         time.sleep(0.02)
     assert not folder.exists()
     assert window.tasks.worker.process_id is None
+
+
+def test_a_known_mesh_opens_with_its_last_field(
+    qtbot: QtBot, ball: MainWindow, sphere_file: Path, tmp_path: Path
+) -> None:
+    display, source = ball.document.display, ball.field_source
+    known = ball.document.path
+    display.index = 7
+    display.kind = FieldKind.HKS
+    catch_up()
+    open_file(ball, sphere_file)
+    qtbot.waitUntil(lambda: ball.document.path == sphere_file, timeout=PATIENCE)
+    display.kind = FieldKind.EIGENFUNCTION
+    kinds: list[FieldKind] = []
+    source.field_ready.connect(lambda field: field is not None and kinds.append(field.kind))
+    open_file(ball, known)
+    qtbot.waitUntil(lambda: source.idle and bool(kinds), timeout=PATIENCE)
+    assert display.index == 7
+    assert kinds[0] is FieldKind.HKS, "at once: no other field comes first"

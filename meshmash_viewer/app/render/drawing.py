@@ -144,6 +144,11 @@ class Drawing:
         if self.coarse is not None:
             self.coarse.actor.SetVisibility(shown)
 
+    @property
+    def shows_coarse(self) -> bool:
+        """Whether the stand-in is drawn."""
+        return self.coarse is not None and bool(self.coarse.actor.GetVisibility())
+
     def set_field(
         self,
         values: npt.NDArray[np.floating] | None,

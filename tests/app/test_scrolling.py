@@ -1,0 +1,83 @@
+"""Scrolling the real window by real events."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+import shapes
+from closed_form import turn_wheel
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QApplication, QLabel
+from pytestqt.qtbot import QtBot
+
+from meshmash_viewer.app.canvas import Canvas
+from meshmash_viewer.app.listening import catch_up
+from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.run import application
+from meshmash_viewer.model.limits import SymmetricLimits
+from meshmash_viewer.model.spectrum import Spectrum
+
+CONTROL = Qt.KeyboardModifier.ControlModifier
+PATIENCE = 60_000
+PAIRS = 230
+
+
+@pytest.fixture(scope="session")
+def qapp() -> QApplication:
+    return application()
+
+
+@pytest.fixture
+def window(qtbot: QtBot) -> Iterator[MainWindow]:
+    """A window with a mesh of 10 000 vertices and made-up eigenpairs."""
+    window = MainWindow(fresh=True)
+    window.show()
+    qtbot.waitExposed(window)
+    mesh = shapes.icosphere(5)
+    window.document.take_mesh(mesh)
+    qtbot.waitUntil(
+        lambda: window.document.mesh is not None and window.document.job is None, timeout=PATIENCE
+    )
+    rows = np.random.default_rng(0).standard_normal((PAIRS, mesh.n_vertices))
+    values = np.arange(PAIRS, dtype=np.float64)
+    window.document.accept_spectrum(Spectrum(values, rows, np.zeros(PAIRS), complete=True))
+    qtbot.waitUntil(lambda: window.field_source.idle, timeout=PATIENCE)
+    yield window
+    window.close()
+
+
+def test_two_hundred_notches_in_a_row(
+    qtbot: QtBot, window: MainWindow, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    computed_in: list[int] = []
+    limits = SymmetricLimits.limits
+
+    def counted(*arguments: object) -> tuple[float, float]:
+        computed_in.append(threading.get_ident())
+        return limits(*arguments)
+
+    monkeypatch.setattr(SymmetricLimits, "limits", counted)
+    source, display = window.field_source, window.document.display
+    fields: list[object] = []
+    source.field_ready.connect(fields.append)
+    start, canvas = display.index, window.findChild(Canvas)
+    turn_wheel(canvas, 200, CONTROL)
+    assert display.index == start + 200, "no notch is lost"
+    qtbot.waitUntil(lambda: source.idle, timeout=PATIENCE)
+    catch_up()
+    row = window.document.spectrum.rows[start + 200].astype(np.float32)
+    np.testing.assert_array_equal(window.scene._drawing.surface.values, row)
+    assert window.scene._drawing.caption.quantity == source.field.quantity
+    label = window.findChild(QLabel, "eigenvalue_label")
+    assert label.text() == "λ₂₀₁ = 201"
+    assert len(fields) < 200, "what was scrolled past is not computed"
+    assert threading.get_ident() not in computed_in, "the window never waits for limits"
+    assert len(computed_in) <= len(fields) + 1, "once a field"
+
+    count = len(fields)
+    qtbot.wait(150)
+    assert len(fields) == count
+    assert source.idle, "nothing is left in the queue"
