@@ -7,10 +7,12 @@ corrects it. Counts are exact (Sylvester's law of inertia), so each slice owes a
 from __future__ import annotations
 
 from bisect import bisect_left, insort
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 from meshmash_viewer.engine.factorization import OrderedPencil, StopFlag
 from meshmash_viewer.engine.lanczos import Interval
+from meshmash_viewer.engine.waiting import wait_for
 from meshmash_viewer.engine.workers import slice_count
 
 __all__ = ["SpectrumPlan"]
@@ -23,14 +25,29 @@ class SpectrumPlan:
     """Counts of eigenvalues below chosen values, and slices between them.
 
     Values are in the reduced problem, and counts include the null space.
+
+    Parameters
+    ----------
+    ordered : OrderedPencil
+    stop : ndarray of uint8, shape (1,)
+        Set from outside, or here when `poll` raises, to end a running factorization.
+    poll : callable, optional
+        Called several times a second while factoring; what it raises ends that.
+    n_jobs : int
+        Counts at a time, where several are known to be needed.
     """
 
     def __init__(
-        self, ordered: OrderedPencil, stop: StopFlag, poll: Callable[[], None] | None = None
+        self,
+        ordered: OrderedPencil,
+        stop: StopFlag,
+        poll: Callable[[], None] | None = None,
+        n_jobs: int = 1,
     ) -> None:
         self._ordered = ordered
         self._poll = poll
         self._stop = stop
+        self._n_jobs = n_jobs
         pencil = ordered.pencil
         top = 1.01 * pencil.norm + 1.0
         self._counts = {0.0: pencil.n_null, top: pencil.n}
@@ -40,11 +57,47 @@ class SpectrumPlan:
         """Eigenvalues below a value (or a hair above it, should it be one)."""
         if value >= self._knots[-1]:
             return self._ordered.pencil.n
-        if value not in self._counts:
-            nudge = 1e-11 * max(value, 1e-3)
-            self._counts[value] = self._ordered.factor(value, nudge, self._stop).count_below
-            insort(self._knots, value)
+        self._count_all([value])
         return self._counts[value]
+
+    def _count_all(self, values: Sequence[float]) -> None:
+        """Count below several values, side by side."""
+        unknown = sorted(set(values) - self._counts.keys())
+
+        def factor() -> list[int]:
+            if len(unknown) == 1 or self._n_jobs == 1:
+                return [self._count_below(value) for value in unknown]
+            with ThreadPoolExecutor(self._n_jobs, "count") as threads:
+                return list(threads.map(self._count_below, unknown))
+
+        def abandon() -> None:
+            self._stop[0] = 1
+
+        counts = wait_for(factor, self._poll, abandon) if unknown else []
+        for value, count in zip(unknown, counts, strict=True):
+            self._counts[value] = count
+            insort(self._knots, value)
+
+    def _count_below(self, value: float) -> int:
+        nudge = 1e-11 * max(value, 1e-3)
+        return self._ordered.factor(value, nudge, self._stop).count_below
+
+    def find_top(self, least: int, most: int) -> float:
+        """A value with `least` to `most` eigenvalues below it, and the first borders below that.
+
+        The same as `find`, but the counts that the first slices will ask for are made side by
+        side with it. How many does not depend on `n_jobs`, nor does what is found.
+        """
+        first = self._counts[0.0]
+        parts = slice_count(most - first)
+        borders = [_window(first, most, part, parts) for part in range(1, min(parts, 3))]
+        for turn in range(3):
+            steps = [self._step(*window, turn) for window in ((least, most), *borders)]
+            values = [value for value, settled in steps if not settled]
+            if steps[0][1]:
+                break
+            self._count_all(values)
+        return self.find(least, most)
 
     def find(self, least: int, most: int) -> float:
         """A value with `least` to `most` eigenvalues below it.
@@ -52,18 +105,25 @@ class SpectrumPlan:
         Where a multiple eigenvalue leaves no such value, the one just above it.
         """
         for turn in range(80):
-            i = bisect_left(self._knots, least, key=self._counts.__getitem__)
-            high = self._knots[i]
-            if self._counts[high] <= most:
-                return high
-            low = self._knots[i - 1]
-            if high - low < 1e-6 * high:
-                return high
-            value = self._between(low, high, 0.5 * (least + most), last=i == len(self._knots) - 1)
-            if turn % 2 and turn > 3:  # a multiple eigenvalue makes the count jump
-                value = 0.5 * (low + high)
+            value, settled = self._step(least, most, turn)
+            if settled:
+                return value
             self.count(value)
         raise ArithmeticError(f"no border between {least} and {most} eigenvalues")
+
+    def _step(self, least: int, most: int, turn: int) -> tuple[float, bool]:
+        """What `find` gives, and True; or where it has to count next, and False."""
+        i = bisect_left(self._knots, least, key=self._counts.__getitem__)
+        high = self._knots[i]
+        if self._counts[high] <= most:
+            return high, True
+        low = self._knots[i - 1]
+        if high - low < 1e-6 * high:
+            return high, True
+        value = self._between(low, high, 0.5 * (least + most), last=i == len(self._knots) - 1)
+        if turn % 2 and turn > 3:  # a multiple eigenvalue makes the count jump
+            value = 0.5 * (low + high)
+        return value, False
 
     def _between(self, low: float, high: float, wanted: float, last: bool) -> float:
         """Where to count next, strictly between two knots."""
@@ -81,14 +141,12 @@ class SpectrumPlan:
         """Slices from low to high, lowest first; borders are counted as they are reached."""
         first, last = self.count(low), self.count(high)
         parts = slice_count(last - first)
-        slack = _SLACK * (last - first) / parts
         start, index = low, 0
         for part in range(1, parts + 1):
             if part == parts:
                 end = high
             else:
-                middle = first + part * (last - first) / parts
-                end = self.find(int(middle - slack), int(middle + slack) + 1)
+                end = self.find(*_window(first, last, part, parts))
                 if end >= high:
                     end = high
             owed = self.count(end) - self.count(start)
@@ -98,3 +156,10 @@ class SpectrumPlan:
                 yield Interval(index, inner, end, self.count(start), owed)
                 index += 1
             start = end
+
+
+def _window(first: int, last: int, part: int, parts: int) -> tuple[int, int]:
+    """Least and most eigenvalues below the border after a part."""
+    middle = first + part * (last - first) / parts
+    slack = _SLACK * (last - first) / parts
+    return int(middle - slack), int(middle + slack) + 1

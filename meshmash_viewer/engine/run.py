@@ -82,7 +82,7 @@ class Run:
 
     def _order(self) -> OrderedPencil:
         started = time.perf_counter()
-        ordered = order_pencil(self.pencil)
+        ordered = order_pencil(self.pencil, self._poll)
         self.pencil = ordered.pencil
         self._spend("order", started)
         self._report("order")
@@ -92,7 +92,8 @@ class Run:
 
     def _sliced(self, ordered: OrderedPencil) -> Iterator[slice]:
         pencil, request = self.pencil, self.request
-        plan = SpectrumPlan(ordered, self._stop, self._poll)
+        jobs = worker_count(ordered, request.n_jobs, request.n_components or 0)
+        plan = SpectrumPlan(ordered, self._stop, self._poll, jobs)
         started = time.perf_counter()
         if request.target is not None:
             yield from self._nearest(ordered, plan, request.target / pencil.unit)
@@ -107,7 +108,7 @@ class Run:
             wanted = min(request.n_components, pencil.n)
             top = 0.0
             if wanted > pencil.n_null:
-                top = plan.find(wanted, wanted + max(4, wanted // 40))
+                top = plan.find_top(wanted, wanted + max(4, wanted // 40))
         self._spend("count", started)
         if self._is_dense(wanted):
             yield from self._dense()
