@@ -144,8 +144,12 @@ def run_window(
 def run_peer(mesh: Path, n_pairs: int, seconds: float) -> dict[str, Any]:
     """The peer's times, or how long it was waited for."""
     command = [sys.executable, str(HERE / "interaction_peer.py"), str(mesh), str(n_pairs)]
+    # with as many threads as it likes
+    environment = {k: v for k, v in os.environ.items() if k != "OMP_NUM_THREADS"}
     try:
-        done = subprocess.run(command, check=True, timeout=seconds, capture_output=True, text=True)
+        done = subprocess.run(
+            command, check=True, timeout=seconds, capture_output=True, text=True, env=environment
+        )
     except subprocess.TimeoutExpired:
         return {"given_up": seconds}
     return dict(json.loads(done.stdout.splitlines()[-1]))
