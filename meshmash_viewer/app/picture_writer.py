@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import sys
 from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -79,3 +81,12 @@ class PictureWriter(QObject):
             self.failed.emit(str(fault))
         else:
             self.written.emit(path)
+        _give_back()
+
+
+def _give_back() -> None:
+    """Return to the system what drawing took; glibc keeps it, 0.6 GB after a million vertices."""
+    if sys.platform.startswith("linux"):
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # musl has none, and no need of it
+        if trim is not None:
+            trim(0)
