@@ -58,14 +58,17 @@ def test_multiplets_of_the_sphere_at_slice_borders_are_whole() -> None:
     np.testing.assert_allclose(decomposition.eigenvalues[1:], exact[1:], rtol=0.08)
 
 
-def test_many_equal_spheres() -> None:
+@pytest.mark.parametrize(
+    ("copies", "k"),
+    # Within the fivefold eigenvalue, 150 copies of it; within the threefold, 600 copies.
+    [(30, 170), pytest.param(200, 700, marks=pytest.mark.slow)],
+)
+def test_many_equal_spheres(copies: int, k: int) -> None:
     stiffness, mass = icosphere(1)
-    copies = 30
     many = sp.block_diag([stiffness] * copies).tocsc()
     masses = np.tile(mass.diagonal(), copies)
     exact = np.repeat(dense((stiffness, mass)), copies)
     exact[:copies] = 0.0
-    k = copies * 4 + 50  # within the fivefold eigenvalue, 150 copies of it
     decomposition = solve(many, masses, k)
     assert decomposition.complete
     np.testing.assert_allclose(decomposition.eigenvalues, exact[:k], rtol=1e-9, atol=1e-12)
@@ -179,6 +182,20 @@ def test_slice_of_a_killed_process_is_done_again(monkeypatch: pytest.MonkeyPatch
     assert killed
     for one, two in zip(found, expected, strict=True):
         assert one.rows.tobytes() == two.rows.tobytes()
+
+
+def test_slices_on_a_dask_cluster_give_the_same_bits() -> None:
+    distributed = pytest.importorskip("distributed")
+    from joblib import parallel_config
+
+    matrices = torus(50, 40, 1.0, 1.3)[0]
+    here = solve(*matrices, 240)
+    cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
+    with cluster, distributed.Client(cluster), parallel_config("dask"):
+        there = solve(*matrices, 240, n_jobs=2)
+    assert there.complete
+    assert there.rows.tobytes() == here.rows.tobytes()
+    assert there.residuals.tobytes() == here.residuals.tobytes()
 
 
 def test_cancel_at_random_moments_leaves_nothing_behind() -> None:

@@ -113,7 +113,7 @@ class OrderedPencil:
     def give_back(self, rows: FloatArray) -> None:
         """Return a borrowed array."""
         memory = rows.base
-        if memory is not None and memory.ndim == 1:
+        if isinstance(memory, np.ndarray) and memory.ndim == 1 and memory.flags.writeable:
             with self.lock:
                 self.spare.append(memory)
                 del self.spare[:-_SPARE]
