@@ -89,15 +89,19 @@ class OrderedPencil:
                 return factor
         raise FactorizationError(f"no stable factor near shift {shift:.6g}")
 
-    def multiply(self, block: FloatArray) -> FloatArray:
-        """Return ``A @ block`` for shape (n, 8)."""
+    def multiply(self, block: FloatArray, exactly: bool = False) -> FloatArray:
+        """Return ``A @ block`` for shape (n, 8), if wanted with sums in twice the precision."""
+        matrix = self.pencil.matrix
         if self.structure is None:
-            return np.asarray(self.pencil.matrix @ block)
-        from meshmash_viewer.engine.kernels import multiply_block
+            if exactly:
+                return np.asarray(matrix.astype(np.longdouble) @ block, dtype=np.float64)
+            return np.asarray(matrix @ block)
+        from meshmash_viewer.engine import kernels
 
+        multiply = kernels.multiply_block_exactly if exactly else kernels.multiply_block
         start, index = self.structure.matrix_start, self.structure.matrix_index
         result = np.empty_like(block)
-        multiply_block(start, index, self.pencil.matrix.data, block.ravel(), result.ravel())
+        multiply(start, index, matrix.data, block.reshape(-1), result.reshape(-1))
         return result
 
     def borrow(self, shape: tuple[int, int]) -> FloatArray:

@@ -6,7 +6,8 @@ them; what is missing is taken off against the slice before, which is already fi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -23,11 +24,11 @@ Allocate: TypeAlias = Callable[[int, int], npt.NDArray[np.floating[Any]]]
 PairsCallback: TypeAlias = Callable[[int, FloatArray, FloatArray], None]
 
 #: Inner products of neighbouring slices below this stay as they are.
-_TOUCHING = 1e-12
+_TOUCHING = 1e-11
 #: Random sums of all rows but the newest.
 _MIXTURES = 8
 #: Vertices that a product works on at once.
-_STRETCH = 4096
+_STRETCH = 8192
 
 
 class Output:
@@ -44,6 +45,8 @@ class Output:
     ceiling : float, optional
         Eigenvalues that rounding put above a threshold are brought back to it.
     allocate : callable, optional
+    n_jobs : int
+        Threads that finish rows.
     """
 
     def __init__(
@@ -53,6 +56,7 @@ class Output:
         dtype: np.dtype[Any],
         ceiling: float | None,
         allocate: Allocate | None,
+        n_jobs: int = 1,
     ) -> None:
         shape = (k, pencil.n_all)
         self.pencil, self.ceiling = pencil, ceiling
@@ -65,9 +69,14 @@ class Output:
         self._before = slice(0, 0)
         self._inverse_root_mass = 1.0 / pencil.root_mass
         self._random = np.random.default_rng(1)
+        self._threads = ThreadPoolExecutor(n_jobs, "output")
         self._mixture = np.zeros((_MIXTURES, pencil.n_all))
         self._mass = np.zeros(pencil.n_all)
         self._mass[pencil.active] = pencil.root_mass**2
+
+    def close(self) -> None:
+        """End the threads."""
+        self._threads.shutdown()
 
     @property
     def total(self) -> int:
@@ -103,10 +112,14 @@ class Output:
         self.eigenvalues[place] = eigenvalues
         self.residuals[place] = residuals / np.where(values > pencil.noise, values, 1.0)
         written = self.rows[place]
-        for row, target in zip(rows, written, strict=True):
-            row *= self._inverse_root_mass
-            fix_sign(row, pencil.active)
-            target[pencil.active] = row
+
+        def finish(i: int) -> None:
+            rows[i] *= self._inverse_root_mass
+            fix_sign(rows[i], pencil.active)
+            written[i, pencil.active] = rows[i]
+
+        for _ in self._threads.map(finish, range(count)):
+            pass
         worst = self._agree(written)
         if orthonormality is None or self.rows.dtype != np.float64:
             orthonormality = self._defect(written)
@@ -128,31 +141,48 @@ class Output:
         before = self.rows[self._before]
         if len(before) == 0 or len(written) == 0:
             return 0.0
-        shared = np.zeros((len(written), len(before)))
-        far = np.zeros((len(written), _MIXTURES))
-        for part, weighted in self._weighted(written):
-            shared += weighted @ self._finite(before[:, part]).T
-            far += weighted @ self._mixture[:, part].T
+        shared, far = self._products(written, before)
         if np.abs(shared).max() > 0.5:
             raise ArithmeticError("two slices found the same eigenvector")
         if np.abs(shared).max() > _TOUCHING and self.rows.dtype == np.float64:
-            for part, _ in self._weighted(written):
+
+            def take_off(part: slice) -> None:
                 written[:, part] -= shared @ self._finite(before[:, part])
-            shared[:] = 0.0
-            for part, weighted in self._weighted(written):
-                shared += weighted @ self._finite(before[:, part]).T
+
+            for _ in self._threads.map(take_off, self._stretches()):
+                pass
+            shared, far = self._products(written, before)
         signs = self._random.choice([-1.0, 1.0], size=(_MIXTURES, len(before)))
-        for start in range(0, self._mixture.shape[1], _STRETCH):
-            part = slice(start, start + _STRETCH)
+        for part in self._stretches():
             self._mixture[:, part] += signs @ self._finite(before[:, part])
         return float(max(np.abs(shared).max(), np.linalg.norm(far, axis=1).max() / _MIXTURES**0.5))
 
+    def _products(
+        self, written: npt.NDArray[np.floating[Any]], before: npt.NDArray[np.floating[Any]]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Inner products of rows with those before, and with the sums of all before those.
+
+        Stretches are added up in their order, whatever thread was first.
+        """
+
+        def products(part: slice) -> tuple[FloatArray, FloatArray]:
+            weighted = self._finite(written[:, part]) * self._mass[part]
+            return weighted @ self._finite(before[:, part]).T, weighted @ self._mixture[:, part].T
+
+        shared = np.zeros((len(written), len(before)))
+        far = np.zeros((len(written), _MIXTURES))
+        for near, distant in self._threads.map(products, self._stretches()):
+            shared += near
+            far += distant
+        return shared, far
+
     def _defect(self, written: npt.NDArray[np.floating[Any]]) -> float:
         """Largest defect of the inner products among rows."""
-        gram = -np.eye(len(written))
-        for part, weighted in self._weighted(written):
-            gram += weighted @ self._finite(written[:, part]).T
-        return float(np.abs(gram).max(initial=0.0))
+        gram = self._products(written, written)[0]
+        return float(np.abs(gram - np.eye(len(gram))).max(initial=0.0))
+
+    def _stretches(self) -> list[slice]:
+        return [slice(i, i + _STRETCH) for i in range(0, len(self._mass), _STRETCH)]
 
     def _finite(self, rows: npt.NDArray[np.floating[Any]]) -> FloatArray:
         """Rows in float64, zero where a vertex has no mass."""
@@ -160,14 +190,6 @@ class Output:
         if self.pencil.n < self.pencil.n_all:
             exact = np.nan_to_num(exact)
         return exact
-
-    def _weighted(
-        self, written: npt.NDArray[np.floating[Any]]
-    ) -> Iterator[tuple[slice, FloatArray]]:
-        """Stretches of vertices, and rows times the masses there."""
-        for start in range(0, written.shape[1], _STRETCH):
-            part = slice(start, start + _STRETCH)
-            yield part, self._finite(written[:, part]) * self._mass[part]
 
 
 def fix_sign(row: FloatArray, places: npt.NDArray[np.int64]) -> None:

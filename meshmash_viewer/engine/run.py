@@ -58,6 +58,7 @@ class Run:
         self.timings: dict[str, float] = {"matrices": time.perf_counter() - self.began}
         self._stop = np.zeros(1, dtype=np.uint8)
         self._heard = 0.0
+        self._jobs = 1
 
     def batches(self) -> Iterator[slice]:
         """Find everything; yields the places of rows that have just become final."""
@@ -66,16 +67,23 @@ class Run:
         self._report("matrices")
         # Several BLAS threads make products this thin slower, not faster.
         with threadpool_limits(1, user_api="blas"):
-            if self._is_dense(self.request.n_components or 0):
-                yield from self._dense()
+            try:
+                yield from self._found()
+            finally:
+                if hasattr(self, "output"):
+                    self.output.close()
+
+    def _found(self) -> Iterator[slice]:
+        if self._is_dense(self.request.n_components or 0):
+            yield from self._dense()
+            return
+        ordered = self._order()
+        if self.request.op_inv is not None:
+            pairs = self._through_given_inverse(ordered)
+            if pairs is not None:
+                yield from self._write_all(*pairs)
                 return
-            ordered = self._order()
-            if self.request.op_inv is not None:
-                pairs = self._through_given_inverse(ordered)
-                if pairs is not None:
-                    yield from self._write_all(*pairs)
-                    return
-            yield from self._sliced(ordered)
+        yield from self._sliced(ordered)
 
     def _is_dense(self, wanted: int) -> bool:
         return is_dense(self.pencil.n, self.pencil.n_null, wanted)
@@ -92,8 +100,8 @@ class Run:
 
     def _sliced(self, ordered: OrderedPencil) -> Iterator[slice]:
         pencil, request = self.pencil, self.request
-        jobs = worker_count(ordered, request.n_jobs, request.n_components or 0)
-        plan = SpectrumPlan(ordered, self._stop, self._poll, jobs)
+        self._jobs = worker_count(ordered, request.n_jobs, request.n_components or 0)
+        plan = SpectrumPlan(ordered, self._stop, self._poll, self._jobs)
         started = time.perf_counter()
         if request.target is not None:
             yield from self._nearest(ordered, plan, request.target / pencil.unit)
@@ -274,7 +282,12 @@ class Run:
     def _open(self, k: int) -> None:
         request = self.request
         self.output = Output(
-            self.pencil, k, request.precision, request.max_eigenvalue, request.allocate
+            self.pencil,
+            k,
+            request.precision,
+            request.max_eigenvalue,
+            request.allocate,
+            self._jobs,
         )
 
     def _write_all(
