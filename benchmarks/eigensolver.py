@@ -38,8 +38,6 @@ import numpy as np
 
 #: A run longer than this is not repeated.
 _LONG = 60.0
-#: Bytes that a process touches before each run.
-_TOUCHED = 6e9
 
 
 class Runner:
@@ -47,6 +45,7 @@ class Runner:
 
     def __init__(self, folder: Path, options: argparse.Namespace) -> None:
         self.folder, self.limit = folder, options.limit
+        self.touched = options.touch * 1e9
         self.pythons = dict(given.split("=", 1) for given in options.python)
 
     def run(self, contestant: str, k: int, threads: int) -> dict[str, Any]:
@@ -54,7 +53,7 @@ class Runner:
         import psutil
 
         print(f"{contestant}, {k} pairs, {threads} threads", file=sys.stderr, flush=True)
-        touch_memory()
+        touch_memory(self.touched)
         python = self.pythons.get(contestant, sys.executable)
         script = Path(contestants.__file__)
         environment = dict(os.environ)
@@ -102,7 +101,7 @@ class Runner:
         return {"fault": reason[:100].replace("|", "/"), "threads": threads}
 
 
-def touch_memory() -> None:
+def touch_memory(size: float) -> None:
     """Have a process touch memory and end.
 
     Under a hypervisor a page that nobody has used lately comes from the host, at ten times the
@@ -110,8 +109,8 @@ def touch_memory() -> None:
     """
     import psutil
 
-    size = int(min(_TOUCHED, 0.5 * psutil.virtual_memory().available))
-    program = f"import numpy; numpy.empty({size // 8})[::512] = 1"
+    size = min(size, 0.5 * psutil.virtual_memory().available)
+    program = f"import numpy; numpy.empty({int(size) // 8})[::512] = 1"
     subprocess.run([sys.executable, "-c", program], check=True)
 
 
@@ -301,6 +300,9 @@ def main() -> None:
         "--python", action="append", default=[], metavar="NAME=PATH", help="its interpreter"
     )
     parser.add_argument("--limit", type=float, default=1800.0, help="seconds a run may take")
+    parser.add_argument(
+        "--touch", type=float, default=2.0, metavar="GB", help="memory touched before each run"
+    )
     options = parser.parse_args()
     for mesh in options.meshes:
         report(mesh, options)
