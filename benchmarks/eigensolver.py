@@ -115,7 +115,7 @@ def touch_memory(size: float) -> None:
 
 
 class _Tree:
-    """The memory of a process and all its descendants, looked at fifty times a second."""
+    """The memory of a process and all its descendants, looked at ten times a second."""
 
     def __init__(self, root: Any) -> None:
         self.root = root
@@ -156,7 +156,7 @@ class _Tree:
         return total
 
     def _watch(self) -> None:
-        while not self.over.wait(0.02):
+        while not self.over.wait(0.1):
             self._peak = max(self._peak, self._resident())
 
 
