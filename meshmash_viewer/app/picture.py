@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +16,10 @@ from meshmash_viewer.app.render.drawing import Drawing, read_pixels
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, SymmetricLimits
 
-__all__ = ["RawPicture", "draw_picture", "draw_raw", "render_picture"]
+__all__ = ["RawPicture", "draw_in_steps", "draw_picture", "render_picture"]
+
+#: Rows of pixels that are read back at a time.
+_ROWS = 256
 
 
 def render_picture(
@@ -109,13 +113,21 @@ def draw_picture(
     drawing: Drawing, size: tuple[int, int], transparent: bool = False
 ) -> npt.NDArray[np.uint8]:
     """Draw off the screen; returns RGBA, shape (height, width, 4), first row on top."""
-    return draw_raw(drawing, size, transparent).rgba()
+    steps = draw_in_steps(drawing, size, transparent)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value.rgba()
 
 
-def draw_raw(drawing: Drawing, size: tuple[int, int], transparent: bool = False) -> RawPicture:
-    """The part of `draw_picture` that needs the thread of the graphics.
+def draw_in_steps(
+    drawing: Drawing, size: tuple[int, int], transparent: bool = False
+) -> Generator[None, None, RawPicture]:
+    """The part of `draw_picture` that needs the thread of the graphics, in steps.
 
-    The overlay grows with the picture, so that text stays as legible as on the screen.
+    Between them it may do something else; the last one returns the picture. The overlay grows
+    with the picture, so that text stays as legible as on the screen.
     """
     width, height = (int(side) for side in size)
     window = _new_window()
@@ -133,8 +145,17 @@ def draw_raw(drawing: Drawing, size: tuple[int, int], transparent: bool = False)
             drawing.renderer.SetBackgroundAlpha(0.0)
         scale = max(1.0, min(width / 1000, height / 750))
         drawing.prepare(width, height, scale, plates=not transparent)
+        yield
         window.Render()
-        return RawPicture(read_pixels(window, alpha=transparent))
+        yield
+        pixels = None
+        for bottom in range(0, height, _ROWS):
+            part = read_pixels(window, transparent, bottom, min(_ROWS, height - bottom))
+            if pixels is None:
+                pixels = np.empty((height, width, part.shape[2]), dtype=np.uint8)
+            pixels[height - bottom - len(part) : height - bottom] = part
+            yield
+        return RawPicture(pixels)
     finally:
         window.RemoveRenderer(drawing.renderer)
         window.Finalize()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import sys
 from collections import deque
+from collections.abc import Generator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,7 @@ __all__ = ["PictureWriter"]
 
 
 class PictureWriter(QObject):
-    """Makes one picture after the other: drawn in a turn of its own, finished in a thread.
+    """Makes one picture after the other: drawn in turns of the event loop, finished in a thread.
 
     Signals
     -------
@@ -38,6 +39,7 @@ class PictureWriter(QObject):
         self._pool = QThreadPool(self)
         self._pool.setMaxThreadCount(1)
         self._waiting: deque[tuple[Path, Drawing, tuple[int, int], bool]] = deque()
+        self._drawn: tuple[Path, Generator[None, None, RawPicture]] | None = None
 
     def write(
         self, path: Path, drawing: Drawing, size: tuple[int, int], transparent: bool = False
@@ -55,15 +57,28 @@ class PictureWriter(QObject):
             Leave the background out.
         """
         self._waiting.append((path, drawing, size, transparent))
-        later(self._draw_next)
+        later(self._draw_on)
 
-    def _draw_next(self) -> None:
-        from meshmash_viewer.app.picture import draw_raw
+    def _draw_on(self) -> None:
+        """Take the next step of the first picture that is not drawn yet."""
+        from meshmash_viewer.app.picture import draw_in_steps
 
-        path, drawing, size, transparent = self._waiting.popleft()
-        if self._waiting:
-            later(self._draw_next)
-        raw = draw_raw(drawing, size, transparent)
+        if self._drawn is None and not self._waiting:
+            return
+        if self._drawn is None:
+            path, *what = self._waiting.popleft()
+            self._drawn = path, draw_in_steps(*what)
+        later(self._draw_on)
+        path, steps = self._drawn
+        try:
+            next(steps)
+            return
+        except StopIteration as end:
+            raw = end.value
+        except BaseException:
+            self._drawn = None
+            raise
+        self._drawn = None
         self._pool.start(lambda: self._write(path, raw))
 
     def wait(self) -> None:

@@ -213,7 +213,7 @@ class Drawing:
         self.view = fitted_view(self._sample, axes, width, height, space)
 
     def prepare(self, width: int, height: int, scale: float, plates: bool = True) -> None:
-        """Set the camera and paint the overlay for a frame of this size.
+        """Upload the field, set the camera and paint the overlay for a frame of this size.
 
         Parameters
         ----------
@@ -224,6 +224,9 @@ class Drawing:
         plates : bool
             Whether the overlay has plates in the colour of the background behind it.
         """
+        for surface in (self.surface, self.coarse):
+            if surface is not None and surface.actor.GetVisibility():
+                surface.upload(self.renderer.GetRenderWindow())
         painter = self._painter
         painter.begin()
         if self.mesh is not None:
@@ -305,13 +308,21 @@ def _dress(surface: Surface, caption: Caption, before: Caption | None = None) ->
         surface.show_field(True)
 
 
-def read_pixels(window: vtkRenderWindow, alpha: bool) -> npt.NDArray[np.uint8]:
-    """The frame that was rendered last, shape (height, width, 3 or 4), first row on top.
+def read_pixels(
+    window: vtkRenderWindow, alpha: bool, bottom: int, rows: int
+) -> npt.NDArray[np.uint8]:
+    """Rows of the frame that was rendered last, shape (rows, width, 3 or 4), upper row first.
 
-    A view: VTK has the last row first.
+    A view: VTK has the lowest row first. `bottom` is the lowest, counted from below.
     """
-    width, height = window.GetSize()
+    width, _ = window.GetSize()
     pixels = vtkUnsignedCharArray()
-    read = window.GetRGBACharPixelData if alpha else window.GetPixelData
-    read(0, 0, width - 1, height - 1, 0, pixels, 0)
-    return vtk_to_numpy(pixels).reshape(height, width, -1)[::-1]
+    corners = (0, bottom, width - 1, bottom + rows - 1)
+    if alpha:
+        # The samples of a pixel are averaged here once more: VTK averages light, not colours
+        # times opacity, for the frame on the screen.
+        window.GetRGBACharPixelData(*corners, 0, pixels, 0)
+    else:
+        # The frame as it would be on the screen; averaged already, while it was drawn.
+        window.GetPixelData(*corners, 1, pixels, 0)
+    return vtk_to_numpy(pixels).reshape(rows, width, -1)[::-1]
