@@ -13,6 +13,7 @@ Iteration Method for Laplace-Beltrami Eigenproblems", ACM Transactions on Graphi
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -38,7 +39,7 @@ _NEIGHBOURS = 8
 #: How often cells are rounded.
 _ROUNDINGS = 1
 #: Vertices at a time in the interpolation.
-_BLOCK = 1 << 15
+_BLOCK = 1 << 17
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +77,7 @@ def preview_eigenpairs(
     n_pairs: int = 50,
     *,
     n_cells: int | None = None,
+    allocate: Callable[[int, int], npt.NDArray[np.float32]] | None = None,
     cancel: CancelCallback | None = None,
 ) -> Preview:
     """Approximate the lowest eigenpairs of a mesh.
@@ -87,6 +89,8 @@ def preview_eigenpairs(
         How many, one zero eigenvalue a component included.
     n_cells : int, optional
         About how many cells; None for 100 a pair, but 2500 to 8000.
+    allocate : callable, optional
+        Called with (k, n), returns where the rows are written, float32 of that shape.
     cancel : callable, optional
         Asked between the steps; `Cancelled` is raised after it returns True.
 
@@ -114,12 +118,14 @@ def preview_eigenpairs(
     _ask(cancel)
     n_null = min(mesh.n_components, n_pairs)
     count = min(len(values), n_pairs - n_null)
-    rows = np.empty((n_null + count, mesh.n_vertices), dtype=np.float32)
+    shape = n_null + count, mesh.n_vertices
+    rows = np.empty(shape, dtype=np.float32) if allocate is None else allocate(*shape)
     _write_constants(rows[:n_null], labels, areas)
     if count:
         _interpolate(rows[n_null:], mesh, cells, centroids, stiffness, vectors[:, :count], cancel)
         _normalise(rows[n_null:], areas)
-    rows[:, ~mesh.referenced] = np.nan
+    if not mesh.referenced.all():
+        rows[:, ~mesh.referenced] = np.nan
     eigenvalues = np.concatenate([np.zeros(n_null), values[:count]])
     return Preview(eigenvalues, rows, expected_error(len(seeds), n_pairs), len(seeds))
 
@@ -144,7 +150,10 @@ def _spread_seeds(mesh: Mesh, areas: FloatArray, n_cells: int, n_pairs: int) -> 
     """Vertices spread evenly over the area of each component that matters, shape (s,)."""
     labels = mesh.component_labels
     used = np.flatnonzero(labels >= 0)
-    used = used[np.lexsort((_curve_order(mesh.vertices[used]), labels[used]))]
+    code = _curve_order(mesh.vertices[used])
+    # keys of 16 bits are sorted in linear time
+    keys = ((code & 0x7FFF).astype(np.uint16), (code >> 15).astype(np.uint16), labels[used])
+    used = used[np.lexsort(keys if mesh.n_components > 1 else keys[:2])]
     starts = np.flatnonzero(np.diff(labels[used], prepend=-1))
     stops = np.append(starts[1:], len(used))
     chosen = []
@@ -184,31 +193,9 @@ def _curve_order(points: FloatArray) -> IntArray:
 
 def _nearest_seed(mesh: Mesh, seeds: IntArray) -> IntArray:
     """Index of the seed that is nearest along edges, shape (n,); -1 where none is reached."""
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import dijkstra
+    from meshmash_viewer.preview_kernels import nearest_seeds
 
-    n = mesh.n_vertices
-    cells = np.full(n, -1, dtype=np.int64)
-    if not len(seeds):
-        return cells
-    # Each face's sides in one direction: every corner is reached from every other, neighbours
-    # mostly bring the other direction, and half the edges are half the time.
-    faces = mesh.faces[mesh.distinct_corners].astype(np.int32)
-    here, there = faces.T.ravel(), np.roll(faces, -1, axis=1).T.ravel()
-    squared = np.zeros(len(here))
-    for axis in range(3):
-        coordinate = mesh.vertices[:, axis]
-        squared += np.square(coordinate[here] - coordinate[there])
-    lengths = np.sqrt(squared)
-    # Coincident neighbours are as near as can be, but a zero would be no edge at all.
-    lengths = np.maximum(lengths, 1e-6 * float(lengths.mean()))
-    graph = csr_array((lengths, (here, there)), shape=(n, n))
-    _, _, sources = dijkstra(graph, indices=seeds, min_only=True, return_predecessors=True)
-    number = np.full(n, -1, dtype=np.int64)
-    number[seeds] = np.arange(len(seeds))
-    reached = sources >= 0
-    cells[reached] = number[sources[reached]]
-    return cells
+    return np.asarray(nearest_seeds(mesh.vertices, mesh.faces, seeds))
 
 
 def _measure(
@@ -232,17 +219,10 @@ def _rounded(mesh: Mesh, cells: IntArray, centroids: FloatArray) -> IntArray:
     Distances along edges depend on how edges run; straight ones give borders that are
     perpendicular to the line between two centroids, on which the flux between them relies.
     """
+    from meshmash_viewer.preview_kernels import join_nearest
+
     near = _neighbours(_cell_stiffness(mesh, cells, centroids))
-    rounded = cells.copy()
-    for start in range(0, mesh.n_vertices, _BLOCK):
-        part = slice(start, start + _BLOCK)
-        cell = cells[part]
-        candidates = near[cell]
-        offsets = mesh.vertices[part, None, :] - centroids[candidates]
-        best = np.einsum("vcx,vcx->vc", offsets, offsets).argmin(axis=1)
-        chosen = candidates[np.arange(len(cell)), best]
-        rounded[part] = np.where(cell >= 0, chosen, -1)
-    return rounded
+    return np.asarray(join_nearest(mesh.vertices, cells, centroids, near))
 
 
 def _cell_stiffness(mesh: Mesh, cells: IntArray, centroids: FloatArray) -> SparseMatrix:
@@ -254,29 +234,11 @@ def _cell_stiffness(mesh: Mesh, cells: IntArray, centroids: FloatArray) -> Spars
     """
     from scipy.sparse import coo_array, diags_array
 
-    corner_cells = cells[mesh.faces]
-    crossing = (corner_cells != np.roll(corner_cells, 1, axis=1)).any(axis=1)
-    crossing &= (corner_cells >= 0).all(axis=1) & mesh.distinct_corners & (mesh.face_areas > 0.0)
-    faces, corner_cells = mesh.faces[crossing], corner_cells[crossing]
-    corners = [mesh.vertices[faces[:, corner]] for corner in range(3)]
-    double_areas = 2.0 * mesh.face_areas[crossing]
-    rows, columns, weights = [], [], []
-    for corner in range(3):
-        first, second = (corner + 1) % 3, (corner + 2) % 3
-        a, b = corner_cells[:, first], corner_cells[:, second]
-        cut = np.flatnonzero(a != b)
-        here = corners[corner][cut]
-        u, v = corners[first][cut] - here, corners[second][cut] - here
-        half_cotangent = 0.5 * (u * v).sum(axis=1) / double_areas[cut]
-        a, b = a[cut], b[cut]
-        between = centroids[a] - centroids[b]
-        squared = np.maximum((between**2).sum(axis=1), 1e-300)
-        weights.append(half_cotangent * ((u - v) * between).sum(axis=1) / squared)
-        rows.append(a)
-        columns.append(b)
+    from meshmash_viewer.preview_kernels import border_flows
+
+    a, b, weights = border_flows(mesh.vertices, mesh.faces, mesh.face_areas, cells, centroids)
     n = len(centroids)
-    pairs = (np.concatenate(rows), np.concatenate(columns))
-    flow = coo_array((np.concatenate(weights), pairs), shape=(n, n)).tocsr()
+    flow = coo_array((weights, (a, b)), shape=(n, n)).tocsr()
     flow = (flow + flow.T).tocsr()
     # Obtuse faces may turn a short border negative, and heat does not flow uphill. Among single
     # vertices these are the cotangent weights themselves, which are right as they are.
@@ -331,34 +293,14 @@ def _interpolate(
     cancel: CancelCallback | None,
 ) -> None:
     """Write values at vertices between those at the centroids around them, shape (k, n)."""
+    from meshmash_viewer.preview_kernels import interpolate
+
     near = _neighbours(stiffness)
     values = vectors.astype(np.float32)
     for start in range(0, mesh.n_vertices, _BLOCK):
         _ask(cancel)
-        part = slice(start, start + _BLOCK)
-        cell = cells[part]
-        candidates = near[cell]  # of cell -1 too, which is masked below
-        offsets = mesh.vertices[part, None, :] - centroids[candidates]
-        squared = np.einsum("vcx,vcx->vc", offsets, offsets)
-        reach = 1.05 * squared.max(axis=1, keepdims=True) + 1e-300
-        # smooth, highest at a centroid, and zero where a candidate comes and goes
-        weights = np.square(1.0 - squared / reach) / (squared + 1e-3 * reach)
-        weights[candidates == np.roll(candidates, 1, axis=1)] = 0.0
-        weights[cell < 0] = 0.0
-        total = weights.sum(axis=1, keepdims=True)
-        weights /= np.where(total > 0.0, total, 1.0)
-        rows[:, part] = _combined(weights.astype(np.float32), candidates, values)
-
-
-def _combined(
-    weights: npt.NDArray[np.float32], candidates: IntArray, values: npt.NDArray[np.float32]
-) -> npt.NDArray[np.float32]:
-    from scipy.sparse import csr_array
-
-    count, width = weights.shape
-    pointers = np.arange(0, count * width + 1, width)
-    matrix = csr_array((weights.ravel(), candidates.ravel(), pointers), shape=(count, len(values)))
-    return np.asarray((matrix @ values).T)
+        stop = min(start + _BLOCK, mesh.n_vertices)
+        interpolate(rows, start, stop, mesh.vertices, cells, centroids, near, values)
 
 
 def _neighbours(stiffness: SparseMatrix) -> IntArray:

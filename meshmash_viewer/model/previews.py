@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.io.npy import create_rows, map_rows
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.alignment import Alignment, align
@@ -95,9 +97,20 @@ def open_preview(mesh: Mesh, channel: Channel) -> StoredPreview | None:
         other.unlink()
     channel.report(Progress("preview", message="Approximating the first eigenfunctions"))
     n_pairs = mesh.n_components + (_PAIRS if mesh.n_vertices < _HUGE else _PAIRS_OF_HUGE)
-    found = preview_eigenpairs(mesh, n_pairs, cancel=channel.cancelled)
+
+    def allocate(k: int, n: int) -> npt.NDArray[np.float32]:
+        # straight into the file that the window maps
+        create_rows(path, (k, n), np.float32)
+        if hasattr(os, "posix_fallocate"):
+            # a full disk is an error here; where the rows are written it would be a crash
+            with path.open("rb+") as file:
+                os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
+        return map_rows(path, "r+", (k, n))
+
+    found = preview_eigenpairs(mesh, n_pairs, allocate=allocate, cancel=channel.cancelled)
     if len(found.eigenvalues) <= mesh.n_components:
+        del found  # some systems delete no file that is mapped
+        path.unlink()
         return None
-    np.save(path, found.rows)
     np.savez(notes, eigenvalues=found.eigenvalues, error=found.error)
     return StoredPreview(path, found.eigenvalues, found.error)

@@ -17,17 +17,20 @@ import sys
 import threading
 import time
 import traceback
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
+
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.jobs import Job, MeshReady
+from meshmash_viewer.model.jobs import Channel, DecomposeJob, Job, MeshReady, PreviewJob
 from meshmash_viewer.model.transport import Wire
 from meshmash_viewer.progress import Cancelled, Progress
 
-__all__ = ["Failure", "child_command", "end_group", "serve"]
+__all__ = ["Failure", "child_command", "end_group", "prepare_preview", "serve"]
 
 #: Seconds between two reports; a person reads no faster.
 _REPORT_SECONDS = 0.05
@@ -74,7 +77,7 @@ def serve(folder: str) -> None:
     with open(os.devnull, "rb") as nothing:
         os.dup2(nothing.fileno(), 0)
     wire = Wire(source, sink, Path(folder))
-    jobs: queue.SimpleQueue[Job] = queue.SimpleQueue()
+    jobs = _Jobs()
     asked_to_stop = threading.Event()
     listener = threading.Thread(
         target=_listen, args=(wire, jobs, asked_to_stop, folder), daemon=True
@@ -84,12 +87,82 @@ def serve(folder: str) -> None:
     # While a first mesh is read, or nothing is asked for; whoever needs it sooner waits for it.
     threading.Thread(target=_warm_up_solver, daemon=True).start()
     while True:
-        _run(jobs.get(), _PipeChannel(wire, asked_to_stop, Path(folder)), wire)
+        channel = _PipeChannel(wire, asked_to_stop, Path(folder))
+        result = _run(jobs.get(), channel, wire)
+        if isinstance(result, MeshReady) and result.known is None:
+            prepare_preview(result.mesh, channel, jobs.first)
 
 
-def _listen(
-    wire: Wire, jobs: queue.SimpleQueue[Job], asked_to_stop: threading.Event, folder: str
-) -> None:
+def prepare_preview(mesh: Mesh, channel: Channel, first: Callable[[], Job | None]) -> None:
+    """Begin with what the window is about to ask for, while it takes the mesh.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    channel : Channel
+    first : callable
+        The job that waits first, if any: another one than was expected goes before.
+    """
+    from meshmash_viewer.model.previews import open_preview
+
+    try:
+        open_preview(mesh, _EarlyChannel(mesh, channel, first))
+    except Cancelled:
+        return
+    except Exception:  # noqa: BLE001  the job that asks for it fails in the same way, and says so
+        return
+
+
+class _Jobs:
+    """Jobs in the order they came, of which the first can be looked at before its turn."""
+
+    def __init__(self) -> None:
+        self._queue: queue.SimpleQueue[Job] = queue.SimpleQueue()
+        self._first: Job | None = None
+        self.put = self._queue.put
+
+    def get(self) -> Job:
+        job, self._first = self._first or self._queue.get(), None
+        return job
+
+    def first(self) -> Job | None:
+        if self._first is None:
+            with contextlib.suppress(queue.Empty):
+                self._first = self._queue.get_nowait()
+        return self._first
+
+
+class _EarlyChannel:
+    """Says nothing until the work is asked for, and gives way to any other."""
+
+    def __init__(self, mesh: Mesh, channel: Channel, first: Callable[[], Job | None]) -> None:
+        self.folder = channel.folder
+        self._mesh = mesh
+        self._channel = channel
+        self._first = first
+        self._unsaid: Progress | None = None
+
+    def report(self, progress: Progress) -> None:
+        self._unsaid = progress
+
+    def send(self, message: object) -> None:
+        raise AssertionError("nobody has asked for anything yet")
+
+    def cancelled(self) -> bool:
+        job = self._first()
+        if job is None:
+            return self._channel.cancelled()
+        if not isinstance(job, PreviewJob | DecomposeJob):
+            return True
+        if job.mesh.content_hash != self._mesh.content_hash:
+            return True
+        if self._unsaid is not None:
+            self._channel.report(self._unsaid)
+            self._unsaid = None
+        return self._channel.cancelled()
+
+
+def _listen(wire: Wire, jobs: _Jobs, asked_to_stop: threading.Event, folder: str) -> None:
     """Take orders while the main thread works."""
     try:
         while True:
@@ -107,14 +180,15 @@ def _listen(
         os._exit(0)
 
 
-def _run(job: Job, channel: _PipeChannel, wire: Wire) -> None:
+def _run(job: Job, channel: Channel, wire: Wire) -> object:
+    """Do a job and send how it ended; returns the result, None if there is none."""
     message: tuple[str, object]
     try:
         result = _known_mesh.recognised(job).run(channel)
         if isinstance(result, MeshReady):
             _known_mesh.mesh = result.mesh
         wire.send(("finished", result))
-        return
+        return result
     except Cancelled:
         message = ("cancelled", None)
     except InputError as error:
@@ -130,6 +204,7 @@ def _run(job: Job, channel: _PipeChannel, wire: Wire) -> None:
         text = f"{job.label} failed by a defect of the program ({type(error).__name__}: {error})."
         message = ("failed", Failure(text, traceback.format_exc()))
     wire.send(message)
+    return None
 
 
 class _KnownMesh:
@@ -240,13 +315,18 @@ def _warm_up() -> None:
 
 
 def _warm_up_solver() -> None:
-    """Solve something small, which loads compiled kernels: a second at the first real solve."""
+    """Solve and preview something small, which loads compiled kernels: a second otherwise."""
     from scipy import sparse
 
     from meshmash_viewer.eigensolver import solve
+    from meshmash_viewer.preview import preview_eigenpairs
 
     ring = sparse.diags_array([2.0, -1.0, -1.0], offsets=[0, 1, -1], shape=(50, 50)).tolil()
     ring[0, 0] = ring[-1, -1] = 1.0
     one = sparse.eye_array(50)
     grid = sparse.kron(ring, one) + sparse.kron(one, ring)
     solve(grid.tocsc(), sparse.eye_array(2500), 30, n_jobs=1)
+    x, y = np.indices((12, 12)).reshape(2, -1)
+    first = np.arange(144).reshape(12, 12)[:-1, :-1].ravel()
+    faces = np.concatenate([first[:, None] + corners for corners in ([0, 12, 1], [1, 12, 13])])
+    preview_eigenpairs(Mesh(np.stack([x, y, 0 * x], axis=1), faces), 3)
