@@ -31,9 +31,18 @@ _NEAREST = 32
 #: Rows at which they are looked for first.
 _FIRST_LOOK = 5 * BLOCK
 #: Inner products that blocks may have; their squares are what T is wrong by.
-_SEMIORTHOGONAL = 3e-8
-#: Random sums of all rows through which they are watched.
+_SEMIORTHOGONAL = 1e-7
+#: A direction of a block that is shorter than this, next to the others, is near what rounding left
+#: of vectors that were taken off: where the Krylov space ends.
+_THIN = 1e-4
+#: Random sums of all rows, and of what is known beforehand, through which they are watched.
 _MIXTURES = 4
+
+
+def _is_thin(gram: FloatArray) -> bool:
+    """Whether rows with these inner products nearly lie in fewer dimensions."""
+    lengths = np.linalg.eigvalsh(gram)
+    return not lengths[0] > _THIN**2 * lengths[-1]
 
 
 class RitzPairs:
@@ -91,7 +100,7 @@ class KrylovBasis:
         self._columns = np.empty((self._n, BLOCK))
         self._nearest = np.zeros((0, self._n))
         self._nearest_at = 0
-        self._mixture = np.zeros((_MIXTURES, self._n))
+        self._mixture = self._mix_known()
         self._coupling = np.zeros((BLOCK, BLOCK))
         self.capacity = capacity
         self._projection = np.zeros((capacity + 2 * BLOCK, capacity + 2 * BLOCK))
@@ -144,7 +153,9 @@ class KrylovBasis:
         repair = subtract(new, local, repair, local)
         diagonal += repair[:, -b:]
         gram = subtract(new, local, repair, new)
-        if size and self._drift(new, gram) > self._allowed:
+        if self._drift(new, gram) > self._allowed:
+            self._project_known_out(this)
+            self._project_known_out(new)
             project_out(rows[size : size + 2 * b], rows[:size])
             orthonormalise_block(self._ordered, this)
             repair = subtract(new, nothing, np.zeros((b, 0)), this)
@@ -153,15 +164,38 @@ class KrylovBasis:
             few = len(self._nearest) < _NEAREST and size >= _FIRST_LOOK
             if few and size >= self._nearest_at + 2 * b:
                 self._find_nearest(size)
+        if _is_thin(gram):
+            for _ in range(2):
+                self._project_known_out(new)
+                project_out(new, rows[: size + b])
+            gram = subtract(new, nothing, np.zeros((b, 0)), new)
         at, after = slice(size, size + b), slice(size + b, size + 2 * b)
         self._projection[at, at] = 0.5 * (diagonal + diagonal.T)
         following, independent = orthonormalise_block(self._ordered, new, gram)
         if not independent:
-            following = self._replace_lost(new, size + b)
+            following = following @ self._replace_lost(new, size + b)
         self._projection[after, at] = following.T
         self._coupling = following
         self._mixture += self._random.choice([-1.0, 1.0], size=(_MIXTURES, b)) @ this
         self.size = size + b
+
+    def _mix_known(self) -> FloatArray:
+        """Random sums of the null space and of the pairs found before, shape (4, n)."""
+        pencil, random = self._ordered.pencil, self._random
+        signs = random.choice([-1.0, 1.0], size=(_MIXTURES, pencil.n_null + 1))
+        # Vertices that are not in a null component have the direction 0, the label -1.
+        mixture = signs[:, pencil.labels] * pencil.null_direction
+        return (
+            mixture + random.choice([-1.0, 1.0], size=(_MIXTURES, len(self._found))) @ self._found
+        )
+
+    def _project_known_out(self, new: FloatArray) -> None:
+        """Take the null space and the pairs found before off rows, in place."""
+        self._ordered.fill_columns(new, self._columns)
+        self._ordered.remove_null(self._columns)
+        self._ordered.fill_rows(self._columns, new)
+        if len(self._found):
+            project_out(new, self._found)
 
     def _drift(self, new: FloatArray, gram: FloatArray) -> float:
         """How far the next block, once orthonormal, is from orthogonal to the basis.
@@ -188,19 +222,20 @@ class KrylovBasis:
 
     def _replace_lost(self, new: FloatArray, size: int) -> FloatArray:
         """Where the Krylov space has run out, go on with fresh directions, uncoupled."""
+        from scipy.linalg import qr
+
         scale = max(float(np.abs(np.diagonal(self._projection)[:size]).max()), 1e-300)
-        directions, triangle = np.linalg.qr(new.T)
-        following = triangle.T.copy()
+        # Pivots bring the lost directions to the end: in place they would hold, and drop, parts
+        # of the columns behind them.
+        directions, triangle, pivots = qr(new.T, mode="economic", pivoting=True)
+        following = np.empty((BLOCK, BLOCK))
+        following[pivots] = triangle.T
         lost = np.abs(np.diagonal(triangle)) < 1e-10 * scale
         following[:, lost] = 0.0
         new[:] = directions.T
         new[lost] = self._random.standard_normal((int(lost.sum()), self._n))
         for _ in range(3):
-            columns = self._columns
-            self._ordered.fill_columns(new, columns)
-            self._ordered.remove_null(columns)
-            self._ordered.fill_rows(columns, new)
-            project_out(new, self._found)
+            self._project_known_out(new)
             project_out(new, self.rows[:size])
             directions, triangle = np.linalg.qr(new.T)
             new[:] = (directions * np.sign(np.diagonal(triangle))).T
@@ -210,14 +245,18 @@ class KrylovBasis:
         """What is known so far."""
         return RitzPairs(self._projection[: self.size, : self.size], self._coupling)
 
-    def vectors(self, pairs: RitzPairs, chosen: npt.NDArray[np.int64]) -> FloatArray:
+    def vectors(
+        self, pairs: RitzPairs, chosen: npt.NDArray[np.int64]
+    ) -> tuple[FloatArray, FloatArray]:
         """Turn the basis into vectors of the chosen pairs, after one more, implicit, application.
 
         Returns
         -------
-        ndarray, shape (p, n)
+        rows : ndarray, shape (p, n)
             Nearly orthonormal, in the memory of the basis, which ends with this: fresh memory is
             slow to touch, and there would have to be that much.
+        room : ndarray, shape (r, n)
+            What is left of that memory.
         """
         size = self.size
         weights = np.empty((len(chosen), size + BLOCK))
@@ -229,4 +268,4 @@ class KrylovBasis:
         found, rows = self.rows[: len(chosen)], self.rows[: size + BLOCK]
         multiply_in_place(weights, rows, found)
         self.rows = rows[:0]
-        return found
+        return found, rows[len(chosen) :]

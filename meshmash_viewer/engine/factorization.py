@@ -85,7 +85,7 @@ class OrderedPencil:
                 factor: Factor = kind(self, shift + attempt * nudge, stop)
             except FactorizationError:
                 continue
-            if _probe(self.pencil.matrix, factor) < _PROBE_TOLERANCE:
+            if _probe(self.pencil, factor) < _PROBE_TOLERANCE:
                 return factor
         raise FactorizationError(f"no stable factor near shift {shift:.6g}")
 
@@ -275,13 +275,14 @@ class _SuperFactor:
         block[:] = self._lu.solve(block)
 
 
-def _probe(matrix: Any, factor: Factor) -> float:
+def _probe(pencil: Pencil, factor: Factor) -> float:
     """Backward error of a solve with a fixed right-hand side."""
-    n = matrix.shape[0]
+    n = pencil.n
     block = np.zeros((n, 8))
     block[:, 0] = probe = np.cos(np.arange(n, dtype=np.float64))
     factor.solve(block)
     answer = block[:, 0].copy()
-    defect = matrix @ answer - factor.shift * answer - probe
-    scale = abs(matrix) @ abs(answer) + abs(factor.shift) * abs(answer) + abs(probe)
+    defect = pencil.matrix @ answer - factor.shift * answer - probe
+    size = abs(answer)
+    scale = pencil.magnitudes @ size + abs(factor.shift) * size + abs(probe)
     return float(np.linalg.norm(defect) / np.linalg.norm(scale))

@@ -15,7 +15,12 @@ import numpy.typing as npt
 
 from meshmash_viewer.engine.basis import BLOCK, KrylovBasis
 from meshmash_viewer.engine.factorization import Factor, OrderedPencil, StopFlag
-from meshmash_viewer.engine.orthogonality import orthonormalise, project_out
+from meshmash_viewer.engine.orthogonality import (
+    independent_gram,
+    multiply_in_place,
+    orthonormalise,
+    project_out,
+)
 
 __all__ = ["Interval", "IntervalPairs", "find_pairs", "measure_pairs"]
 
@@ -26,7 +31,7 @@ _USUAL = (2.3, 56)
 #: Runs that end with nothing new before the interval is given up.
 _PATIENCE = 6
 #: Residuals this many times the tolerance are worth another solve.
-_COARSE = 4.0
+_COARSE = 8.0
 #: Times that it is tried.
 _POLISHES = 3
 #: Defects that are solved for again then.
@@ -126,8 +131,8 @@ def find_pairs(
         seed = (interval.first, owed, attempt)
         basis = KrylovBasis(ordered, factor, found, capacity, seed, stop, careful)
         try:
-            values, rows = _converge(basis, interval, missing, factor.shift, tolerance)
-            defect = orthonormalise(rows)
+            values, rows, room = _converge(basis, interval, missing, factor.shift, tolerance)
+            values, defect = rotate_to_pairs(ordered, rows, room)
         except ArithmeticError:
             # The basis lost its orthogonality and gave a pair twice.
             values, rows, defect = np.zeros(0), nothing, 0.0
@@ -234,10 +239,10 @@ def _fit_in(rows: FloatArray, some: npt.NDArray[np.int64]) -> float:
 
 def _converge(
     basis: KrylovBasis, interval: Interval, missing: int, shift: float, tolerance: float
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Extend a basis until the missing pairs have converged or nothing new comes.
 
-    Returns values, shape (p,), and nearly orthonormal rows, shape (p, n).
+    Returns values, shape (p,), nearly orthonormal rows, shape (p, n), and rows that are free.
     """
     b = BLOCK
     usual = min(int(_USUAL[0] * missing) + _USUAL[1], basis.capacity)
@@ -273,8 +278,8 @@ def _converge(
             chosen = np.flatnonzero(inside & (ratio <= 1.0))
             chosen = chosen[np.argsort(theta[chosen], kind="stable")]
             if len(chosen) == 0:
-                return np.zeros(0), basis.rows[:0]
-            return shift + 1.0 / pairs.mu[chosen], basis.vectors(pairs, chosen)
+                return np.zeros(0), basis.rows[:0], basis.rows[:0]
+            return shift + 1.0 / pairs.mu[chosen], *basis.vectors(pairs, chosen)
         check = size + (b if 0 < good == n_inside else 2 * b)
         if good < n_inside or good == 0:
             check = max(check, min(usual, 3 * size // 2))
@@ -285,6 +290,60 @@ def _converge(
                 rate = (worst_before[1] - worst) / (size - worst_before[0])
                 check = max(check, size + b * int(0.9 * worst / rate / b))
             worst_before = (size, worst)
+
+
+def rotate_to_pairs(
+    ordered: OrderedPencil, rows: FloatArray, room: FloatArray
+) -> tuple[FloatArray, float]:
+    """Rayleigh–Ritz on A itself: turn nearly orthonormal rows (p, n) into Ritz vectors, in place.
+
+    The basis knows its pairs through an inverse that rounding blurs, most where pairs are close:
+    that mixes neighbours, and what is mixed among the rows this takes apart again.
+
+    Parameters
+    ----------
+    ordered : OrderedPencil
+    rows : ndarray, shape (p, n)
+    room : ndarray, shape (r, n)
+        Overwritten.
+
+    Returns
+    -------
+    values : ndarray, shape (p,)
+        Ascending.
+    orthonormality : float
+        Largest defect of the rows' inner products.
+
+    Raises
+    ------
+    ArithmeticError
+        If the rows are far from independent.
+    """
+    from scipy.linalg import eigh
+
+    p = len(rows)
+    if p == 0:
+        return np.zeros(0), 0.0
+    projection = np.empty((p, p))
+    columns, images = np.zeros((ordered.pencil.n, BLOCK)), np.empty_like(rows[:BLOCK])
+    step = min(max(len(room) // BLOCK, 1) * BLOCK, -(-p // BLOCK) * BLOCK)
+    if len(room) < step:
+        room = images
+    for first in range(0, p, step):
+        last = min(first + step, p)
+        for start in range(first, last, BLOCK):
+            count = min(BLOCK, last - start)
+            if count == BLOCK:
+                ordered.fill_columns(rows[start : start + BLOCK], columns)
+            else:
+                columns[:, :count] = rows[start : start + count].T
+            image = ordered.multiply(columns)
+            ordered.fill_rows(image, room[start - first : start - first + BLOCK])
+        projection[:, first:last] = rows @ room[: last - first].T
+    gram = independent_gram(rows)
+    values, weights = eigh(projection, gram)
+    multiply_in_place(np.ascontiguousarray(weights.T), rows, rows)
+    return values, orthonormalise(rows)
 
 
 def measure_pairs(

@@ -7,7 +7,13 @@ import numpy.typing as npt
 
 from meshmash_viewer.engine.factorization import OrderedPencil
 
-__all__ = ["multiply_in_place", "orthonormalise", "orthonormalise_block", "project_out"]
+__all__ = [
+    "independent_gram",
+    "multiply_in_place",
+    "orthonormalise",
+    "orthonormalise_block",
+    "project_out",
+]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -59,14 +65,33 @@ def orthonormalise(rows: FloatArray) -> float:
         defect = float(np.abs(gram - np.eye(len(gram))).max(initial=0.0))
         if defect < _NORMAL:
             break
-        try:
-            lower = np.linalg.cholesky(gram)
-        except np.linalg.LinAlgError:
-            lower = np.zeros((1, 1))
-        if not np.diagonal(lower).min() > _INDEPENDENT:
-            raise ArithmeticError("the same eigenvector was found twice")
-        multiply_in_place(np.linalg.inv(lower), rows, rows)
+        inverse: FloatArray = np.asarray(np.linalg.inv(_independent_factor(gram)))
+        multiply_in_place(inverse, rows, rows)
     return defect
+
+
+def independent_gram(rows: FloatArray) -> FloatArray:
+    """Inner products of rows (p, n) with each other.
+
+    Raises
+    ------
+    ArithmeticError
+        If the rows are far from independent.
+    """
+    gram: FloatArray = np.asarray(rows @ rows.T)
+    _independent_factor(gram)
+    return gram
+
+
+def _independent_factor(gram: FloatArray) -> FloatArray:
+    """Cholesky's factor of inner products; no row keeps little next to those before it."""
+    try:
+        lower: FloatArray = np.asarray(np.linalg.cholesky(gram))
+    except np.linalg.LinAlgError:
+        lower = np.zeros((1, 1))
+    if not np.diagonal(lower).min() > _INDEPENDENT:
+        raise ArithmeticError("the same eigenvector was found twice")
+    return lower
 
 
 def orthonormalise_block(

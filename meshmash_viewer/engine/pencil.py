@@ -62,9 +62,14 @@ class Pencil:
         return len(self.active)
 
     @cached_property
+    def magnitudes(self) -> Any:
+        """The reduced matrix with all its entries positive, shape (n, n)."""
+        return abs(self.matrix)
+
+    @cached_property
     def norm(self) -> float:
         """Bound of the largest eigenvalue of the reduced matrix (Gershgorin)."""
-        return float(abs(self.matrix).sum(axis=0).max())
+        return float(self.magnitudes.sum(axis=0).max())
 
     @cached_property
     def noise(self) -> float:

@@ -17,8 +17,9 @@ from meshmash_viewer.engine.workers import slice_count
 
 __all__ = ["SpectrumPlan"]
 
-#: A border may lie this far, in parts of a slice, from where it was meant to be.
-_SLACK = 0.2
+#: A border may lie this far, in parts of a slice, from where it was meant to be: where counting
+#: again would be waited for, and where it goes on beside another count.
+_SLACK, _SLACK_BESIDE = 0.2, 0.05
 
 
 class SpectrumPlan:
@@ -90,7 +91,9 @@ class SpectrumPlan:
         """
         first = self._counts[0.0]
         parts = slice_count(most - first)
-        borders = [_window(first, most, part, parts) for part in range(1, min(parts, 3))]
+        borders = [
+            _window(first, most, part, parts, _SLACK_BESIDE) for part in range(1, min(parts, 3))
+        ]
         for turn in range(3):
             steps = [self._step(*window, turn) for window in ((least, most), *borders)]
             values = [value for value, settled in steps if not settled]
@@ -158,8 +161,8 @@ class SpectrumPlan:
             start = end
 
 
-def _window(first: int, last: int, part: int, parts: int) -> tuple[int, int]:
+def _window(first: int, last: int, part: int, parts: int, slack: float = _SLACK) -> tuple[int, int]:
     """Least and most eigenvalues below the border after a part."""
     middle = first + part * (last - first) / parts
-    slack = _SLACK * (last - first) / parts
+    slack *= (last - first) / parts
     return int(middle - slack), int(middle + slack) + 1

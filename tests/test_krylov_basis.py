@@ -1,0 +1,82 @@
+"""The block Krylov basis: a true projection, also where its space has run out; Rayleigh–Ritz."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from test_eigensolver import torus
+from test_eigensolver_hard import icosphere
+
+from meshmash_viewer.engine.basis import BLOCK, KrylovBasis
+from meshmash_viewer.engine.factorization import order_pencil
+from meshmash_viewer.engine.lanczos import measure_pairs, rotate_to_pairs
+from meshmash_viewer.engine.pencil import reduce_pencil
+
+STOP = np.zeros(1, dtype=np.uint8)
+
+
+@pytest.mark.parametrize("known", [0, 100])
+@pytest.mark.parametrize("seed", range(5))
+def test_projection_is_that_of_the_inverse_beyond_the_end_of_the_krylov_space(
+    known: int, seed: int
+) -> None:
+    # Some ten different eigenvalues: eight times that many dimensions can be reached from a block.
+    stiffness, mass = icosphere(1)
+    copies = 20
+    ordered = order_pencil(
+        reduce_pencil(sp.block_diag([stiffness] * copies).tocsc(), np.tile(mass.diagonal(), copies))
+    )
+    pencil = ordered.pencil
+    values, columns = np.linalg.eigh(pencil.matrix.toarray())
+    first = pencil.n_null
+    # Known as well as a slice knows its pairs.
+    noise = 1e-10 * np.random.default_rng(seed).standard_normal((known, pencil.n))
+    found = np.linalg.qr((columns.T[first : first + known] + noise).T)[0].T
+    shift = 0.55 * float(values[first + known + 1])
+    factor = ordered.factor(shift, 0.01 * shift, STOP)
+    basis = KrylovBasis(ordered, factor, np.ascontiguousarray(found), 240, (seed,), STOP)
+    while basis.size < 200:
+        basis.extend()
+
+    rows = basis.rows[: basis.size]
+    known_rows = np.concatenate([pencil.null_rows(), found])
+    assert np.abs(rows @ rows.T - np.eye(len(rows))).max() < 1e-6
+    assert np.abs(rows @ known_rows.T).max() < 1e-6
+    shifted = pencil.matrix.toarray() - factor.shift * np.eye(pencil.n)
+    image = np.linalg.solve(shifted, rows.T)
+    projection = np.tril(basis._projection[: basis.size, : basis.size])
+    projection += np.tril(projection, -1).T
+    scale = np.abs(projection).max()
+    assert np.abs(rows @ image - projection).max() < 1e-6 * scale
+    # Nothing but the next block is missing: what a Ritz pair's error is judged by.
+    defect = image - rows.T @ projection
+    defect -= known_rows.T @ (known_rows @ defect)
+    following = basis.rows[basis.size : basis.size + BLOCK]
+    defect[:, -BLOCK:] -= following.T @ basis._coupling.T
+    assert np.abs(defect).max() < 1e-6 * scale
+
+
+@pytest.mark.parametrize("spare", [0, 8, 40])
+def test_rotation_takes_mixed_neighbours_apart(spare: int) -> None:
+    matrices, exact = torus(30, 26, 1.0, 1.2)
+    ordered = order_pencil(reduce_pencil(*matrices))
+    pencil = ordered.pencil
+    truth, columns = np.linalg.eigh(pencil.matrix.toarray())
+    random = np.random.default_rng(3)
+    p = 37
+    mixing = np.eye(p) + 1e-3 * random.standard_normal((p, p))
+    rows = np.ascontiguousarray(mixing @ columns.T[1 : 1 + p])
+    values, orthonormality = rotate_to_pairs(ordered, rows, np.empty((spare, pencil.n)))
+    np.testing.assert_allclose(values, truth[1 : 1 + p], rtol=1e-11)
+    np.testing.assert_allclose(values * pencil.unit, exact[1 : 1 + p], rtol=1e-9)
+    assert orthonormality < 1e-13
+    assert measure_pairs(ordered, rows)[1].max() < 1e-9
+
+
+def test_rotation_refuses_the_same_pair_twice() -> None:
+    ordered = order_pencil(reduce_pencil(*torus(30, 26, 1.0, 1.2)[0]))
+    row = np.linalg.eigh(ordered.pencil.matrix.toarray())[1].T[5]
+    rows = np.stack([row, row + 1e-9 * np.roll(row, 1)])
+    with pytest.raises(ArithmeticError, match="twice"):
+        rotate_to_pairs(ordered, rows, np.empty((8, ordered.pencil.n)))
