@@ -12,7 +12,9 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMainWindow
 from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
 
+import meshmash_viewer.app.render.upload as upload_module
 import meshmash_viewer.app.scene as scene_module
+from meshmash_viewer.app.render.drawing import read_pixels
 from meshmash_viewer.app.scene import Scene
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Pin
@@ -172,21 +174,70 @@ def test_zoom_keeps_the_place_under_the_pointer(scene: Scene, sphere: Mesh, qtbo
     assert (on_canvas(scene, vertex) - place).manhattanLength() <= 2
 
 
-def test_fields_are_written_in_place(scene: Scene, sphere: Mesh, qtbot) -> None:
+def test_many_fields_are_one_frame(scene: Scene, sphere: Mesh, qtbot) -> None:
     mesh = show(scene, sphere, qtbot)
     surface = scene._drawing.surface
-    shown = surface.values
     frames = []
     scene._canvas.frame_due.connect(lambda: frames.append(1))
     for axis in (0, 1, 2):
         scene.set_field(field(mesh.vertices[:, axis]), (-1.0, 1.0), "RdBu_r")
         assert scene._drawing.surface is surface
-        assert surface.values is shown
-        np.testing.assert_array_equal(shown, mesh.vertices[:, axis].astype(np.float32))
+        np.testing.assert_array_equal(surface.values, mesh.vertices[:, axis].astype(np.float32))
     qtbot.waitUntil(lambda: bool(frames), timeout=5000)
     QTest.qWait(scene_module.REST + 100)
     # One for all three, and one with smooth edges at rest where a processor draws.
     assert len(frames) <= 2
+
+
+def on_screen(scene: Scene) -> np.ndarray:
+    """Pixels of the frame that is drawn now."""
+    scene._draw_frame()
+    window = scene._canvas.window
+    return read_pixels(window, False, 0, window.GetSize()[1]).copy()
+
+
+def field_buffer(scene: Scene) -> tuple[int, int]:
+    """Which buffer holds the field, and when VTK last uploaded it."""
+    buffer = scene._drawing.surface._mapper.GetVBOs().GetVBO("fieldMC")
+    return buffer.GetHandle(), buffer.GetUploadTime().GetMTime()
+
+
+@pytest.mark.parametrize("missing", [False, True], ids=["all there", "some missing"])
+def test_a_field_overwrites_the_buffer_of_the_one_before(
+    scene: Scene, sphere: Mesh, qtbot, missing: bool
+) -> None:
+    mesh = show(scene, sphere, qtbot)
+    surface = scene._drawing.surface
+    scene.set_field(field(mesh.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
+    before = on_screen(scene)
+    known = field_buffer(scene)
+    values = mesh.vertices[:, 1].copy()
+    values[::3] = np.where(missing, np.nan, values[::3])
+    scene.set_field(field(values), (-1.0, 1.0), "RdBu_r")
+    overwritten = on_screen(scene)
+    assert (overwritten != before).any()
+    assert field_buffer(scene) == known
+    # VTK's own upload draws the same.
+    surface._array.Modified()
+    surface.data.Modified()
+    np.testing.assert_array_equal(on_screen(scene), overwritten)
+    assert field_buffer(scene)[1] > known[1]
+
+
+def test_fields_are_shown_where_buffers_cannot_be_overwritten(
+    scene: Scene, sphere: Mesh, qtbot, monkeypatch
+) -> None:
+    mesh = show(scene, sphere, qtbot)
+    pictures = []
+    for known in (True, False):
+        if not known:
+            monkeypatch.setattr(upload_module, "_pointer", lambda: None)
+        scene.set_field(field(mesh.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
+        before = on_screen(scene)
+        scene.set_field(field(mesh.vertices[:, 1]), (-1.0, 1.0), "RdBu_r")
+        pictures.append(on_screen(scene))
+        assert (pictures[-1] != before).any()
+    np.testing.assert_array_equal(*pictures)
 
 
 def test_a_field_changes_the_picture_and_none_takes_it_away(

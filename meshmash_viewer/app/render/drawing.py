@@ -280,7 +280,7 @@ class Drawing:
     # -- another one of the same ------------------------------------------------------------
 
     def twin(self) -> Drawing:
-        """The same picture for another window; the mesh's arrays are shared, the field copied."""
+        """The same picture for another window; the arrays of mesh and field are shared."""
         other = Drawing(self.dark)
         if self.mesh is None:
             return other

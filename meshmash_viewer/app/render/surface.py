@@ -1,4 +1,4 @@
-"""One triangle surface on the graphics card, with a field that is written in place."""
+"""One triangle surface on the graphics card, with a field that is overwritten in its buffer."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the mappers)
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkPolyData
-from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
+from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper, vtkRenderWindow
 
 from meshmash_viewer.app.render.colors import NAN_COLOR
+from meshmash_viewer.app.render.upload import overwrite
 
 __all__ = ["LineSet", "Surface"]
 
@@ -72,6 +73,7 @@ class Surface:
         normals: npt.NDArray[np.float32],
     ) -> None:
         self.values = np.zeros(len(points), dtype=np.float32)
+        self._stale = False
         # VTK holds a reference to each array that it was given without a copy.
         self._array = numpy_to_vtk(self.values)
         self._array.SetName("field")
@@ -114,15 +116,30 @@ class Surface:
         self.show_field(False)
 
     def write(self, values: npt.NDArray[np.floating]) -> bool:
-        """Show values of shape (n,), NaN where there is none; returns whether there are such."""
-        np.copyto(self.values, values, casting="same_kind")
+        """Show values of shape (n,), NaN where there is none; returns whether there are such.
+
+        They are not copied, and must not be changed while they are shown.
+        """
+        # Field values are never changed, so the array that came is shown and no copy of it.
+        shown = np.ascontiguousarray(values, dtype=np.float32)
         # The least is NaN as soon as one entry is: one pass, without a temporary array.
-        missing = bool(np.isnan(self.values.min(initial=0.0)))
+        missing = bool(np.isnan(shown.min(initial=0.0)))
         if missing:
-            self.values[np.isnan(self.values)] = _MISSING
-        self._array.Modified()
-        self.data.Modified()
+            shown = np.where(np.isnan(shown), _MISSING, shown)
+        self._array.SetVoidArray(shown, len(shown), 1)
+        self._array._numpy_reference = shown  # held as long as VTK has its address
+        self.values = shown
+        self._stale = True
         return missing
+
+    def upload(self, window: vtkRenderWindow | None) -> None:
+        """Bring what was written to the graphics card, before a frame of a window that draws it."""
+        if not self._stale:
+            return
+        self._stale = False
+        if not overwrite(window, self._mapper.GetVBOs().GetVBO("fieldMC"), self.values):
+            self._array.Modified()
+            self.data.Modified()
 
     def set_colors(self, colors: npt.NDArray[np.uint8]) -> None:
         """Take a table of colours of shape (256, 4)."""
