@@ -108,8 +108,8 @@ class KrylovBasis:
         self.size = 0
         self.rows = ordered.borrow((capacity + 2 * BLOCK, self._n))
         first = self.rows[:BLOCK]
-        self._apply(self._random.standard_normal((BLOCK, self._n)), first)
-        for _ in range(2):
+        self._apply(self._random.random((BLOCK, self._n)) - 0.5, first)
+        if not orthonormalise_block(ordered, first)[1]:
             first[:] = np.linalg.qr(first.T)[0].T
 
     def close(self) -> None:
@@ -137,30 +137,25 @@ class KrylovBasis:
         The inner products of one pass over the vectors are what the next subtracts.
         """
         b, rows, size = BLOCK, self.rows, self.size
-        subtract = self._ordered.subtract
+        subtract, nearest = self._ordered.subtract, self._nearest
         this, new = rows[size : size + b], rows[size + b : size + 2 * b]
+        before = rows[max(size - b, 0) : size]
         local = rows[max(size - b, 0) : size + b]
-        nothing = rows[:0]
         self._apply(this, new)
-        if len(self._nearest):
-            project_out(new, self._nearest)
-        repair = np.zeros((b, len(local)))
-        if size:
-            repair[:, :b] = self._coupling.T
-        repair = subtract(new, local, repair, local)
-        diagonal = repair[:, -b:].copy()
-        repair[:, :-b] = 0.0
-        repair = subtract(new, local, repair, local)
-        diagonal += repair[:, -b:]
-        gram = subtract(new, local, repair, new)
+        shared, near = subtract(new, [(self._coupling.T, before)] if size else [], [local, nearest])
+        diagonal = shared[:, -b:].copy()
+        shared[:, :-b] = 0.0
+        (shared,) = subtract(new, [(shared, local), (near, nearest)], [local])
+        diagonal += shared[:, -b:]
+        (gram,) = subtract(new, [(shared, local)], [new])
         if self._drift(new, gram) > self._allowed:
             self._project_known_out(this)
             self._project_known_out(new)
             project_out(rows[size : size + 2 * b], rows[:size])
             orthonormalise_block(self._ordered, this)
-            repair = subtract(new, nothing, np.zeros((b, 0)), this)
-            diagonal += repair
-            gram = subtract(new, this, repair, new)
+            (shared,) = subtract(new, [], [this])
+            diagonal += shared
+            (gram,) = subtract(new, [(shared, this)], [new])
             few = len(self._nearest) < _NEAREST and size >= _FIRST_LOOK
             if few and size >= self._nearest_at + 2 * b:
                 self._find_nearest(size)
@@ -168,7 +163,7 @@ class KrylovBasis:
             for _ in range(2):
                 self._project_known_out(new)
                 project_out(new, rows[: size + b])
-            gram = subtract(new, nothing, np.zeros((b, 0)), new)
+            (gram,) = subtract(new, [], [new])
         at, after = slice(size, size + b), slice(size + b, size + 2 * b)
         self._projection[at, at] = 0.5 * (diagonal + diagonal.T)
         following, independent = orthonormalise_block(self._ordered, new, gram)
@@ -185,9 +180,8 @@ class KrylovBasis:
         signs = random.choice([-1.0, 1.0], size=(_MIXTURES, pencil.n_null + 1))
         # Vertices that are not in a null component have the direction 0, the label -1.
         mixture = signs[:, pencil.labels] * pencil.null_direction
-        return (
-            mixture + random.choice([-1.0, 1.0], size=(_MIXTURES, len(self._found))) @ self._found
-        )
+        signs = random.choice([-1.0, 1.0], size=(_MIXTURES, len(self._found)))
+        return np.asarray(mixture + signs @ self._found)
 
     def _project_known_out(self, new: FloatArray) -> None:
         """Take the null space and the pairs found before off rows, in place."""
@@ -215,7 +209,7 @@ class KrylovBasis:
         pairs = RitzPairs(self._projection[:size, :size], self._coupling)
         largest = np.argsort(-np.abs(pairs.mu), kind="stable")[:_NEAREST]
         settled = pairs.errors[largest] < _SEMIORTHOGONAL * np.abs(pairs.mu).max()
-        count = _NEAREST if settled.all() else int(np.argmin(settled))
+        count = _NEAREST if settled.all() else int(np.argmin(settled)) // 4 * 4
         if count > len(self._nearest):
             self._nearest = pairs.weights[:, largest[:count]].T @ self.rows[:size]
         self._nearest_at = size

@@ -7,7 +7,7 @@ interpreter lock, and SuperLU's where numba is not installed.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -144,16 +144,27 @@ class OrderedPencil:
         return values, residuals
 
     def subtract(
-        self, target: FloatArray, source: FloatArray, weights: FloatArray, against: FloatArray
-    ) -> FloatArray:
-        """target -= weights · source for rows of shape (8, n); then target · againstᵀ."""
+        self,
+        target: FloatArray,
+        sources: Sequence[tuple[FloatArray, FloatArray]],
+        against: Sequence[FloatArray],
+    ) -> list[FloatArray]:
+        """Subtract weights · source for each source; then target · rowsᵀ for each set of rows.
+
+        In place, for rows of shape (8, n): at most two sources, (weights, rows), and two sets.
+        """
         if self.structure is None:
-            target -= weights @ source
-            return np.asarray(target @ against.T)
+            for weights, rows in sources:
+                target -= weights @ rows
+            return [np.asarray(target @ rows.T) for rows in against]
         from meshmash_viewer.engine.kernels import subtract_rows
 
-        products = np.empty((len(target), len(against)))
-        subtract_rows(target, source, np.ascontiguousarray(weights), against, products)
+        nothing = np.zeros((len(target), 0)), target[:0]
+        (w1, r1), (w2, r2) = [*sources, nothing, nothing][:2]
+        products = [np.empty((len(target), len(rows))) for rows in against]
+        (p1, a1), (p2, a2) = [*zip(products, against, strict=True), nothing, nothing][:2]
+        w1, w2 = np.ascontiguousarray(w1), np.ascontiguousarray(w2)
+        subtract_rows(target, r1, w1, r2, w2, a1, p1, a2, p2)
         return products
 
     def turn(self, target: FloatArray, lower: FloatArray) -> None:

@@ -36,7 +36,8 @@ U1, U2, U3, U4, U5, U6, U7, U8 = (np.uint64(i) for i in range(1, 9))
 _SOLVE = "void(uint64[::1], uint64[::1], uint64[::1], uint64[::1], float64[::1], float64[::1])"
 _PRODUCT = "void(uint64[::1], uint64[::1], float64[::1], float64[::1], float64[::1])"
 _QUOTIENTS = "void(float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], float64[::1])"
-_PASS = "void(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1])"
+_SUBTRACTION = "void(float64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64)"
+_PASS = f"void({', '.join(['float64[:, ::1]'] * 9)})"
 _TURN = "void(float64[:, ::1], float64[:, ::1])"
 _TRANSPOSE = "void(float64[:, ::1], float64[:, ::1])"
 _REMOVAL = "void(int64[::1], float64[::1], float64[:, ::1], float64[:, ::1])"
@@ -353,56 +354,79 @@ def quotients_block(x, y, weight, values, residuals):  # type: ignore[no-untyped
             residuals[c] = np.sqrt(residuals[c] / size[c])
 
 
-@numba.njit(_PASS, cache=True, nogil=True, fastmath={"contract", "nsz", "reassoc"})
-def subtract_rows(target, source, weights, against, products):  # type: ignore[no-untyped-def]
-    """target -= weights · source, then products = target · againstᵀ, in one pass over memory.
-
-    Rows of shape (8, n) for `target`; `source` and `against` have a multiple of four rows, or
-    none. The stretches fit the first cache.
-    """
-    n = target.shape[1]
-    products[:] = 0.0
-    for start in range(0, n, 384):
-        stop = min(start + 384, n)
-        for r in range(8):
+@numba.njit(_SUBTRACTION, cache=True, nogil=True, fastmath={"contract", "nsz", "reassoc"})
+def _subtract_stretch(target, source, weights, start, stop):  # type: ignore[no-untyped-def]
+    """target -= weights · source between two places of the rows."""
+    for s in range(0, source.shape[0], 4):
+        s0 = source[s, start:stop]
+        s1 = source[s + 1, start:stop]
+        s2 = source[s + 2, start:stop]
+        s3 = source[s + 3, start:stop]
+        for r in range(0, 8, 2):
             t = target[r, start:stop]
-            for s in range(0, source.shape[0], 4):
-                w0 = weights[r, s]
-                w1 = weights[r, s + 1]
-                w2 = weights[r, s + 2]
-                w3 = weights[r, s + 3]
-                s0 = source[s, start:stop]
-                s1 = source[s + 1, start:stop]
-                s2 = source[s + 2, start:stop]
-                s3 = source[s + 3, start:stop]
-                for c in range(stop - start):
-                    t[c] -= w0 * s0[c] + w1 * s1[c] + w2 * s2[c] + w3 * s3[c]
+            u = target[r + 1, start:stop]
+            w0 = weights[r, s]
+            w1 = weights[r, s + 1]
+            w2 = weights[r, s + 2]
+            w3 = weights[r, s + 3]
+            v0 = weights[r + 1, s]
+            v1 = weights[r + 1, s + 1]
+            v2 = weights[r + 1, s + 2]
+            v3 = weights[r + 1, s + 3]
+            for c in range(stop - start):
+                t[c] -= w0 * s0[c] + w1 * s1[c] + w2 * s2[c] + w3 * s3[c]
+                u[c] -= v0 * s0[c] + v1 * s1[c] + v2 * s2[c] + v3 * s3[c]
+
+
+@numba.njit(_SUBTRACTION, cache=True, nogil=True, fastmath={"contract", "nsz", "reassoc"})
+def _multiply_stretch(target, against, products, start, stop):  # type: ignore[no-untyped-def]
+    """products += target · againstᵀ between two places of the rows."""
+    for a in range(0, against.shape[0], 4):
+        a0 = against[a, start:stop]
+        a1 = against[a + 1, start:stop]
+        a2 = against[a + 2, start:stop]
+        a3 = against[a + 3, start:stop]
         for r in range(0, 8, 2):
             t0 = target[r, start:stop]
             t1 = target[r + 1, start:stop]
-            for a in range(0, against.shape[0], 4):
-                a0 = against[a, start:stop]
-                a1 = against[a + 1, start:stop]
-                a2 = against[a + 2, start:stop]
-                a3 = against[a + 3, start:stop]
-                p00 = p01 = p02 = p03 = p10 = p11 = p12 = p13 = 0.0
-                for c in range(stop - start):
-                    p00 += t0[c] * a0[c]
-                    p01 += t0[c] * a1[c]
-                    p02 += t0[c] * a2[c]
-                    p03 += t0[c] * a3[c]
-                    p10 += t1[c] * a0[c]
-                    p11 += t1[c] * a1[c]
-                    p12 += t1[c] * a2[c]
-                    p13 += t1[c] * a3[c]
-                products[r, a] += p00
-                products[r, a + 1] += p01
-                products[r, a + 2] += p02
-                products[r, a + 3] += p03
-                products[r + 1, a] += p10
-                products[r + 1, a + 1] += p11
-                products[r + 1, a + 2] += p12
-                products[r + 1, a + 3] += p13
+            p00 = p01 = p02 = p03 = p10 = p11 = p12 = p13 = 0.0
+            for c in range(stop - start):
+                p00 += t0[c] * a0[c]
+                p01 += t0[c] * a1[c]
+                p02 += t0[c] * a2[c]
+                p03 += t0[c] * a3[c]
+                p10 += t1[c] * a0[c]
+                p11 += t1[c] * a1[c]
+                p12 += t1[c] * a2[c]
+                p13 += t1[c] * a3[c]
+            products[r, a] += p00
+            products[r, a + 1] += p01
+            products[r, a + 2] += p02
+            products[r, a + 3] += p03
+            products[r + 1, a] += p10
+            products[r + 1, a + 1] += p11
+            products[r + 1, a + 2] += p12
+            products[r + 1, a + 3] += p13
+
+
+@numba.njit(_PASS, cache=True, nogil=True)
+def subtract_rows(  # type: ignore[no-untyped-def]
+    target, first, first_weights, second, second_weights, one, one_products, two, two_products
+):
+    """target -= weights · sources, then products = target · rowsᵀ, in one pass over memory.
+
+    Rows of shape (8, n) for `target`; two sources, and two sets of rows for products, of a
+    multiple of four rows each, or none. The stretches fit the first cache.
+    """
+    n = target.shape[1]
+    one_products[:] = 0.0
+    two_products[:] = 0.0
+    for start in range(0, n, 512):
+        stop = min(start + 512, n)
+        _subtract_stretch(target, first, first_weights, start, stop)
+        _subtract_stretch(target, second, second_weights, start, stop)
+        _multiply_stretch(target, one, one_products, start, stop)
+        _multiply_stretch(target, two, two_products, start, stop)
 
 
 @numba.njit(_TURN, cache=True, nogil=True, fastmath={"contract", "nsz", "reassoc"})

@@ -102,9 +102,8 @@ def orthonormalise_block(
     `gram` is block · blockᵀ where it is known already. False if the block has lost rank.
     """
     total = np.eye(len(block))
-    nothing, none = block[:0], np.zeros((len(block), 0))
     if gram is None:
-        gram = ordered.subtract(block, nothing, none, block)
+        gram = ordered.subtract(block, [], [block])[0]
     for _ in range(2):
         try:
             lower = np.asarray(np.linalg.cholesky(gram))
@@ -114,7 +113,7 @@ def orthonormalise_block(
             return total, False
         ordered.turn(block, np.linalg.inv(lower))
         total = total @ lower
-        gram = ordered.subtract(block, nothing, none, block)
+        gram = ordered.subtract(block, [], [block])[0]
         if np.abs(gram - np.eye(len(gram))).max() < _NORMAL:
             break
     return total, True
