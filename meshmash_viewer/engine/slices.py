@@ -63,9 +63,11 @@ def run_slices(
             if isinstance(item, BaseException):
                 raise item
             yield item
+            crew.taken.release()
             poll()
     finally:
         stop[0] = 1
+        crew.taken.release()
         crew.abandon()
         while thread.is_alive():
             try:
@@ -91,6 +93,7 @@ class _Crew:
 
         self._ordered, self._tolerance, self._stop = ordered, tolerance, stop
         self._n_jobs, self._results = n_jobs, results
+        self.taken = threading.Semaphore(0)
         self._intervals = iter(intervals)
         self._handed_out: list[Interval] = []
         # Thread-local in joblib, so it is asked for here, where the caller set it.
@@ -129,6 +132,8 @@ class _Crew:
         if self._n_jobs == 1 and self._in_threads:
             for interval in pending():
                 yield find_pairs(self._ordered, interval, self._tolerance, self._stop)
+                # The next one's basis takes the memory of these pairs, once they are written.
+                self.taken.acquire()
             return
         jobs = (
             delayed(_find_pairs_alone)(self._ordered, interval, self._tolerance, stop)
