@@ -126,11 +126,7 @@ class Scene(QWidget):
         self._line_delay.stop()
         self._rest.stop()
         self._drawing.set_mesh(mesh, normals, picking=True)
-        if self._software and mesh is not None and mesh.n_vertices > 2 * COARSE_VERTICES:
-            # Slow without a doubt: the stand-in comes before the first frame in full.
-            self._full_frame = np.inf
-            self._ask_coarse()
-            self._rest.start(FIRST_REST)
+        self._begin_with_stand_in()
         self._set_hovered(-1)
         if mesh is not None:
             self._picking_poll.start()
@@ -265,6 +261,14 @@ class Scene(QWidget):
         """Whether the last frame had the stand-in in it."""
         return self._drawing.shows_coarse
 
+    def _begin_with_stand_in(self) -> None:
+        """Draw it before the first frame in full, which is slow without a doubt."""
+        mesh = self._drawing.mesh
+        if self._software and mesh is not None and mesh.n_vertices > 2 * COARSE_VERTICES:
+            self._full_frame = np.inf
+            self._ask_coarse()
+            self._rest.start(FIRST_REST)
+
     def _is_slow(self) -> bool:
         return self._full_frame is not None and self._full_frame > SLOW_FRAME
 
@@ -273,6 +277,11 @@ class Scene(QWidget):
         if self._closed:
             return
         drawing, window = self._drawing, self._canvas.window
+        if self._first:
+            # Not before: a window tells what draws it when it is on the screen.
+            window.Initialize()
+            self._software = _draws_by_software(window)
+            self._begin_with_stand_in()
         coarse = self._rest.isActive() and self._is_slow() and self._coarse_asked
         drawing.show_coarse(coarse)
         # Several samples a pixel cost a processor as much again for each frame: they wait for
@@ -288,7 +297,6 @@ class Scene(QWidget):
         frame_drawn()
         if self._first:
             self._first = False
-            self._software = _draws_by_software(window)
             self.first_frame.emit()
         elif drawing.surface is not None and not coarse:
             self._measure(took)
