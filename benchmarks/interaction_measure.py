@@ -5,37 +5,65 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
+import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from interaction_bystander import TICK, seconds_waited
 from PySide6.QtCore import QEventLoop, Qt, QTimer
 
 from meshmash_viewer.model.live import expected_bytes
 
-TICK = 0.005
 #: Gaps (s, less drawing) above which `--trace` tells what ran.
 LONG = 0.02
 
 Script = Iterator[float | Callable[[], bool]]
 
 
-def seconds_waited() -> float:
-    """Seconds that the main thread was ready and other programs had the processors."""
-    schedule = Path(f"/proc/{os.getpid()}/schedstat")
-    return int(schedule.read_text().split()[1]) * 1e-9 if schedule.exists() else 0.0
+class Bystanders:
+    """Processes that notice when a processor is withheld (`interaction_bystander.py`)."""
+
+    def __init__(self) -> None:
+        program = Path(__file__).with_name("interaction_bystander.py")
+        count = os.cpu_count() if sys.platform == "linux" else 0
+        # they close with the process
+        self._logs = [tempfile.TemporaryFile("w+") for _ in range(count or 0)]  # noqa: SIM115
+        self._processes = [
+            subprocess.Popen([sys.executable, str(program), str(number)], stdout=log)
+            for number, log in enumerate(self._logs)
+        ]
+
+    def withheld(self) -> list[np.ndarray]:
+        """For each processor: beginnings and ends, shape (s, 2). Ends the processes."""
+        found = []
+        for process, log in zip(self._processes, self._logs, strict=True):
+            process.terminate()
+            process.wait()
+            log.seek(0)
+            times = [float(word) for word in log.read().split()]
+            found.append(np.array(times[: len(times) // 2 * 2]).reshape(-1, 2))
+        return found
+
+    @staticmethod
+    def here() -> int:
+        """Number of the processor that this thread runs on."""
+        return int(ctypes.CDLL(None).sched_getcpu()) if sys.platform == "linux" else 0
 
 
 class Drawing:
-    """Seconds spent inside VTK's own drawing calls."""
+    """Times inside VTK's own drawing calls."""
 
     def __init__(self) -> None:
-        self.seconds = 0.0
+        self.seconds = 0.0  # without waiting for a processor
         self.frames = 0
+        self.calls: list[tuple[float, float, float]] = []  # beginning, end, waited meanwhile
 
     def watch(self, window: Any) -> Any:
         for name in ("Render", "Frame", "WaitForCompletion"):
@@ -48,12 +76,45 @@ class Drawing:
             try:
                 return call(*arguments)
             finally:
-                # What it waited for a processor is taken off the gaps as it is.
-                waited = seconds_waited() - waited
-                self.seconds += time.perf_counter() - started - waited
+                waited, ended = seconds_waited() - waited, time.perf_counter()
+                self.calls.append((started, ended, waited))
+                self.seconds += ended - started - waited
                 self.frames += name == "Render"
 
         return timed
+
+
+@dataclass(frozen=True)
+class Gap:
+    """The time between two ticks, in seconds."""
+
+    start: float
+    end: float
+    waited: float
+    calls: list[tuple[float, float, float]]
+    processors: tuple[int, int]
+
+    def lengths(self, withheld: list[np.ndarray]) -> tuple[float, float]:
+        """Without and with drawing taken off, both without what the machine is to blame for.
+
+        Waiting for a processor may be waiting for one that is withheld: the longer counts.
+        """
+        known = withheld if withheld else [np.zeros((0, 2))] * (1 + max(self.processors))
+        here = [known[number] for number in self.processors]
+        drawn = sum(end - start for start, end, _ in self.calls)
+        waited = self.waited - sum(part for _, _, part in self.calls)
+        lost = max(_overlap(times, self.start, self.end) for times in here)
+        outside = max(
+            _overlap(times, self.start, self.end)
+            - sum(_overlap(times, start, end) for start, end, _ in self.calls)
+            for times in here
+        )
+        length = self.end - self.start
+        return length - max(self.waited, lost), length - drawn - max(waited, outside)
+
+
+def _overlap(times: np.ndarray, start: float, end: float) -> float:
+    return float((np.minimum(times[:, 1], end) - np.maximum(times[:, 0], start)).clip(0.0).sum())
 
 
 class Gaps:
@@ -62,8 +123,10 @@ class Gaps:
     def __init__(self, drawing: Drawing, trace: bool) -> None:
         self.drawing = drawing
         self.phase = "start"
-        self.found: dict[str, list[tuple[float, float]]] = {}
-        self._last = (time.perf_counter(), 0.0, seconds_waited())
+        self.found: dict[str, list[Gap]] = {}
+        self.withheld: list[np.ndarray] = []
+        self._bystanders = Bystanders()
+        self._last = (time.perf_counter(), seconds_waited(), Bystanders.here())
         self._samples: list[tuple[float, str]] = []
         self._main = threading.get_ident()
         self._timer = QTimer(interval=round(1000 * TICK), timerType=Qt.TimerType.PreciseTimer)
@@ -73,17 +136,24 @@ class Gaps:
             threading.Thread(target=self._sample, daemon=True).start()
 
     def _tick(self) -> None:
-        now, drawn, waited = time.perf_counter(), self.drawing.seconds, seconds_waited()
-        gap = now - self._last[0] - (waited - self._last[2])
-        less = gap - (drawn - self._last[1])
-        self.found.setdefault(self.phase, []).append((gap, less))
+        now, waited, here = time.perf_counter(), seconds_waited(), Bystanders.here()
+        before, waited_before, there = self._last
+        calls, self.drawing.calls = self.drawing.calls, []
+        gap = Gap(before, now, waited - waited_before, calls, (there, here))
+        self.found.setdefault(self.phase, []).append(gap)
+        whole, less = gap.lengths([])
         if self._samples and less > LONG:
-            inside = [text for at, text in self._samples if self._last[0] < at < now]
-            print(f"--- {self.phase}: {1e3 * gap:.0f} ms, {1e3 * less:.0f} less drawing")
+            inside = [text for at, text in self._samples if before < at < now]
+            print(f"--- {self.phase}: {1e3 * whole:.0f} ms, {1e3 * less:.0f} less drawing")
             for text in sorted(set(inside), key=inside.index):
                 print(f"  {inside.count(text)} × {text}")
         self._samples.clear()
-        self._last = (now, drawn, waited)
+        self._last = (now, waited, here)
+
+    def stop(self) -> None:
+        """Take no more ticks, and hear when processors were withheld."""
+        self._timer.stop()
+        self.withheld = self._bystanders.withheld()
 
     def _sample(self) -> None:
         while True:
@@ -98,13 +168,16 @@ class Gaps:
             self._samples.append((at, " < ".join(texts)))
 
     def summary(self, phases: list[str] | None = None) -> dict[str, float]:
+        """In milliseconds, of all phases or some; after `stop`."""
         names = phases if phases is not None else list(self.found)
-        gaps = np.array([gap for name in names for gap in self.found[name]]) * 1e3
+        gaps = np.array([gap.lengths(self.withheld) for name in names for gap in self.found[name]])
+        raw = np.array([gap.lengths([])[1] for name in names for gap in self.found[name]])
         return {
-            "largest": float(gaps[:, 0].max()),
-            "p99": float(np.percentile(gaps[:, 0], 99)),
-            "largest_less": float(gaps[:, 1].max()),
-            "p99_less": float(np.percentile(gaps[:, 1], 99)),
+            "largest": 1e3 * float(gaps[:, 0].max()),
+            "p99": 1e3 * float(np.percentile(gaps[:, 0], 99)),
+            "largest_less": 1e3 * float(gaps[:, 1].max()),
+            "p99_less": 1e3 * float(np.percentile(gaps[:, 1], 99)),
+            "largest_raw": 1e3 * float(raw.max()),
         }
 
 

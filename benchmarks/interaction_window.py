@@ -75,7 +75,10 @@ class Session:
             self.note("pairs_all")
 
     def note_frame(self) -> None:
-        if self.source.field is not None and self.window.scene.mesh is self.document.mesh:
+        scene, drawing = self.window.scene, self.window.scene._drawing
+        # where drawing is slow, nothing of the mesh is drawn before its stand-in is there
+        seen = scene.shows_stand_in or (drawing.surface and drawing.surface.actor.GetVisibility())
+        if self.source.field is not None and scene.mesh is self.document.mesh and seen:
             self.note("field")
             if self.document.spectrum.is_exact(self.source.field.index):
                 self.note("exact_field")
@@ -392,6 +395,7 @@ class Session:
         Player(scripts[what]()).play()
         # not earlier: to ask makes the context, in a window that is not on the screen yet
         self.result["driver"] = "no-op" if _is_noop(self.window) else "software"
+        self.gaps.stop()
         phases = [name for name in self.gaps.found if name != "start"]
         self.result["gaps"] = self.gaps.summary(phases)
         self.result["phases"] = {name: self.gaps.summary([name]) for name in phases}

@@ -1,0 +1,42 @@
+"""Does nothing but sleep, on one processor, and prints when that was withheld from this machine.
+
+Started by `interaction_window.py`, once for each processor. A virtual machine has its processors
+taken away now and then, some tens of milliseconds at a time; whatever runs there stands still, and
+nothing in the program can help it. Each line is the beginning and the end of such a time, as
+`time.perf_counter` counts (the same for all processes of Linux).
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from pathlib import Path
+
+#: Seconds between two ticks.
+TICK = 0.005
+#: Seconds later than due that a sleep may end without a reason.
+LATE = 0.003
+
+
+def seconds_waited() -> float:
+    """Seconds that the main thread was ready and other programs had the processors."""
+    schedule = Path(f"/proc/{os.getpid()}/schedstat")
+    return int(schedule.read_text().split()[1]) * 1e-9 if schedule.exists() else 0.0
+
+
+def main() -> None:
+    """Sleep until the program that started it is gone."""
+    os.sched_setaffinity(0, {int(sys.argv[1])})
+    parent = os.getppid()
+    while os.getppid() == parent:
+        due, waited = time.perf_counter() + TICK, seconds_waited()
+        time.sleep(TICK)
+        # Less the time in which another program had the processor.
+        end = time.perf_counter() - (seconds_waited() - waited)
+        if end > due + LATE:
+            print(due, end, flush=True)
+
+
+if __name__ == "__main__":
+    main()
