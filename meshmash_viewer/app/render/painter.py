@@ -5,27 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from functools import lru_cache
-from importlib.util import find_spec
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import vtkmodules.vtkRenderingFreeType
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
 from vtkmodules.util.numpy_support import numpy_to_vtk
-from vtkmodules.vtkCommonCore import VTK_FONT_FILE, vtkPoints
+from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
 from vtkmodules.vtkRenderingCore import (
     vtkActor2D,
     vtkPolyDataMapper2D,
     vtkRenderer,
-    vtkTextActor,
-    vtkTextProperty,
-    vtkTextRenderer,
 )
 
 from meshmash_viewer.app.render.colors import rgb
+from meshmash_viewer.app.render.text_layer import Text, TextLayer, text_size
 
 __all__ = ["Painter"]
 
@@ -34,38 +28,51 @@ LEFT, CENTRE, RIGHT = 0, 1, 2
 BOTTOM, MIDDLE, TOP = 0, 1, 2
 
 
-@lru_cache(maxsize=2)
-def _font_file(bold: bool) -> str:
-    """DejaVu Sans as matplotlib brings it: VTK's own fonts lack Greek letters and superscripts."""
-    spec = find_spec("matplotlib")
-    folder = Path(spec.origin).parent / "mpl-data" / "fonts" / "ttf"
-    return str(folder / ("DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"))
-
-
-def _text_property(size: int, bold: bool) -> vtkTextProperty:
-    properties = vtkTextProperty()
-    properties.SetFontFamily(VTK_FONT_FILE)
-    properties.SetFontFile(_font_file(bold))
-    properties.SetFontSize(size)
-    return properties
-
-
-@lru_cache(maxsize=512)
-def _text_size(text: str, size: int, bold: bool) -> tuple[int, int]:
-    box = [0, 0, 0, 0]
-    vtkTextRenderer.GetInstance().GetBoundingBox(_text_property(size, bold), text, box, 72)
-    return box[1] - box[0] + 1, box[3] - box[2] + 1
-
-
 @dataclass
 class _Part:
     """What one part of a picture consists of."""
 
     key: Hashable = None
-    points: list[npt.NDArray[np.float64]] = field(default_factory=list)
-    sizes: list[int] = field(default_factory=list)
+    points: list[npt.NDArray[np.float32]] = field(default_factory=list)
+    sizes: list[npt.NDArray[np.int32]] = field(default_factory=list)
     colors: list[npt.NDArray[np.uint8]] = field(default_factory=list)
-    texts: list[tuple[Any, ...]] = field(default_factory=list)
+    texts: list[Text] = field(default_factory=list)
+
+    def join(self) -> None:
+        """Make one array of many, so that this is not done for each frame."""
+        if len(self.sizes) > 1:
+            self.points = [np.concatenate(self.points)]
+            self.sizes = [np.concatenate(self.sizes)]
+            self.colors = [np.concatenate(self.colors)]
+
+
+@lru_cache(maxsize=256)
+def _colored(color: str, opacity: float, count: int) -> npt.NDArray[np.uint8]:
+    """One colour for a number of corners, shape (count, 4)."""
+    rgba = np.array([*(255 * part for part in rgb(color)), 255 * opacity])
+    return np.tile(rgba.round().astype(np.uint8), (count, 1))
+
+
+@lru_cache(maxsize=8)
+def _sizes(count: int, each: int) -> npt.NDArray[np.int32]:
+    """That many polygons of as many corners each."""
+    return np.full(count, each, dtype=np.int32)
+
+
+@lru_cache(maxsize=64)
+def _plate(
+    low: int, high: int, x: float, width: float, radius: float
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]]:
+    """Slices of a rectangle with round corners, and how far up each one is, from 0 to 1."""
+    edges = np.linspace(low, high, max(2, (high - low) // 2) + 1)
+    middles = (edges[:-1] + edges[1:]) / 2
+    into_corner = np.maximum(radius - np.minimum(middles - low, high - middles), 0.0)
+    inset = radius - np.sqrt(np.maximum(radius**2 - into_corner**2, 0.0))
+    left, right = x + inset, x + width - inset
+    bottom, top = edges[:-1], edges[1:]
+    corners = np.stack([left, bottom, right, bottom, right, top, left, top], axis=1)
+    share = (middles - low) / (high - low)
+    return corners.reshape(-1, 4, 2).astype(np.float32), share
 
 
 def _is(one: object, other: object) -> bool:
@@ -77,7 +84,7 @@ class Painter:
 
     `begin`, then parts in the order they cover one another, then `end`; text lies over shapes.
     A part whose key has not changed is not painted again. All shapes of a frame are one actor,
-    and text actors are used again, so that a frame costs less than a millisecond.
+    and all texts another, so that a frame costs less than a millisecond.
 
     Parameters
     ----------
@@ -85,20 +92,21 @@ class Painter:
     """
 
     def __init__(self, renderer: vtkRenderer) -> None:
-        self._renderer = renderer
-        self._texts: list[vtkTextActor] = []
-        self._shown: list[tuple[Any, ...] | None] = []
         self._parts: dict[str, _Part] = {}
         self._part = _Part()
         self._now: list[_Part] = []
         self._before: list[_Part] = []
+        self._points = vtkPoints()
+        self._ends = np.zeros(0, dtype=np.int32)
         self._shapes = vtkPolyData()
+        self._shapes.SetPoints(self._points)
         mapper = vtkPolyDataMapper2D()
         mapper.SetInputData(self._shapes)
         mapper.SetScalarModeToUsePointData()
         self._actor = vtkActor2D()
         self._actor.SetMapper(mapper)
         renderer.AddViewProp(self._actor)
+        self._texts = TextLayer(renderer)
 
     def begin(self) -> None:
         """Start a frame."""
@@ -120,6 +128,7 @@ class Painter:
         if known is None or known.key != key:
             self._part = self._parts[name] = known = _Part(key)
             paint()
+            known.join()
         self._now.append(known)
         self._part = _Part()
         self._now.append(self._part)
@@ -131,41 +140,38 @@ class Painter:
         if same:
             return
         self._before = parts
-        texts = [text for part in parts for text in part.texts]
-        for number, text in enumerate(texts):
-            self._show_text(number, *text)
-        for number in range(len(texts), len(self._texts)):
-            self._texts[number].SetVisibility(False)
-            self._shown[number] = None
+        self._texts.show([text for part in parts for text in part.texts])
         sizes = [size for part in parts for size in part.sizes]
         self._actor.SetVisibility(bool(sizes))
         if not sizes:
             return
         flat = np.concatenate([points for part in parts for points in part.points])
-        points = vtkPoints()
         places = np.zeros((len(flat), 3), dtype=np.float32)
         places[:, :2] = flat
-        points.SetData(numpy_to_vtk(places))
-        cells = vtkCellArray()
-        ends = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-        cells.SetData(numpy_to_vtk(ends), numpy_to_vtk(np.arange(len(flat)), deep=True))
-        self._shapes.SetPoints(points)
-        self._shapes.SetPolys(cells)
+        self._points.SetData(numpy_to_vtk(places))
+        ends = np.zeros(sum(map(len, sizes)) + 1, dtype=np.int32)
+        np.cumsum(np.concatenate(sizes), out=ends[1:])
+        if not np.array_equal(ends, self._ends):
+            self._ends = ends
+            cells = vtkCellArray()
+            cells.SetData(numpy_to_vtk(ends), numpy_to_vtk(np.arange(len(flat), dtype=np.int32)))
+            self._shapes.SetPolys(cells)
         self._shapes.GetPointData().SetScalars(
             numpy_to_vtk(np.concatenate([colors for part in parts for colors in part.colors]))
         )
 
-    def _add(self, corners: npt.NDArray[np.float64], rgba: npt.NDArray[np.float64]) -> None:
+    def _add(self, corners: npt.NDArray[np.floating], rgba: npt.NDArray[np.floating]) -> None:
         """Add polygons of shape (p, m, 2) in colours of shape (p, m, 4), 0 to 255."""
-        self._part.points.append(corners.reshape(-1, 2))
-        self._part.sizes.extend([corners.shape[1]] * len(corners))
+        self._part.points.append(corners.reshape(-1, 2).astype(np.float32))
+        self._part.sizes.append(_sizes(*corners.shape[:2]))
         self._part.colors.append(rgba.round().astype(np.uint8).reshape(-1, 4))
 
     def polygon(self, points: npt.ArrayLike, color: str, opacity: float = 1.0) -> None:
         """A filled convex polygon with corners of shape (m, 2)."""
-        corners = np.asarray(points, dtype=np.float64)
-        rgba = np.array([*(255 * part for part in rgb(color)), 255 * opacity])
-        self._add(corners[None], np.broadcast_to(rgba, (1, len(corners), 4)))
+        corners = np.array(points, dtype=np.float32)
+        self._part.points.append(corners)
+        self._part.sizes.append(_sizes(1, len(corners)))
+        self._part.colors.append(_colored(color, opacity, len(corners)))
 
     def _soften(
         self,
@@ -208,18 +214,11 @@ class Painter:
         colors : ndarray, shape (2, 3)
             Red, green and blue from 0 to 1 at its lower and at its upper edge.
         """
-        low, high = round(y), round(y + height)
-        edges = np.linspace(low, high, max(2, (high - low) // 2) + 1)
-        middles = (edges[:-1] + edges[1:]) / 2
-        into_corner = np.maximum(radius - np.minimum(middles - low, high - middles), 0.0)
-        inset = radius - np.sqrt(np.maximum(radius**2 - into_corner**2, 0.0))
-        left, right = x + inset, x + width - inset
-        bottom, top = edges[:-1], edges[1:]
-        corners = np.stack([left, bottom, right, bottom, right, top, left, top], axis=1)
-        share = ((middles - low) / (high - low))[:, None]
-        rgba = np.full((len(middles), 4), 255 * opacity)
-        rgba[:, :3] = 255 * (colors[0] + share * (colors[1] - colors[0]))
-        self._add(corners.reshape(-1, 4, 2), np.repeat(rgba[:, None], 4, axis=1))
+        shape = round(y), round(y + height), x, width, radius
+        corners, share = _plate(*shape)
+        rgba = np.full((len(share), 4, 4), 255 * opacity)
+        rgba[..., :3] = 255 * (colors[0] + share[:, None, None] * (colors[1] - colors[0]))
+        self._add(corners, rgba)
 
     def line(
         self, start: npt.ArrayLike, end: npt.ArrayLike, width: float, color: str, opacity: float = 1
@@ -248,15 +247,16 @@ class Painter:
     ) -> None:
         """A rectangle filled from below with the colours of a table of shape (m, 4)."""
         edges = np.linspace(round(y), round(y + height), len(table) + 1)
-        low, high = edges[:-1, None], edges[1:, None]
-        left, right = np.full_like(low, round(x)), np.full_like(low, round(x + width))
-        corners = np.concatenate([left, low, right, low, right, high, left, high], axis=1)
-        rgba = np.repeat(table[:, None].astype(np.float64), 4, axis=1)
-        self._add(corners.reshape(-1, 4, 2), rgba)
+        corners = np.empty((len(table), 4, 2), dtype=np.float32)
+        corners[:, 0::3, 0], corners[:, 1:3, 0] = round(x), round(x + width)
+        corners[:, :2, 1], corners[:, 2:, 1] = edges[:-1, None], edges[1:, None]
+        self._part.points.append(corners.reshape(-1, 2))
+        self._part.sizes.append(_sizes(len(table), 4))
+        self._part.colors.append(np.repeat(table, 4, axis=0))
 
     def text_size(self, text: str, size: float, bold: bool = False) -> tuple[int, int]:
         """Width and height of a text in pixels."""
-        return _text_size(text, round(size), bold)
+        return text_size(text, round(size), bold)
 
     def text(
         self,
@@ -271,41 +271,6 @@ class Painter:
         opacity: float = 1.0,
     ) -> None:
         """A line of text anchored at (x, y)."""
-        place = round(x), round(y)
-        self._part.texts.append((text, *place, round(size), color, across, along, bold, opacity))
-
-    def _show_text(
-        self,
-        number: int,
-        text: str,
-        x: int,
-        y: int,
-        size: int,
-        color: str,
-        across: int,
-        along: int,
-        bold: bool,
-        opacity: float,
-    ) -> None:
-        """Show a line of text by the actor of a number, unless it shows just that."""
-        if number == len(self._texts):
-            self._texts.append(vtkTextActor())
-            self._shown.append(None)
-            self._texts[-1].SetLayerNumber(1)
-            self._renderer.AddViewProp(self._texts[-1])
-        actor = self._texts[number]
-        wanted = (text, x, y, size, color, across, along, bold, opacity)
-        if self._shown[number] == wanted:
-            return
-        self._shown[number] = wanted
-        properties = actor.GetTextProperty()
-        properties.SetFontFamily(VTK_FONT_FILE)
-        properties.SetFontFile(_font_file(bold))
-        properties.SetFontSize(size)
-        properties.SetColor(*rgb(color))
-        properties.SetOpacity(opacity)
-        properties.SetJustification(across)
-        properties.SetVerticalJustification(along)
-        actor.SetInput(text)
-        actor.SetPosition(x, y)
-        actor.SetVisibility(True)
+        self._part.texts.append(
+            Text(text, round(x), round(y), round(size), color, across, along, bold, opacity)
+        )

@@ -1,0 +1,203 @@
+"""Lines of text over the render, all in one texture.
+
+An actor of VTK's for each line would cost a tenth of a millisecond whenever its text or its place
+changes, and beside a new field nearly all of them do.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import vtkmodules.vtkRenderingFreeType
+import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
+from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.vtkCommonCore import VTK_FONT_FILE, vtkFloatArray, vtkPoints
+from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkImageData, vtkPolyData
+from vtkmodules.vtkRenderingCore import (
+    vtkPolyDataMapper2D,
+    vtkRenderer,
+    vtkTextProperty,
+    vtkTextRenderer,
+    vtkTexture,
+    vtkTexturedActor2D,
+)
+
+from meshmash_viewer.app.render.colors import rgb
+
+__all__ = ["Text", "TextLayer", "text_size"]
+
+#: The texture's sides are multiples of this, so that its size hardly ever changes.
+_STEP = 128
+
+
+class Text(NamedTuple):
+    """A line of text.
+
+    Parameters
+    ----------
+    text : str
+    x, y : int
+        Anchor, in pixels from the lower left.
+    size : int
+        Of the font.
+    color : str
+    across, along : int
+        Where the anchor is in the line: 0 left or bottom, 1 middle, 2 right or top.
+    bold : bool
+    opacity : float
+    """
+
+    text: str
+    x: int
+    y: int
+    size: int
+    color: str
+    across: int
+    along: int
+    bold: bool
+    opacity: float
+
+
+class TextLayer:
+    """Shows lines of text on a renderer.
+
+    Parameters
+    ----------
+    renderer : vtkRenderer
+    """
+
+    def __init__(self, renderer: vtkRenderer) -> None:
+        self._image = vtkImageData()
+        texture = vtkTexture()
+        texture.SetInputData(self._image)
+        texture.InterpolateOff()
+        self._points = vtkPoints()
+        self._data = vtkPolyData()
+        self._data.SetPoints(self._points)
+        mapper = vtkPolyDataMapper2D()
+        mapper.SetInputData(self._data)
+        self._actor = vtkTexturedActor2D()
+        self._actor.SetMapper(mapper)
+        self._actor.SetTexture(texture)
+        self._actor.SetLayerNumber(1)
+        self._actor.VisibilityOff()
+        self._shown: list[Text] = []
+        self._sheet = np.zeros((0, 0, 4), dtype=np.uint8)
+        self._places, self._on_sheet = np.zeros((2, 0, 2), dtype=np.float32)
+        #: VTK's arrays of these three.
+        self._memory = [vtkFloatArray() for _ in range(3)]
+        renderer.AddViewProp(self._actor)
+
+    def show(self, texts: list[Text]) -> None:
+        """Show these lines and no others."""
+        texts = [text for text in texts if text.text]
+        if texts == self._shown:
+            return
+        self._shown = texts
+        self._actor.SetVisibility(bool(texts))
+        if not texts:
+            return
+        images = [_image(t.text, t.size, t.bold, t.color, t.opacity) for t in texts]
+        self._make_room(
+            len(texts),
+            max(image.shape[1] for image in images),
+            sum(len(image) for image in images),
+        )
+        self._sheet[:] = 0
+        row, corners, on_sheet = 0, [], []
+        for text, image in zip(texts, images, strict=True):
+            tall, wide = image.shape[:2]
+            self._sheet[row : row + tall, :wide] = image
+            left, below = _offset(text.text, text.size, text.bold, text.across, text.along)
+            left, below = text.x + left, text.y + below
+            right, above = left + wide, below + tall
+            corners += [(left, below), (right, below), (right, above), (left, above)]
+            on_sheet += [(0, row), (wide, row), (wide, row + tall), (0, row + tall)]
+            row += tall
+        self._places[:, :2] = corners
+        self._on_sheet[:] = on_sheet
+        self._on_sheet /= self._sheet.shape[1::-1]
+        for changed in self._memory:
+            changed.Modified()
+        self._image.Modified()
+        self._data.Modified()
+
+    def _make_room(self, count: int, width: int, height: int) -> None:
+        """Have memory for so many lines and a sheet at least that large."""
+        height, width = (-(-side // _STEP) * _STEP for side in (height, width))
+        if self._sheet.shape[:2] != (height, width):
+            self._sheet = np.zeros((height, width, 4), dtype=np.uint8)
+            pixels = self._memory[0] = numpy_to_vtk(self._sheet.reshape(-1, 4))
+            self._image.SetDimensions(width, height, 1)
+            self._image.GetPointData().SetScalars(pixels)
+        if len(self._places) != 4 * count:
+            self._places = np.zeros((4 * count, 3), dtype=np.float32)
+            self._on_sheet = np.zeros((4 * count, 2), dtype=np.float32)
+            self._memory[1:] = numpy_to_vtk(self._places), numpy_to_vtk(self._on_sheet)
+            self._points.SetData(self._memory[1])
+            self._data.GetPointData().SetTCoords(self._memory[2])
+            cells = vtkCellArray()
+            cells.SetData(
+                numpy_to_vtk(np.arange(0, 4 * count + 1, 4, dtype=np.int32)),
+                numpy_to_vtk(np.arange(4 * count, dtype=np.int32)),
+            )
+            self._data.SetPolys(cells)
+
+
+def text_size(text: str, size: int, bold: bool) -> tuple[int, int]:
+    """Width and height of a line of text in pixels."""
+    left, right, bottom, top = _box(text, size, bold, 0, 0)
+    return right - left + 1, top - bottom + 1
+
+
+@lru_cache(maxsize=2)
+def _font_file(bold: bool) -> str:
+    """DejaVu Sans as matplotlib brings it: VTK's own fonts lack Greek letters and superscripts."""
+    spec = find_spec("matplotlib")
+    folder = Path(spec.origin).parent / "mpl-data" / "fonts" / "ttf"
+    return str(folder / ("DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"))
+
+
+@lru_cache(maxsize=64)
+def _property(
+    size: int, bold: bool, across: int, along: int, color: str = "#ffffff", opacity: float = 1.0
+) -> vtkTextProperty:
+    properties = vtkTextProperty()
+    properties.SetFontFamily(VTK_FONT_FILE)
+    properties.SetFontFile(_font_file(bold))
+    properties.SetFontSize(size)
+    properties.SetColor(*rgb(color))
+    properties.SetOpacity(opacity)
+    properties.SetJustification(across)
+    properties.SetVerticalJustification(along)
+    return properties
+
+
+@lru_cache(maxsize=512)
+def _box(text: str, size: int, bold: bool, across: int, along: int) -> tuple[int, int, int, int]:
+    """Pixels that a text covers around its anchor: left, right, bottom, top."""
+    box = [0, 0, 0, 0]
+    properties = _property(size, bold, across, along)
+    vtkTextRenderer.GetInstance().GetBoundingBox(properties, text, box, 72)
+    return tuple(box)
+
+
+def _offset(text: str, size: int, bold: bool, across: int, along: int) -> tuple[int, int]:
+    left, _, bottom, _ = _box(text, size, bold, across, along)
+    return left, bottom
+
+
+@lru_cache(maxsize=256)
+def _image(text: str, size: int, bold: bool, color: str, opacity: float) -> npt.NDArray[np.uint8]:
+    """A text as RGBA of shape (height, width, 4), lowest row first."""
+    image, size_of_text = vtkImageData(), [0, 0]
+    properties = _property(size, bold, 0, 0, color, opacity)
+    vtkTextRenderer.GetInstance().RenderString(properties, text, image, size_of_text, 72)
+    width, height, _ = image.GetDimensions()
+    pixels = vtk_to_numpy(image.GetPointData().GetScalars()).reshape(height, width, 4)
+    return pixels[: size_of_text[1], : size_of_text[0]].copy()
