@@ -66,7 +66,7 @@ class Drawing:
         self.calls: list[tuple[float, float, float]] = []  # beginning, end, waited meanwhile
 
     def watch(self, window: Any) -> Any:
-        for name in ("Render", "Frame", "WaitForCompletion"):
+        for name in ("Initialize", "Render", "Frame", "WaitForCompletion"):
             setattr(window, name, self._timed(name, getattr(window, name)))
         return window
 
