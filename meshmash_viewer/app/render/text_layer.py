@@ -119,23 +119,30 @@ class TextLayer:
             corners += [(left, below), (right, below), (right, above), (left, above)]
             on_sheet += [(0, row), (wide, row), (wide, row + tall), (0, row + tall)]
             row += tall
-        self._places[:, :2] = corners
-        self._on_sheet[:] = on_sheet
-        self._on_sheet /= self._sheet.shape[1::-1]
+        self._places[:] = 0.0  # lines that are not needed have no size
+        self._places[: len(corners), :2] = corners
+        self._on_sheet[: len(corners)] = np.divide(on_sheet, self._sheet.shape[1::-1])
         for changed in self._memory:
             changed.Modified()
         self._image.Modified()
         self._data.Modified()
 
     def _make_room(self, count: int, width: int, height: int) -> None:
-        """Have memory for so many lines and a sheet at least that large."""
-        height, width = (-(-side // _STEP) * _STEP for side in (height, width))
+        """Have memory for at least so many lines, and a sheet at least that large.
+
+        It only grows: new arrays for VTK take longer than all else here.
+        """
+        needed = (height, width)
+        height, width = (
+            max(-(-side // _STEP) * _STEP, known)
+            for side, known in zip(needed, self._sheet.shape[:2], strict=True)
+        )
         if self._sheet.shape[:2] != (height, width):
             self._sheet = np.zeros((height, width, 4), dtype=np.uint8)
             pixels = self._memory[0] = numpy_to_vtk(self._sheet.reshape(-1, 4))
             self._image.SetDimensions(width, height, 1)
             self._image.GetPointData().SetScalars(pixels)
-        if len(self._places) != 4 * count:
+        if len(self._places) < 4 * count:
             self._places = np.zeros((4 * count, 3), dtype=np.float32)
             self._on_sheet = np.zeros((4 * count, 2), dtype=np.float32)
             self._memory[1:] = numpy_to_vtk(self._places), numpy_to_vtk(self._on_sheet)
