@@ -29,7 +29,7 @@ import meshmash_viewer.app.picture as picture_module
 from meshmash_viewer.app.canvas import Canvas
 from meshmash_viewer.app.facts import subscript
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.run import application
+from meshmash_viewer.app.run import application, keep_what_is_loaded
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.jobs import ExportJob
 from meshmash_viewer.model.squares import sum_squares
@@ -48,6 +48,7 @@ class Session:
         self.window = MainWindow(fresh=True)
         self.window.resize(1400, 900)
         self.window.show()
+        keep_what_is_loaded(self.window)
         self.drawing.watch(self.window.scene._canvas.window)
         self.document = self.window.document
         self.display = self.document.display

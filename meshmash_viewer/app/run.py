@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import atexit
+import gc
 import importlib
 import os
 import signal
@@ -154,6 +155,17 @@ def _has_prompt() -> bool:
     return hasattr(sys, "ps1") or "IPython" in sys.modules or bool(sys.flags.interactive)
 
 
+def keep_what_is_loaded(window: MainWindow) -> None:
+    """Let Python look for garbage among newer objects only, for a process that is ours alone.
+
+    The libraries are two hundred thousand objects that stay: to go through them again and again
+    would hold up the window for more than a tenth of a second each time. More of them have come
+    with the first mesh.
+    """
+    gc.freeze()
+    window.scene.first_frame.connect(gc.freeze)
+
+
 class _Loader(QObject):
     """Imports heavy libraries behind the window that is already there, then completes it."""
 
@@ -188,3 +200,4 @@ class _Loader(QObject):
         if self._fault is not None:
             raise self._fault
         self._window.load()
+        keep_what_is_loaded(self._window)
