@@ -145,7 +145,8 @@ def solve(
     tol : float
         Wanted residual relative to λ; never below what float64 can give.
     dtype : dtype
-        float64 or float32, of the rows; float32 loosens `tol` to 1e-7. None is float64.
+        float64 or float32, of the rows; float32 loosens `tol` to 1e-7 and cuts the spectrum finer:
+        about a third less memory. None is float64.
     n_jobs : int, optional
         Processes to use; None for as many as cores and memory allow.
     known : Decomposition, optional
@@ -233,7 +234,15 @@ def iterate(
         thread.join()
 
 
-def estimate_memory(n: int, nnz: int, k: int, n_jobs: int | None = None, *, n_null: int = 1) -> int:
+def estimate_memory(
+    n: int,
+    nnz: int,
+    k: int,
+    n_jobs: int | None = None,
+    *,
+    n_null: int = 1,
+    dtype: npt.DTypeLike = np.float64,
+) -> int:
     """Predict the bytes a run takes beyond the matrices given, its rows included.
 
     Parameters
@@ -243,17 +252,20 @@ def estimate_memory(n: int, nnz: int, k: int, n_jobs: int | None = None, *, n_nu
     nnz : int
         Number of stored entries of L.
     k : int
-        Number of pairs, in float64.
+        Number of pairs.
     n_jobs : int, optional
         Slices at a time; None for as many as there are cores.
     n_null : int
         Components of the mesh, whose constants are known beforehand.
+    dtype : dtype
+        float64 or float32, of the rows.
     """
     from joblib import cpu_count
 
     from meshmash_viewer.engine.workers import memory_of_run
 
-    return int(memory_of_run(n, nnz, k, n_jobs or int(cpu_count()), n_null))
+    lean = np.dtype(dtype) == np.dtype(np.float32)
+    return int(memory_of_run(n, nnz, k, n_jobs or int(cpu_count()), n_null, lean=lean))
 
 
 def _decomposition(run: Run) -> Decomposition:

@@ -321,3 +321,16 @@ def test_a_large_residual_vetoes_the_count(monkeypatch: pytest.MonkeyPatch) -> N
     assert not result.complete
     assert "not proven complete" in result.proof()
     assert "residual above" in result.proof()
+
+
+def test_rows_in_float32_take_smaller_slices_and_less_memory() -> None:
+    matrices, exact = torus(60, 50, 1.0, 1.3)
+    fine, coarse = solve(*matrices, 150), solve(*matrices, 150, dtype=np.float32)
+    assert coarse.rows.dtype == np.float32
+    assert coarse.complete
+    np.testing.assert_allclose(coarse.eigenvalues[1:], exact[1:150], rtol=1e-8)
+    assert coarse.residuals.max() < 1e-6
+    assert coarse.rows.nbytes == fine.rows.nbytes // 2
+    for workers in (1, 2):
+        whole = estimate_memory(300_000, 2_100_000, 300, workers)
+        assert estimate_memory(300_000, 2_100_000, 300, workers, dtype=np.float32) < 0.75 * whole

@@ -27,7 +27,7 @@ FloatArray = npt.NDArray[np.float64]
 #: Vectors that are solved for at once.
 BLOCK = 8
 #: Ritz vectors nearest the shift that every new block is kept orthogonal to.
-_NEAREST = 32
+_NEAREST = 24
 #: Rows at which they are looked for first.
 _FIRST_LOOK = 5 * BLOCK
 #: Inner products that blocks may have; their squares are what T is wrong by.

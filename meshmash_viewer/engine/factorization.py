@@ -27,7 +27,7 @@ StopFlag = npt.NDArray[np.uint8]
 #: Largest backward error of the probe solve that a factor may show.
 _PROBE_TOLERANCE = 1e-9
 #: Used arrays that are kept for the next slice.
-_SPARE = 8
+_SPARE = 4
 
 
 class FactorizationError(RuntimeError):

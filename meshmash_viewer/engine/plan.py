@@ -36,6 +36,8 @@ class SpectrumPlan:
         Called several times a second while factoring; what it raises ends that.
     n_jobs : int
         Counts at a time, where several are known to be needed.
+    lean : bool
+        Small slices.
     """
 
     def __init__(
@@ -44,8 +46,10 @@ class SpectrumPlan:
         stop: StopFlag,
         poll: Callable[[], None] | None = None,
         n_jobs: int = 1,
+        lean: bool = False,
     ) -> None:
         self._ordered = ordered
+        self._lean = lean
         self._poll = poll
         self._stop = stop
         self._n_jobs = n_jobs
@@ -90,7 +94,7 @@ class SpectrumPlan:
         side with it. How many does not depend on `n_jobs`, nor does what is found.
         """
         first = self._counts[0.0]
-        parts = slice_count(most - first)
+        parts = slice_count(most - first, self._lean)
         borders = [
             _window(first, most, part, parts, _SLACK_BESIDE) for part in range(1, min(parts, 3))
         ]
@@ -143,7 +147,7 @@ class SpectrumPlan:
     def slices(self, low: float, high: float) -> Iterator[Interval]:
         """Slices from low to high, lowest first; borders are counted as they are reached."""
         first, last = self.count(low), self.count(high)
-        parts = slice_count(last - first)
+        parts = slice_count(last - first, self._lean)
         start, index = low, 0
         for part in range(1, parts + 1):
             if part == parts:

@@ -61,9 +61,14 @@ class Request:
         return np.dtype(np.float64 if self.dtype is None else self.dtype)
 
     @property
+    def lean(self) -> bool:
+        """Whether rows come in float32, for the sake of memory."""
+        return self.precision == np.dtype(np.float32)
+
+    @property
     def tolerance(self) -> float:
         """Residual to reach, relative to λ: no smaller than the rows can show."""
-        return max(self.tol, 1e-7 if self.precision == np.dtype(np.float32) else 1e-13)
+        return max(self.tol, 1e-7 if self.lean else 1e-13)
 
     @property
     def target(self) -> float | None:

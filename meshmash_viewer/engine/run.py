@@ -100,8 +100,8 @@ class Run:
 
     def _sliced(self, ordered: OrderedPencil) -> Iterator[slice]:
         pencil, request = self.pencil, self.request
-        self._jobs = worker_count(ordered, request.n_jobs, request.n_components or 0)
-        plan = SpectrumPlan(ordered, self._stop, self._poll, self._jobs)
+        self._jobs = self._workers(ordered, request.n_components or 0)
+        plan = SpectrumPlan(ordered, self._stop, self._poll, self._jobs, request.lean)
         started = time.perf_counter()
         if request.target is not None:
             yield from self._nearest(ordered, plan, request.target / pencil.unit)
@@ -136,11 +136,14 @@ class Run:
         only_null = f"null space of {pencil.n_null} components"
         self.certificate = counted if wanted > pencil.n_null else only_null
 
+    def _workers(self, ordered: OrderedPencil, pairs: int) -> int:
+        return worker_count(ordered, self.request.n_jobs, pairs, self.request.lean)
+
     def _slices(
         self, ordered: OrderedPencil, plan: SpectrumPlan, low: float, high: float
     ) -> Iterator[slice]:
         started = time.perf_counter()
-        jobs = worker_count(ordered, self.request.n_jobs, plan.count(high))
+        jobs = self._workers(ordered, plan.count(high))
         for pairs in run_slices(
             ordered,
             plan.slices(low, high),
@@ -202,7 +205,7 @@ class Run:
         if low == 0.0:
             n_null = pencil.n_null
             parts.append((np.zeros(n_null), np.zeros(n_null), pencil.null_rows()))
-        jobs = worker_count(ordered, self.request.n_jobs, inside)
+        jobs = self._workers(ordered, inside)
         for pairs in run_slices(
             ordered, plan.slices(low, high), self.request.tolerance, jobs, self._stop, self._poll
         ):
