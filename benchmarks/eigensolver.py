@@ -15,7 +15,7 @@ primme               PRIMME with a factor as preconditioner, where it is install
 limit                order + factor + 2 k columns solved in blocks + one orthogonalisation of k
                      vectors at the best matrix product, all divided by the slices at a time
 
-Peers run with one and with two threads for linear algebra, and the faster is kept. A contestant
+Peers run with one and with two threads for linear algebra (or --threads), the faster is kept. A contestant
 may have an interpreter of its own that has this package too: --python primme=/path/to/python.
 """
 
@@ -44,7 +44,7 @@ class Runner:
     """Runs contestants on the matrices in a folder."""
 
     def __init__(self, folder: Path, options: argparse.Namespace) -> None:
-        self.folder, self.limit = folder, options.limit
+        self.folder, self.limit, self.threads = folder, options.limit, options.threads
         self.touched = options.touch * 1e9
         self.pythons = dict(given.split("=", 1) for given in options.python)
 
@@ -188,7 +188,8 @@ def compete(runner: Runner, names: list[str], k: int, repeats: int) -> dict[str,
     """Run contestants in turns; for each what its typical run was."""
     runs: dict[str, list[dict[str, Any]]] = {}
     for name in names:
-        tries = [runner.run(name, k, t) for t in ((1, 2) if name in contestants.PEERS else (1,))]
+        counts = runner.threads if name in contestants.PEERS else [1]
+        tries = [runner.run(name, k, count) for count in counts]
         runs[name] = [min(tries, key=lambda run: run.get("seconds", np.inf))]
     for _ in range(repeats - 1):
         for name, done in runs.items():
@@ -300,6 +301,9 @@ def main() -> None:
         "--python", action="append", default=[], metavar="NAME=PATH", help="its interpreter"
     )
     parser.add_argument("--limit", type=float, default=1800.0, help="seconds a run may take")
+    parser.add_argument(
+        "--threads", type=int, nargs="+", default=[1, 2], help="threads that peers are tried with"
+    )
     parser.add_argument(
         "--touch", type=float, default=2.0, metavar="GB", help="memory touched before each run"
     )
