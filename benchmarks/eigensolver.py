@@ -15,8 +15,9 @@ primme               PRIMME with a factor as preconditioner, where it is install
 limit                order + factor + 2 k columns solved in blocks + one orthogonalisation of k
                      vectors at the best matrix product, all divided by the slices at a time
 
-Peers run with one and with two threads for linear algebra (or --threads), the faster is kept. A contestant
-may have an interpreter of its own that has this package too: --python primme=/path/to/python.
+Peers run with one and with two threads for linear algebra (or --threads), and the faster is kept.
+A contestant may have an interpreter of its own that has this package too: --python
+primme=/path/to/python.
 """
 
 from __future__ import annotations
