@@ -10,6 +10,7 @@ from PySide6.QtGui import QBrush, QColor, QFont, QPen
 from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.listening import later
 from meshmash_viewer.app.scale_marks import linear_texts, power_text
 
 __all__ = ["Plot", "ScientificAxis", "color", "dashed", "hatch", "solid"]
@@ -109,6 +110,14 @@ class Plot(pg.PlotWidget):
         self.scene().sigMouseMoved.connect(self._move)
         theme.notifier().changed.connect(self.dress)
         self.dress()
+
+    def paint_later(self) -> None:
+        """Paint in a later turn of the event loop: laying out anew takes long enough for one."""
+        self.setUpdatesEnabled(False)
+        later(self._paint)
+
+    def _paint(self) -> None:
+        self.setUpdatesEnabled(True)
 
     def set_labels(self, bottom: str, left: str) -> None:
         """Name both axes, units included."""

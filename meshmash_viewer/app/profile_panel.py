@@ -138,6 +138,7 @@ class ProfilePanel(QWidget):
         """Draw all profiles of which the values are there, and have the others read."""
         pins, spectrum = self._document.pins, self._document.spectrum
         there = bool(pins) and spectrum is not None and len(spectrum) > 0
+        self.plot.paint_later()
         self._stack.setCurrentIndex(0 if there else 1)
         self.head.show_controls(there)
         self.empty.setText(

@@ -139,6 +139,7 @@ class SpectrumPanel(QWidget):
     def _refresh_spectrum(self) -> None:
         spectrum = self._document.spectrum
         there = spectrum is not None and len(spectrum) > 0
+        self.plot.paint_later()
         self._stack.setCurrentWidget(self.plot if there else self.empty)
         self.head.show_controls(there)
         bottom, left = self.view.labels()

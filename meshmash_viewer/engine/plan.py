@@ -6,7 +6,7 @@ corrects it. Counts are exact (Sylvester's law of inertia), so each slice owes a
 
 from __future__ import annotations
 
-from bisect import bisect_left, insort
+from bisect import bisect_left, bisect_right, insort
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
@@ -121,10 +121,11 @@ class SpectrumPlan:
     def _step(self, least: int, most: int, turn: int) -> tuple[float, bool]:
         """What `find` gives, and True; or where it has to count next, and False."""
         i = bisect_left(self._knots, least, key=self._counts.__getitem__)
-        high = self._knots[i]
-        if self._counts[high] <= most:
-            return high, True
-        low = self._knots[i - 1]
+        fitting = self._knots[i : bisect_right(self._knots, most, key=self._counts.__getitem__)]
+        if fitting:
+            middle = 0.5 * (least + most)
+            return min(fitting, key=lambda knot: abs(self._counts[knot] - middle)), True
+        low, high = self._knots[i - 1], self._knots[i]
         if high - low < 1e-6 * high:
             return high, True
         value = self._between(low, high, 0.5 * (least + most), last=i == len(self._knots) - 1)
