@@ -163,7 +163,8 @@ class FieldSource(QObject):
             return
         if not self._live.prepared(self._wanted):
             self._tables.ask(self._wanted)
-        if answer is not None:
+        # What the slider has just left may be shown on the way; another kind of field would flash.
+        if answer is not None and request.kind is self._wanted.kind:
             self._field = answer
             self.field_ready.emit(answer)
 

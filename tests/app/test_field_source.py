@@ -62,6 +62,21 @@ def test_latest_request_wins_and_none_waits_in_line(
     )
 
 
+def test_a_field_of_the_kind_just_left_does_not_flash(
+    qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh
+) -> None:
+    show(document, rectangle)
+    qtbot.waitUntil(lambda: source.idle)
+    fields: list[Field] = []
+    source.field_ready.connect(fields.append)
+    left = source.field
+    document.display.kind = FieldKind.HKS
+    source._take(left.request, left)  # as if it had been computed while the kind changed
+    assert not fields
+    qtbot.waitUntil(lambda: source.idle)
+    assert {field.kind for field in fields} == {FieldKind.HKS}
+
+
 def test_table_is_built_behind_a_first_answer(
     qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh
 ) -> None:
