@@ -334,3 +334,22 @@ def test_rows_in_float32_take_smaller_slices_and_less_memory() -> None:
     for workers in (1, 2):
         whole = estimate_memory(300_000, 2_100_000, 300, workers)
         assert estimate_memory(300_000, 2_100_000, 300, workers, dtype=np.float32) < 0.75 * whole
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_what_memory_held_before_is_not_read(dtype: type) -> None:
+    stiffness, mass = torus(30, 26, 1.0, 1.2)[0]
+    # Two vertices of no face, whose entries nobody computes.
+    stiffness = sp.block_diag([stiffness, sp.csc_array((2, 2))]).tocsc()
+    masses = np.append(mass.diagonal() if hasattr(mass, "diagonal") else mass, [0.0, 0.0])
+
+    def allocate(k: int, n: int) -> np.ndarray:
+        rows = np.empty((k, n), dtype=dtype)
+        # Signalling NaN: to convert one is an invalid operation, which warns.
+        rows.view(np.uint32)[:] = 0x7F800001
+        return rows
+
+    decomposition = solve(stiffness, masses, 80, dtype=dtype, allocate=allocate)
+    assert decomposition.complete
+    assert np.isnan(decomposition.rows[:, -2:]).all()
+    assert np.isfinite(decomposition.rows[:, :-2]).all()

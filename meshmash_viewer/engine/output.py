@@ -120,13 +120,13 @@ class Output:
 
         for _ in self._threads.map(finish, range(count)):
             pass
+        if pencil.n < pencil.n_all:
+            written[:, self._mass == 0.0] = np.nan
         worst = self._agree(written)
         if orthonormality is None or self.rows.dtype != np.float64:
             orthonormality = self._defect(written)
         worst = max(worst, orthonormality)
         self.orthonormality = max(self.orthonormality, worst)
-        if pencil.n < pencil.n_all:
-            written[:, self._mass == 0.0] = np.nan
         self._before = place
         self.written += count
         return place
