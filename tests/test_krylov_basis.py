@@ -57,14 +57,13 @@ def test_projection_is_that_of_the_inverse_beyond_the_end_of_the_krylov_space(
     assert np.abs(defect).max() < 1e-6 * scale
 
 
-@pytest.mark.parametrize("spare", [0, 8, 40])
-def test_rotation_takes_mixed_neighbours_apart(spare: int) -> None:
+@pytest.mark.parametrize(("p", "spare"), [(37, 0), (37, 8), (37, 40), (3, 0), (3, 70)])
+def test_rotation_takes_mixed_neighbours_apart(p: int, spare: int) -> None:
     matrices, exact = torus(30, 26, 1.0, 1.2)
     ordered = order_pencil(reduce_pencil(*matrices))
     pencil = ordered.pencil
     truth, columns = np.linalg.eigh(pencil.matrix.toarray())
     random = np.random.default_rng(3)
-    p = 37
     mixing = np.eye(p) + 1e-3 * random.standard_normal((p, p))
     rows = np.ascontiguousarray(mixing @ columns.T[1 : 1 + p])
     values, orthonormality = rotate_to_pairs(ordered, rows, np.empty((spare, pencil.n)))

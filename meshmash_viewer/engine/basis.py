@@ -32,17 +32,8 @@ _NEAREST = 24
 _FIRST_LOOK = 5 * BLOCK
 #: Inner products that blocks may have; their squares are what T is wrong by.
 _SEMIORTHOGONAL = 1e-7
-#: A direction of a block that is shorter than this, next to the others, is near what rounding left
-#: of vectors that were taken off: where the Krylov space ends.
-_THIN = 1e-4
 #: Random sums of all rows, and of what is known beforehand, through which they are watched.
 _MIXTURES = 4
-
-
-def _is_thin(gram: FloatArray) -> bool:
-    """Whether rows with these inner products nearly lie in fewer dimensions."""
-    lengths = np.linalg.eigvalsh(gram)
-    return not lengths[0] > _THIN**2 * lengths[-1]
 
 
 class RitzPairs:
@@ -159,11 +150,6 @@ class KrylovBasis:
             few = len(self._nearest) < _NEAREST and size >= _FIRST_LOOK
             if few and size >= self._nearest_at + 2 * b:
                 self._find_nearest(size)
-        if _is_thin(gram):
-            for _ in range(2):
-                self._project_known_out(new)
-                project_out(new, rows[: size + b])
-            (gram,) = subtract(new, [], [new])
         at, after = slice(size, size + b), slice(size + b, size + 2 * b)
         self._projection[at, at] = 0.5 * (diagonal + diagonal.T)
         following, independent = orthonormalise_block(self._ordered, new, gram)

@@ -325,10 +325,11 @@ def rotate_to_pairs(
     if p == 0:
         return np.zeros(0), 0.0
     projection = np.empty((p, p))
-    columns, images = np.zeros((ordered.pencil.n, BLOCK)), np.empty_like(rows[:BLOCK])
-    step = min(max(len(room) // BLOCK, 1) * BLOCK, -(-p // BLOCK) * BLOCK)
-    if len(room) < step:
-        room = images
+    n = ordered.pencil.n
+    columns = np.zeros((n, BLOCK))
+    if len(room) < BLOCK:
+        room = np.empty((BLOCK, n))
+    step = len(room) // BLOCK * BLOCK
     for first in range(0, p, step):
         last = min(first + step, p)
         for start in range(first, last, BLOCK):
