@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 import threading
 from typing import Any
@@ -39,12 +40,15 @@ def fill(graph: Any, order: Any) -> int:
     return int(factor.L.nnz)
 
 
-@pytest.mark.parametrize("cuts", [1, 2])
-def test_parts_are_ordered_as_well_as_the_whole(monkeypatch: pytest.MonkeyPatch, cuts: int) -> None:
+@pytest.mark.parametrize(("cuts", "shared"), [(1, 0), (1, 10**9), (2, 0)])
+def test_parts_are_ordered_as_well_as_the_whole(
+    monkeypatch: pytest.MonkeyPatch, cuts: int, shared: int
+) -> None:
     pieces = sp.csr_array(sp.block_diag([grid(70, 60), grid(5, 4)]))
     whole = nested_dissection(pieces, None)
     monkeypatch.setattr(dissection, "_VERTICES_TO_HALVE", 1000)
     monkeypatch.setattr(dissection, "_VERTICES_TO_QUARTER", 1000 if cuts == 2 else 10**9)
+    monkeypatch.setattr(dissection, "_VERTICES_TO_SHARE", shared)
     polls = []
     order = nested_dissection(pieces, lambda: polls.append(1))
     assert polls
@@ -72,14 +76,29 @@ def test_a_poll_that_raises_ends_the_processes(monkeypatch: pytest.MonkeyPatch) 
     assert len(psutil.Process().children(recursive=True)) == children
 
 
-def test_a_process_that_dies_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_that_dies_is_not_missed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dissection, "_VERTICES_TO_HALVE", 1000)
+    monkeypatch.setattr(dissection, "_VERTICES_TO_SHARE", 0)
+    graph = grid(200, 150)
     began = {child.pid for child in psutil.Process().children()}
+    expected = nested_dissection(graph, None)
+    killed = []
 
     def poll() -> None:
         for child in psutil.Process().children():
             if child.pid not in began:
                 child.kill()
+                killed.append(child.pid)
 
-    with pytest.raises(ChildProcessError):
-        nested_dissection(grid(400, 400), poll)
+    np.testing.assert_array_equal(nested_dissection(graph, poll), expected)
+    assert killed
+
+
+def test_a_crew_that_nobody_asks_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dissection, "_VERTICES_TO_HALVE", 1000)
+    children = len(psutil.Process().children(recursive=True))
+    crew = dissection.DissectionCrew(1000)
+    assert crew
+    del crew
+    gc.collect()
+    assert len(psutil.Process().children(recursive=True)) == children

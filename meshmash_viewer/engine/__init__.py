@@ -1,8 +1,9 @@
 """The machinery behind `meshmash_viewer.eigensolver`, in reading order.
 
 `request` checks what is asked, `pencil` reduces (L, M) to one symmetric matrix in natural units,
-`dissection`, `symbolic`, `kernels` and `factorization` order and factor shifted copies of it and
-count eigenvalues, `plan` cuts the spectrum into slices by such counts, `lanczos` finds all pairs of
-a slice, `slices` runs them side by side, `output` makes them final, and `run` drives it all.
+`dissection`, `symbolic`, `multifrontal` and `factorization` order and factor shifted copies of it
+and count eigenvalues, `plan` cuts the spectrum into slices by such counts, `lanczos` finds all
+pairs of a slice, `slices` runs them side by side, `output` makes them final, and `run` drives it
+all.
 `workers` says how many slices fit into memory; `arnoldi` serves an inverse given from outside.
 """

@@ -1,4 +1,4 @@
-"""Where compiled kernels are kept between runs; imported before the first of them is declared."""
+"""How kernels are compiled, and where they are kept; imported before the first is declared."""
 
 from __future__ import annotations
 
@@ -6,13 +6,40 @@ import atexit
 import os
 import shutil
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numba
 import platformdirs
 from numba.core import config
 
-__all__: list[str] = []
+__all__ = ["compiled"]
+
+
+def compiled(signature: str, *fast: str) -> Callable[[Any], Any]:
+    """Compile a function of straight lines of equal sums at once, without the interpreter lock.
+
+    The straight-line vectoriser doubles the speed of such code; numba leaves it off unless told.
+
+    Parameters
+    ----------
+    signature : str
+        In numba's notation.
+    *fast : str
+        What the arithmetic may be rearranged by, such as "contract".
+    """
+
+    def compile_now(function: Any) -> Any:
+        settings: Any = config
+        before, settings.SLP_VECTORIZE = settings.SLP_VECTORIZE, 1
+        try:
+            kernel = numba.njit(signature, cache=True, nogil=True, fastmath=set(fast))
+            return kernel(function)
+        finally:
+            settings.SLP_VECTORIZE = before
+
+    return compile_now
 
 
 def _can_write_below(folder: Path) -> bool:

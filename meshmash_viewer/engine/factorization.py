@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
+from meshmash_viewer.engine.dissection import DissectionCrew
 from meshmash_viewer.engine.pencil import Pencil
 from meshmash_viewer.progress import Cancelled
 
@@ -60,12 +61,15 @@ class OrderedPencil:
         Blocks of the compiled factor; None where SuperLU factors.
     spare, lock
         Memory of bases that are done, and who may take from it.
+    kept : dict
+        Factors that were made to count and will be asked for again, by shift.
     """
 
     pencil: Pencil
     structure: Any
     spare: list[FloatArray] = field(default_factory=list, repr=False)
     lock: Any = field(default_factory=threading.Lock, repr=False)
+    kept: dict[float, Factor] = field(default_factory=dict, repr=False)
 
     def factor(self, shift: float, nudge: float, stop: StopFlag) -> Factor:
         """Factor near a shift, moving it by `nudge` at most five times until it is sound.
@@ -77,6 +81,9 @@ class OrderedPencil:
         Cancelled
             If `stop` was set.
         """
+        kept = self.kept.pop(shift, None)
+        if kept is not None:
+            return kept
         kind = _SuperFactor if self.structure is None else _CompiledFactor
         for attempt in range(6):
             if stop[0]:
@@ -208,16 +215,21 @@ class OrderedPencil:
         remove_null_block(pencil.labels, pencil.null_direction, sums, block)
 
 
-def order_pencil(pencil: Pencil, poll: Callable[[], None] | None = None) -> OrderedPencil:
+def order_pencil(
+    pencil: Pencil,
+    poll: Callable[[], None] | None = None,
+    crew: DissectionCrew | None = None,
+) -> OrderedPencil:
     """Put a pencil in elimination order and analyse its factor.
 
-    `poll` is called several times a second while that takes long; what it raises ends it.
+    `poll` is called several times a second while that takes long; what it raises ends it. A crew
+    that was started early saves its start; it is closed.
     """
     try:
         from meshmash_viewer.engine.symbolic import analyse, elimination_order
     except ImportError:  # without numba SuperLU orders and factors
         return OrderedPencil(pencil, None)
-    ordered = pencil.permuted(elimination_order(pencil.matrix, poll))
+    ordered = pencil.permuted(elimination_order(pencil.matrix, poll, crew))
     return OrderedPencil(ordered, analyse(ordered.matrix))
 
 
@@ -225,7 +237,7 @@ class _CompiledFactor:
     """Supernodal LDLᵀ by the kernels."""
 
     def __init__(self, ordered: OrderedPencil, shift: float, stop: StopFlag) -> None:
-        from meshmash_viewer.engine.kernels import factor_numeric
+        from meshmash_viewer.engine.multifrontal import factor_numeric
 
         structure = ordered.structure
         self.shift = shift
@@ -254,7 +266,7 @@ class _CompiledFactor:
         self.count_below = int(outcome)
 
     def solve(self, block: FloatArray) -> None:
-        from meshmash_viewer.engine.kernels import solve_block
+        from meshmash_viewer.engine.multifrontal import solve_block
 
         first, row_start, rows, block_start = self._structure.unsigned
         solve_block(first, row_start, rows, block_start, self._blocks, block.reshape(-1))

@@ -56,6 +56,8 @@ class Interval:
         Number of eigenvalues below `low`, null space included.
     owed : int
         Number of eigenvalues inside, the null space not counted.
+    shift : float
+        Somewhere in the middle.
     """
 
     index: int
@@ -63,6 +65,7 @@ class Interval:
     high: float
     first: int
     owed: int
+    shift: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +115,7 @@ def find_pairs(
         If the pairs stay out of reach.
     """
     width = interval.high - interval.low
-    factor = ordered.factor(0.5 * (interval.low + interval.high), 0.03 * width, stop)
+    factor = ordered.factor(interval.shift, 0.03 * width, stop)
     n, owed = ordered.pencil.n, interval.owed
     nothing = np.zeros((0, n))
     found_values, found, orthonormality = np.zeros(0), nothing, 0.0
@@ -171,8 +174,9 @@ def find_pairs(
         coarse = np.flatnonzero(residuals > _COARSE * tolerance * np.abs(values))
         if len(coarse) == 0:
             break
-        if turn == 0 and interval.low < 0.0:
-            # Next to the lowest, so that what neighbours left in it is damped too.
+        if turn == 1 and interval.low < 0.0:
+            # Next to the lowest, so that what neighbours left in it is damped too: another
+            # factor, which is seldom needed.
             below = -float(values[coarse[0]])
             factor = ordered.factor(below, 0.1 * below, stop)
         gained = _polish(ordered, factor, rows, values, residuals, coarse)
@@ -195,9 +199,9 @@ def _polish(
     """Rid some rows of the rounding that the basis left in them, by one inverse iteration.
 
     That rounding is spread over the whole spectrum, and A magnifies it by its norm: next to the
-    smallest eigenvalues it is what bounds the residual. The inverse damps it again, best from a
-    shift below zero, where the factor is as stable as Cholesky's, and as near as the smallest of
-    them; the solution is refined with defects in twice the precision. What stays is the rounding
+    smallest eigenvalues it is what bounds the residual. The inverse damps it again, from a shift
+    below zero and as near as the smallest of them what neighbours left there, too; the solution
+    is refined with defects in twice the precision. What stays is the rounding
     of the entries themselves, about eps ‖A‖ / λ: 1e-9 for the first eigenfunction of a neuron of
     a hundred thousand vertices, in float64 whatever is done. Gives the indices of rows that
     gained by it; the others stay.

@@ -9,6 +9,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right, insort
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from math import log
 
 from meshmash_viewer.engine.factorization import OrderedPencil, StopFlag
 from meshmash_viewer.engine.lanczos import Interval
@@ -20,6 +21,8 @@ __all__ = ["SpectrumPlan"]
 #: A border may lie this far, in parts of a slice, from where it was meant to be: where counting
 #: again would be waited for, and where it goes on beside another count.
 _SLACK, _SLACK_BESIDE = 0.2, 0.05
+#: A shift may lie this far from the middle of its slice, in parts of what it holds.
+_ASIDE = 0.25
 
 
 class SpectrumPlan:
@@ -57,6 +60,7 @@ class SpectrumPlan:
         top = 1.01 * pencil.norm + 1.0
         self._counts = {0.0: pencil.n_null, top: pencil.n}
         self._knots = [0.0, top]
+        self._shifts: set[float] = set()
 
     def count(self, value: float) -> int:
         """Eigenvalues below a value (or a hair above it, should it be one)."""
@@ -85,21 +89,30 @@ class SpectrumPlan:
 
     def _count_below(self, value: float) -> int:
         nudge = 1e-11 * max(value, 1e-3)
-        return self._ordered.factor(value, nudge, self._stop).count_below
+        factor = self._ordered.factor(value, nudge, self._stop)
+        if value in self._shifts and factor.shift == value:
+            self._ordered.kept[value] = factor
+        return factor.count_below
 
     def find_top(self, least: int, most: int) -> float:
-        """A value with `least` to `most` eigenvalues below it, and the first borders below that.
+        """A value with `least` to `most` eigenvalues below it, and knots that slices will need.
 
-        The same as `find`, but the counts that the first slices will ask for are made side by
-        side with it. How many does not depend on `n_jobs`, nor does what is found.
+        The first counts are made in the middle of the first slices, whose factors these then are;
+        they say how dense the spectrum is, and the next counts find its top and the borders below
+        that, side by side. How many does not depend on `n_jobs`, nor does what is found.
         """
         first = self._counts[0.0]
         parts = slice_count(most - first, self._lean)
-        borders = [
-            _window(first, most, part, parts, _SLACK_BESIDE) for part in range(1, min(parts, 3))
-        ]
+        ahead = range(min(parts, 2))
+        middles = [_window(first, most, part + 0.5, parts) for part in ahead]
+        borders = [_window(first, most, part + 1, parts, _SLACK_BESIDE) for part in ahead]
+        values = [self._step(*window, 0)[0] for window in middles]
+        self._shifts = set(sorted(values)[: self._n_jobs])
+        if parts > len(middles):
+            values.append(self._step(least, most, 0)[0])
+        self._count_all(values)
         for turn in range(3):
-            steps = [self._step(*window, turn) for window in ((least, most), *borders)]
+            steps = [self._step(*window, turn) for window in ((least, most), *borders[: parts - 1])]
             values = [value for value, settled in steps if not settled]
             if steps[0][1]:
                 break
@@ -134,21 +147,34 @@ class SpectrumPlan:
         return value, False
 
     def _between(self, low: float, high: float, wanted: float, last: bool) -> float:
-        """Where to count next, strictly between two knots."""
-        below, above = self._counts[low], self._counts[high]
+        """Where to count next, strictly between two knots.
+
+        The count grows like a power of the value, on a surface like its first, along the branches
+        of a neuron like its square root, at first by Weyl's law.
+        """
+        start = self._counts[0.0]
+        known = [knot for knot in self._knots[:-1] if self._counts[knot] > start]
+        if not known:
+            return min(1.06 * (wanted - start), high * 0.9)
+        i = min(bisect_left(known, low), len(known) - 1)
+        at = known[i]
+        other = known[i + 1] if i + 1 < len(known) else known[max(i - 1, 0)]
+        power = 1.0
+        if self._counts[other] != self._counts[at]:
+            grown = log((self._counts[other] - start) / (self._counts[at] - start))
+            power = min(max(grown / log(other / at), 0.3), 1.5)
+        value: float = at * ((wanted - start) / (self._counts[at] - start)) ** (1.0 / power)
         if last:
-            # Nothing is known above: go by the density so far, at first by Weyl's.
-            start = self._ordered.pencil.n_null
-            density = (below - start) / low if low > 0.0 and below > start else 1.0
-            value = low + 1.02 * (wanted - below) / density
-            return min(value, 0.5 * (low + high)) if low > 0.0 else min(value, high * 0.9)
-        share = (wanted - below) / (above - below)
-        return low + min(max(share, 0.05), 0.95) * (high - low)
+            return min(max(value, 1.01 * low), 0.5 * (low + high))
+        margin = (0.05 if low > 0.0 else 0.01) * (high - low)
+        return min(max(value, low + margin), high - margin)
 
     def slices(self, low: float, high: float) -> Iterator[Interval]:
         """Slices from low to high, lowest first; borders are counted as they are reached."""
         first, last = self.count(low), self.count(high)
         parts = slice_count(last - first, self._lean)
+        for knot in [knot for knot in self._ordered.kept if not low < knot < high]:
+            del self._ordered.kept[knot]
         start, index = low, 0
         for part in range(1, parts + 1):
             if part == parts:
@@ -161,12 +187,28 @@ class SpectrumPlan:
             if owed > 0:
                 # The null space is deflated; what rounding leaves of it is below zero.
                 inner = start if start > 0.0 else -0.02 * end
-                yield Interval(index, inner, end, self.count(start), owed)
+                shift = self._shift(start, end, inner)
+                yield Interval(index, inner, end, self.count(start), owed, shift)
                 index += 1
             start = end
 
+    def _shift(self, start: float, end: float, inner: float) -> float:
+        """A knot with about as many eigenvalues of a slice on either side, or its middle."""
+        below, above = self._counts[start], self._counts[end]
+        inside = [knot for knot in self._knots if start < knot < end]
+        aside = {knot: abs(self._counts[knot] - 0.5 * (below + above)) for knot in inside}
+        shift = min(inside, key=aside.__getitem__, default=start)
+        if not inside or aside[shift] > _ASIDE * (above - below):
+            shift = 0.5 * (inner + end)
+        for knot in inside:
+            if knot != shift:
+                self._ordered.kept.pop(knot, None)
+        return shift
 
-def _window(first: int, last: int, part: int, parts: int, slack: float = _SLACK) -> tuple[int, int]:
+
+def _window(
+    first: int, last: int, part: float, parts: int, slack: float = _SLACK
+) -> tuple[int, int]:
     """Least and most eigenvalues below the border after a part."""
     middle = first + part * (last - first) / parts
     slack *= (last - first) / parts

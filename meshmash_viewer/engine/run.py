@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.engine.arnoldi import pairs_of_inverse
+from meshmash_viewer.engine.dissection import DissectionCrew
 from meshmash_viewer.engine.factorization import OrderedPencil, order_pencil
 from meshmash_viewer.engine.lanczos import measure_pairs
 from meshmash_viewer.engine.orthogonality import orthonormalise
@@ -52,7 +53,9 @@ class Run:
     def __init__(self, stiffness: Any, mass: Any, request: Request) -> None:
         self.began = time.perf_counter()
         self.request = request
+        crew = DissectionCrew(stiffness.shape[0])
         self.pencil = reduce_pencil(stiffness, mass)
+        self._crew = crew
         self.complete = False
         self.certificate = "no count"
         self.timings: dict[str, float] = {"matrices": time.perf_counter() - self.began}
@@ -90,7 +93,7 @@ class Run:
 
     def _order(self) -> OrderedPencil:
         started = time.perf_counter()
-        ordered = order_pencil(self.pencil, self._poll)
+        ordered = order_pencil(self.pencil, self._poll, self._crew)
         self.pencil = ordered.pencil
         self._spend("order", started)
         self._report("order")

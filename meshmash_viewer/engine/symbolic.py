@@ -18,7 +18,7 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 from meshmash_viewer.engine import compilation as _compilation  # noqa: F401  before any kernel
-from meshmash_viewer.engine.dissection import nested_dissection
+from meshmash_viewer.engine.dissection import DissectionCrew, nested_dissection
 
 __all__ = ["Structure", "analyse", "elimination_order"]
 
@@ -82,7 +82,9 @@ class Structure:
         return int(self.block_start[-1])
 
 
-def fill_reducing_order(matrix: Any, poll: Callable[[], None] | None = None) -> IndexArray:
+def fill_reducing_order(
+    matrix: Any, poll: Callable[[], None] | None, crew: DissectionCrew | None
+) -> IndexArray:
     """Nested dissection by METIS where it is installed, else minimum degree by SuperLU."""
     if find_spec("pymetis") is None:
         return _minimum_degree(matrix)
@@ -93,7 +95,7 @@ def fill_reducing_order(matrix: Any, poll: Callable[[], None] | None = None) -> 
     starts = np.concatenate([[0], np.cumsum(np.bincount(column[off], minlength=n))])
     marks = np.ones(int(starts[-1]), dtype=np.int8)
     graph: Any = sp.csr_array((marks, matrix.indices[off], starts), shape=(n, n))
-    return nested_dissection(graph, poll).astype(np.int64)
+    return nested_dissection(graph, poll, crew).astype(np.int64)
 
 
 def _minimum_degree(matrix: Any) -> IndexArray:
@@ -113,12 +115,16 @@ def _minimum_degree(matrix: Any) -> IndexArray:
     return np.argsort(factor.perm_c).astype(np.int64)
 
 
-def elimination_order(matrix: Any, poll: Callable[[], None] | None = None) -> IndexArray:
+def elimination_order(
+    matrix: Any,
+    poll: Callable[[], None] | None = None,
+    crew: DissectionCrew | None = None,
+) -> IndexArray:
     """Fill-reducing order in which every subtree of the elimination tree is contiguous.
 
     What `poll` raises ends it.
     """
-    order = fill_reducing_order(matrix, poll)
+    order = fill_reducing_order(matrix, poll, crew)
     start = np.asarray(matrix.indptr, dtype=np.int64)
     index = np.asarray(matrix.indices, dtype=np.int64)
     return np.asarray(order[_postorder(_elimination_tree(start, index, order))])
