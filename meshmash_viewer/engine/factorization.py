@@ -44,6 +44,8 @@ class Factor(Protocol):
 
     shift: float
     count_below: int
+    #: Backward error of a probe solve: it grows with every pivot that is nearly zero.
+    error: float
 
     def solve(self, block: FloatArray) -> None:
         """Solve ``(A - shift I) X = block`` in place, shape (n, 8), C order."""
@@ -92,7 +94,8 @@ class OrderedPencil:
                 factor: Factor = kind(self, shift + attempt * nudge, stop)
             except FactorizationError:
                 continue
-            if _probe(self.pencil, factor) < _PROBE_TOLERANCE:
+            factor.error = _probe(self.pencil, factor)
+            if factor.error < _PROBE_TOLERANCE:
                 return factor
         raise FactorizationError(f"no stable factor near shift {shift:.6g}")
 
@@ -236,6 +239,8 @@ def order_pencil(
 class _CompiledFactor:
     """Supernodal LDLᵀ by the kernels."""
 
+    error = np.inf
+
     def __init__(self, ordered: OrderedPencil, shift: float, stop: StopFlag) -> None:
         from meshmash_viewer.engine.multifrontal import factor_numeric
 
@@ -274,6 +279,8 @@ class _CompiledFactor:
 
 class _SuperFactor:
     """SuperLU's factor in symmetric mode."""
+
+    error = np.inf
 
     def __init__(self, ordered: OrderedPencil, shift: float, stop: StopFlag) -> None:
         from scipy.sparse.linalg import splu

@@ -36,6 +36,8 @@ _COARSE = 8.0
 _POLISHES = 3
 #: Defects that are solved for again then.
 _REFINEMENTS = 1
+#: Backward error of a factor from which on it blurs the lowest pairs.
+_BLURRED = 2e-14
 #: An eigenvalue nearer to the shift than this, in mean spacings, drowns the others in its rounding.
 _NEAR = 1e-3
 #: How far the shift is then moved, in mean spacings, and how often at most.
@@ -115,7 +117,7 @@ def find_pairs(
         If the pairs stay out of reach.
     """
     width = interval.high - interval.low
-    factor = ordered.factor(interval.shift, 0.03 * width, stop)
+    factor = _factor(ordered, interval, stop)
     n, owed = ordered.pencil.n, interval.owed
     nothing = np.zeros((0, n))
     found_values, found, orthonormality = np.zeros(0), nothing, 0.0
@@ -186,6 +188,22 @@ def find_pairs(
         values, residuals = measure_pairs(ordered, rows)
         values[gained], residuals[gained] = measure_pairs(ordered, rows[gained], exactly=True)
     return IntervalPairs(interval, values, residuals, rows, orthonormality, solved)
+
+
+def _factor(ordered: OrderedPencil, interval: Interval, stop: StopFlag) -> Factor:
+    """A factor for an interval, at its shift or a little aside.
+
+    What a nearly vanishing pivot costs in digits is little next to eigenvalues far above zero, but
+    all pairs of the lowest slice would have to be refined: another factor is cheaper.
+    """
+    nudge = 0.03 * (interval.high - interval.low)
+    best = ordered.factor(interval.shift, nudge, stop)
+    for side in (1.0, -1.0):
+        if interval.low > 0.0 or best.error < _BLURRED:
+            break
+        other = ordered.factor(interval.shift + side * nudge, nudge, stop)
+        best = min(best, other, key=lambda factor: factor.error)
+    return best
 
 
 def _polish(
