@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import Cancelled, Progress
+from meshmash_viewer.units import UNIT_FORMS
 
 if TYPE_CHECKING:
     from meshmash_viewer.commands import Solver
@@ -171,9 +172,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_unit(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--unit", metavar="U", help='of coordinates: nm, µm, mm, m, none, or a voxel like "8 nm"'
-    )
+    parser.add_argument("--unit", metavar="U", help=f"of coordinates: {UNIT_FORMS}")
 
 
 def _add_target(parser: argparse.ArgumentParser) -> None:
@@ -458,7 +457,7 @@ def _interruptible() -> Iterator[Any]:
 
 def _described(about: dict[str, Any]) -> str:
     """The facts of `describe` for people."""
-    from meshmash_viewer.units import format_quantity
+    from meshmash_viewer.units import NO_VOXEL, format_quantity, written_unit
 
     unit, weyl = about["unit"], about["weyl"]
     extent = [high - low for low, high in zip(*about["bounds"], strict=True)]
@@ -470,6 +469,7 @@ def _described(about: dict[str, Any]) -> str:
         ("triangles", f"{about['n_faces']:,}"),
         ("extent", f"{sizes} {unit}".rstrip()),
         ("area", format_quantity(about["area"], unit, 2)),
+        *([("voxel", written_unit(unit, about["voxel"]))] if about["voxel"] != NO_VOXEL else []),
         ("components", f"{about['n_components']:,} (largest {about['largest_component']:,})"),
         ("boundary edges", f"{about['boundary_edges']:,}"),
         ("non-manifold edges", f"{about['nonmanifold_edges']:,}"),

@@ -131,6 +131,7 @@ def describe(mesh: Mesh, target: Target) -> dict[str, Any]:
     return {
         "name": mesh.name,
         "unit": mesh.unit,
+        "voxel": mesh.voxel,
         "hash": mesh.content_hash,
         **asdict(health),
         "bounds": [low.tolist(), high.tolist()],

@@ -70,6 +70,18 @@ def test_info_for_people(capsys: pytest.CaptureFixture[str], ball: Path) -> None
     assert "nm⁻²" in out
 
 
+def test_info_tells_the_voxel_where_there_is_one(
+    capsys: pytest.CaptureFixture[str], ball: Path
+) -> None:
+    assert "voxel" not in run(capsys, "info", ball, "--unit", "nm")[1]
+    unit = "4 x 4 x 40 nm"
+    assert "4 × 4 × 40 nm" in run(capsys, "info", ball, "--unit", unit)[1]
+    about = json.loads(run(capsys, "info", ball, "--json", "--unit", unit)[1])
+    assert about["voxel"] == [4.0, 4.0, 40.0]
+    sides = [high - low for low, high in zip(*about["bounds"], strict=True)]
+    assert sides == pytest.approx([8.0, 8.0, 80.0], rel=0.05)
+
+
 def test_info_for_machines(capsys: pytest.CaptureFixture[str], ball: Path, sheet: Path) -> None:
     status, out, err = run(capsys, "info", ball, sheet, "--json", "--wavelength", 1.0)
     assert (status, err) == (0, "")

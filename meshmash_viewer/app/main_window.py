@@ -207,7 +207,7 @@ class MainWindow(QMainWindow):
         self.stage.message_bar.forget_error()
         name = f"{ready.mesh.name or 'Mesh in memory'} – " if ready else ""
         self.setWindowTitle(f"{name}MeshMash Viewer")
-        if ready is not None and ready.path is not None and not ready.repair:
+        if ready is not None and ready.path is not None and not ready.repairs:
             self.settings.add_recent(ready.path)
             self.last_look.restore()
         self.hover_label.setText(self._mesh_summary())

@@ -137,15 +137,16 @@ class MeshPanel(QWidget):
             grid.addWidget(QLabel(name), at, 0)
             grid.addWidget(label, at, 1)
         self.unit_combo = QComboBox(objectName="unit_combo", editable=True)
-        # the last one shows that a voxel size can be said too, whichever it is
-        self.unit_combo.addItems([*(unit or "none" for unit in LENGTH_UNITS), "8 nm"])
+        # the last ones show that a voxel size can be said too, whichever it is
+        voxels = ("8 nm", "4 × 4 × 40 nm")
+        self.unit_combo.addItems([*(unit or "none" for unit in LENGTH_UNITS), *voxels])
         self.unit_combo.setInsertPolicy(QComboBox.InsertPolicy.NoInsert)
         self.unit_combo.setAccessibleName("Unit of the coordinates")
         self.unit_combo.setToolTip(
-            "Unit of the coordinates in the file; or the size of a voxel, such as “8 nm”, "
-            "by which coordinates counted in voxels are multiplied"
+            "Unit of the coordinates in the file; or the size of a voxel, such as “8 nm” or "
+            "“4 × 4 × 40 nm”, by which coordinates counted in voxels are multiplied"
         )
-        self.unit_combo.setFixedWidth(96)
+        self.unit_combo.setFixedWidth(136)
         self.unit_combo.lineEdit().editingFinished.connect(self._choose_unit)
         self.unit_combo.activated.connect(self._choose_unit)
         grid.addWidget(QLabel("Unit"), 4, 0)

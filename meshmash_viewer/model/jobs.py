@@ -21,7 +21,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.alignment import Alignment, ShownRows
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.progress import Progress
-from meshmash_viewer.units import parse_unit
+from meshmash_viewer.units import Voxel
 from meshmash_viewer.weyl import Target
 
 __all__ = [
@@ -158,17 +158,14 @@ class MeshReady:
     normals : ndarray of float32, shape (n, 3)
     path : Path, optional
         The file it came from.
-    repair : str
-        Name of the repair it came from.
+    repairs : tuple of str
+        Names of the repairs made since it was read, oldest first.
     known : SpectrumGrew, optional
         Eigenpairs found in the store.
     remark : str
         A sentence for the message bar, where there is something to say.
-    factor : float
-        What the coordinates of the file were multiplied by.
-    scaled_by : float, optional
-        What the coordinates shown before were multiplied by, if it is the same mesh in another
-        scale.
+    derived : bool
+        Whether it was made from the mesh shown before, by a repair or other voxels.
     sample : ndarray of int64, optional
         `Mesh.area_sample`, for the limits of colours.
     """
@@ -177,11 +174,10 @@ class MeshReady:
     health: Health
     normals: npt.NDArray[np.float32]
     path: Path | None = None
-    repair: str = ""
+    repairs: tuple[str, ...] = ()
     known: SpectrumGrew | None = None
     remark: str = ""
-    factor: float = 1.0
-    scaled_by: float | None = None
+    derived: bool = False
     sample: npt.NDArray[np.int64] | None = None
 
 
@@ -221,8 +217,7 @@ class ReadJob:
 
         channel.report(Progress("reading", message=f"Reading {self.path.name}"))
         mesh = read_mesh(self.path, self.unit or None)
-        ready = _inspect(mesh, self.operator, channel, path=self.path)
-        return replace(ready, factor=parse_unit(self.unit)[0])
+        return _inspect(mesh, self.operator, channel, path=self.path)
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,27 +239,26 @@ class InspectJob:
 
 @dataclass(frozen=True, eq=False)
 class ScaleJob:
-    """Multiply the coordinates, as from voxels to nm; returns `MeshReady`.
+    """Give the voxels another size; returns `MeshReady`.
 
     Parameters
     ----------
     mesh : Mesh
-    factor : float
-        What the coordinates of its file are to be multiplied by.
-    unit : str
-        Of the product.
-    path, file_factor : Path and float, optional
-        Where the mesh comes from, and what the coordinates of the file were multiplied by to give
-        those of `mesh`.
+    voxel, unit : tuple of three floats and str
+        See `Mesh.in_voxels`.
+    path : Path, optional
+        The file it came from.
     operator : OperatorOptions
+    repairs : tuple of str
+        What has been repaired on `mesh`.
     """
 
     mesh: Mesh
-    factor: float
+    voxel: Voxel
     unit: str
     path: Path | None = None
-    file_factor: float = 1.0
     operator: OperatorOptions = field(default_factory=OperatorOptions)
+    repairs: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -273,22 +267,20 @@ class ScaleJob:
 
     def run(self, channel: Channel) -> MeshReady:
         """See `Job.run`."""
-        mesh = self.mesh
-        # divided first: the numbers of the file come back, and with them what is stored for them
-        vertices = mesh.vertices / self.file_factor * self.factor
-        scaled = Mesh(vertices, mesh.faces, self.unit, mesh.name)
+        scaled = self.mesh.in_voxels(self.voxel, self.unit)
         ready = _inspect(scaled, self.operator, channel, path=self.path)
-        return replace(ready, factor=self.factor, scaled_by=self.factor / self.file_factor)
+        return replace(ready, repairs=self.repairs, derived=True)
 
 
 @dataclass(frozen=True, eq=False)
 class RepairJob:
-    """Apply one repair of `health.REPAIRS`; returns `MeshReady`."""
+    """Apply one repair of `health.REPAIRS`, after others; returns `MeshReady`."""
 
     mesh: Mesh
     repair: str
     path: Path | None = None
     operator: OperatorOptions = field(default_factory=OperatorOptions)
+    earlier: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -302,7 +294,8 @@ class RepairJob:
         repair = REPAIRS[self.repair]
         channel.report(Progress("repairing", message=repair.label))
         mesh = repair.apply(self.mesh)
-        return _inspect(mesh, self.operator, channel, path=self.path, repair=self.repair)
+        ready = _inspect(mesh, self.operator, channel, path=self.path)
+        return replace(ready, repairs=(*self.earlier, self.repair), derived=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -399,7 +392,6 @@ def _inspect(
     channel: Channel,
     *,
     path: Path | None = None,
-    repair: str = "",
 ) -> MeshReady:
     """Measure a mesh, and look for its eigenpairs in the store."""
     from meshmash_viewer.health import mesh_health
@@ -411,4 +403,4 @@ def _inspect(
     normals = mesh.vertex_normals
     known, remark = find_known(mesh, operator)
     sample = mesh.area_sample()
-    return MeshReady(mesh, health, normals, path, repair, known, remark, sample=sample)
+    return MeshReady(mesh, health, normals, path, known=known, remark=remark, sample=sample)

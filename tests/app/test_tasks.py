@@ -176,7 +176,9 @@ def test_a_voxel_size_speaks_of_the_file_however_often_it_is_said(
     document = session.document
     document.take_mesh(neuron)
     session.wait_until_idle()
-    for text, factor in (("8 nm", 8.0), ("8 nm", 8.0), ("16 nm", 16.0), ("nm", 1.0)):
+    for text, factor in (
+        ("8 nm", 8.0), ("8 nm", 8.0), ("4 × 4 × 32 nm", (4.0, 4.0, 32.0)), ("nm", 1.0)
+    ):  # fmt: skip
         document.set_unit(text)
         session.wait_until_idle()
         assert document.unit_text == text
@@ -191,16 +193,44 @@ def test_a_voxel_size_after_a_repair_keeps_the_repair_and_its_undo(
     session.wait_until_idle()
     document.repair("keep_largest_component")
     session.wait_until_idle()
-    area = document.ready.health.area
-    document.set_unit("8 nm")
+    before = document.mesh
+    document.set_unit("4 x 4 x 40 nm")
     session.wait_until_idle()
     assert document.repairs == ("keep_largest_component",)
-    assert document.ready.health.area == pytest.approx(64.0 * area)
-    document.undo_repair()
-    assert document.repairs == ()
-    assert document.mesh.unit == "nm"
-    np.testing.assert_allclose(document.mesh.vertices, 8.0 * neuron.vertices)
+    assert document.can_undo
+    np.testing.assert_allclose(document.mesh.vertices, before.vertices * (4.0, 4.0, 40.0))
     assert document.ready.health.area == pytest.approx(document.mesh.area)
+    document.undo_repair()
+    session.wait_until_idle()
+    assert document.repairs == ()
+    assert not document.can_undo
+    assert document.unit_text == "4 × 4 × 40 nm"
+    np.testing.assert_allclose(document.mesh.vertices, neuron.vertices * (4.0, 4.0, 40.0))
+    assert document.ready.health.area == pytest.approx(document.mesh.area)
+    np.testing.assert_allclose(document.ready.normals, document.mesh.vertex_normals, atol=1e-6)
+
+
+def test_pins_stay_where_their_vertices_stay(session: Session, neuron: Mesh) -> None:
+    document = session.document
+    document.take_mesh(neuron)
+    session.wait_until_idle()
+    unreferenced = int(np.flatnonzero(~neuron.referenced)[0])
+    for vertex in (0, unreferenced + 1, neuron.n_vertices - 1):
+        document.toggle_pin(vertex)
+    pins = document.pins
+    document.set_unit("4 x 4 x 40 nm")
+    session.wait_until_idle()
+    assert document.pins == pins
+    document.set_unit("4 x 4 x 40 µm")
+    assert document.pins == pins
+    document.repair("keep_largest_component")  # which renumbers all but the first vertices
+    session.wait_until_idle()
+    assert document.pins == pins[:1]
+    document.undo_repair()
+    assert document.pins == pins[:1]
+    document.take_mesh(neuron)
+    session.wait_until_idle()
+    assert document.pins == ()
 
 
 def test_undo_stops_the_decomposition_of_what_is_gone(session: Session, neuron: Mesh) -> None:
