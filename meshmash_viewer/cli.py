@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.feature_kinds import KINDS
 from meshmash_viewer.progress import Cancelled, Progress
 from meshmash_viewer.units import UNIT_FORMS
 
@@ -31,7 +32,6 @@ __all__ = ["main"]
 PROGRAM = "meshmash-viewer"
 _FAULT, _INTERRUPTED = 2, 130
 _DEFAULT_COUNT = 200
-_KINDS = ("hks", "geometry-vectors", "wks", "eigenpairs")
 _FIELDS = ("hks", "eigenfunction", "band", "none")
 _FORMATS = ("npz", "npy", "csv", "parquet", "vtp", "ply", "func.gii")
 
@@ -114,7 +114,7 @@ def _parser() -> argparse.ArgumentParser:
 
     features = commands.add_parser("features", help="compute features of meshes")
     features.add_argument("mesh", nargs="+", type=Path)
-    features.add_argument("--kind", choices=_KINDS, default="hks", help="default: hks")
+    features.add_argument("--kind", choices=tuple(KINDS), default="hks", help="default: hks")
     _add_unit(features)
     _add_target(features)
     features.add_argument(

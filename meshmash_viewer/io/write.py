@@ -131,7 +131,7 @@ def write_eigenpairs(
     """
     path = Path(path)
     writer = _writer(EIGENPAIR_WRITERS, path, "eigenpairs")
-    said = {"kind": "eigenpairs", "proof": decomposition.proof()}
+    said = {"kind": "eigenpairs", "proof": decomposition.proof(mesh.unit)}
     made = json.dumps(_made(mesh, said, meta))
     with writing_errors(path), written_whole(path) as part:
         writer(part, decomposition, mesh, made)

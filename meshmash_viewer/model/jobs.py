@@ -350,12 +350,12 @@ class ExportJob:
     path : Path
         Its ending says the format.
     kind : str
-        One of `meshmash_viewer.model.export.KINDS`.
+        One of `meshmash_viewer.feature_kinds.KINDS`.
     n_pairs : int
         Number of leading eigenpairs to use.
     parameters : dict
         By kind: ``t_min, t_max, n_scales`` (hks), ``e_min, e_max, n_bands``
-        (geometry-vectors).
+        (geometry-vectors), ``n_energies`` (wks).
     """
 
     mesh: Mesh

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +12,7 @@ from long_jobs import DyingJob, EndlessJob, FailingJob
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.tasks import Tasks
+from meshmash_viewer.feature_kinds import KINDS
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
@@ -129,6 +131,22 @@ def test_export_waits_its_turn(session: Session, neuron: Mesh, tmp_path: Path) -
     session.wait(lambda: out.exists())
     session.wait_until_idle()
     assert document.spectrum is None  # of a mesh that the document does not show
+
+
+def test_every_kind_is_exported_as_the_command_line_has_it(
+    session: Session, neuron: Mesh, tmp_path: Path
+) -> None:
+    session.tasks.run(DecomposeJob(neuron, OperatorOptions(), Target("count", 20)))
+    columns = {"n_scales": 7, "n_bands": 7, "n_energies": 7}
+    for kind in KINDS:
+        out = tmp_path / f"{kind}.npz"
+        session.document.export(ExportJob(neuron, OperatorOptions(), out, kind, 20, columns))
+        session.wait_until_idle()
+        with np.load(out) as file:
+            assert json.loads(str(file["meta"]))["options"]["kind"] == kind
+            if kind != "eigenpairs":
+                assert file["features"].shape == (neuron.n_vertices, 7)
+                assert KINDS[kind] in session.last().text
 
 
 def test_export_of_what_was_cleared_says_so(session: Session, neuron: Mesh, tmp_path: Path) -> None:
