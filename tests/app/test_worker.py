@@ -61,7 +61,7 @@ def test_result_parts_and_progress_arrive(qtbot: QtBot, worker: Worker) -> None:
     np.testing.assert_array_equal(parts[0], values[:50_000])
     assert reports[0].message == "half way"
     assert not worker.busy
-    assert {path.name for path in worker.folder.iterdir()} == {"stderr.txt"}
+    assert {path.name for path in worker.folder.iterdir()} == {"held.lock", "stderr.txt"}
 
 
 def test_one_job_at_a_time_in_one_warm_process(qtbot: QtBot, worker: Worker) -> None:
