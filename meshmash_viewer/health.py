@@ -106,7 +106,7 @@ def mesh_health(mesh: MeshLike) -> Health:
         nonmanifold_edges=int((faces_of_edge > 2).sum()),
         degenerate_faces=int(mesh.degenerate_faces.sum()),
         duplicate_faces=int(duplicate_faces(mesh).sum()),
-        unreferenced_vertices=int((~mesh.referenced).sum()),
+        unreferenced_vertices=len(mesh.unreferenced),
         coincident_vertices=int((_first_at_place(mesh) != np.arange(mesh.n_vertices)).sum()),
         area=mesh.area,
     )

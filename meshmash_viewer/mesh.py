@@ -136,6 +136,18 @@ class Mesh:
         return used
 
     @cached_property
+    def unreferenced(self) -> IntArray:
+        """Indices of the other vertices, which are no part of the surface."""
+        return np.flatnonzero(~self.referenced)
+
+    def on_surface(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Values of shape (n,), with 0 at unreferenced vertices: what is NaN then can be seen."""
+        if len(self.unreferenced):
+            values = values.copy()
+            values[self.unreferenced] = 0.0
+        return values
+
+    @cached_property
     def distinct_corners(self) -> npt.NDArray[np.bool_]:
         """Which faces have three different corners, shape (m,); the others are no triangles."""
         a, b, c = self.faces.T
