@@ -18,6 +18,7 @@ from meshmash_viewer.errors import ConstantFeaturesWarning, InputError
 from meshmash_viewer.features import accumulate_features
 from meshmash_viewer.filters import bspline_bank, get_hks_filter
 from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
+from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.weyl import weyl_eigenvalue
 
@@ -109,6 +110,7 @@ def spectral_geometry_filter(
             dtype=dtype,
             allocate=allocate,
             verbose=verbose,
+            unit=mesh.unit if isinstance(mesh, Mesh) else "",
             progress=progress,
             cancel=cancel,
         )

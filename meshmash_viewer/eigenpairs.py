@@ -33,6 +33,7 @@ def find_eigenpairs(
     *,
     dtype: npt.DTypeLike | None = None,
     verbose: int = False,
+    unit: str = "",
     progress: ProgressCallback | None = None,
     **options: Any,
 ) -> Decomposition:
@@ -46,6 +47,8 @@ def find_eigenpairs(
         Of the eigenvectors; None is that of `stiffness`.
     verbose : int
         1 draws a progress bar on stderr, and ends it with the proof of completeness.
+    unit : str
+        Length unit of the mesh, for the proof.
     progress : callable, optional
         Gets every report, bar or not.
     **options
@@ -61,7 +64,7 @@ def find_eigenpairs(
     with _bar(verbose, progress) as reports:
         result = solve(stiffness, mass, dtype=dtype, progress=reports, **options)
     if verbose:
-        _say(result.proof())
+        _say(result.proof(unit))
     return result
 
 

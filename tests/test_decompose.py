@@ -508,10 +508,11 @@ def test_progress_and_cancel(neuron):
 
 def test_verbose_draws_on_stderr_and_ends_with_the_proof(neuron, capsys):
     reports = []
-    compute_hks(neuron, 1e-5, verbose=True, progress=reports.append)
+    compute_hks(neuron.in_unit("nm"), 1e-5, verbose=True, progress=reports.append)
     printed = capsys.readouterr()
     assert printed.out == ""
     assert "pairs · complete" in printed.err
+    assert "nm⁻²)" in printed.err
     assert reports
     compute_hks(neuron, 1e-5)
     assert capsys.readouterr().err == ""

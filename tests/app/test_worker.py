@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,6 +17,7 @@ from long_jobs import DoubleJob, DyingJob, EndlessJob, FailingJob, ParallelJob
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.worker import Worker
+from meshmash_viewer.io.scratch import ScratchFolder
 
 _PATIENCE = 30_000
 
@@ -169,6 +171,19 @@ def test_closing_at_once_leaves_nothing(qtbot: QtBot) -> None:
     worker.close()
     assert not worker.folder.exists()
     assert worker.process_id is None
+
+
+def test_what_a_killed_window_left_goes_when_the_next_one_opens(
+    qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    killed = ScratchFolder()
+    killed._lock.release()  # as the system does when a process ends
+    worker = Worker()
+    wait_for(lambda: not killed.path.exists())
+    assert worker.folder.exists()
+    worker.close()
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.skipif(os.name != "posix", reason="kills with a signal")
