@@ -20,6 +20,7 @@ from interaction_measure import (
     private_bytes,
     trimmed_bytes,
 )
+from interaction_yardsticks import compressed, floor, readd, time_at
 from PySide6.QtCore import QEventLoop, QPoint, QPointF, Qt, QTimer
 from PySide6.QtGui import QWheelEvent
 from PySide6.QtTest import QTest
@@ -32,7 +33,6 @@ from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application, keep_what_is_loaded
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.jobs import ExportJob
-from meshmash_viewer.model.squares import sum_squares
 from meshmash_viewer.weyl import Target
 
 
@@ -286,7 +286,10 @@ class Session:
                 FieldKind.EIGENFUNCTION,
                 lambda i: setattr(display, "index", (3 + 7 * i) % pairs),
             ),
-            "hks": (FieldKind.HKS, lambda i: setattr(display, "time", self.time((i % 37) / 37))),
+            "hks": (
+                FieldKind.HKS,
+                lambda i: setattr(display, "time", time_at(self.document, (i % 37) / 37)),
+            ),
             "band": (FieldKind.BAND, lambda i: setattr(display, "band", i % 32)),
             "similarity": (
                 FieldKind.SIMILARITY,
@@ -326,50 +329,6 @@ class Session:
             self.result["ticks_in_render"][name] = 1e3 * median(rendering)
             yield self.at_rest
 
-    def time(self, share: float) -> float:
-        from meshmash_viewer.model.ranges import hks_range
-
-        low, high = hks_range(self.document.spectrum, self.display)
-        return float(low * (high / low) ** share)
-
-    def compressed(self) -> dict[str, float]:
-        """The table of the heat kernel signature against the direct sum."""
-        table, spectrum = self.source.live.heat_table, self.document.spectrum
-        fast, slow, errors = [], [], []
-        for share in (0.05, 0.3, 0.5, 0.7, 0.95):
-            time_ = self.time(share)
-            for _ in range(5):
-                started = time.perf_counter()
-                short = table.at(time_)
-                fast.append(time.perf_counter() - started)
-            decay = np.exp(-spectrum.eigenvalues * time_)[None]
-            started = time.perf_counter()
-            exact = sum_squares(spectrum.rows, decay, np.float64)[0]
-            slow.append(time.perf_counter() - started)
-            errors.append(np.nanmax(np.abs(short - exact)) / np.ptp(exact[np.isfinite(exact)]))
-        return {
-            "hks_table": 1e3 * median(fast),
-            "hks_direct": 1e3 * median(slow),
-            "hks_error": float(max(errors)),
-        }
-
-    def readd(self) -> float:
-        """What a pyvista script does for the next eigenfunction, smooth as here (ms)."""
-        import pyvista as pv
-
-        mesh, spectrum = self.document.mesh, self.document.spectrum
-        plotter = pv.Plotter(off_screen=True, window_size=(900, 600))
-        surface = pv.PolyData.from_regular_faces(mesh.vertices, mesh.faces)
-        took = []
-        for index in range(1, 4):
-            started = time.perf_counter()
-            surface.point_data["field"] = spectrum.rows[index]
-            plotter.add_mesh(surface, scalars="field", smooth_shading=True, name="mesh")
-            plotter.render()
-            took.append(time.perf_counter() - started)
-        plotter.close()
-        return 1e3 * median(took)
-
     def solve(self) -> Script:
         """Open a mesh that nothing is known of, and compute at once; look around meanwhile."""
         self.phase("empty")
@@ -407,10 +366,10 @@ class Session:
             self.measure_memory()
         if what == "ticks":
             Player(self.ticks()).play()
-            self.result["compressed"] = self.compressed()
-            self.result["floor"] = self.floor()
+            self.result["compressed"] = compressed(self.document, self.source)
+            self.result["floor"] = floor(self.source)
             if self.result["driver"] == "no-op":
-                self.result["readd"] = self.readd()
+                self.result["readd"] = readd(self.document)
         self.window.close()
         return self.result
 
@@ -421,17 +380,6 @@ class Session:
         self.result["tables"] = self.source.live.nbytes / 1e6
         self.result["trimmed"] = (trimmed_bytes() - self.empty) / 1e6
         self.result["formula"] = formula_bytes(mesh.n_vertices, mesh.n_faces) / 1e6
-
-    def floor(self) -> float:
-        """Writing a field into an array that is there (ms)."""
-        values = np.zeros(self.document.mesh.n_vertices, np.float32)
-        target = self.source.field.values.copy()
-        took = []
-        for _ in range(20):
-            started = time.perf_counter()
-            np.copyto(target, values)
-            took.append(time.perf_counter() - started)
-        return 1e3 * median(took)
 
 
 def _is_noop(window: MainWindow) -> bool:

@@ -6,20 +6,29 @@ said in one line on stderr, with exit status 2.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import json
 import os
 import signal
 import sys
 from collections.abc import Iterator, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
+from meshmash_viewer.arguments import (
+    FAULT,
+    PROGRAM,
+    check_times,
+    chosen_operator,
+    chosen_target,
+    command_parser,
+    window_parser,
+)
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import Cancelled, Progress
 
 if TYPE_CHECKING:
+    import argparse
+
     from meshmash_viewer.commands import Solver
     from meshmash_viewer.laplacian import OperatorOptions
     from meshmash_viewer.mesh import Mesh
@@ -27,12 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = ["main"]
 
-PROGRAM = "meshmash-viewer"
-_FAULT, _INTERRUPTED = 2, 130
-_DEFAULT_COUNT = 200
-_KINDS = ("hks", "geometry-vectors", "wks", "eigenpairs")
-_FIELDS = ("hks", "eigenfunction", "band", "none")
-_FORMATS = ("npz", "npy", "csv", "parquet", "vtp", "ply", "func.gii")
+_INTERRUPTED = 130
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -52,12 +56,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     commands = {"info": _info, "features": _features, "render": _render}
     try:
         if arguments and arguments[0] in commands:
-            options = _parser().parse_args(arguments)
+            options = command_parser().parse_args(arguments)
             return commands[arguments[0]](options)
-        return _window(_window_parser().parse_args(arguments))
+        return _window(window_parser().parse_args(arguments))
     except InputError as fault:
         _say(str(fault))
-        return _FAULT
+        return FAULT
     except (KeyboardInterrupt, Cancelled):
         _say("interrupted")
         return _INTERRUPTED
@@ -69,188 +73,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _say(sentence: str) -> None:
     print(f"{PROGRAM}: {' '.join(sentence.split())}", file=sys.stderr)
-
-
-# Arguments ------------------------------------------------------------------------------------
-
-
-class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line, as everything here does."""
-
-    def error(self, message: str) -> NoReturn:
-        print(f"{self.prog}: {message} (see {self.prog} --help)", file=sys.stderr)
-        raise SystemExit(_FAULT)
-
-
-def _window_parser() -> argparse.ArgumentParser:
-    parser = _Parser(
-        prog=PROGRAM,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Open the window, on meshes or a session if given.",
-        epilog="commands without a window (each has its own --help):\n"
-        f"  {PROGRAM} info MESH...                 health, area, length of the spectrum\n"
-        f"  {PROGRAM} features MESH... -o OUT      HKS, geometry vectors, WKS or eigenpairs\n"
-        f"  {PROGRAM} render MESH -o OUT.png       a picture\n",
-    )
-    parser.add_argument("mesh", nargs="*", help="mesh file or session")
-    _add_unit(parser)
-    parser.add_argument("--fresh", action="store_true", help="ignore stored settings")
-    from meshmash_viewer import __version__
-
-    parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
-    return parser
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog=PROGRAM)
-    commands = parser.add_subparsers(dest="command", required=True, parser_class=_Parser)
-
-    info = commands.add_parser("info", help="say what a mesh is like")
-    info.add_argument("mesh", nargs="+", type=Path)
-    _add_unit(info)
-    _add_target(info)
-    _add_json(info)
-
-    features = commands.add_parser("features", help="compute features of meshes")
-    features.add_argument("mesh", nargs="+", type=Path)
-    features.add_argument("--kind", choices=_KINDS, default="hks", help="default: hks")
-    _add_unit(features)
-    _add_target(features)
-    features.add_argument(
-        "--n-components",
-        type=_positive,
-        default=32,
-        metavar="N",
-        help="number of columns, default 32",
-    )
-    features.add_argument(
-        "--t-min",
-        type=float,
-        metavar="T",
-        help="shortest diffusion time (unit²); default by the λ of each mesh, so give both times"
-        " where columns of many meshes are to agree",
-    )
-    features.add_argument("--t-max", type=float, metavar="T", help="longest diffusion time (unit²)")
-    features.add_argument("--drop-first", action="store_true", help="leave out the first eigenpair")
-    _add_solver(features)
-    features.add_argument(
-        "-o",
-        "--output",
-        required=True,
-        metavar="OUT",
-        help="file whose ending is the format ("
-        + " ".join(f".{name}" for name in _FORMATS)
-        + '), a folder, or a template such as "{name}_{kind}.csv"',
-    )
-    features.add_argument(
-        "--format", choices=_FORMATS, default="npz", help="of the files in a folder, default npz"
-    )
-    _add_json(features)
-
-    render = commands.add_parser("render", help="draw a picture of a mesh")
-    render.add_argument("mesh", type=Path)
-    render.add_argument("--field", choices=_FIELDS, default="hks", help="default: hks")
-    render.add_argument(
-        "--index", type=int, metavar="I", help="which eigenfunction or band, from 0"
-    )
-    render.add_argument("--time", type=float, metavar="T", help="diffusion time of the HKS (unit²)")
-    render.add_argument(
-        "--n-components", type=_positive, default=32, metavar="N", help="number of bands"
-    )
-    _add_unit(render)
-    _add_target(render)
-    _add_solver(render)
-    render.add_argument("-o", "--output", required=True, type=Path, metavar="OUT.png")
-    render.add_argument("--size", type=_size, default=(1600, 1200), metavar="WIDTHxHEIGHT")
-    render.add_argument("--colormap", metavar="NAME", help="one of matplotlib's")
-    render.add_argument("--limits", type=float, nargs=2, metavar=("LOW", "HIGH"))
-    render.add_argument("--transparent", action="store_true", help="leave the background out")
-    render.add_argument("--dark", action="store_true", help="light text on a dark ground")
-    _add_json(render)
-    return parser
-
-
-def _add_unit(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--unit", metavar="U", help='of coordinates: nm, µm, mm, m, none, or a voxel like "8 nm"'
-    )
-
-
-def _add_target(parser: argparse.ArgumentParser) -> None:
-    target = parser.add_mutually_exclusive_group()
-    target.add_argument(
-        "--count", type=int, metavar="K", help=f"number of eigenpairs, default {_DEFAULT_COUNT}"
-    )
-    target.add_argument(
-        "--max-eigenvalue", type=float, metavar="X", help="all eigenvalues up to X (per unit²)"
-    )
-    target.add_argument(
-        "--wavelength", type=float, metavar="W", help="all waves of length W (unit) and longer"
-    )
-
-
-def _add_solver(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--no-robust", action="store_true", help="plain cotangent Laplacian, for clean manifolds"
-    )
-    parser.add_argument("--mollify-factor", type=float, default=1e-5, metavar="F")
-    parser.add_argument(
-        "--no-cache", action="store_true", help="neither use nor keep stored eigenpairs"
-    )
-    parser.add_argument(
-        "--jobs", type=_positive, metavar="J", help="processes; default: as many as fit"
-    )
-
-
-def _add_json(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="one line of JSON for each mesh")
-
-
-def _size(text: str) -> tuple[int, int]:
-    width, _, height = text.lower().partition("x")
-    try:
-        size = int(width), int(height)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a size like 1600x1200") from None
-    if not all(1 <= side <= 16384 for side in size):
-        raise argparse.ArgumentTypeError(f"{text!r} is not between 1x1 and 16384x16384")
-    return size
-
-
-def _positive(text: str) -> int:
-    if not (text.isdecimal() and int(text) >= 1):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1")
-    return int(text)
-
-
-def _target(options: argparse.Namespace) -> Target:
-    from meshmash_viewer.weyl import Target
-
-    if options.max_eigenvalue is not None:
-        return Target("max_eigenvalue", options.max_eigenvalue)
-    if options.wavelength is not None:
-        return Target("wavelength", options.wavelength)
-    return Target("count", _DEFAULT_COUNT if options.count is None else options.count)
-
-
-def _operator(options: argparse.Namespace) -> OperatorOptions:
-    from meshmash_viewer.laplacian import OperatorOptions
-
-    if not options.mollify_factor >= 0.0:
-        raise InputError(
-            f"--mollify-factor is {options.mollify_factor}: give zero or a small positive one."
-        )
-    return OperatorOptions(robust=not options.no_robust, mollify_factor=options.mollify_factor)
-
-
-def _check_times(options: argparse.Namespace) -> None:
-    """Complain of diffusion times now, not after the first decomposition."""
-    if options.kind == "hks":
-        from meshmash_viewer.filters import get_hks_filter
-
-        get_hks_filter(options.t_max, options.t_min)
-    elif options.t_min is not None or options.t_max is not None:
-        raise InputError(f"--t-min and --t-max are of --kind hks; {options.kind} has no times.")
 
 
 # Commands -------------------------------------------------------------------------------------
@@ -288,7 +110,7 @@ def _window(options: argparse.Namespace) -> int:
 def _info(options: argparse.Namespace) -> int:
     from meshmash_viewer.commands import describe
 
-    target = _target(options)
+    target = chosen_target(options)
 
     def work(index: int, mesh: Mesh) -> None:
         about = describe(mesh, target)
@@ -304,8 +126,8 @@ def _features(options: argparse.Namespace) -> int:
     from meshmash_viewer.commands import output_paths, write_kind
     from meshmash_viewer.io.write import check_output
 
-    target, operator = _target(options), _operator(options)
-    _check_times(options)
+    target, operator = chosen_target(options), chosen_operator(options)
+    check_times(options)
     outputs = output_paths(options.mesh, options.output, options.kind, f".{options.format}")
     for path in outputs:
         check_output(path, "eigenpairs" if options.kind == "eigenpairs" else "features")
@@ -336,7 +158,7 @@ def _render(options: argparse.Namespace) -> int:
     from meshmash_viewer.commands import write_render
     from meshmash_viewer.io.write import check_output
 
-    target, operator = _target(options), _operator(options)
+    target, operator = chosen_target(options), chosen_operator(options)
     check_output(options.output, "picture")
 
     def work(index: int, mesh: Mesh) -> None:
@@ -378,7 +200,7 @@ def _for_each(options: argparse.Namespace, work: Any) -> int:
         except InputError as fault:
             name = "" if str(path) in str(fault) else f"{path}: "
             _say(f"{name}{fault}")
-            status = _FAULT
+            status = FAULT
     return status
 
 
@@ -458,7 +280,7 @@ def _interruptible() -> Iterator[Any]:
 
 def _described(about: dict[str, Any]) -> str:
     """The facts of `describe` for people."""
-    from meshmash_viewer.units import format_quantity
+    from meshmash_viewer.units import NO_VOXEL, format_quantity, written_unit
 
     unit, weyl = about["unit"], about["weyl"]
     extent = [high - low for low, high in zip(*about["bounds"], strict=True)]
@@ -470,6 +292,7 @@ def _described(about: dict[str, Any]) -> str:
         ("triangles", f"{about['n_faces']:,}"),
         ("extent", f"{sizes} {unit}".rstrip()),
         ("area", format_quantity(about["area"], unit, 2)),
+        *([("voxel", written_unit(unit, about["voxel"]))] if about["voxel"] != NO_VOXEL else []),
         ("components", f"{about['n_components']:,} (largest {about['largest_component']:,})"),
         ("boundary edges", f"{about['boundary_edges']:,}"),
         ("non-manifold edges", f"{about['nonmanifold_edges']:,}"),

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from meshmash_viewer.progress import CancelCallback, ProgressCallback
 
 __all__ = [
-    "FEATURE_KINDS",
     "FIELD_KINDS",
     "Solver",
     "describe",
@@ -36,7 +35,6 @@ __all__ = [
     "write_render",
 ]
 
-FEATURE_KINDS = ("hks", "geometry-vectors", "wks", "eigenpairs")
 FIELD_KINDS = ("hks", "eigenfunction", "band", "none")
 
 
@@ -131,6 +129,7 @@ def describe(mesh: Mesh, target: Target) -> dict[str, Any]:
     return {
         "name": mesh.name,
         "unit": mesh.unit,
+        "voxel": mesh.voxel,
         "hash": mesh.content_hash,
         **asdict(health),
         "bounds": [low.tolist(), high.tolist()],
@@ -217,7 +216,7 @@ def write_kind(
     path : Path
         Its ending says the format.
     kind : str
-        One of `FEATURE_KINDS`.
+        One of `meshmash_viewer.feature_kinds.KINDS`.
     solver : Solver
     n_components : int
         Number of columns: times, bands or energies.
@@ -237,7 +236,7 @@ def write_kind(
     began = time.perf_counter()
     pairs = solver(mesh)
     solved = time.perf_counter()
-    options = {**solver.options(), "proof": pairs.proof()}
+    options = {**solver.options(), "proof": pairs.proof(mesh.unit)}
     report: dict[str, Any] = {
         "mesh": mesh.name,
         "output": str(path),
@@ -247,7 +246,7 @@ def write_kind(
         "complete": pairs.complete,
         "worst_residual": float(pairs.residuals.max(initial=0.0)),
         "orthonormality": float(pairs.orthonormality),
-        "proof": pairs.proof(),
+        "proof": pairs.proof(mesh.unit),
         "seconds_eigenpairs": round(solved - began, 3),
     }
     if kind == "eigenpairs":
@@ -348,7 +347,7 @@ def write_render(
     values, quantity, unit = None, "", ""
     if field != "none":
         pairs = solver(mesh)
-        report["proof"] = pairs.proof()
+        report["proof"] = pairs.proof(mesh.unit)
         spectrum = pairs.eigenvalues
         if field == "eigenfunction":
             if index is None:

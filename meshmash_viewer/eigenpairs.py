@@ -1,7 +1,8 @@
-"""Eigenpairs as a function asks for them: in its precision, with a progress bar, within memory."""
+"""Eigenpairs as a function asks for them: its arguments, precision, progress bar and memory."""
 
 from __future__ import annotations
 
+import math
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -11,13 +12,14 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.laplacian import SparseMatrix
 from meshmash_viewer.progress import Progress, ProgressCallback
 
 if TYPE_CHECKING:
     from meshmash_viewer.eigensolver import Decomposition
 
-__all__ = ["find_eigenpairs", "scratch_rows"]
+__all__ = ["check_bands", "find_eigenpairs", "scratch_rows", "whole_number"]
 
 Array: TypeAlias = npt.NDArray[np.floating[Any]]
 
@@ -31,6 +33,7 @@ def find_eigenpairs(
     *,
     dtype: npt.DTypeLike | None = None,
     verbose: int = False,
+    unit: str = "",
     progress: ProgressCallback | None = None,
     **options: Any,
 ) -> Decomposition:
@@ -44,6 +47,8 @@ def find_eigenpairs(
         Of the eigenvectors; None is that of `stiffness`.
     verbose : int
         1 draws a progress bar on stderr, and ends it with the proof of completeness.
+    unit : str
+        Length unit of the mesh, for the proof.
     progress : callable, optional
         Gets every report, bar or not.
     **options
@@ -59,7 +64,7 @@ def find_eigenpairs(
     with _bar(verbose, progress) as reports:
         result = solve(stiffness, mass, dtype=dtype, progress=reports, **options)
     if verbose:
-        _say(result.proof())
+        _say(result.proof(unit))
     return result
 
 
@@ -76,6 +81,23 @@ def _with_exact_null_space(stiffness: SparseMatrix) -> SparseMatrix:
     size = np.asarray(abs(exact).sum(axis=1)).ravel()
     rounding = np.abs(excess) <= 64.0 * np.finfo(np.float32).eps * size
     return sparse.csc_array(exact - sparse.diags_array(np.where(rounding, excess, 0.0)))
+
+
+def check_bands(max_eigenvalue: float, band_size: int) -> None:
+    """Complain of a threshold that no eigenvalue lies below, or of an empty band."""
+    if not max_eigenvalue >= 0.0:
+        raise InputError(
+            f"max_eigenvalue is {max_eigenvalue}: no eigenvalue of a Laplacian is negative, "
+            "give a positive number."
+        )
+    whole_number(band_size, "band_size")
+
+
+def whole_number(count: int, name: str) -> int:
+    """A count from 1; `name` is the argument that a message speaks of."""
+    if not (math.isfinite(count) and count >= 1 and count == int(count)):
+        raise InputError(f"{name} is {count}: give a whole number from 1.")
+    return int(count)
 
 
 @contextmanager

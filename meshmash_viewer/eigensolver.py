@@ -22,6 +22,7 @@ from meshmash_viewer.engine.output import Allocate, PairsCallback
 from meshmash_viewer.engine.request import Request
 from meshmash_viewer.engine.run import Run
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
+from meshmash_viewer.proof import proof_in_unit
 
 __all__ = ["Batch", "Decomposition", "PairsCallback", "estimate_memory", "iterate", "solve"]
 
@@ -75,11 +76,17 @@ class Decomposition:
         """Number of pairs."""
         return len(self.eigenvalues)
 
-    def proof(self) -> str:
-        """Say in one line how many pairs there are and how well they are proven."""
+    def proof(self, unit: str = "") -> str:
+        """Say in one line how many pairs there are and how well they are proven.
+
+        Parameters
+        ----------
+        unit : str
+            Length unit of the mesh, for the eigenvalue that the count goes to.
+        """
         state = "complete" if self.complete else "not proven complete"
         return (
-            f"{self.n_components} pairs · {state} ({self.certificate}) · "
+            f"{self.n_components} pairs · {state} ({proof_in_unit(self.certificate, unit)}) · "
             f"worst residual {self.residuals.max(initial=0.0):.0e} · "
             f"orthonormality {self.orthonormality:.0e}"
         )

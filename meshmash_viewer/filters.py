@@ -17,7 +17,16 @@ import numpy.typing as npt
 
 from meshmash_viewer.bsplines import clamped_knots, construct_bspline_basis
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.weyl import weyl_eigenvalue
+from meshmash_viewer.filter_parameters import (
+    as_count,
+    as_parameters,
+    as_spectrum,
+    check_times,
+    first_nonzero_eigenvalue,
+    hks_time_range,
+    hks_times,
+    short_text,
+)
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -41,9 +50,6 @@ __all__ = [
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 #: (k,) eigenvalues -> (f, k) coefficients.
 SpectralFilter: TypeAlias = Callable[[FloatArray], FloatArray]
-
-#: Eigenvalues below this share of the largest are zero but for rounding.
-_ZERO_SHARE = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +86,7 @@ class FilterBank:
 
     def __call__(self, eigenvalues: npt.ArrayLike) -> FloatArray:
         """Coefficients of shape (f, k) for k eigenvalues, a 1-D array."""
-        return self.response(_as_spectrum(eigenvalues))
+        return self.response(as_spectrum(eigenvalues))
 
 
 def heat_kernel_bank(times: npt.ArrayLike) -> FilterBank:
@@ -101,8 +107,8 @@ def heat_kernel_bank(times: npt.ArrayLike) -> FilterBank:
     .. [1] Sun, J., Ovsjanikov, M. and Guibas, L. (2009). "A Concise and Provably Informative
        Multi-Scale Signature Based on Heat Diffusion." Computer Graphics Forum 28(5).
     """
-    scales = _as_parameters(times, "diffusion time")
-    columns = tuple(f"hks_t={_short(scales, i)}" for i in range(len(scales)))
+    scales = as_parameters(times, "diffusion time")
+    columns = tuple(f"hks_t={short_text(scales, i)}" for i in range(len(scales)))
     return FilterBank("hks", columns, scales, "t", 2, partial(_heat_response, scales))
 
 
@@ -130,8 +136,8 @@ def wave_kernel_bank(
     .. [1] Aubry, M., Schlickewei, U. and Cremers, D. (2011). "The Wave Kernel Signature: A
        Quantum Mechanical Approach to Shape Analysis." ICCV Workshops.
     """
-    spectrum = _as_spectrum(eigenvalues)
-    n_energies = _as_count(n_energies, "energies")
+    spectrum = as_spectrum(eigenvalues)
+    n_energies = as_count(n_energies, "energies")
     if not (np.isfinite(width) and width > 0.0):
         raise InputError(f"The width of the energy bands is {width:g}: give a positive number.")
     first = first_nonzero_eigenvalue(spectrum)
@@ -144,7 +150,7 @@ def wave_kernel_bank(
     # deviation is itself a multiple of the step: solve for the step.
     step = (high - low) / (n_energies - 1 + 4.0 * width)
     energies = np.asarray(low + step * (2.0 * width + np.arange(n_energies)), dtype=np.float64)
-    columns = tuple(f"wks_λ={_short(np.exp(energies), i)}" for i in range(n_energies))
+    columns = tuple(f"wks_λ={short_text(np.exp(energies), i)}" for i in range(n_energies))
     response = partial(_wave_response, energies, width * step, 0.5 * first)
     return FilterBank("wks", columns, np.exp(energies), "λ", -2, response)
 
@@ -186,17 +192,17 @@ def bspline_bank(e_min: float, e_max: float, n_components: int) -> FilterBank:
 
 def low_pass_bank(cutoff: float) -> FilterBank:
     """One column with all eigenvalues below `cutoff` (per squared unit), weight 1."""
-    bound = _as_parameters([cutoff], "cutoff")
-    columns = (f"low_pass_λ<{_short(bound, 0)}",)
+    bound = as_parameters([cutoff], "cutoff")
+    columns = (f"low_pass_λ<{short_text(bound, 0)}",)
     return FilterBank("low-pass", columns, bound, "λ", -2, partial(_low_pass_response, bound[0]))
 
 
 def band_pass_bank(low: float, high: float) -> FilterBank:
     """One column with all eigenvalues from `low` to `high`, both included, weight 1."""
-    bounds = _as_parameters([low, high], "bound of a band")
+    bounds = as_parameters([low, high], "bound of a band")
     if low > high:
         raise InputError(f"The band from {low:g} to {high:g} is empty: swap its bounds.")
-    columns = (f"band_pass_λ={_short(bounds, 0)}..{_short(bounds, 1)}",)
+    columns = (f"band_pass_λ={short_text(bounds, 0)}..{short_text(bounds, 1)}",)
     centre = np.array([bounds.mean()])
     response = partial(_band_pass_response, bounds[0], bounds[1])
     return FilterBank("band-pass", columns, centre, "λ", -2, response)
@@ -210,99 +216,10 @@ def gaussian_pyramid_bank(scales: npt.ArrayLike) -> FilterBank:
     scales : array_like, shape (f,)
         In squared unit of the mesh.
     """
-    variances = _as_parameters(scales, "scale")
-    columns = tuple(f"gaussian_s={_short(variances, i)}" for i in range(len(variances)))
+    variances = as_parameters(scales, "scale")
+    columns = tuple(f"gaussian_s={short_text(variances, i)}" for i in range(len(variances)))
     response = partial(_heat_response, variances)
     return FilterBank("gaussian-pyramid", columns, variances, "s", 2, response)
-
-
-def first_nonzero_eigenvalue(eigenvalues: npt.ArrayLike) -> float:
-    """Lowest eigenvalue that is more than rounding beside the largest.
-
-    Raises
-    ------
-    InputError
-        If all are zero.
-    """
-    spectrum = _as_spectrum(eigenvalues)
-    largest = float(spectrum.max(initial=0.0))
-    above = spectrum[spectrum > _ZERO_SHARE * largest] if largest > 0.0 else spectrum[:0]
-    if not len(above):
-        raise InputError(
-            "All eigenvalues are zero, one for each connected component, so there is no scale to "
-            "choose times or energies from: go further up the spectrum (max_eigenvalue is per "
-            "squared unit of the mesh), or give t_min and t_max."
-        )
-    return float(above.min())
-
-
-def hks_time_range(eigenvalues: npt.ArrayLike, area: float | None = None) -> tuple[float, float]:
-    """Times between which a heat kernel signature says something about this spectrum.
-
-    Parameters
-    ----------
-    eigenvalues : array_like, shape (k,)
-        Ascending or not; zeros take no part.
-    area : float, optional
-        Area of the mesh, for a spectrum of zeros only: the eigenvalues that Weyl's law expects in
-        their place then give the range, in which all that is known stays constant.
-
-    Returns
-    -------
-    t_min, t_max : float
-        ``4 ln 10 / λ_max`` and ``4 ln 10 / λ_2``, λ_2 the lowest above zero (Sun et al. 2009), in
-        squared unit of the mesh: where the highest and the lowest mode have sunk to 1e-4.
-
-    Raises
-    ------
-    InputError
-        If all eigenvalues are zero and no area is given.
-    """
-    spectrum = _as_spectrum(eigenvalues)
-    if area is not None and not (spectrum > 0.0).any():
-        spectrum = weyl_eigenvalue(area, 1) * np.arange(1.0, max(len(spectrum), 2) + 1.0)
-    first = first_nonzero_eigenvalue(spectrum)
-    decades = 4.0 * np.log(10.0)
-    return float(decades / spectrum.max()), float(decades / first)
-
-
-def hks_times(
-    eigenvalues: npt.ArrayLike,
-    t_min: float | None = None,
-    t_max: float | None = None,
-    n_scales: int = 32,
-    area: float | None = None,
-) -> FloatArray:
-    """Diffusion times, evenly spaced in log t, from short to long.
-
-    Parameters
-    ----------
-    eigenvalues : array_like, shape (k,)
-        The spectrum; looked at only if a bound is None.
-    t_min, t_max : float, optional
-        Bounds in squared unit of the mesh; None takes that of `hks_time_range`.
-    n_scales : int
-        Number of times.
-    area : float, optional
-        See `hks_time_range`.
-
-    Returns
-    -------
-    ndarray of float64, shape (n_scales,)
-
-    Raises
-    ------
-    InputError
-        If a bound is not positive, the bounds are out of order, or `n_scales` < 1.
-    """
-    n_scales = _as_count(n_scales, "time scales")
-    _check_times(t_min, t_max)
-    if t_min is None or t_max is None:
-        shortest, longest = hks_time_range(eigenvalues, area)
-        t_min = shortest if t_min is None else t_min
-        t_max = longest if t_max is None else t_max
-        _check_times(t_min, t_max)
-    return np.geomspace(t_min, t_max, n_scales)
 
 
 def get_hks_filter(
@@ -330,8 +247,8 @@ def get_hks_filter(
         ``(k,) -> (n_scales, k)``, from short to long times; it can be pickled.
     """
     # Complain now, not after the decomposition.
-    n_scales = _as_count(n_scales, "time scales")
-    _check_times(t_min, t_max)
+    n_scales = as_count(n_scales, "time scales")
+    check_times(t_min, t_max)
     return partial(_automatic_heat_response, t_min, t_max, n_scales, np.dtype(dtype))
 
 
@@ -348,14 +265,6 @@ def construct_bspline_filter(
     return bspline_bank(e_min, e_max, n_components)
 
 
-def _check_times(t_min: float | None, t_max: float | None) -> None:
-    for bound, name in ((t_min, "t_min"), (t_max, "t_max")):
-        if bound is not None and not (np.isfinite(bound) and bound > 0.0):
-            raise InputError(f"{name} is {bound:g}: give a positive time, or none.")
-    if t_min is not None and t_max is not None and t_min > t_max:
-        raise InputError(f"t_min ({t_min:.4g}) is above t_max ({t_max:.4g}): swap them.")
-
-
 def _heat_response(times: FloatArray, eigenvalues: FloatArray) -> FloatArray:
     return np.asarray(np.exp(-np.outer(times, eigenvalues)))
 
@@ -367,7 +276,7 @@ def _automatic_heat_response(
     dtype: np.dtype[Any],
     eigenvalues: npt.ArrayLike,
 ) -> npt.NDArray[Any]:
-    spectrum = _as_spectrum(eigenvalues)
+    spectrum = as_spectrum(eigenvalues)
     if not (spectrum > 0.0).any():
         # Of constants nothing decays: whatever the times, the coefficients are 1.
         return np.ones((n_scales, len(spectrum)), dtype=dtype)
@@ -396,34 +305,3 @@ def _low_pass_response(cutoff: float, eigenvalues: FloatArray) -> FloatArray:
 
 def _band_pass_response(low: float, high: float, eigenvalues: FloatArray) -> FloatArray:
     return ((eigenvalues >= low) & (eigenvalues <= high)).astype(np.float64)[np.newaxis]
-
-
-def _as_spectrum(eigenvalues: npt.ArrayLike) -> FloatArray:
-    spectrum = np.asarray(eigenvalues, dtype=np.float64)
-    if spectrum.ndim != 1:
-        raise InputError(f"Eigenvalues have shape {spectrum.shape}: give a 1-D array.")
-    return spectrum
-
-
-def _as_parameters(values: npt.ArrayLike, name: str) -> FloatArray:
-    parameters = np.array(values, dtype=np.float64)
-    if parameters.ndim != 1 or not len(parameters):
-        raise InputError(f"Give a 1-D list of at least one {name}.")
-    if not (np.isfinite(parameters).all() and (parameters >= 0.0).all()):
-        raise InputError(f"A {name} is negative or not finite: {parameters.tolist()}.")
-    return parameters
-
-
-def _as_count(count: int, name: str) -> int:
-    if count < 1 or count != int(count):
-        raise InputError(f"The number of {name} is {count}: give a whole number from 1.")
-    return int(count)
-
-
-def _short(parameters: FloatArray, index: int) -> str:
-    """A parameter with as few digits as tell all of them apart, three at least."""
-    for digits in range(3, 18):
-        written = [f"{value:.{digits - 1}e}" for value in parameters]
-        if len(set(written)) == len(set(parameters.tolist())):
-            break
-    return written[index]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -106,7 +106,7 @@ def mesh_health(mesh: MeshLike) -> Health:
         nonmanifold_edges=int((faces_of_edge > 2).sum()),
         degenerate_faces=int(mesh.degenerate_faces.sum()),
         duplicate_faces=int(duplicate_faces(mesh).sum()),
-        unreferenced_vertices=int((~mesh.referenced).sum()),
+        unreferenced_vertices=len(mesh.unreferenced),
         coincident_vertices=int((_first_at_place(mesh) != np.arange(mesh.n_vertices)).sum()),
         area=mesh.area,
     )
@@ -138,12 +138,12 @@ def _first_at_place(mesh: Mesh) -> IntArray:
 def _with_faces(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> Mesh:
     if not kept.any():
         raise InputError("This repair would leave no face: the mesh is kept as it is.")
-    return Mesh(mesh.vertices, mesh.faces[kept], mesh.unit, mesh.name)
+    return replace(mesh, faces=mesh.faces[kept])
 
 
 def _without_vertices(mesh: Mesh, kept: npt.NDArray[np.bool_], faces: IntArray) -> Mesh:
     number = np.cumsum(kept) - 1
-    return Mesh(mesh.vertices[kept], number[faces], mesh.unit, mesh.name)
+    return replace(mesh, vertices=mesh.vertices[kept], faces=number[faces])
 
 
 def _merge_coincident_vertices(mesh: Mesh) -> Mesh:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.units import LENGTH_UNITS
+from meshmash_viewer.units import LENGTH_UNITS, NO_VOXEL, Voxel, is_voxel
 
 if TYPE_CHECKING:
     from scipy import sparse
@@ -45,18 +45,23 @@ class Mesh:
         One of `meshmash_viewer.units.LENGTH_UNITS`.
     name : str
         What people call it, usually the file's stem.
+    voxel : tuple of three floats
+        What the coordinates of its file were multiplied by to be `vertices`, see
+        `meshmash_viewer.units.parse_unit`.
 
     Raises
     ------
     InputError
         If an array has the wrong shape, a coordinate is not finite, an index is out of range,
-        there is no face, the faces have no area at all, or the unit is unknown.
+        there is no face, the faces have no area at all, the unit is unknown, or the voxel has not
+        three positive sizes.
     """
 
     vertices: FloatArray
     faces: IntArray
     unit: str = ""
     name: str = ""
+    voxel: Voxel = NO_VOXEL
 
     def __post_init__(self) -> None:
         vertices = _checked_vertices(self.vertices)
@@ -65,9 +70,12 @@ class Mesh:
         faces.flags.writeable = False
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
+        object.__setattr__(self, "voxel", tuple(float(size) for size in self.voxel))
         if self.unit not in LENGTH_UNITS:
             known = ", ".join(unit or "none" for unit in LENGTH_UNITS)
             raise InputError(f"{self.unit!r} is not a unit a mesh can have: give one of {known}.")
+        if not is_voxel(self.voxel):
+            raise InputError(f"A voxel has three positive sizes, not {self.voxel!r}.")
         if not self.area > 0.0:
             raise InputError(
                 "The faces have no area: all their vertices coincide or lie on lines. "
@@ -126,6 +134,18 @@ class Mesh:
         used = np.zeros(self.n_vertices, dtype=np.bool_)
         used[self.faces[self.distinct_corners]] = True
         return used
+
+    @cached_property
+    def unreferenced(self) -> IntArray:
+        """Indices of the other vertices, which are no part of the surface."""
+        return np.flatnonzero(~self.referenced)
+
+    def on_surface(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Values of shape (n,), with 0 at unreferenced vertices: what is NaN then can be seen."""
+        if len(self.unreferenced):
+            values = values.copy()
+            values[self.unreferenced] = 0.0
+        return values
 
     @cached_property
     def distinct_corners(self) -> npt.NDArray[np.bool_]:
@@ -205,9 +225,15 @@ class Mesh:
         mesh.__dict__.update(self.__dict__, unit=unit)
         return mesh
 
+    def in_voxels(self, voxel: Voxel, unit: str) -> Mesh:
+        """The mesh of the same file whose voxels are of another size, given in `unit`."""
+        # divided first: the numbers of the file come back, and with them what is stored for them
+        vertices = self.vertices / self.voxel * voxel
+        return Mesh(vertices, self.faces, unit, self.name, voxel)
+
     def __getstate__(self) -> dict[str, Any]:
         """What goes to another process: derived arrays that are large are derived there."""
-        small = ("vertices", "faces", "unit", "name", "content_hash", "area", "bounds")
+        small = ("vertices", "faces", "unit", "name", "voxel", "content_hash", "area", "bounds")
         return {name: self.__dict__[name] for name in small if name in self.__dict__}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -1,15 +1,36 @@
-"""Length units of mesh coordinates, and numbers written with them."""
+"""Length units of mesh coordinates, the voxels that count them, and numbers written with them."""
 
 from __future__ import annotations
 
+import math
 import re
+from typing import TypeAlias
 
 from meshmash_viewer.errors import InputError
 
-__all__ = ["LENGTH_UNITS", "format_quantity", "parse_unit", "power_unit"]
+__all__ = [
+    "LENGTH_UNITS",
+    "NO_VOXEL",
+    "UNIT_FORMS",
+    "Voxel",
+    "format_quantity",
+    "is_voxel",
+    "parse_unit",
+    "power_unit",
+    "written_unit",
+]
+
+#: Size of a voxel along x, y and z, by which coordinates that count voxels are multiplied.
+Voxel: TypeAlias = tuple[float, float, float]
+
+#: Of coordinates that are lengths already.
+NO_VOXEL: Voxel = (1.0, 1.0, 1.0)
 
 #: Length units that coordinates can carry; the empty unit means "none stated".
 LENGTH_UNITS: tuple[str, ...] = ("", "nm", "µm", "mm", "m")
+
+#: What `parse_unit` reads, for messages and help.
+UNIT_FORMS = 'nm, µm, mm, m, none, or a voxel such as "8 nm" or "4 x 4 x 40 nm"'
 
 _ALIASES = {
     "": "",
@@ -22,46 +43,61 @@ _ALIASES = {
     "m": "m",
 }
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_PATTERN = re.compile(r"^\s*(?P<factor>[0-9.eE+-]*?)\s*(?P<unit>[a-zµμ]*)\s*$")
+_NUMBER = r"[0-9.]+(?:[eE][+-]?[0-9]+)?"
+_PATTERN = re.compile(
+    rf"\s*(?P<sizes>(?:{_NUMBER}(?:\s*[x×,]\s*{_NUMBER})*)?)\s*(?P<unit>[a-zµμ]*)\s*"
+)
 
 
-def parse_unit(text: str) -> tuple[float, str]:
-    """Read a unit such as "nm", "none" or, for voxel coordinates, "8 nm".
+def parse_unit(text: str) -> tuple[Voxel, str]:
+    """Read a unit such as "nm", "none" or, for voxel coordinates, "8 nm" or "4 × 4 × 40 nm".
 
     Parameters
     ----------
     text : str
-        A length unit, optionally after the size of a voxel in it.
+        A length unit, optionally after the size of a voxel in it: one number, or three along x, y
+        and z with "×", "x" or "," between them.
 
     Returns
     -------
-    factor : float
-        What coordinates are multiplied by to be in `unit`; 1 without a voxel size.
+    voxel : tuple of three floats
+        What coordinates are multiplied by to be in `unit`; `NO_VOXEL` without a voxel size.
     unit : str
         One of `LENGTH_UNITS`.
 
     Raises
     ------
     InputError
-        If the text is not a unit, or the voxel size is not a positive number.
+        If the text is not a unit, or the voxel size is not one positive number or three.
     """
-    match = _PATTERN.match(text)
-    fault = InputError(
-        f"{text!r} is not a length unit: give one of nm, µm, mm, m, none, "
-        'or a voxel size such as "8 nm".'
-    )
+    match = _PATTERN.fullmatch(text)
+    fault = InputError(f"{text!r} is not a length unit: give {UNIT_FORMS}.")
     if match is None or match["unit"] not in _ALIASES:
         raise fault
     unit = _ALIASES[match["unit"]]
-    if not match["factor"]:
-        return 1.0, unit
+    if not match["sizes"]:
+        return NO_VOXEL, unit
     try:
-        factor = float(match["factor"])
+        sizes = tuple(float(size) for size in re.split("[x×,]", match["sizes"]))
     except ValueError:
         raise fault from None
-    if not (0.0 < factor < float("inf")) or not unit:
+    voxel = sizes * 3 if len(sizes) == 1 else sizes
+    if not is_voxel(voxel) or not unit:
         raise fault
-    return factor, unit
+    return (voxel[0], voxel[1], voxel[2]), unit
+
+
+def is_voxel(voxel: tuple[float, ...]) -> bool:
+    """Whether these are three positive, finite sizes."""
+    return len(voxel) == 3 and all(0.0 < size < math.inf for size in voxel)
+
+
+def written_unit(unit: str, voxel: Voxel = NO_VOXEL) -> str:
+    """Write what `parse_unit` reads: "nm", "none", "8 nm", "4 × 4 × 40 nm"."""
+    if voxel == NO_VOXEL:
+        return unit or "none"
+    sizes = voxel[:1] if len(set(voxel)) == 1 else voxel
+    return f"{' × '.join(f'{size:.15g}' for size in sizes)} {unit}"
 
 
 def power_unit(unit: str, power: int) -> str:

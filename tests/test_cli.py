@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import select
 import signal
 import subprocess
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapes
 
 from meshmash_viewer import cli
 from meshmash_viewer.decompose import compute_geometry_vectors, compute_hks
@@ -68,6 +70,18 @@ def test_info_for_people(capsys: pytest.CaptureFixture[str], ball: Path) -> None
     assert "642" in out
     assert "nm²" in out
     assert "nm⁻²" in out
+
+
+def test_info_tells_the_voxel_where_there_is_one(
+    capsys: pytest.CaptureFixture[str], ball: Path
+) -> None:
+    assert "voxel" not in run(capsys, "info", ball, "--unit", "nm")[1]
+    unit = "4 x 4 x 40 nm"
+    assert "4 × 4 × 40 nm" in run(capsys, "info", ball, "--unit", unit)[1]
+    about = json.loads(run(capsys, "info", ball, "--json", "--unit", unit)[1])
+    assert about["voxel"] == [4.0, 4.0, 40.0]
+    sides = [high - low for low, high in zip(*about["bounds"], strict=True)]
+    assert sides == pytest.approx([8.0, 8.0, 80.0], rel=0.05)
 
 
 def test_info_for_machines(capsys: pytest.CaptureFixture[str], ball: Path, sheet: Path) -> None:
@@ -126,6 +140,19 @@ def test_eigenpairs_and_times_and_wks(
     )
     assert status == 2
     assert ".npz .vtp" in err
+
+
+def test_the_proof_counts_in_the_unit_of_the_mesh(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    mesh, path, out = shapes.icosphere(5), tmp_path / "large.npz", tmp_path / "out.npz"
+    np.savez(path, vertices=mesh.vertices, faces=mesh.faces)
+    said = run(capsys, "features", path, "--count", 12, "--unit", "4 x 4 x 40 nm", "-o", out)[1]
+    assert re.search(r"below [-+.0-9e]+ nm⁻²\)", said)
+    with np.load(out) as archive:
+        about = json.loads(str(archive["meta"]))
+    assert about["options"]["proof"] in said
+    assert about["mesh"]["voxel"] == [4.0, 4.0, 40.0]
 
 
 @pytest.mark.parametrize(

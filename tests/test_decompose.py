@@ -11,7 +11,7 @@ from scipy import sparse
 from scipy.linalg import eigh
 from scipy.sparse.linalg import LinearOperator, splu
 
-from meshmash_viewer import decompose, eigenpairs
+from meshmash_viewer import decompose, descriptors, eigenpairs
 from meshmash_viewer.decompose import (
     compute_geometry_vectors,
     compute_hks,
@@ -479,13 +479,13 @@ def test_large_spectra_go_through_a_temporary_file(neuron, monkeypatch):
     expected = compute_geometry_vectors(neuron, THRESHOLD)
     monkeypatch.setattr(eigenpairs, "_MEMORY_SHARE", 0.0)
     kinds = []
-    accumulate = decompose.accumulate_features
+    accumulate = descriptors.accumulate_features
 
     def watched(eigenvalues, rows, coefficients):
         kinds.append(type(rows))
         return accumulate(eigenvalues, rows, coefficients)
 
-    monkeypatch.setattr(decompose, "accumulate_features", watched)
+    monkeypatch.setattr(descriptors, "accumulate_features", watched)
     np.testing.assert_array_equal(compute_geometry_vectors(neuron, THRESHOLD), expected)
     assert kinds == [np.memmap]
 
@@ -508,10 +508,11 @@ def test_progress_and_cancel(neuron):
 
 def test_verbose_draws_on_stderr_and_ends_with_the_proof(neuron, capsys):
     reports = []
-    compute_hks(neuron, 1e-5, verbose=True, progress=reports.append)
+    compute_hks(neuron.in_unit("nm"), 1e-5, verbose=True, progress=reports.append)
     printed = capsys.readouterr()
     assert printed.out == ""
     assert "pairs · complete" in printed.err
+    assert "nm⁻²)" in printed.err
     assert reports
     compute_hks(neuron, 1e-5)
     assert capsys.readouterr().err == ""

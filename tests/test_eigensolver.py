@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from typing import Any
 
@@ -14,6 +15,7 @@ import scipy.sparse as sp
 from meshmash_viewer.eigensolver import Decomposition, estimate_memory, iterate, solve
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import Cancelled, Progress
+from meshmash_viewer.proof import proof_in_unit
 
 Matrices = tuple[Any, Any]
 N_POINTS = 800
@@ -311,6 +313,26 @@ def test_proof_is_one_line_and_memory_grows_with_pairs() -> None:
     many = estimate_memory(10_000, 70_000, 100, n_null=64)
     assert estimate_memory(10_000, 70_000, 64, n_null=64) < many
     assert many < estimate_memory(10_000, 70_000, 100)
+
+
+def test_the_bound_of_the_count_carries_the_unit_of_the_mesh() -> None:
+    result = solve(*random_mesh(16), 30)
+    assert re.search(r"below [-+.0-9e]+\)", result.proof())
+    assert re.search(r"below [-+.0-9e]+ mm⁻²\)", result.proof("mm"))
+
+
+@pytest.mark.parametrize(
+    ("said", "written"),
+    [
+        ("inertia 30 from -0.5 to 1.2e-08", "inertia 30 from -0.5 to 1.2e-08 nm⁻²"),
+        ("the first 3 of 10: inertia 10 below 0.5", "the first 3 of 10: inertia 10 below 0.5 nm⁻²"),
+        ("below 7.5, but a residual above 1e-06", "below 7.5 nm⁻², but a residual above 1e-06"),
+        ("all 12 eigenvalues computed", "all 12 eigenvalues computed"),
+    ],
+)
+def test_nothing_else_in_a_proof_is_given_a_unit(said: str, written: str) -> None:
+    assert proof_in_unit(said, "nm") == written
+    assert proof_in_unit(said, "") == said
 
 
 def test_a_large_residual_vetoes_the_count(monkeypatch: pytest.MonkeyPatch) -> None:

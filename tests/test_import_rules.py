@@ -34,7 +34,7 @@ ALLOWED = {
 VTK_OUTSIDE_APP = {
     "meshmash_viewer.mesh",
     "meshmash_viewer.io.formats.vtk",
-    "meshmash_viewer.io.write",
+    "meshmash_viewer.io.writers",
 }
 #: Modules of the window that touch VTK: the scene and its parts, and pictures without a window.
 VTK_INSIDE_APP = ("scene", "canvas", "picture", "render")
@@ -44,7 +44,7 @@ def layer(module: str) -> str:
     first = module.split(".")[1] if "." in module else ""
     if first in ("io", "model", "app"):
         return first
-    return "cli" if first in ("cli", "commands", "__main__") else "numerics"
+    return "cli" if first in ("arguments", "cli", "commands", "__main__") else "numerics"
 
 
 def imports(module: str, top_level_only: bool = False) -> set[str]:

@@ -11,6 +11,7 @@ import pytest
 import shapes
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.mesh import Mesh, as_mesh, mesh_to_poly
 
 TRIANGLE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -180,3 +181,28 @@ def test_the_area_sample_weighs_a_speck_as_little_as_its_area(sphere: Mesh) -> N
     upper = np.count_nonzero(mesh.vertices[sample, 2] > 0.0) / len(sample)
     assert upper == pytest.approx(0.5, abs=0.05)
     np.testing.assert_array_equal(sample, mesh.area_sample(40_000))
+
+
+def test_voxels_of_another_size_speak_of_the_same_file(neuron):
+    first = neuron.in_voxels((4.0, 4.0, 32.0), "nm")
+    np.testing.assert_array_equal(first.vertices, neuron.vertices * (4.0, 4.0, 32.0))
+    again = first.in_voxels((8.0, 8.0, 8.0), "µm")
+    np.testing.assert_array_equal(again.vertices, 8.0 * neuron.vertices)
+    assert (again.unit, again.voxel, again.name) == ("µm", (8.0, 8.0, 8.0), neuron.name)
+    assert pickle.loads(pickle.dumps(again)).voxel == again.voxel
+    for repair in REPAIRS.values():
+        assert repair.apply(again).voxel == again.voxel
+
+
+@pytest.mark.parametrize("voxel", [(1.0, 1.0), (1.0, 0.0, 1.0), (1.0, 1.0, np.nan), (8.0,)])
+def test_a_voxel_has_three_positive_sizes(voxel):
+    with pytest.raises(InputError, match="three positive sizes"):
+        Mesh(TRIANGLE, [[0, 1, 2]], voxel=voxel)
+
+
+def test_values_are_kept_on_the_surface_alone(neuron):
+    values = np.full(neuron.n_vertices, np.nan)
+    seen = neuron.on_surface(values)
+    np.testing.assert_array_equal(np.isnan(seen), neuron.referenced)
+    assert np.isnan(values).all(), "what came is not changed"
+    assert len(neuron.unreferenced)

@@ -26,11 +26,12 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.file_row import FileRow
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.feature_kinds import KINDS
 from meshmash_viewer.io.write import EIGENPAIR_WRITERS, check_output
 from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.export import KINDS
+from meshmash_viewer.model.export import export_bank
 from meshmash_viewer.model.jobs import ExportJob
 from meshmash_viewer.model.ranges import band_range, hks_range
 from meshmash_viewer.model.spectrum import Spectrum
@@ -81,6 +82,7 @@ class ExportDialog(QDialog):
         self._document = document
         self._mesh = document.mesh
         self._spectrum = document.spectrum
+        self._possible = True
 
         self.kind_combo = QComboBox(objectName="export_kind_combo")
         self.kind_combo.setAccessibleName("What to export")
@@ -91,6 +93,10 @@ class ExportDialog(QDialog):
         self.pairs_spin.setRange(1, len(self._spectrum))
         self.pairs_spin.setValue(len(self._spectrum))
         self.pairs_spin.setSuffix(f" of {len(self._spectrum):,} eigenpairs")
+        self.energies_spin = QSpinBox(objectName="export_energies_spin")
+        self.energies_spin.setAccessibleName("Number of energies of the wave kernel signature")
+        self.energies_spin.setRange(1, 1000)
+        self.energies_spin.setValue(32)
         self._build_table()
         self.contents_label = self._label("export_contents_label", "What the file will contain")
         self.columns_label = self._label("export_columns_label", "Columns")
@@ -110,6 +116,7 @@ class ExportDialog(QDialog):
             (
                 ("What", self.kind_combo),
                 ("Made from", self.pairs_spin),
+                ("Energies", self.energies_spin),
                 ("Format", self.table),
                 ("Contains", self.contents_label),
                 ("Columns", self.columns_label),
@@ -120,7 +127,9 @@ class ExportDialog(QDialog):
             label.setContentsMargins(0, 4, 0, 0)
             grid.addWidget(label, at, 0, top)
             grid.addWidget(widget, at, 1)
-        grid.addWidget(self.remark_label, 6, 1)
+            if widget is self.energies_spin:
+                self._energies_row = (label, widget)
+        grid.addWidget(self.remark_label, grid.rowCount(), 1)
 
         buttons = QDialogButtonBox()
         buttons.addButton(QDialogButtonBox.StandardButton.Cancel)
@@ -142,6 +151,7 @@ class ExportDialog(QDialog):
 
         self.kind_combo.currentIndexChanged.connect(self._change_kind)
         self.pairs_spin.valueChanged.connect(self._refresh)
+        self.energies_spin.valueChanged.connect(self._refresh)
         self.table.itemSelectionChanged.connect(self._change_format)
         self.file_row.changed.connect(self._refresh_remark)
         kind = _KIND_OF_FIELD.get(document.display.kind, "hks")
@@ -185,6 +195,8 @@ class ExportDialog(QDialog):
         if self.kind == "geometry-vectors":
             e_min, e_max = band_range(used, display)
             return {"e_min": e_min, "e_max": e_max, "n_bands": display.band_count}
+        if self.kind == "wks":
+            return {"n_energies": self.energies_spin.value()}
         return {}
 
     def _used(self) -> Spectrum:
@@ -239,6 +251,8 @@ class ExportDialog(QDialog):
     def _change_kind(self) -> None:
         """Only two of the formats can hold eigenpairs."""
         pairs = self.kind == "eigenpairs"
+        for widget in self._energies_row:
+            widget.setVisible(self.kind == "wks")
         for row, each in enumerate(FORMATS):
             possible = not pairs or each.ending in EIGENPAIR_WRITERS
             for at in range(self.table.columnCount()):
@@ -262,14 +276,20 @@ class ExportDialog(QDialog):
 
     def _refresh(self) -> None:
         n, unit = self._mesh.n_vertices, self._mesh.unit
-        columns, about = self._columns()
+        try:
+            columns, about = self._columns()
+        except InputError as fault:
+            columns, about = [], str(fault)
+        self._possible = bool(columns)
         for row, each in enumerate(FORMATS):
             size = n * (each.number * len(columns) + each.place)
-            possible = self.table.item(row, 0).flags() != Qt.ItemFlag.NoItemFlags
+            possible = columns and self.table.item(row, 0).flags() != Qt.ItemFlag.NoItemFlags
             self.table.item(row, 2).setText(written_bytes(size) if possible else "–")
         kind = "float32" if self.format.number < 8 and self.format.ending != ".csv" else "float64"
         self.contents_label.setText(
             f"{n:,} rows (vertices) × {len(columns):,} columns, {kind}.\n{about}"
+            if columns
+            else about
         )
         shown = columns if len(columns) <= 4 else [*columns[:3], "…", columns[-1]]
         measured = "" if unit else "  (no unit: set one in the Mesh panel)"
@@ -278,29 +298,30 @@ class ExportDialog(QDialog):
 
     def _columns(self) -> tuple[list[str], str]:
         """Names of the columns as they will be written, and a sentence on them."""
-        from meshmash_viewer.filters import bspline_bank, heat_kernel_bank, hks_times
-
         used, unit = self._used(), self._mesh.unit
         per_area = power_unit(unit, -2)
         density = f" Values in {per_area}." if per_area else ""
+        if self.kind == "eigenpairs":
+            about = f"Eigenvalues up to {format_quantity(float(used.eigenvalues[-1]), unit, -2)}"
+            values = power_unit(unit, -1)
+            about += f", eigenvectors in {values}, M-orthonormal." if values else "."
+            return [f"eigenvector_{at}" for at in range(len(used))], about
         chosen = self._parameters()
+        bank = export_bank(self.kind, used.eigenvalues, chosen)
         if self.kind == "hks":
             t_min, t_max = chosen["t_min"], chosen["t_max"]
-            times = hks_times(used.eigenvalues, t_min, t_max, chosen["n_scales"])
             about = (
                 f"Times from {format_quantity(t_min, unit, 2)} to "
                 f"{format_quantity(t_max, unit, 2)}, lengths √t from "
                 f"{format_quantity(t_min**0.5, unit)} to {format_quantity(t_max**0.5, unit)}."
             )
-            return list(heat_kernel_bank(times).columns), about + density
-        if self.kind == "geometry-vectors":
+        elif self.kind == "geometry-vectors":
             low, high = chosen["e_min"], chosen["e_max"]
             about = f"Bands of λ from {low:.4g} to {format_quantity(high, unit, -2)}."
-            return list(bspline_bank(low, high, chosen["n_bands"]).columns), about + density
-        about = f"Eigenvalues up to {format_quantity(float(used.eigenvalues[-1]), unit, -2)}"
-        values = power_unit(unit, -1)
-        about += f", eigenvectors in {values}, M-orthonormal." if values else "."
-        return [f"eigenvector_{at}" for at in range(len(used))], about
+        else:
+            low, high = bank.parameters[0], bank.parameters[-1]
+            about = f"Energies λ from {low:.4g} to {format_quantity(high, unit, -2)}."
+        return list(bank.columns), about + density
 
     def _refresh_remark(self) -> None:
         parts = []
@@ -311,7 +332,7 @@ class ExportDialog(QDialog):
             parts.append(f"{self.path.name} exists and will be replaced.")
         self.remark_label.setText(" ".join(parts))
         self.remark_label.setVisible(bool(parts))
-        self.export_button.setEnabled(self.file_row.named)
+        self.export_button.setEnabled(self._possible and self.file_row.named)
 
     def _accept(self) -> None:
         kind = "eigenpairs" if self.kind == "eigenpairs" else "features"

@@ -207,7 +207,7 @@ class MainWindow(QMainWindow):
         self.stage.message_bar.forget_error()
         name = f"{ready.mesh.name or 'Mesh in memory'} – " if ready else ""
         self.setWindowTitle(f"{name}MeshMash Viewer")
-        if ready is not None and ready.path is not None and not ready.repair:
+        if ready is not None and ready.path is not None and not ready.repairs:
             self.settings.add_recent(ready.path)
             self.last_look.restore()
         self.hover_label.setText(self._mesh_summary())
@@ -243,12 +243,14 @@ class MainWindow(QMainWindow):
             self.scene.set_field(None, (0.0, 1.0), display.sequential_colormap)
             self.scene.set_nodal_lines(None)
             self.field_panel.set_field(None, (0.0, 1.0))
+            self.stage.message_bar.keep_clear(self.scene.title_size)
             return
         limits = field.limits(display.limits)
         colormap = display.diverging_colormap if field.signed else display.sequential_colormap
         self.scene.set_field(field, limits, colormap)
         self.scene.set_nodal_lines(field.values if display.nodal_lines and field.signed else None)
         self.field_panel.set_field(field, limits)
+        self.stage.message_bar.keep_clear(self.scene.title_size)
 
     def _on_hover(self, vertex: int) -> None:
         ready = self.document.ready

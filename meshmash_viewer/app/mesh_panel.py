@@ -31,12 +31,15 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model import cost
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.live import expected_bytes
+from meshmash_viewer.proof import proof_in_unit
 from meshmash_viewer.units import LENGTH_UNITS, format_quantity, power_unit
 
 __all__ = ["MeshPanel"]
 
 #: Least width, in pixels: that of the panel before a mesh is open.
 _WIDTH = 280
+#: Of the unit, from "nm" to "4 × 4 × 40 nm" and longer ones.
+_NARROWEST_UNIT, _WIDEST_UNIT = 144, 216
 
 
 class MeshPanel(QWidget):
@@ -137,15 +140,15 @@ class MeshPanel(QWidget):
             grid.addWidget(QLabel(name), at, 0)
             grid.addWidget(label, at, 1)
         self.unit_combo = QComboBox(objectName="unit_combo", editable=True)
-        # the last one shows that a voxel size can be said too, whichever it is
-        self.unit_combo.addItems([*(unit or "none" for unit in LENGTH_UNITS), "8 nm"])
+        # the last ones show that a voxel size can be said too, whichever it is
+        voxels = ("8 nm", "4 × 4 × 40 nm")
+        self.unit_combo.addItems([*(unit or "none" for unit in LENGTH_UNITS), *voxels])
         self.unit_combo.setInsertPolicy(QComboBox.InsertPolicy.NoInsert)
         self.unit_combo.setAccessibleName("Unit of the coordinates")
         self.unit_combo.setToolTip(
-            "Unit of the coordinates in the file; or the size of a voxel, such as “8 nm”, "
-            "by which coordinates counted in voxels are multiplied"
+            "Unit of the coordinates in the file; or the size of a voxel, such as “8 nm” or "
+            "“4 × 4 × 40 nm”, by which coordinates counted in voxels are multiplied"
         )
-        self.unit_combo.setFixedWidth(96)
         self.unit_combo.lineEdit().editingFinished.connect(self._choose_unit)
         self.unit_combo.activated.connect(self._choose_unit)
         grid.addWidget(QLabel("Unit"), 4, 0)
@@ -172,7 +175,7 @@ class MeshPanel(QWidget):
             self.path_label.setText("Drop one on the window, or press Ctrl+O.")
             for label in self._facts.values():
                 label.setText("–")
-            self.unit_combo.setCurrentText("none")
+            self._show_unit("none")
             return
         mesh, health = ready.mesh, ready.health
         self.name_label.setText(mesh.name or "Mesh in memory")
@@ -188,7 +191,14 @@ class MeshPanel(QWidget):
         self._facts["Extent"].setText(_size(extent, mesh.unit))
         for label in self._facts.values():
             label.setToolTip(label.text())
-        self.unit_combo.setCurrentText(self._document.unit_text)
+        self._show_unit(self._document.unit_text)
+
+    def _show_unit(self, text: str) -> None:
+        """Write the unit, from its beginning and in the width that it takes."""
+        self.unit_combo.setCurrentText(text)
+        self.unit_combo.lineEdit().setCursorPosition(0)
+        wide = self.unit_combo.fontMetrics().horizontalAdvance(text) + 58
+        self.unit_combo.setFixedWidth(min(max(wide, _NARROWEST_UNIT), _WIDEST_UNIT))
 
     # -- the Laplacian ------------------------------------------------------------------------
 
@@ -318,7 +328,8 @@ class MeshPanel(QWidget):
         spectrum, state = self._document.spectrum, self._document.job
         text, role = "", "muted"
         if spectrum is not None and spectrum.proof:
-            text, role = spectrum.proof, "proof" if spectrum.complete else "warning"
+            text = proof_in_unit(spectrum.proof, self._document.mesh.unit)
+            role = "proof" if spectrum.complete else "warning"
         elif spectrum is not None and state is None and spectrum.preview and not spectrum.n_exact:
             text = f"A preview of {len(spectrum):,} pairs: Compute makes them exact."
         elif spectrum is not None and state is None and len(spectrum):

@@ -15,8 +15,6 @@ __all__ = ["MessageBar"]
 _STAY = 7000
 _WIDEST = 620
 _NARROWEST = 360
-#: What the render's title takes at the upper left.
-_TITLE = 260
 
 
 class MessageBar(QFrame):
@@ -33,6 +31,7 @@ class MessageBar(QFrame):
         self.setObjectName("message_bar")
         self.setAccessibleName("Message")
         self.notice: Notice | None = None
+        self._title = QSize(0, 0)
 
         self._icon = QLabel(objectName="message_icon")
         self._text = QLabel(objectName="message_text", wordWrap=True)
@@ -88,6 +87,13 @@ class MessageBar(QFrame):
         if self.notice is not None and self.notice.severity is Severity.ERROR:
             self.dismiss()
 
+    def keep_clear(self, title: QSize) -> None:
+        """Leave a part of the parent's upper left corner alone, so that it can still be read."""
+        if title != self._title:
+            self._title = title
+            if self.isVisible():
+                self._place()
+
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Follow the size of the widget it floats over."""
         if watched is self.parent() and event.type() == QEvent.Type.Resize and self.isVisible():
@@ -97,14 +103,18 @@ class MessageBar(QFrame):
     def _place(self) -> None:
         room = self.parentWidget().rect()
         margin = theme.MARGIN
-        # beside the title of the field where there is room, so that it can still be read
-        beside = room.width() - _TITLE - margin
-        width = min(beside, _WIDEST) if beside >= _NARROWEST else room.width() - 2 * margin
+        top, free = margin, room.width() - 2 * margin
+        beside = room.width() - self._title.width() - margin
+        if not self._title.isEmpty() and beside >= _NARROWEST:
+            free = beside
+        elif not self._title.isEmpty():
+            top = self._title.height()
+        width = min(free, _WIDEST)
         self.ensurePolished()
         height = self.heightForWidth(width)
         if height < 0:
             height = self.sizeHint().height()
-        self.setGeometry(room.width() - width - margin, margin, width, height)
+        self.setGeometry(room.width() - width - margin, top, width, height)
 
     def _refresh(self) -> None:
         self.style().unpolish(self)

@@ -65,7 +65,8 @@ def render_picture(
     drawing.set_mesh(mesh, mesh.vertex_normals)
     if values is not None:
         values = np.asarray(values, dtype=np.float32)
-        drawing.set_field(values, _limits(values, limits), colormap, title, quantity, unit)
+        limits = _limits(values, limits)
+        drawing.set_field(mesh.on_surface(values), limits, colormap, title, quantity, unit)
     pixels = draw_picture(drawing, size, transparent)
     # Late: the writers load more than a picture on the screen needs.
     from meshmash_viewer.io.write import write_picture

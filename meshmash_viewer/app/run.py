@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ from PySide6.QtGui import QFont
 from PySide6.QtWidgets import QApplication
 
 from meshmash_viewer.app import icons, theme
+from meshmash_viewer.units import UNIT_FORMS
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.main_window import MainWindow
@@ -73,7 +75,7 @@ def run_app(argv: Sequence[str] | None = None) -> int:
     """
     parser = argparse.ArgumentParser(prog="meshmash-viewer")
     parser.add_argument("mesh", nargs="*", type=Path, help="mesh or session file to open")
-    parser.add_argument("--unit", default="", help='nm, µm, mm, m, none, or a voxel like "8 nm"')
+    parser.add_argument("--unit", default="", help=UNIT_FORMS)
     parser.add_argument("--fresh", action="store_true", help="ignore stored settings")
     options = parser.parse_args(argv)
 
@@ -110,7 +112,7 @@ def view(
     mesh : MeshLike
         ``(vertices, faces)``, a `Mesh`, a ``trimesh.Trimesh`` or a pyvista ``PolyData``.
     unit : str
-        Length unit of its coordinates, unless the mesh states one.
+        Length unit of its coordinates or size of its voxels, as `read_mesh` takes it.
     name : str
         What the window calls it.
     block : bool, optional
@@ -122,13 +124,14 @@ def view(
     MainWindow
         Its `document` can be read and driven from the script.
     """
-    from meshmash_viewer.mesh import Mesh, as_mesh
+    from meshmash_viewer.mesh import as_mesh
     from meshmash_viewer.units import parse_unit
 
     taken = as_mesh(mesh)
-    if unit or name:
-        factor, length_unit = parse_unit(unit or taken.unit)
-        taken = Mesh(taken.vertices * factor, taken.faces, length_unit, name or taken.name)
+    if unit:
+        taken = taken.in_voxels(*parse_unit(unit))
+    if name:
+        taken = replace(taken, name=name)
     app = application()
 
     from meshmash_viewer.app.main_window import MainWindow

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from PySide6.QtCore import QEvent, QPoint, QPointF, QThreadPool, QTimer, Signal
+from PySide6.QtCore import QEvent, QPoint, QPointF, QSize, QThreadPool, QTimer, Signal
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
@@ -17,6 +17,7 @@ from meshmash_viewer.app.listening import frame_drawn
 from meshmash_viewer.app.picture import draw_picture
 from meshmash_viewer.app.render.camera import View
 from meshmash_viewer.app.render.drawing import Drawing
+from meshmash_viewer.app.render.text_layer import text_size
 from meshmash_viewer.clustering import CoarseMesh, cluster_vertices
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.nodal_lines import nodal_lines
@@ -31,6 +32,8 @@ REST = 220
 FIRST_REST = 3000
 #: About how many vertices the stand-in has.
 COARSE_VERTICES = 40_000
+#: How the overlay writes the title of a field and its quantity, in points.
+TITLE_SIZE, QUANTITY_SIZE, TITLE_MARGIN, TITLE_HEIGHT = 15, 12, 24, 72
 
 
 class Scene(QWidget):
@@ -146,8 +149,9 @@ class Scene(QWidget):
         if field is None:
             self._drawing.set_field(None, limits, colormap)
         else:
+            values = self._drawing.mesh.on_surface(field.values)
             self._drawing.set_field(
-                field.values, limits, colormap, field.title, field.quantity, field.unit
+                values, limits, colormap, field.title, field.quantity, field.unit
             )
         if self._line_values is not None:
             # The lines of another field would be wrong; new ones follow `set_nodal_lines`.
@@ -156,6 +160,19 @@ class Scene(QWidget):
         if had_caption != (field is not None) and not self._user_moved_camera:
             self.reset_camera()
         self._moves()
+
+    @property
+    def title_size(self) -> QSize:
+        """What title and quantity take of the upper left corner; empty where there are none."""
+        caption = self._drawing.caption
+        if caption is None:
+            return QSize(0, 0)
+        wide = max(
+            text_size(caption.title, TITLE_SIZE, True)[0],
+            text_size(caption.quantity, QUANTITY_SIZE, False)[0],
+        )
+        # rounded up, so that what keeps clear of it does not tremble as numbers change
+        return QSize(-(-(wide + 2 * TITLE_MARGIN) // 40) * 40, TITLE_HEIGHT)
 
     def set_pins(self, pins: Iterable[Any]) -> None:
         """Mark vertices: objects with `vertex` and `color`."""

@@ -5,9 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import queue
-import shutil
 import subprocess
-import tempfile
 import threading
 import traceback
 from pathlib import Path
@@ -16,6 +14,7 @@ from typing import cast
 from PySide6.QtCore import QObject, QThread, QTimer, Signal
 
 from meshmash_viewer.app.render.geometry import geometry_of
+from meshmash_viewer.io.scratch import ScratchFolder, remove_abandoned
 from meshmash_viewer.model.jobs import Job, MeshReady, SpectrumGrew
 from meshmash_viewer.model.process import Failure, child_command, end_group
 from meshmash_viewer.model.transport import Wire
@@ -44,8 +43,8 @@ class Worker(QObject):
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self._folder = Path(tempfile.mkdtemp(prefix="meshmash-viewer-"))
-        self._thread = _WorkerThread(self, self._folder)
+        self._scratch = ScratchFolder()
+        self._thread = _WorkerThread(self, self.folder)
         self._numbers = itertools.count(1)
         self._number = 0  # of the running job; 0 while idle
         for ended in (self.finished, self.failed, self.cancelled):
@@ -65,7 +64,7 @@ class Worker(QObject):
     @property
     def folder(self) -> Path:
         """Where arrays pass through; gone after `close`."""
-        return self._folder
+        return self._scratch.path
 
     def submit(self, job: Job) -> None:
         """Start a job.
@@ -94,7 +93,7 @@ class Worker(QObject):
         """Stop whatever runs and wait until its processes and files are gone."""
         self._thread.close()
         self._thread.wait()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        self._scratch.remove()
 
     def _end(self) -> None:
         self._number = 0
@@ -156,6 +155,7 @@ class _WorkerThread(QThread):
         try:
             self._start_process()
             _warm_up()
+            remove_abandoned()
             while (job := self.orders.get()) is not None:
                 self._run(job)
         finally:

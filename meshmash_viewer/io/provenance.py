@@ -32,7 +32,7 @@ def provenance(mesh: Mesh, options: dict[str, Any] | None = None) -> dict[str, A
     -------
     dict
         JSON-able: ``program``, ``created`` (ISO 8601, UTC), ``mesh`` (name, SHA-256 of its
-        content, unit, counts), ``options``, ``versions``.
+        content, unit, voxel, counts), ``options``, ``versions``.
     """
     versions = {"python": platform.python_version()}
     for package in _PACKAGES:
@@ -44,6 +44,7 @@ def provenance(mesh: Mesh, options: dict[str, Any] | None = None) -> dict[str, A
             "name": mesh.name,
             "hash": mesh.content_hash,
             "unit": mesh.unit,
+            "voxel": mesh.voxel,
             "n_vertices": mesh.n_vertices,
             "n_faces": mesh.n_faces,
         },

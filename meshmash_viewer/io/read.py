@@ -30,7 +30,7 @@ from meshmash_viewer.io.formats.stl import read_stl
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtp
 from meshmash_viewer.io.polygons import RawMesh
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.units import parse_unit
+from meshmash_viewer.units import NO_VOXEL, parse_unit
 
 __all__ = ["READABLE_ENDINGS", "READERS", "mesh_name", "read_mesh"]
 
@@ -73,13 +73,13 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
         A file with one of `READABLE_ENDINGS`.
     unit : str, optional
         The unit of the file's coordinates: "nm", "µm", "mm", "m", "none", or the size of a
-        voxel such as "8 nm", by which coordinates are multiplied. None takes what the format
-        states: mm for GIFTI and FreeSurfer, otherwise no unit.
+        voxel such as "8 nm" or "4 x 4 x 40 nm", by which coordinates are multiplied. None takes
+        what the format states: mm for GIFTI and FreeSurfer, otherwise no unit.
 
     Returns
     -------
     Mesh
-        With `Mesh.unit` set and `Mesh.name` the file's name without its ending.
+        With `Mesh.unit` and `Mesh.voxel` set and `Mesh.name` the file's name without its ending.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
     >>> mesh = read_mesh("neuron.obj", unit="8 nm")  # doctest: +SKIP
     """
     path = Path(path)
-    factor, given_unit = (1.0, None) if unit is None else parse_unit(unit)
+    voxel, given_unit = (NO_VOXEL, None) if unit is None else parse_unit(unit)
     _check_file(path)
     ending = _ending(path)
     reader = READERS[ending.removesuffix(".gz")]
@@ -102,10 +102,11 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
             _check_content(raw)
             stated = raw.unit or ""
             return Mesh(
-                raw.vertices * factor if factor != 1.0 else raw.vertices,
+                raw.vertices * voxel if voxel != NO_VOXEL else raw.vertices,
                 raw.faces,
                 unit=stated if given_unit is None else given_unit,
                 name=mesh_name(path),
+                voxel=voxel,
             )
     except InputError as fault:
         raise InputError(f"{path} {_way_out(str(fault), ending)}") from fault

@@ -29,7 +29,8 @@ class Session:
         The mesh's file. In the session's file it is relative to it where both share a folder, so
         that the two can be moved together.
     unit : str
-        What `read_mesh` was asked for: "nm", "8 nm", "none", or "" for what the format states.
+        What `read_mesh` was asked for: "nm", "8 nm", "4 × 4 × 40 nm", "none", or "" for what the
+        format states.
     repairs : list of str
         Names of the repairs made after reading, oldest first.
     mesh_hash : str

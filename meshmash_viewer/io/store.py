@@ -12,7 +12,7 @@ import hashlib
 import json
 import shutil
 import zlib
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,12 +24,23 @@ from meshmash_viewer.io.atomic import written_whole
 from meshmash_viewer.io.cache import EigenpairCache, default_cache_folder, folder_size
 from meshmash_viewer.io.lock import FileLock
 from meshmash_viewer.io.npy import create_rows, grow_rows, map_rows
+from meshmash_viewer.io.stored_spectrum import (
+    CHECKSUMS,
+    MASS,
+    META,
+    RESIDUALS,
+    ROWS,
+    VALUES,
+    StoredSpectrum,
+    checksum,
+    read_spectrum,
+    verify_spectrum,
+)
 
 if TYPE_CHECKING:
     from meshmash_viewer.eigensolver import Decomposition
     from meshmash_viewer.laplacian import OperatorOptions
     from meshmash_viewer.mesh import Mesh
-    from meshmash_viewer.weyl import Target
 
 __all__ = ["EigenpairStore", "StoreBusy", "StoredSpectrum"]
 
@@ -37,113 +48,11 @@ FloatArray = npt.NDArray[np.float64]
 
 #: Raised whenever the files change their meaning, so that old ones are not found.
 _FORMAT = 1
-_ROWS, _VALUES, _RESIDUALS, _CHECKSUMS = (
-    "eigenvectors.npy",
-    "eigenvalues.npy",
-    "residuals.npy",
-    "checksums.npy",
-)
-_MASS, _META, _PROBLEM = "mass.npy", "meta.json", "problem.json"
-#: A row's checksum covers this many blocks of so many values: cheap, yet holes are seen.
-_BLOCKS, _BLOCK_VALUES = 16, 64
-#: Equal up to rounding, as the solver takes a threshold.
-_THRESHOLD_MARGIN = 1e-11
+_PROBLEM = "problem.json"
 
 
 class StoreBusy(InputError):
     """Another process is computing the same eigenpairs into the same folder."""
-
-
-@dataclass(frozen=True, eq=False)
-class StoredSpectrum:
-    """The leading eigenpairs that a store holds.
-
-    Parameters
-    ----------
-    eigenvalues : ndarray of float64, shape (k,)
-    rows : ndarray of float64, shape (k, n)
-        Read-only memory map; it stays valid while the store grows.
-    residuals : ndarray of float64, shape (k,)
-        Relative residuals.
-    n_proven : int
-        How many of them belong to a finished run; the others have converged in a run that was
-        cut off or is still going on.
-    meta : dict
-        What the finished run said of itself; empty if there is none.
-    mass : ndarray of float64, shape (n,), optional
-        Diagonal of the mass matrix; None without a finished run.
-    """
-
-    eigenvalues: FloatArray
-    rows: FloatArray
-    residuals: FloatArray
-    n_proven: int
-    meta: dict[str, Any]
-    mass: FloatArray | None
-
-    @property
-    def n_converged(self) -> int:
-        """Number of pairs k."""
-        return len(self.eigenvalues)
-
-    @property
-    def complete(self) -> bool:
-        """Whether all of them are proven, with none missing in between."""
-        return self.n_proven == self.n_converged and bool(self.meta.get("complete", False))
-
-    @property
-    def proof(self) -> str:
-        """The proof line of all of them (see `Decomposition.proof`)."""
-        return self.decomposition().proof()
-
-    @property
-    def is_exhausted(self) -> bool:
-        """Whether the proven pairs are all that the mesh has."""
-        return bool(self.meta.get("exhausted", False))
-
-    def covers(self, target: Target) -> int | None:
-        """How many leading pairs answer a request; None if some have yet to be computed."""
-        proven = self.eigenvalues[: self.n_proven]
-        if target.n_components is not None:
-            if target.n_components <= self.n_proven:
-                return target.n_components
-            return self.n_proven if self.is_exhausted else None
-        bound = target.max_eigenvalue
-        assert bound is not None
-        count = int(np.searchsorted(proven, bound * (1 + _THRESHOLD_MARGIN), side="right"))
-        threshold = self.meta.get("max_eigenvalue")
-        known_to = -np.inf if threshold is None else float(threshold)
-        if count < self.n_proven or bound <= known_to or self.is_exhausted:
-            return count
-        return None
-
-    def decomposition(self, count: int | None = None) -> Decomposition:
-        """The first `count` pairs as the solver would return them.
-
-        Parameters
-        ----------
-        count : int, optional
-            None for all that have converged, as `known` of a run that goes on from there.
-        """
-        from meshmash_viewer.eigensolver import Decomposition
-
-        k = self.n_converged if count is None else count
-        proven = 0 < k <= self.n_proven
-        certificate = "interrupted before the count"
-        if proven:
-            certificate = str(self.meta.get("certificate", ""))
-            if k < self.n_proven:
-                certificate = f"the first {k} of {self.n_proven}: {certificate}"
-        return Decomposition(
-            eigenvalues=self.eigenvalues[:k],
-            rows=self.rows[:k],
-            residuals=self.residuals[:k],
-            orthonormality=float(self.meta.get("orthonormality", np.nan)) if proven else np.nan,
-            complete=proven and bool(self.meta.get("complete", False)),
-            certificate=certificate,
-            timings=dict(self.meta.get("timings", {})) if proven else {},
-            mass=np.zeros(0) if self.mass is None else self.mass,
-        )
 
 
 class EigenpairStore:
@@ -239,15 +148,15 @@ class EigenpairStore:
             Whether to compare checksums; a window that follows a running computation has no need
             to. A store that fails is set aside, and `notice` says so.
         """
-        if not (self.folder / _VALUES).exists():
+        if not (self.folder / VALUES).exists():
             return None
         try:
-            spectrum = self._map()
+            spectrum = read_spectrum(self.folder, self.n_vertices)
             if check and spectrum is not None:
-                self._verify(spectrum)
+                verify_spectrum(self.folder, spectrum)
         except FileNotFoundError as fault:
             # Clearing moves a folder away whole: where some is left, some was taken out.
-            if (self.folder / _VALUES).exists():
+            if (self.folder / VALUES).exists():
                 self.set_aside(f"{Path(fault.filename).name} is missing")
             return None
         except (OSError, ValueError, KeyError, TypeError) as fault:
@@ -256,52 +165,6 @@ class EigenpairStore:
         if check and spectrum is not None:
             self._cache.touch(self.folder)
         return spectrum
-
-    def _map(self) -> StoredSpectrum | None:
-        meta: dict[str, Any] = {}
-        if (self.folder / _META).exists():
-            meta = json.loads((self.folder / _META).read_text(encoding="utf-8"))
-        # Eigenvalues first: rows and residuals that they publish are there by then.
-        values = np.array(map_rows(self.folder / _VALUES, "r", (None,)))
-        rows = map_rows(self.folder / _ROWS, "r", (None, self.n_vertices))
-        residuals = map_rows(self.folder / _RESIDUALS, "r", (None,))
-        missing = np.flatnonzero(np.isnan(values))
-        converged = int(missing[0]) if len(missing) else len(values)
-        if len(rows) < converged or len(residuals) < converged:
-            raise ValueError("its arrays differ in length")
-        n_proven = int(meta.get("n_pairs", 0))
-        if n_proven > converged:
-            raise ValueError(f"it promises {n_proven} eigenpairs and holds {converged}")
-        if not converged:
-            return None
-        mass = None
-        if meta:
-            mass = map_rows(self.folder / _MASS, "r", (self.n_vertices,))
-        return StoredSpectrum(
-            values[:converged],
-            rows[:converged],
-            np.array(residuals[:converged]),
-            n_proven,
-            meta,
-            mass,
-        )
-
-    def _verify(self, spectrum: StoredSpectrum) -> None:
-        values = spectrum.eigenvalues
-        if np.any(np.diff(values) < -1e-9 * np.abs(values[1:])):
-            raise ValueError("its eigenvalues are out of order")
-        checksums = map_rows(self.folder / _CHECKSUMS, "r", (None,))
-        for index, row in enumerate(spectrum.rows):
-            found = _checksum(row, values[index], spectrum.residuals[index])
-            if found != checksums[index]:
-                raise ValueError(f"eigenpair {index} is damaged")
-        said = spectrum.meta.get("mass_checksum")
-        if (
-            spectrum.mass is not None
-            and said is not None
-            and zlib.crc32(spectrum.mass.tobytes()) != said
-        ):
-            raise ValueError("its mass matrix is damaged")
 
     # Writing, by the one process that holds the lock -----------------------------------------
 
@@ -350,23 +213,23 @@ class EigenpairStore:
                 f" {free / 1e9:.1f} GB free; free some, or ask for fewer eigenpairs."
             )
         self.folder.mkdir(parents=True, exist_ok=True)
-        if not (self.folder / _VALUES).exists():
+        if not (self.folder / VALUES).exists():
             with written_whole(self.folder / _PROBLEM) as part:
                 part.write_text(json.dumps(self._description, indent=1), encoding="utf-8")
-            create_rows(self.folder / _ROWS, (k, self.n_vertices), np.float64)
-            create_rows(self.folder / _RESIDUALS, (k,), np.float64, np.nan)
-            create_rows(self.folder / _CHECKSUMS, (k,), np.uint32)
+            create_rows(self.folder / ROWS, (k, self.n_vertices), np.float64)
+            create_rows(self.folder / RESIDUALS, (k,), np.float64, np.nan)
+            create_rows(self.folder / CHECKSUMS, (k,), np.uint32)
             # Last, because its presence makes the folder a store.
-            create_rows(self.folder / _VALUES, (k,), np.float64, np.nan)
+            create_rows(self.folder / VALUES, (k,), np.float64, np.nan)
         else:
-            grow_rows(self.folder / _ROWS, k)
-            grow_rows(self.folder / _RESIDUALS, k, np.nan)
-            grow_rows(self.folder / _CHECKSUMS, k)
-            grow_rows(self.folder / _VALUES, k, np.nan)
-        rows = map_rows(self.folder / _ROWS, "r+", (None, self.n_vertices))
-        self._residuals = map_rows(self.folder / _RESIDUALS, "r+", (None,))
-        self._checksums = map_rows(self.folder / _CHECKSUMS, "r+", (None,))
-        self._values = map_rows(self.folder / _VALUES, "r+", (None,))
+            grow_rows(self.folder / ROWS, k)
+            grow_rows(self.folder / RESIDUALS, k, np.nan)
+            grow_rows(self.folder / CHECKSUMS, k)
+            grow_rows(self.folder / VALUES, k, np.nan)
+        rows = map_rows(self.folder / ROWS, "r+", (None, self.n_vertices))
+        self._residuals = map_rows(self.folder / RESIDUALS, "r+", (None,))
+        self._checksums = map_rows(self.folder / CHECKSUMS, "r+", (None,))
+        self._values = map_rows(self.folder / VALUES, "r+", (None,))
         self._rows = rows
         return rows[:k]
 
@@ -386,7 +249,7 @@ class EigenpairStore:
         stop = start + len(eigenvalues)
         found = np.array(
             [
-                _checksum(self._rows[start + i], value, residual)
+                checksum(self._rows[start + i], value, residual)
                 for i, (value, residual) in enumerate(zip(eigenvalues, residuals, strict=True))
             ],
             dtype=np.uint32,
@@ -397,7 +260,7 @@ class EigenpairStore:
         ):
             return  # the same pairs as before
         # Other numbers in the place of proven ones: the proof does not speak of them.
-        (self.folder / _META).unlink(missing_ok=True)
+        (self.folder / META).unlink(missing_ok=True)
         self._values[start:stop] = np.nan
         self._checksums[start:stop] = found
         self._residuals[start:stop] = residuals
@@ -423,7 +286,7 @@ class EigenpairStore:
                     self._rows[i] = decomposition.rows[i]
             self.append(0, decomposition.eigenvalues, decomposition.residuals)
             mass = np.asarray(decomposition.mass, dtype=np.float64)
-            with written_whole(self.folder / _MASS) as part, part.open("wb") as file:
+            with written_whole(self.folder / MASS) as part, part.open("wb") as file:
                 np.save(file, mass)
             meta = {
                 "format": _FORMAT,
@@ -436,7 +299,7 @@ class EigenpairStore:
                 "mass_checksum": zlib.crc32(mass.tobytes()),
                 "exhausted": k >= int(np.count_nonzero(decomposition.mass > 0)),
             }
-            with written_whole(self.folder / _META) as part:
+            with written_whole(self.folder / META) as part:
                 part.write_text(json.dumps(meta, indent=1), encoding="utf-8")
             self._cache.touch(self.folder)
         finally:
@@ -488,14 +351,3 @@ class EigenpairStore:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def _checksum(row: FloatArray, eigenvalue: float, residual: float) -> int:
-    n = len(row)
-    if n <= _BLOCKS * _BLOCK_VALUES:
-        sampled = np.ascontiguousarray(row)
-    else:
-        begins = np.linspace(0, n - _BLOCK_VALUES, _BLOCKS).astype(np.int64)
-        sampled = np.concatenate([row[begin : begin + _BLOCK_VALUES] for begin in begins])
-    pair = np.array([eigenvalue, residual], dtype=np.float64)
-    return zlib.crc32(pair.tobytes(), zlib.crc32(sampled.tobytes()))

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from meshmash_viewer.eigensolver import Decomposition, estimate_memory, solve
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.store import EigenpairStore, StoreBusy
+from meshmash_viewer.io.stored_spectrum import ROWS
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.alignment import Alignment
@@ -27,7 +28,6 @@ __all__ = ["decompose", "find_known", "open_store", "refuse_what_cannot_fit"]
 _GROWTH_SECONDS = 0.3
 #: Share of the free memory that a run may take.
 _SHARE = 0.9
-_ROWS = "eigenvectors.npy"
 
 
 def find_known(mesh: Mesh, operator: OperatorOptions) -> tuple[SpectrumGrew | None, str]:
@@ -48,9 +48,9 @@ def find_known(mesh: Mesh, operator: OperatorOptions) -> tuple[SpectrumGrew | No
 def open_store(mesh: Mesh, operator: OperatorOptions, channel: Channel) -> EigenpairStore:
     """The store with the eigenpairs of a mesh: in the user's cache, or in this session's folder."""
     store = EigenpairStore.open_or_create(mesh, operator)
-    if not (store.folder / _ROWS).exists():
+    if not (store.folder / ROWS).exists():
         own = EigenpairStore.open_or_create(mesh, operator, root=channel.folder / "eigenpairs")
-        if (own.folder / _ROWS).exists():
+        if (own.folder / ROWS).exists():
             return own
     return store
 
@@ -246,7 +246,7 @@ class _Growth:
             eigenvalues, residuals = preview.before(eigenvalues, residuals)
         self._channel.send(
             SpectrumGrew(
-                self._store.folder / _ROWS,
+                self._store.folder / ROWS,
                 eigenvalues,
                 residuals,
                 total=len(self._eigenvalues),
@@ -278,7 +278,7 @@ def _grown(
     alignment: Alignment | None = None,
 ) -> SpectrumGrew:
     return SpectrumGrew(
-        store.folder / _ROWS,
+        store.folder / ROWS,
         np.array(decomposition.eigenvalues),
         np.array(decomposition.residuals),
         total=decomposition.n_components if ended else 0,

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
+import numpy as np
 from psygnal import Signal
 
 from meshmash_viewer.laplacian import OperatorOptions
@@ -26,7 +27,7 @@ from meshmash_viewer.model.jobs import (
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.model.translation import Translation
 from meshmash_viewer.progress import Progress
-from meshmash_viewer.units import parse_unit
+from meshmash_viewer.units import Voxel, parse_unit, written_unit
 from meshmash_viewer.weyl import Target
 
 __all__ = ["PIN_COLORS", "Document", "Notice", "Pin", "Severity"]
@@ -102,8 +103,7 @@ class Document:
     @property
     def repairs(self) -> tuple[str, ...]:
         """Names of the repairs in force, oldest first."""
-        history = [ready for ready, _ in self._undo] + ([self.ready] if self.ready else [])
-        return tuple(ready.repair for ready in history if ready.repair)
+        return self.ready.repairs if self.ready else ()
 
     def open_mesh(self, path: str | Path, unit: str = "") -> None:
         """Ask for a mesh file to be read; the open mesh stays until that has succeeded."""
@@ -121,7 +121,7 @@ class Document:
         text : str
             See `meshmash_viewer.units.parse_unit`. It speaks of the coordinates as they are in
             the file: "8 nm" said twice is said once, and "nm" after it takes it back. Where the
-            numbers stay as they are the spectrum stays too; a mesh in another scale has to be
+            numbers stay as they are the spectrum stays too; a mesh with other voxels has to be
             solved again.
 
         Raises
@@ -129,37 +129,42 @@ class Document:
         InputError
             If the text is not a unit.
         """
-        factor, unit = parse_unit(text)
+        voxel, unit = parse_unit(text)
         if self.ready is None:
             return
-        if factor == self.ready.factor:
-            self._undo = [(_in_unit(ready, unit), known) for ready, known in self._undo]
+        if voxel == self.ready.mesh.voxel:
             self.ready = _in_unit(self.ready, unit)
             self.mesh_changed.emit()
             self.pins_changed.emit()
             self.spectrum_changed.emit()
         else:
-            ready = self.ready
-            job = ScaleJob(ready.mesh, factor, unit, ready.path, ready.factor, self.operator)
-            self._request(job)
+            self._rescale(self.ready, voxel, unit)
 
     @property
     def unit_text(self) -> str:
         """The unit as `open_mesh` takes it: "nm", "none", or "8 nm" for a file in voxels."""
-        if self.ready is None:
-            return ""
-        unit = self.ready.mesh.unit or "none"
-        return unit if self.ready.factor == 1.0 else f"{self.ready.factor:.15g} {unit}"
+        return "" if self.mesh is None else written_unit(self.mesh.unit, self.mesh.voxel)
+
+    def _rescale(self, ready: MeshReady, voxel: Voxel, unit: str) -> None:
+        job = ScaleJob(ready.mesh, voxel, unit, ready.path, self.operator, ready.repairs)
+        self._request(job)
 
     def repair(self, name: str) -> None:
         """Ask for a repair of `meshmash_viewer.health.REPAIRS`."""
         if self.ready is not None:
-            self._request(RepairJob(self.ready.mesh, name, self.ready.path, self.operator))
+            ready = self.ready
+            self._request(RepairJob(ready.mesh, name, ready.path, self.operator, ready.repairs))
 
     def undo_repair(self) -> None:
-        """Go back to the mesh before the last repair."""
-        if self._undo:
-            self._show(*self._undo.pop())
+        """Go back to the mesh before the last repair, in the unit that has been given since."""
+        if not self._undo or self.mesh is None:
+            return
+        (before, spectrum), now = self._undo[-1], self.mesh
+        if before.mesh.voxel == now.voxel:
+            self._undo.pop()
+            self._show(_in_unit(before, now.unit), spectrum, self._pins_kept_on(before.mesh))
+        else:
+            self._rescale(before, now.voxel, now.unit)
 
     @property
     def can_undo(self) -> bool:
@@ -168,22 +173,18 @@ class Document:
 
     def accept_mesh(self, ready: MeshReady) -> None:
         """Take a mesh that was read or repaired, with the spectrum that was stored."""
-        if ready.scaled_by is not None and self.ready is not None:
-            ready = replace(ready, repair=self.ready.repair)
-            self._undo = [(_scaled(before, ready), None) for before, _ in self._undo]
-        elif ready.repair and self.ready is not None:
-            ready = replace(ready, factor=self.ready.factor)
+        if self.ready is not None and len(ready.repairs) > len(self.repairs):
             self._undo.append((self.ready, self.spectrum))
-        else:
-            self._undo.clear()
-            # before it come the constants, one for each component, which show nothing
-            self.display.index = ready.health.n_components
-        self._show(ready, ready.known.spectrum if ready.known is not None else None)
+        del self._undo[len(ready.repairs) :]
+        pins = self._pins_kept_on(ready.mesh) if ready.derived else ()
+        self._show(ready, ready.known.spectrum if ready.known is not None else None, pins)
 
-    def _show(self, ready: MeshReady, spectrum: Spectrum | None) -> None:
+    def _show(
+        self, ready: MeshReady, spectrum: Spectrum | None, pins: tuple[Pin, ...] = ()
+    ) -> None:
         self.ready = ready
         self.spectrum = spectrum
-        self.pins = ()
+        self.pins = pins
         self.display.similarity_vertex = None
         self.display.flipped = frozenset()
         # the first function that is not constant on every component: there is nothing to see before
@@ -268,6 +269,23 @@ class Document:
             self.pins = (*self.pins, Pin(int(vertex), color))
         self.pins_changed.emit()
 
+    def _pins_kept_on(self, mesh: Mesh) -> tuple[Pin, ...]:
+        """Those whose vertex is where it was in the file, under the number that it had."""
+        before = self.mesh
+        if before is None:
+            return ()
+        return tuple(
+            pin
+            for pin in self.pins
+            if pin.vertex < mesh.n_vertices
+            and np.allclose(
+                mesh.vertices[pin.vertex] / mesh.voxel,
+                before.vertices[pin.vertex] / before.voxel,
+                rtol=1e-9,
+                atol=0.0,
+            )
+        )
+
     def clear_pins(self) -> None:
         """Take all pins away."""
         self.pins = ()
@@ -314,17 +332,3 @@ class Document:
 
 def _in_unit(ready: MeshReady, unit: str) -> MeshReady:
     return replace(ready, mesh=ready.mesh.in_unit(unit))
-
-
-def _scaled(before: MeshReady, like: MeshReady) -> MeshReady:
-    """A mesh of the history, in the scale that the mesh made from it was given."""
-    mesh = before.mesh
-    vertices = mesh.vertices / before.factor * like.factor
-    area = before.health.area * (like.factor / before.factor) ** 2
-    return replace(
-        before,
-        mesh=Mesh(vertices, mesh.faces, like.mesh.unit, mesh.name),
-        health=replace(before.health, area=area),
-        factor=like.factor,
-        known=None,
-    )

@@ -2,18 +2,55 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.feature_kinds import KINDS
 from meshmash_viewer.model.jobs import Channel, ExportJob, Written
 from meshmash_viewer.progress import Progress
 
-__all__ = ["KINDS", "export"]
+if TYPE_CHECKING:
+    from meshmash_viewer.filters import FilterBank
 
-#: Kinds of export and what they are called.
-KINDS = {
-    "hks": "Heat kernel signature",
-    "geometry-vectors": "Geometry vectors",
-    "eigenpairs": "Eigenpairs",
-}
+__all__ = ["export", "export_bank"]
+
+
+def export_bank(
+    kind: str, eigenvalues: npt.NDArray[np.float64], parameters: dict[str, Any]
+) -> FilterBank:
+    """The filters of a kind of features.
+
+    Parameters
+    ----------
+    kind : str
+        One of `meshmash_viewer.feature_kinds.KINDS`, but not eigenpairs.
+    eigenvalues : ndarray of float64, shape (k,)
+        Of the pairs that are used.
+    parameters : dict
+        See `ExportJob`.
+
+    Raises
+    ------
+    InputError
+        If there are too few eigenvalues for it.
+    """
+    from meshmash_viewer.filters import (
+        bspline_bank,
+        heat_kernel_bank,
+        hks_times,
+        wave_kernel_bank,
+    )
+
+    if kind == "hks":
+        t_min, t_max = parameters.get("t_min"), parameters.get("t_max")
+        return heat_kernel_bank(hks_times(eigenvalues, t_min, t_max, parameters["n_scales"]))
+    if kind == "wks":
+        return wave_kernel_bank(eigenvalues, parameters["n_energies"])
+    low, high = parameters.get("e_min", 0.0), parameters.get("e_max", float(eigenvalues[-1]))
+    return bspline_bank(low, high, parameters["n_bands"])
 
 
 def export(job: ExportJob, channel: Channel) -> Written:
@@ -26,7 +63,6 @@ def export(job: ExportJob, channel: Channel) -> Written:
         written.
     """
     from meshmash_viewer.features import compute_features
-    from meshmash_viewer.filters import bspline_bank, heat_kernel_bank, hks_times
     from meshmash_viewer.io.write import provenance, write_eigenpairs, write_features
     from meshmash_viewer.model.decomposition import open_store
 
@@ -44,7 +80,7 @@ def export(job: ExportJob, channel: Channel) -> Written:
         "n_pairs": job.n_pairs,
         "robust": job.operator.robust,
         "mollify_factor": job.operator.mollify_factor,
-        "proof": decomposition.proof(),
+        "proof": decomposition.proof(job.mesh.unit),
         **job.parameters,
     }
     meta = provenance(job.mesh, options)
@@ -52,15 +88,8 @@ def export(job: ExportJob, channel: Channel) -> Written:
         channel.report(Progress("writing", message=job.label))
         write_eigenpairs(job.path, decomposition, job.mesh, meta)
         return Written(job.path, f"{job.n_pairs} eigenpairs")
-    values, parameters = decomposition.eigenvalues, job.parameters
-    if job.kind == "hks":
-        times = hks_times(
-            values, parameters.get("t_min"), parameters.get("t_max"), parameters["n_scales"]
-        )
-        bank = heat_kernel_bank(times)
-    else:
-        low, high = parameters.get("e_min", 0.0), parameters.get("e_max", float(values[-1]))
-        bank = bspline_bank(low, high, parameters["n_bands"])
+    values = decomposition.eigenvalues
+    bank = export_bank(job.kind, values, job.parameters)
     channel.report(Progress("features", message="Computing features"))
     features = compute_features(decomposition, bank, unit=job.mesh.unit)
     channel.report(Progress("writing", message=job.label))

@@ -8,20 +8,14 @@ without harm.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
-import numpy as np
-import numpy.typing as npt
-
-from meshmash_viewer.health import Health
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.alignment import Alignment, ShownRows
-from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.model.results import MeshReady, SpectrumGrew, Written
 from meshmash_viewer.progress import Progress
-from meshmash_viewer.units import parse_unit
+from meshmash_viewer.units import Voxel
 from meshmash_viewer.weyl import Target
 
 __all__ = [
@@ -75,124 +69,6 @@ class Job(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class SpectrumGrew:
-    """The leading eigenpairs are final, and their rows can be mapped from a file.
-
-    Parameters
-    ----------
-    rows_path : Path, optional
-        ``.npy`` file of shape (>= k, n); only the first k rows are to be read.
-    eigenvalues, residuals : ndarray of float64, shape (k,)
-        Approximate ones included, whose residuals are NaN.
-    total, complete, proof, operator
-        See `Spectrum`.
-    preview_path : Path, optional
-        ``.npy`` file with approximate rows, of which those after the exact ones count.
-    n_exact : int
-        With `preview_path`: how many are exact.
-    error : float
-        Expected relative error of the approximate eigenvalues.
-    alignment : Alignment, optional
-        Signs and rotations of the exact rows on the render.
-    remark : str
-        A sentence for the message bar, where there is something to say.
-    """
-
-    rows_path: Path | None
-    eigenvalues: npt.NDArray[np.float64]
-    residuals: npt.NDArray[np.float64]
-    total: int = 0
-    complete: bool = False
-    proof: str = ""
-    operator: OperatorOptions | None = None
-    preview_path: Path | None = None
-    n_exact: int = 0
-    error: float = 0.0
-    alignment: Alignment | None = None
-    remark: str = ""
-
-    @cached_property
-    def spectrum(self) -> Spectrum:
-        """The same as the views read it; the first access opens the files."""
-        from meshmash_viewer.io.npy import map_rows
-
-        exact, preview = (
-            None if path is None else map_rows(path, "r", (None, None))
-            for path in (self.rows_path, self.preview_path)
-        )
-        rows: npt.NDArray[np.floating[Any]] | ShownRows
-        shown = None
-        if exact is None or (preview is not None and self.n_exact == 0):
-            assert preview is not None
-            rows = preview
-        elif preview is not None:
-            rows = ShownRows(exact, self.n_exact, preview, self.alignment or Alignment())
-        else:
-            rows = exact
-            if self.alignment is not None:
-                shown = ShownRows(exact, len(self.eigenvalues), None, self.alignment)
-        return Spectrum(
-            self.eigenvalues,
-            rows,
-            self.residuals,
-            total=self.total,
-            complete=self.complete,
-            proof=self.proof,
-            preview=preview is not None,
-            operator=self.operator,
-            n_exact=self.n_exact,
-            error=self.error,
-            shown=shown,
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class MeshReady:
-    """A mesh with all that the window needs to draw it.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    health : Health
-    normals : ndarray of float32, shape (n, 3)
-    path : Path, optional
-        The file it came from.
-    repair : str
-        Name of the repair it came from.
-    known : SpectrumGrew, optional
-        Eigenpairs found in the store.
-    remark : str
-        A sentence for the message bar, where there is something to say.
-    factor : float
-        What the coordinates of the file were multiplied by.
-    scaled_by : float, optional
-        What the coordinates shown before were multiplied by, if it is the same mesh in another
-        scale.
-    sample : ndarray of int64, optional
-        `Mesh.area_sample`, for the limits of colours.
-    """
-
-    mesh: Mesh
-    health: Health
-    normals: npt.NDArray[np.float32]
-    path: Path | None = None
-    repair: str = ""
-    known: SpectrumGrew | None = None
-    remark: str = ""
-    factor: float = 1.0
-    scaled_by: float | None = None
-    sample: npt.NDArray[np.int64] | None = None
-
-
-@dataclass(frozen=True)
-class Written:
-    """A file that was exported."""
-
-    path: Path
-    description: str
-
-
 @dataclass(frozen=True)
 class ReadJob:
     """Read a mesh file; returns `MeshReady`.
@@ -221,8 +97,7 @@ class ReadJob:
 
         channel.report(Progress("reading", message=f"Reading {self.path.name}"))
         mesh = read_mesh(self.path, self.unit or None)
-        ready = _inspect(mesh, self.operator, channel, path=self.path)
-        return replace(ready, factor=parse_unit(self.unit)[0])
+        return _inspect(mesh, self.operator, channel, path=self.path)
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,27 +119,26 @@ class InspectJob:
 
 @dataclass(frozen=True, eq=False)
 class ScaleJob:
-    """Multiply the coordinates, as from voxels to nm; returns `MeshReady`.
+    """Give the voxels another size; returns `MeshReady`.
 
     Parameters
     ----------
     mesh : Mesh
-    factor : float
-        What the coordinates of its file are to be multiplied by.
-    unit : str
-        Of the product.
-    path, file_factor : Path and float, optional
-        Where the mesh comes from, and what the coordinates of the file were multiplied by to give
-        those of `mesh`.
+    voxel, unit : tuple of three floats and str
+        See `Mesh.in_voxels`.
+    path : Path, optional
+        The file it came from.
     operator : OperatorOptions
+    repairs : tuple of str
+        What has been repaired on `mesh`.
     """
 
     mesh: Mesh
-    factor: float
+    voxel: Voxel
     unit: str
     path: Path | None = None
-    file_factor: float = 1.0
     operator: OperatorOptions = field(default_factory=OperatorOptions)
+    repairs: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -273,22 +147,20 @@ class ScaleJob:
 
     def run(self, channel: Channel) -> MeshReady:
         """See `Job.run`."""
-        mesh = self.mesh
-        # divided first: the numbers of the file come back, and with them what is stored for them
-        vertices = mesh.vertices / self.file_factor * self.factor
-        scaled = Mesh(vertices, mesh.faces, self.unit, mesh.name)
+        scaled = self.mesh.in_voxels(self.voxel, self.unit)
         ready = _inspect(scaled, self.operator, channel, path=self.path)
-        return replace(ready, factor=self.factor, scaled_by=self.factor / self.file_factor)
+        return replace(ready, repairs=self.repairs, derived=True)
 
 
 @dataclass(frozen=True, eq=False)
 class RepairJob:
-    """Apply one repair of `health.REPAIRS`; returns `MeshReady`."""
+    """Apply one repair of `health.REPAIRS`, after others; returns `MeshReady`."""
 
     mesh: Mesh
     repair: str
     path: Path | None = None
     operator: OperatorOptions = field(default_factory=OperatorOptions)
+    earlier: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -302,7 +174,8 @@ class RepairJob:
         repair = REPAIRS[self.repair]
         channel.report(Progress("repairing", message=repair.label))
         mesh = repair.apply(self.mesh)
-        return _inspect(mesh, self.operator, channel, path=self.path, repair=self.repair)
+        ready = _inspect(mesh, self.operator, channel, path=self.path)
+        return replace(ready, repairs=(*self.earlier, self.repair), derived=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -357,12 +230,12 @@ class ExportJob:
     path : Path
         Its ending says the format.
     kind : str
-        One of `meshmash_viewer.model.export.KINDS`.
+        One of `meshmash_viewer.feature_kinds.KINDS`.
     n_pairs : int
         Number of leading eigenpairs to use.
     parameters : dict
         By kind: ``t_min, t_max, n_scales`` (hks), ``e_min, e_max, n_bands``
-        (geometry-vectors).
+        (geometry-vectors), ``n_energies`` (wks).
     """
 
     mesh: Mesh
@@ -399,7 +272,6 @@ def _inspect(
     channel: Channel,
     *,
     path: Path | None = None,
-    repair: str = "",
 ) -> MeshReady:
     """Measure a mesh, and look for its eigenpairs in the store."""
     from meshmash_viewer.health import mesh_health
@@ -411,4 +283,4 @@ def _inspect(
     normals = mesh.vertex_normals
     known, remark = find_known(mesh, operator)
     sample = mesh.area_sample()
-    return MeshReady(mesh, health, normals, path, repair, known, remark, sample=sample)
+    return MeshReady(mesh, health, normals, path, known=known, remark=remark, sample=sample)

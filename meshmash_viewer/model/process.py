@@ -218,8 +218,9 @@ class _KnownMesh:
         arrived, known = getattr(job, "mesh", None), self.mesh
         if known is None or arrived is None or arrived.content_hash != known.content_hash:
             return job
-        named = known.in_unit(arrived.unit)
-        return cast(Job, replace(cast(Any, job), mesh=named)) if named.name == arrived.name else job
+        if (known.name, known.voxel) != (arrived.name, arrived.voxel):
+            return job
+        return cast(Job, replace(cast(Any, job), mesh=known.in_unit(arrived.unit)))
 
 
 _known_mesh = _KnownMesh()

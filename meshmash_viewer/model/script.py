@@ -54,7 +54,7 @@ def _decomposition(document: Document, n_pairs: int) -> list[str]:
     return [
         f"laplacian, mass = mv.cotangent_laplacian(mesh, {options})",
         f"decomposition = mv.solve(laplacian, mass, {n_pairs})",
-        "print(decomposition.proof())",
+        "print(decomposition.proof(mesh.unit))",
     ]
 
 

@@ -40,7 +40,8 @@ class Spectrum:
     complete : bool
         Whether the solve has ended with every owed pair and the count certified.
     proof : str
-        The proof line; empty until the solve has ended.
+        The proof line without the unit of the mesh, which may be corrected; empty until the
+        solve has ended.
     preview : bool
         Whether some are coarse approximations that exact ones will replace.
     operator : OperatorOptions, optional

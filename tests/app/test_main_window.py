@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapes
-from PySide6.QtCore import QMimeData, QPoint, QPointF, Qt, QUrl
+from PySide6.QtCore import QMimeData, QPoint, QPointF, QRect, Qt, QUrl
 from PySide6.QtGui import QDropEvent, QGuiApplication, QKeySequence
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
@@ -32,6 +32,7 @@ from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.number_box import QuantityBox
 from meshmash_viewer.app.picture_dialog import PictureDialog
+from meshmash_viewer.app.render.text_layer import text_size
 from meshmash_viewer.app.run import application
 from meshmash_viewer.app.sessions import restore_session, store_session
 from meshmash_viewer.io.write import WRITERS
@@ -396,6 +397,32 @@ def test_errors_stay_until_dismissed_and_their_details_are_copied(window: MainWi
     assert not bar.isVisible()
 
 
+@pytest.mark.parametrize("width", [1440, 700])
+def test_a_message_leaves_the_title_of_the_field_alone(ball: MainWindow, width: int) -> None:
+    ball.resize(width, 800)
+    document, bar = ball.document, ball.stage.message_bar
+    document.toggle_pin(3)
+    document.display.similarity_vertex = 3
+    document.notify(
+        Notice("Something took longer than it should have: look there.", Severity.WARNING)
+    )
+    places = []
+    for kind, index in ((FieldKind.EIGENFUNCTION, 5), (FieldKind.SIMILARITY, 0)):
+        document.display.index = index
+        document.display.kind = kind
+        QTest.qWait(20)
+        wait_for(lambda: ball.field_source.idle)
+        caption = ball.scene._drawing.caption
+        assert caption.title == ball.field_source.field.title
+        title = QRect(QPoint(0, 0), ball.scene.title_size)
+        assert title.width() > text_size(caption.title, 15, True)[0] + 16
+        assert title.width() > text_size(caption.quantity, 12, False)[0] + 16
+        assert not bar.geometry().intersects(title)
+        assert ball.stage.rect().contains(bar.geometry())
+        places.append(title.width())
+    assert places[0] < places[1]
+
+
 # -- opening ---------------------------------------------------------------------------------
 
 
@@ -569,6 +596,18 @@ def test_the_export_dialog_says_what_the_file_will_contain(
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("eigenpairs"))
     assert dialog.path == tmp_path / "ball_eigenpairs.npz"
     assert not dialog.table.item(2, 0).flags()
+    assert dialog.energies_spin.isHidden()
+    dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("wks"))
+    assert not dialog.energies_spin.isHidden()
+    dialog.energies_spin.setValue(12)
+    assert "× 12 columns" in dialog.contents_label.text()
+    assert "wks_λ=" in dialog.columns_label.text()
+    assert (dialog.job().kind, dialog.job().parameters) == ("wks", {"n_energies": 12})
+    dialog.pairs_spin.setValue(2)  # the constant and one more, which leave no range of energies
+    assert "more eigenpairs" in dialog.contents_label.text()
+    assert not dialog.export_button.isEnabled()
+    dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("eigenpairs"))
+    assert dialog.export_button.isEnabled()
     dialog.pairs_spin.setValue(10)
     assert "× 10 columns" in dialog.contents_label.text()
     job = dialog.job()

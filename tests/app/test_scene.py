@@ -202,6 +202,18 @@ def field_buffer(scene: Scene) -> tuple[int, int]:
     return buffer.GetHandle(), buffer.GetUploadTime().GetMTime()
 
 
+def test_no_value_is_said_only_where_it_can_be_seen(scene: Scene, neuron: Mesh, qtbot) -> None:
+    mesh = show(scene, neuron, qtbot)
+    assert len(mesh.unreferenced)
+    values = mesh.vertices[:, 1].copy()
+    values[mesh.unreferenced] = np.nan
+    scene.set_field(field(values), (-1.0, 1.0), "RdBu_r")
+    assert not scene._drawing.caption.missing
+    values[mesh.faces[0, 0]] = np.nan
+    scene.set_field(field(values), (-1.0, 1.0), "RdBu_r")
+    assert scene._drawing.caption.missing
+
+
 @pytest.mark.parametrize("missing", [False, True], ids=["all there", "some missing"])
 def test_a_field_overwrites_the_buffer_of_the_one_before(
     scene: Scene, sphere: Mesh, qtbot, missing: bool

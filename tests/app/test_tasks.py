@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +12,7 @@ from long_jobs import DyingJob, EndlessJob, FailingJob
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.tasks import Tasks
+from meshmash_viewer.feature_kinds import KINDS
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
@@ -131,6 +133,22 @@ def test_export_waits_its_turn(session: Session, neuron: Mesh, tmp_path: Path) -
     assert document.spectrum is None  # of a mesh that the document does not show
 
 
+def test_every_kind_is_exported_as_the_command_line_has_it(
+    session: Session, neuron: Mesh, tmp_path: Path
+) -> None:
+    session.tasks.run(DecomposeJob(neuron, OperatorOptions(), Target("count", 20)))
+    columns = {"n_scales": 7, "n_bands": 7, "n_energies": 7}
+    for kind in KINDS:
+        out = tmp_path / f"{kind}.npz"
+        session.document.export(ExportJob(neuron, OperatorOptions(), out, kind, 20, columns))
+        session.wait_until_idle()
+        with np.load(out) as file:
+            assert json.loads(str(file["meta"]))["options"]["kind"] == kind
+            if kind != "eigenpairs":
+                assert file["features"].shape == (neuron.n_vertices, 7)
+                assert KINDS[kind] in session.last().text
+
+
 def test_export_of_what_was_cleared_says_so(session: Session, neuron: Mesh, tmp_path: Path) -> None:
     session.document.export(
         ExportJob(neuron, OperatorOptions(), tmp_path / "x.npz", "eigenpairs", 20)
@@ -176,7 +194,9 @@ def test_a_voxel_size_speaks_of_the_file_however_often_it_is_said(
     document = session.document
     document.take_mesh(neuron)
     session.wait_until_idle()
-    for text, factor in (("8 nm", 8.0), ("8 nm", 8.0), ("16 nm", 16.0), ("nm", 1.0)):
+    for text, factor in (
+        ("8 nm", 8.0), ("8 nm", 8.0), ("4 × 4 × 32 nm", (4.0, 4.0, 32.0)), ("nm", 1.0)
+    ):  # fmt: skip
         document.set_unit(text)
         session.wait_until_idle()
         assert document.unit_text == text
@@ -191,16 +211,44 @@ def test_a_voxel_size_after_a_repair_keeps_the_repair_and_its_undo(
     session.wait_until_idle()
     document.repair("keep_largest_component")
     session.wait_until_idle()
-    area = document.ready.health.area
-    document.set_unit("8 nm")
+    before = document.mesh
+    document.set_unit("4 x 4 x 40 nm")
     session.wait_until_idle()
     assert document.repairs == ("keep_largest_component",)
-    assert document.ready.health.area == pytest.approx(64.0 * area)
-    document.undo_repair()
-    assert document.repairs == ()
-    assert document.mesh.unit == "nm"
-    np.testing.assert_allclose(document.mesh.vertices, 8.0 * neuron.vertices)
+    assert document.can_undo
+    np.testing.assert_allclose(document.mesh.vertices, before.vertices * (4.0, 4.0, 40.0))
     assert document.ready.health.area == pytest.approx(document.mesh.area)
+    document.undo_repair()
+    session.wait_until_idle()
+    assert document.repairs == ()
+    assert not document.can_undo
+    assert document.unit_text == "4 × 4 × 40 nm"
+    np.testing.assert_allclose(document.mesh.vertices, neuron.vertices * (4.0, 4.0, 40.0))
+    assert document.ready.health.area == pytest.approx(document.mesh.area)
+    np.testing.assert_allclose(document.ready.normals, document.mesh.vertex_normals, atol=1e-6)
+
+
+def test_pins_stay_where_their_vertices_stay(session: Session, neuron: Mesh) -> None:
+    document = session.document
+    document.take_mesh(neuron)
+    session.wait_until_idle()
+    unreferenced = int(np.flatnonzero(~neuron.referenced)[0])
+    for vertex in (0, unreferenced + 1, neuron.n_vertices - 1):
+        document.toggle_pin(vertex)
+    pins = document.pins
+    document.set_unit("4 x 4 x 40 nm")
+    session.wait_until_idle()
+    assert document.pins == pins
+    document.set_unit("4 x 4 x 40 µm")
+    assert document.pins == pins
+    document.repair("keep_largest_component")  # which renumbers all but the first vertices
+    session.wait_until_idle()
+    assert document.pins == pins[:1]
+    document.undo_repair()
+    assert document.pins == pins[:1]
+    document.take_mesh(neuron)
+    session.wait_until_idle()
+    assert document.pins == ()
 
 
 def test_undo_stops_the_decomposition_of_what_is_gone(session: Session, neuron: Mesh) -> None:

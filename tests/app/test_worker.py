@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,6 +17,7 @@ from long_jobs import DoubleJob, DyingJob, EndlessJob, FailingJob, ParallelJob
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.worker import Worker
+from meshmash_viewer.io.scratch import ScratchFolder
 
 _PATIENCE = 30_000
 
@@ -61,7 +63,7 @@ def test_result_parts_and_progress_arrive(qtbot: QtBot, worker: Worker) -> None:
     np.testing.assert_array_equal(parts[0], values[:50_000])
     assert reports[0].message == "half way"
     assert not worker.busy
-    assert {path.name for path in worker.folder.iterdir()} == {"stderr.txt"}
+    assert {path.name for path in worker.folder.iterdir()} == {"held.lock", "stderr.txt"}
 
 
 def test_one_job_at_a_time_in_one_warm_process(qtbot: QtBot, worker: Worker) -> None:
@@ -169,6 +171,19 @@ def test_closing_at_once_leaves_nothing(qtbot: QtBot) -> None:
     worker.close()
     assert not worker.folder.exists()
     assert worker.process_id is None
+
+
+def test_what_a_killed_window_left_goes_when_the_next_one_opens(
+    qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    killed = ScratchFolder()
+    killed._lock.release()  # as the system does when a process ends
+    worker = Worker()
+    wait_for(lambda: not killed.path.exists())
+    assert worker.folder.exists()
+    worker.close()
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.skipif(os.name != "posix", reason="kills with a signal")

@@ -14,6 +14,7 @@ import pytest
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.read import READABLE_ENDINGS, READERS, mesh_name, read_mesh
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.units import Voxel
 
 # An octahedron stretched along x: closed, all corners exact in float32.
 VERTICES = np.array(
@@ -182,16 +183,22 @@ def test_every_ending_is_tried() -> None:
 
 
 @pytest.mark.parametrize(
-    ("unit", "factor", "carried"),
-    [("nm", 1.0, "nm"), ("8 nm", 8.0, "nm"), ("none", 1.0, ""), ("0.5 um", 0.5, "µm")],
+    ("unit", "voxel", "carried"),
+    [
+        ("nm", (1.0, 1.0, 1.0), "nm"),
+        ("8 nm", (8.0, 8.0, 8.0), "nm"),
+        ("none", (1.0, 1.0, 1.0), ""),
+        ("0.5 um", (0.5, 0.5, 0.5), "µm"),
+        ("4 x 4 x 40 nm", (4.0, 4.0, 40.0), "nm"),
+    ],
 )
 def test_unit_multiplies_voxels_and_is_carried(
-    unit: str, factor: float, carried: str, tmp_path: Path
+    unit: str, voxel: Voxel, carried: str, tmp_path: Path
 ) -> None:
     write_obj(tmp_path / "mesh.obj")
     mesh = read_mesh(tmp_path / "mesh.obj", unit=unit)
-    assert mesh.unit == carried
-    np.testing.assert_allclose(mesh.vertices, VERTICES * factor)
+    assert (mesh.unit, mesh.voxel) == (carried, voxel)
+    np.testing.assert_allclose(mesh.vertices, VERTICES * voxel)
 
 
 def test_given_unit_wins_over_the_formats(tmp_path: Path) -> None:

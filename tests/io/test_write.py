@@ -23,6 +23,7 @@ from meshmash_viewer.io.write import (
     write_picture,
 )
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.units import NO_VOXEL
 
 COLUMNS = ("hks_t=1.23e+05", "wks_λ=2", "band 03")
 OPTIONS = {"count": 20, "t_min": 1.5}
@@ -30,7 +31,9 @@ OPTIONS = {"count": 20, "t_min": 1.5}
 
 @pytest.fixture
 def mesh(sphere: Mesh) -> Mesh:
-    return Mesh(1e6 + sphere.vertices * 1234.5, sphere.faces, unit="nm", name="ball")
+    """As it comes from a file whose coordinates count voxels."""
+    vertices = 1e6 + sphere.vertices * 1234.5
+    return Mesh(vertices, sphere.faces, unit="nm", name="ball", voxel=(4.0, 4.0, 40.0))
 
 
 @pytest.fixture
@@ -102,6 +105,7 @@ def test_features_come_back(ending: str, mesh: Mesh, features: Features, tmp_pat
         assert columns == list(COLUMNS)
     assert meta["mesh"]["hash"] == mesh.content_hash
     assert meta["mesh"]["unit"] == "nm"
+    assert meta["mesh"]["voxel"] == [4.0, 4.0, 40.0]
     assert meta["options"] == {"kind": "hks", "values_unit": "nm⁻²"} | OPTIONS
     assert meta["program"].startswith("meshmash-viewer ")
     assert set(meta["versions"]) >= {"numpy", "scipy", "robust_laplacian"}
@@ -126,7 +130,7 @@ def test_formats_with_geometry_are_the_same_mesh(
     write_features(path, features, mesh)
     again = read_mesh(path)
     assert again.content_hash == mesh.content_hash
-    assert again.unit == "nm"
+    assert (again.unit, again.voxel) == ("nm", NO_VOXEL), "lengths, not voxels, are in the file"
     assert read_mesh(path, unit="m").unit == "m"
     if ending == ".npz":
         with np.load(path) as archive:

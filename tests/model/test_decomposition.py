@@ -153,10 +153,10 @@ def test_read_repair_and_scale_bring_a_mesh_with_all_to_draw_it(
     assert read.normals.shape == neuron.vertices.shape
     repaired = RepairJob(read.mesh, "keep_largest_component", read.path).run(listener)
     assert repaired.health.n_components == 1 < read.health.n_components
-    assert repaired.repair == "keep_largest_component"
+    assert repaired.repairs == ("keep_largest_component",)
     decompose(neuron, OPERATOR, Target("count", 15), listener)
     assert InspectJob(neuron).run(listener).known is not None
-    scaled = ScaleJob(neuron, 0.001, "µm").run(listener)
+    scaled = ScaleJob(neuron, (0.001, 0.001, 0.001), "µm").run(listener)
     assert scaled.mesh.unit == "µm"
     assert scaled.health.area == pytest.approx(1e-6 * neuron.area)
     assert scaled.known is None

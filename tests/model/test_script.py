@@ -20,6 +20,8 @@ from meshmash_viewer.model.jobs import InspectJob, ReadJob, RepairJob, ScaleJob
 from meshmash_viewer.model.live import LiveFeatures
 from meshmash_viewer.model.script import reproduction_script
 
+VOXEL = (4.0, 4.0, 40.0)
+
 
 @pytest.fixture
 def document(neuron: Mesh, tmp_path: Path) -> Document:
@@ -29,7 +31,7 @@ def document(neuron: Mesh, tmp_path: Path) -> Document:
     document = Document()
     document.accept_mesh(ReadJob(path, "none").run(Listener(tmp_path)))
     before = document.ready
-    scaled = ScaleJob(before.mesh, 8.0, "nm", before.path, before.factor).run(Listener(tmp_path))
+    scaled = ScaleJob(before.mesh, VOXEL, "nm", before.path).run(Listener(tmp_path))
     document.accept_mesh(scaled)
     repair = RepairJob(document.mesh, "keep_largest_component", document.path)
     document.accept_mesh(repair.run(Listener(tmp_path)))
@@ -62,10 +64,12 @@ def test_script_makes_the_field_again(document: Document, tmp_path: Path, kind: 
 
 
 def test_unit_text_is_what_opens_the_file_again(document: Document, tmp_path: Path) -> None:
-    assert document.unit_text == "8 nm"
+    assert document.unit_text == "4 × 4 × 40 nm"
     again = ReadJob(document.path, document.unit_text).run(Listener(tmp_path))
-    assert again.factor == 8.0
+    assert again.mesh.voxel == VOXEL
     assert again.mesh.unit == "nm"
+    repair = RepairJob(again.mesh, "keep_largest_component").run(Listener(tmp_path))
+    assert repair.mesh.content_hash == document.mesh.content_hash
     assert Document().unit_text == ""
 
 

@@ -1,0 +1,133 @@
+"""What jobs hand over: meshes ready to be drawn, spectra as they grow, files written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.health import Health
+from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.alignment import Alignment, ShownRows
+from meshmash_viewer.model.spectrum import Spectrum
+
+__all__ = ["MeshReady", "SpectrumGrew", "Written"]
+
+
+@dataclass(frozen=True, eq=False)
+class SpectrumGrew:
+    """The leading eigenpairs are final, and their rows can be mapped from a file.
+
+    Parameters
+    ----------
+    rows_path : Path, optional
+        ``.npy`` file of shape (>= k, n); only the first k rows are to be read.
+    eigenvalues, residuals : ndarray of float64, shape (k,)
+        Approximate ones included, whose residuals are NaN.
+    total, complete, proof, operator
+        See `Spectrum`.
+    preview_path : Path, optional
+        ``.npy`` file with approximate rows, of which those after the exact ones count.
+    n_exact : int
+        With `preview_path`: how many are exact.
+    error : float
+        Expected relative error of the approximate eigenvalues.
+    alignment : Alignment, optional
+        Signs and rotations of the exact rows on the render.
+    remark : str
+        A sentence for the message bar, where there is something to say.
+    """
+
+    rows_path: Path | None
+    eigenvalues: npt.NDArray[np.float64]
+    residuals: npt.NDArray[np.float64]
+    total: int = 0
+    complete: bool = False
+    proof: str = ""
+    operator: OperatorOptions | None = None
+    preview_path: Path | None = None
+    n_exact: int = 0
+    error: float = 0.0
+    alignment: Alignment | None = None
+    remark: str = ""
+
+    @cached_property
+    def spectrum(self) -> Spectrum:
+        """The same as the views read it; the first access opens the files."""
+        from meshmash_viewer.io.npy import map_rows
+
+        exact, preview = (
+            None if path is None else map_rows(path, "r", (None, None))
+            for path in (self.rows_path, self.preview_path)
+        )
+        rows: npt.NDArray[np.floating[Any]] | ShownRows
+        shown = None
+        if exact is None or (preview is not None and self.n_exact == 0):
+            assert preview is not None
+            rows = preview
+        elif preview is not None:
+            rows = ShownRows(exact, self.n_exact, preview, self.alignment or Alignment())
+        else:
+            rows = exact
+            if self.alignment is not None:
+                shown = ShownRows(exact, len(self.eigenvalues), None, self.alignment)
+        return Spectrum(
+            self.eigenvalues,
+            rows,
+            self.residuals,
+            total=self.total,
+            complete=self.complete,
+            proof=self.proof,
+            preview=preview is not None,
+            operator=self.operator,
+            n_exact=self.n_exact,
+            error=self.error,
+            shown=shown,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class MeshReady:
+    """A mesh with all that the window needs to draw it.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    health : Health
+    normals : ndarray of float32, shape (n, 3)
+    path : Path, optional
+        The file it came from.
+    repairs : tuple of str
+        Names of the repairs made since it was read, oldest first.
+    known : SpectrumGrew, optional
+        Eigenpairs found in the store.
+    remark : str
+        A sentence for the message bar, where there is something to say.
+    derived : bool
+        Whether it was made from the mesh shown before, by a repair or other voxels.
+    sample : ndarray of int64, optional
+        `Mesh.area_sample`, for the limits of colours.
+    """
+
+    mesh: Mesh
+    health: Health
+    normals: npt.NDArray[np.float32]
+    path: Path | None = None
+    repairs: tuple[str, ...] = ()
+    known: SpectrumGrew | None = None
+    remark: str = ""
+    derived: bool = False
+    sample: npt.NDArray[np.int64] | None = None
+
+
+@dataclass(frozen=True)
+class Written:
+    """A file that was exported."""
+
+    path: Path
+    description: str
