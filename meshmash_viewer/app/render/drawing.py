@@ -54,7 +54,7 @@ class Drawing:
         self._lines = LineSet()
         self._lines.actor.GetProperty().SetLineWidth(2.0)
         self.renderer.AddActor(self._lines.actor)
-        self._painter = Painter(self.renderer)
+        self._painter = Painter(self.renderer, overlay.PARTS)
         self.mesh: Mesh | None = None
         self.normals: npt.NDArray[np.float32] | None = None
         self.centre = np.zeros(3)
@@ -250,9 +250,12 @@ class Drawing:
                 "scale", (place, view, unit), lambda: overlay.paint_scale(sheet, view, unit)
             )
             if caption is not None:
-                painter.part(
-                    "caption", (place, caption), lambda: overlay.paint_caption(sheet, caption)
-                )
+                said = (place, caption.title, caption.quantity)
+                painter.part("title", said, lambda: overlay.paint_title(sheet, caption))
+                bar = overlay.ColorBar.on(sheet, caption)
+                if bar is not None:
+                    painter.part("bar", (place, bar.key), lambda: bar.paint(sheet))
+                    painter.part("labels", (place, caption), lambda: bar.paint_labels(sheet))
         painter.end()
 
     def _place_camera(self, width: int, height: int) -> None:
