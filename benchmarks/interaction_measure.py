@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import gc
 import os
 import subprocess
 import sys
@@ -127,13 +128,25 @@ class Gaps:
         self.withheld: list[np.ndarray] = []
         self._bystanders = Bystanders()
         self._last = (time.perf_counter(), seconds_waited(), Bystanders.here())
-        self._samples: list[tuple[float, str]] = []
+        self._samples: list[tuple[float, bool, str]] = []
+        self._collections: list[tuple[float, float, str]] = []
         self._main = threading.get_ident()
         self._timer = QTimer(interval=round(1000 * TICK), timerType=Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self._tick)
         self._timer.start()
+        self._tracing = trace
         if trace:
             threading.Thread(target=self._sample, daemon=True).start()
+            gc.callbacks.append(self._note_collection)
+
+    def _note_collection(self, moment: str, about: dict[str, int]) -> None:
+        # Python holds its lock all the while, whichever thread it happens to run in.
+        now, thread = time.perf_counter(), threading.current_thread().name
+        if moment == "start":
+            self._collections.append((now, now, ""))
+        else:
+            text = f"garbage of generation {about['generation']} looked for in {thread}"
+            self._collections[-1] = (self._collections[-1][0], now, text)
 
     def _tick(self) -> None:
         now, waited, here = time.perf_counter(), seconds_waited(), Bystanders.here()
@@ -142,13 +155,22 @@ class Gaps:
         gap = Gap(before, now, waited - waited_before, calls, (there, here))
         self.found.setdefault(self.phase, []).append(gap)
         whole, less = gap.lengths([])
-        if self._samples and less > LONG:
-            inside = [text for at, text in self._samples if before < at < now]
-            print(f"--- {self.phase}: {1e3 * whole:.0f} ms, {1e3 * less:.0f} less drawing")
-            for text in sorted(set(inside), key=inside.index):
-                print(f"  {inside.count(text)} × {text}")
+        if self._tracing and less > LONG:
+            self._tell(before, now, whole, less)
         self._samples.clear()
+        self._collections.clear()
         self._last = (now, waited, here)
+
+    def _tell(self, before: float, now: float, whole: float, less: float) -> None:
+        """Say what ran during a gap; a call that keeps Python's lock is seen after it only."""
+        print(f"--- {self.phase}: {1e3 * whole:.0f} ms, {1e3 * less:.0f} less drawing")
+        inside = [(main, text) for at, main, text in self._samples if before < at < now + 0.005]
+        for main, text in sorted(set(inside), key=inside.index):
+            kind = "" if main else "beside: "
+            print(f"  {inside.count((main, text))} × {kind}{text}")
+        for began, ended, text in self._collections:
+            if began > before and ended - began > 0.001:
+                print(f"  {1e3 * (ended - began):.0f} ms: {text}")
 
     def stop(self) -> None:
         """Take no more ticks, and hear when processors were withheld."""
@@ -156,16 +178,24 @@ class Gaps:
         self.withheld = self._bystanders.withheld()
 
     def _sample(self) -> None:
+        """Note what each thread is doing, every now and then."""
+        own = threading.get_ident()
         while True:
             time.sleep(0.002)
-            frame, calls = sys._current_frames().get(self._main), []
-            # Nothing in between may let the other thread run on: no files, no formatting.
-            while frame is not None and len(calls) < 8:
-                calls.append((frame.f_code, frame.f_lineno))
-                frame = frame.f_back
+            # Nothing in between may let the other threads run on: no files, no formatting.
+            stacks = []
+            for thread, top in sys._current_frames().items():
+                frame, calls = top, []
+                while frame is not None and len(calls) < 8:
+                    calls.append((frame.f_code, frame.f_lineno))
+                    frame = frame.f_back
+                if thread != own:
+                    stacks.append((thread == self._main, calls))
+            del top, frame  # or the frames' arrays would live on
             at = time.perf_counter()
-            texts = [f"{Path(c.co_filename).name}:{line} {c.co_name}" for c, line in calls]
-            self._samples.append((at, " < ".join(texts)))
+            for main, calls in stacks:
+                texts = [f"{Path(c.co_filename).name}:{line} {c.co_name}" for c, line in calls]
+                self._samples.append((at, main, " < ".join(texts)))
 
     def summary(self, phases: list[str] | None = None) -> dict[str, float]:
         """In milliseconds, of all phases or some; after `stop`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -9,6 +10,8 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QObject, Qt, QThread, Signal, Slot
 
 from meshmash_viewer.app.listening import first_a_frame
+from meshmash_viewer.app.loading import load_quietly
+from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, FieldRequest, compute_field, request_of
 from meshmash_viewer.model.limits import LimitPolicy
@@ -39,9 +42,10 @@ _WATCHED = (
     "similarity_basis",
 )
 
-
 #: Seconds without a newer request after which it is worth building tables for the last one.
 _REST = 0.15
+#: Brings the compiler along, which is the largest of all libraries.
+_KERNELS = "meshmash_viewer.model.similarity_kernels"
 
 
 class FieldSource(QObject):
@@ -144,6 +148,8 @@ class FieldSource(QObject):
 
     def _build(self, request: FieldRequest, cancel: CancelCallback) -> None:
         try:
+            if request.kind is FieldKind.SIMILARITY and _KERNELS not in sys.modules:
+                load_quietly(_KERNELS)
             self._live.prepare(request, cancel)
         except Cancelled:
             return

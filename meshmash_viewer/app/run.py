@@ -35,6 +35,9 @@ _LIBRARIES = (
     ("meshmash_viewer.app.profile_panel", "Loading the plots …"),
     ("meshmash_viewer.app.field_panel", "Loading the controls …"),
 )
+#: Seconds for which a thread may keep the interpreter while the window waits for it, ten times
+#: shorter than Python's own choice: to paint the window once takes it some twenty times.
+_SWITCH = 0.0005
 #: Windows opened by `view`, which nobody else may hold.
 _windows: list[MainWindow] = []
 
@@ -47,6 +50,7 @@ def application() -> QApplication:
     if sys.platform.startswith("linux") and os.environ.get("DISPLAY"):
         # VTK draws into windows of X11 alone; desktops with Wayland bring both.
         os.environ.setdefault("QT_QPA_PLATFORM", "xcb")
+    sys.setswitchinterval(_SWITCH)
     made = QApplication(sys.argv[:1] or ["meshmash-viewer"])
     made.setApplicationName("meshmash-viewer")
     made.setApplicationDisplayName("")

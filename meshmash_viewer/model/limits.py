@@ -135,7 +135,9 @@ class PercentileLimits:
         """See `LimitPolicy.limits`."""
         step = max(len(values) // _SAMPLE, 1)
         counted = values[::step] if sample is None else values[sample]
-        ordered = np.sort(_finite(counted))
+        ordered = np.sort(counted)  # NaN come last
+        if not (ordered.size and np.isfinite(ordered[[0, -1]]).all()):
+            ordered = _finite(ordered)
         return _opened(_percentile(ordered, self.low), _percentile(ordered, self.high))
 
 

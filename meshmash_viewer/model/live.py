@@ -37,11 +37,12 @@ _HEAT_COLUMNS, _FIELDS = 40, 3
 def expected_bytes(n_vertices: int, band_count: int = 32) -> int:
     """Bytes that a window holds for fields and live features of a mesh.
 
-    ``4 n (40 + bands + (32 + 1) + 3)``: heat table, band table, similarity table (at most one
-    column a feature, and their squares), fields. Eigenpairs are mapped from the store and are
-    not counted.
+    ``4 n (40 + bands + 32 / 2 + 3)``: heat table, band table, similarity table (at most one
+    column a feature, in half as many bytes), fields. Eigenpairs are mapped from the store and
+    are not counted.
     """
-    return 4 * n_vertices * (_HEAT_COLUMNS + band_count + max(band_count, 32) + 1 + _FIELDS)
+    columns = _HEAT_COLUMNS + band_count + (max(band_count, 32) + 1) // 2 + _FIELDS
+    return 4 * n_vertices * columns
 
 
 class LiveFeatures:

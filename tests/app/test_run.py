@@ -69,6 +69,30 @@ def test_a_mesh_in_memory_is_viewed_from_a_script(qtbot: QtBot) -> None:
     assert window not in run._windows
 
 
+def test_threads_let_the_window_have_the_interpreter_at_once() -> None:
+    script = textwrap.dedent("""
+        import statistics, threading, time
+        from meshmash_viewer.app.run import application
+        app = application()
+        def work():
+            while threading.main_thread().is_alive():
+                sum(range(100))
+        threading.Thread(target=work, daemon=True).start()
+        waits = []
+        for _ in range(100):
+            time.sleep(0.001)  # gives the interpreter away, and has to wait for it afterwards
+            before = time.perf_counter()
+            time.sleep(0)
+            waits.append(time.perf_counter() - before)
+        print(statistics.median(waits))
+    """)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout) < 0.003
+
+
 def test_a_script_that_ends_leaves_no_process(tmp_path: Path) -> None:
     script = textwrap.dedent("""
         import numpy as np

@@ -56,3 +56,13 @@ def test_percentiles_are_taken_over_the_sample() -> None:
     assert PercentileLimits(0.0, 100.0).limits(values, np.arange(101)) == (0.0, 1.0)
     assert PercentileLimits(0.0, 100.0).limits(values)[1] == 1e6
     assert MinMaxLimits().limits(values, np.arange(101))[1] == 1e6  # extremes are extremes
+
+
+@pytest.mark.parametrize("outside", [(), (np.nan,), (np.inf,), (-np.inf,), (np.nan, -np.inf)])
+def test_percentiles_are_those_of_the_finite_values(outside: tuple[float, ...]) -> None:
+    finite = np.random.default_rng(3).standard_normal(501)
+    values = np.concatenate([finite[:200], outside, finite[200:]])
+    wanted = np.percentile(finite, [5.0, 90.0])
+    for sample in (None, np.random.default_rng(4).permutation(len(values))):
+        found = PercentileLimits(5.0, 90.0).limits(values, sample)
+        np.testing.assert_allclose(found, wanted, rtol=1e-12)

@@ -54,7 +54,7 @@ class Drawing:
         self._lines = LineSet()
         self._lines.actor.GetProperty().SetLineWidth(2.0)
         self.renderer.AddActor(self._lines.actor)
-        self._painter = Painter(self.renderer)
+        self._painter = Painter(self.renderer, overlay.PARTS)
         self.mesh: Mesh | None = None
         self.normals: npt.NDArray[np.float32] | None = None
         self.centre = np.zeros(3)
@@ -67,6 +67,8 @@ class Drawing:
         self.coarse: Surface | None = None
         self.picker: Picker | None = None
         self._coarse_mesh: CoarseMesh | None = None
+        #: The values of the mesh that the stand-in has those of its vertices from.
+        self._coarse_of: npt.NDArray[np.float32] | None = None
         self._segments: npt.NDArray[np.float32] | None = None
         self._pins: tuple[tuple[int, str], ...] = ()
         self.set_theme(dark)
@@ -94,7 +96,7 @@ class Drawing:
                 self.renderer.RemoveActor(surface.actor)
         if self.picker is not None:
             self.picker.stop()
-        self.surface = self.coarse = self.picker = self._coarse_mesh = None
+        self.surface = self.coarse = self.picker = self._coarse_mesh = self._coarse_of = None
         self.mesh, self.normals = mesh, normals
         self.caption, self._pins = None, ()
         self.set_segments(None)
@@ -133,8 +135,7 @@ class Drawing:
         """
         self.coarse = self._new_surface(points, coarse.faces, normals)
         self.coarse.actor.VisibilityOff()
-        self._coarse_mesh = coarse
-        self.coarse.write(self.surface.values[coarse.representatives])
+        self._coarse_mesh, self._coarse_of = coarse, None
 
     def show_coarse(self, shown: bool) -> None:
         """Draw the stand-in, if it is there yet, or the mesh with its lines."""
@@ -179,8 +180,6 @@ class Drawing:
             colors = color_table(colormap)
             low, high = (float(limit) for limit in limits)
             missing = self.surface.write(values)
-            if self.coarse is not None:
-                self.coarse.write(self.surface.values[self._coarse_mesh.representatives])
             before = self.caption
             self.caption = Caption(title, quantity, unit, low, high, colors, missing)
         for surface in (self.surface, self.coarse):
@@ -224,6 +223,9 @@ class Drawing:
         plates : bool
             Whether the overlay has plates in the colour of the background behind it.
         """
+        if self.shows_coarse and self._coarse_of is not self.surface.values:
+            self._coarse_of = self.surface.values
+            self.coarse.write(self._coarse_of[self._coarse_mesh.representatives])
         for surface in (self.surface, self.coarse):
             if surface is not None and surface.actor.GetVisibility():
                 surface.upload(self.renderer.GetRenderWindow())
@@ -248,9 +250,12 @@ class Drawing:
                 "scale", (place, view, unit), lambda: overlay.paint_scale(sheet, view, unit)
             )
             if caption is not None:
-                painter.part(
-                    "caption", (place, caption), lambda: overlay.paint_caption(sheet, caption)
-                )
+                said = (place, caption.title, caption.quantity)
+                painter.part("title", said, lambda: overlay.paint_title(sheet, caption))
+                bar = overlay.ColorBar.on(sheet, caption)
+                if bar is not None:
+                    painter.part("bar", (place, bar.key), lambda: bar.paint(sheet))
+                    painter.part("labels", (place, caption), lambda: bar.paint_labels(sheet))
         painter.end()
 
     def _place_camera(self, width: int, height: int) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,15 +22,21 @@ from meshmash_viewer.app.render.painter import (
 from meshmash_viewer.app.render.ticks import exponent_text, round_length, scale_bar_text, ticks
 
 __all__ = [
+    "PARTS",
     "Caption",
+    "ColorBar",
     "Mark",
     "margins",
     "paint_axes",
-    "paint_caption",
     "paint_marks",
     "paint_scale",
+    "paint_title",
 ]
 
+#: The parts of the overlay, in the order in which they cover one another.
+PARTS = ("marks", "axes", "scale", "title", "bar", "labels")
+#: In points: from the picture's edge to what is written, width of the colour bar, size of labels.
+_EDGE, _BAR, _LABEL = 16, 14, 11
 #: Red, green and blue of the x, y and z axis, apart in brightness too.
 _AXIS_COLORS = ("#d1495b", "#3f9b5c", "#3b76c4")
 
@@ -132,10 +138,10 @@ class Sheet:
             self.painter.plate(x, y, width, height, 6 * self.scale, colors, 0.75)
 
 
-def paint_caption(sheet: Sheet, caption: Caption) -> None:
-    """Title at the upper left, and the colour bar at the right."""
+def paint_title(sheet: Sheet, caption: Caption) -> None:
+    """Title and quantity at the upper left."""
     painter, theme, width, height, scale = _parts(sheet)
-    edge = 16 * scale
+    edge = _EDGE * scale
     top = height - edge
     free = width - 2 * edge
     title = _fitted(painter, caption.title, 15 * scale, True, free)
@@ -150,40 +156,103 @@ def paint_caption(sheet: Sheet, caption: Caption) -> None:
     painter.text(title, edge, top, 15 * scale, theme.ink, LEFT, TOP, bold=True)
     if two_lines:
         painter.text(quantity, edge, top - 24 * scale, 12 * scale, theme.faint_ink, LEFT, TOP)
-    bar_height = min(300 * scale, 0.5 * height)
-    if bar_height < 70 * scale or width < 220 * scale:
-        return
-    size = 11 * scale
-    values, texts, exponent = ticks(
-        caption.low, caption.high, int(np.clip(bar_height / (34 * scale), 2, 7))
-    )
-    labels = max((painter.text_size(text, size)[0] for text in texts), default=0)
-    bar_width, gap = 14 * scale, 7 * scale
-    x = width - edge - labels - gap - bar_width
-    y = (height - bar_height) / 2
-    hair = max(1.0, round(scale))
-    heading = " ".join(part for part in (exponent_text(exponent), caption.unit) if part)
-    left = min(x, width - edge - painter.text_size(heading, size)[0]) if heading else x
-    above, below = (26 * scale if heading else 6 * scale), (28 if caption.missing else 6) * scale
-    sheet.plate(left, y - below, width - edge - left, bar_height + above + below)
-    painter.rectangle(
-        x - hair, y - hair, bar_width + 2 * hair, bar_height + 2 * hair, theme.faint_ink, 0.55
-    )
-    painter.column(x, y, bar_width, bar_height, caption.table)
-    for value, text in zip(values, texts, strict=True):
-        at = y + bar_height * (value - caption.low) / (caption.high - caption.low)
-        painter.rectangle(x + bar_width, at - hair / 2, 4 * scale, hair, theme.faint_ink)
-        painter.text(text, width - edge, at, size, theme.ink, RIGHT, MIDDLE)
-    if heading:
-        heading_x = width - edge
-        painter.text(
-            heading, heading_x, y + bar_height + 10 * scale, size, theme.faint_ink, RIGHT, BOTTOM
+
+
+@dataclass(frozen=True, eq=False)
+class ColorBar:
+    """The colour bar at the right, in two parts: for most fields only its labels are new.
+
+    Parameters
+    ----------
+    caption : Caption
+    x, y, height : float
+        Lower left corner of the colours, and how tall they are.
+    left, above, below : float
+        How far the whole goes to the left, and beyond the colours.
+    labels : tuple of (float, str)
+        Values, and how they are written.
+    heading : str
+        What they all are to be multiplied by.
+    """
+
+    caption: Caption
+    x: float
+    y: float
+    height: float
+    left: float
+    above: float
+    below: float
+    labels: tuple[tuple[float, str], ...]
+    heading: str
+
+    @classmethod
+    def on(cls, sheet: Sheet, caption: Caption) -> ColorBar | None:
+        """The bar as it fits on a sheet; None where there is no room for it."""
+        painter, _, width, height, scale = _parts(sheet)
+        tall = min(300 * scale, 0.5 * height)
+        if tall < 70 * scale or width < 220 * scale:
+            return None
+        size, right = _LABEL * scale, width - _EDGE * scale
+        values, texts, exponent = ticks(
+            caption.low, caption.high, int(np.clip(tall / (34 * scale), 2, 7))
         )
-    if caption.missing:
-        below = y - 28 * scale
-        painter.rectangle(x, below, bar_width, 12 * scale, NAN_COLOR)
-        beside, middle = x - 6 * scale, below + 6 * scale
-        painter.text("no value", beside, middle, size, theme.faint_ink, RIGHT, MIDDLE)
+        labels = max((painter.text_size(text, size)[0] for text in texts), default=0)
+        x = right - labels - 7 * scale - _BAR * scale
+        heading = " ".join(part for part in (exponent_text(exponent), caption.unit) if part)
+        left = min(x, right - painter.text_size(heading, size)[0]) if heading else x
+        above, below = (26 if heading else 6) * scale, (28 if caption.missing else 6) * scale
+        return cls(
+            caption,
+            x,
+            (height - tall) / 2,
+            tall,
+            left,
+            above,
+            below,
+            tuple(zip(values, texts, strict=True)),
+            heading,
+        )
+
+    @property
+    def key(self) -> Hashable:
+        """All that `paint` depends on beside the sheet."""
+        colors = self.caption.table.tobytes(), self.caption.missing
+        return self.x, self.y, self.height, self.left, self.above, self.below, colors
+
+    def paint(self, sheet: Sheet) -> None:
+        """The plate, the colours, and the one that stands for no value."""
+        painter, theme, width, _, scale = _parts(sheet)
+        hair, wide = max(1.0, round(scale)), _BAR * scale
+        tall = self.height + self.above + self.below
+        sheet.plate(self.left, self.y - self.below, width - _EDGE * scale - self.left, tall)
+        painter.rectangle(
+            self.x - hair,
+            self.y - hair,
+            wide + 2 * hair,
+            self.height + 2 * hair,
+            theme.faint_ink,
+            0.55,
+        )
+        painter.column(self.x, self.y, wide, self.height, self.caption.table)
+        if self.caption.missing:
+            below, size = self.y - 28 * scale, _LABEL * scale
+            painter.rectangle(self.x, below, wide, 12 * scale, NAN_COLOR)
+            beside, middle = self.x - 6 * scale, below + 6 * scale
+            painter.text("no value", beside, middle, size, theme.faint_ink, RIGHT, MIDDLE)
+
+    def paint_labels(self, sheet: Sheet) -> None:
+        """Marks beside the colours, their values, and the heading."""
+        painter, theme, width, _, scale = _parts(sheet)
+        hair, size, right = max(1.0, round(scale)), _LABEL * scale, width - _EDGE * scale
+        low, high = self.caption.low, self.caption.high
+        for value, text in self.labels:
+            at = self.y + self.height * (value - low) / (high - low)
+            beside = self.x + _BAR * scale
+            painter.rectangle(beside, at - hair / 2, 4 * scale, hair, theme.faint_ink)
+            painter.text(text, right, at, size, theme.ink, RIGHT, MIDDLE)
+        if self.heading:
+            above = self.y + self.height + 10 * scale
+            painter.text(self.heading, right, above, size, theme.faint_ink, RIGHT, BOTTOM)
 
 
 def paint_scale(sheet: Sheet, view: View, unit: str) -> None:

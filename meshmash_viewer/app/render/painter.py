@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -75,29 +75,15 @@ def _plate(
     return corners.reshape(-1, 4, 2).astype(np.float32), share
 
 
-def _is(one: object, other: object) -> bool:
-    return one is other
-
-
-class Painter:
-    """Shapes and text in pixels from the lower left of a renderer.
-
-    `begin`, then parts in the order they cover one another, then `end`; text lies over shapes.
-    A part whose key has not changed is not painted again. All shapes of a frame are one actor,
-    and all texts another, so that a frame costs less than a millisecond.
-
-    Parameters
-    ----------
-    renderer : vtkRenderer
-    """
+class _Layer:
+    """The shapes of a part, in an actor that covers those that were made before it."""
 
     def __init__(self, renderer: vtkRenderer) -> None:
-        self._parts: dict[str, _Part] = {}
-        self._part = _Part()
-        self._now: list[_Part] = []
-        self._before: list[_Part] = []
-        self._points = vtkPoints()
+        self._part: _Part | None = None
         self._ends = np.zeros(0, dtype=np.int32)
+        self._corners = np.zeros((0, 3), dtype=np.float32)
+        self._rgba = np.zeros((0, 4), dtype=np.uint8)
+        self._points = vtkPoints()
         self._shapes = vtkPolyData()
         self._shapes.SetPoints(self._points)
         mapper = vtkPolyDataMapper2D()
@@ -105,13 +91,64 @@ class Painter:
         mapper.SetScalarModeToUsePointData()
         self._actor = vtkActor2D()
         self._actor.SetMapper(mapper)
+        self._actor.VisibilityOff()
         renderer.AddViewProp(self._actor)
+
+    def show(self, part: _Part | None) -> None:
+        """Show a part whose arrays have been joined, or nothing."""
+        if part is self._part:
+            return
+        self._part = part
+        visible = part is not None and bool(part.sizes)
+        self._actor.SetVisibility(visible)
+        if part is None or not visible:
+            return
+        (flat,), (sizes,), (colors,) = part.points, part.sizes, part.colors
+        ends = np.zeros(len(sizes) + 1, dtype=np.int32)
+        np.cumsum(sizes, out=ends[1:])
+        if not np.array_equal(ends, self._ends):
+            self._make_room(ends)
+        self._corners[:, :2] = flat
+        self._rgba[:] = colors
+        for changed in (self._points.GetData(), self._shapes.GetPointData().GetScalars()):
+            changed.Modified()
+        self._shapes.Modified()
+
+    def _make_room(self, ends: npt.NDArray[np.int32]) -> None:
+        """Have memory for polygons that end there: new arrays for VTK take longest of all here."""
+        self._ends, count = ends, int(ends[-1])
+        self._corners = np.zeros((count, 3), dtype=np.float32)
+        self._rgba = np.zeros((count, 4), dtype=np.uint8)
+        self._points.SetData(numpy_to_vtk(self._corners))
+        self._shapes.GetPointData().SetScalars(numpy_to_vtk(self._rgba))
+        cells = vtkCellArray()
+        cells.SetData(numpy_to_vtk(ends), numpy_to_vtk(np.arange(count, dtype=np.int32)))
+        self._shapes.SetPolys(cells)
+
+
+class Painter:
+    """Shapes and text in pixels from the lower left of a renderer.
+
+    `begin`, then parts, then `end`. A part whose key has not changed is not painted again, and
+    its shapes stay on the graphics card; all texts are one actor.
+
+    Parameters
+    ----------
+    renderer : vtkRenderer
+    names : sequence of str
+        Of all parts, in the order in which they cover one another; text covers them all.
+    """
+
+    def __init__(self, renderer: vtkRenderer, names: Sequence[str]) -> None:
+        self._parts: dict[str, _Part] = {}
+        self._layers = {name: _Layer(renderer) for name in names}
+        self._part = _Part()
+        self._now: list[str] = []
         self._texts = TextLayer(renderer)
 
     def begin(self) -> None:
         """Start a frame."""
-        self._part = _Part()
-        self._now = [self._part]
+        self._now = []
 
     def part(self, name: str, key: Hashable, paint: Callable[[], None]) -> None:
         """Paint a part of the picture, or show it as it was if its key is the same.
@@ -119,6 +156,7 @@ class Painter:
         Parameters
         ----------
         name : str
+            One of those that the painter was made with.
         key : hashable
             All that it depends on; objects without an equality of their own by identity.
         paint : callable
@@ -129,36 +167,13 @@ class Painter:
             self._part = self._parts[name] = known = _Part(key)
             paint()
             known.join()
-        self._now.append(known)
-        self._part = _Part()
-        self._now.append(self._part)
+        self._now.append(name)
 
     def end(self) -> None:
         """Show what was painted since `begin`."""
-        parts = [part for part in self._now if part.sizes or part.texts]
-        same = len(parts) == len(self._before) and all(map(_is, parts, self._before))
-        if same:
-            return
-        self._before = parts
-        self._texts.show([text for part in parts for text in part.texts])
-        sizes = [size for part in parts for size in part.sizes]
-        self._actor.SetVisibility(bool(sizes))
-        if not sizes:
-            return
-        flat = np.concatenate([points for part in parts for points in part.points])
-        places = np.zeros((len(flat), 3), dtype=np.float32)
-        places[:, :2] = flat
-        self._points.SetData(numpy_to_vtk(places))
-        ends = np.zeros(sum(map(len, sizes)) + 1, dtype=np.int32)
-        np.cumsum(np.concatenate(sizes), out=ends[1:])
-        if not np.array_equal(ends, self._ends):
-            self._ends = ends
-            cells = vtkCellArray()
-            cells.SetData(numpy_to_vtk(ends), numpy_to_vtk(np.arange(len(flat), dtype=np.int32)))
-            self._shapes.SetPolys(cells)
-        self._shapes.GetPointData().SetScalars(
-            numpy_to_vtk(np.concatenate([colors for part in parts for colors in part.colors]))
-        )
+        for name, layer in self._layers.items():
+            layer.show(self._parts[name] if name in self._now else None)
+        self._texts.show([text for name in self._now for text in self._parts[name].texts])
 
     def _add(self, corners: npt.NDArray[np.floating], rgba: npt.NDArray[np.floating]) -> None:
         """Add polygons of shape (p, m, 2) in colours of shape (p, m, 4), 0 to 255."""
