@@ -60,6 +60,7 @@ def test_parts_are_ordered_as_well_as_the_whole(
 
 def test_a_poll_that_raises_ends_the_processes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dissection, "_VERTICES_TO_HALVE", 1000)
+    monkeypatch.setattr(dissection, "_VERTICES_TO_SHARE", 0)
     threads = threading.active_count()
     children = len(psutil.Process().children(recursive=True))
     for patience in (0, 3):

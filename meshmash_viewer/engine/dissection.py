@@ -37,7 +37,7 @@ Ask = Callable[[int, sp.csr_array], IndexArray]
 _VERTICES_TO_HALVE, _VERTICES_TO_QUARTER = 100_000, 600_000
 #: Fewer vertices than this are halved here, in a fifth of a second, while a process starts for
 #: one half; the other is ordered here, too. Two processes would start at the cost of this one.
-_VERTICES_TO_SHARE = 200_000
+_VERTICES_TO_SHARE = 150_000
 
 
 class DissectionCrew:

@@ -53,7 +53,8 @@ class Run:
     def __init__(self, stiffness: Any, mass: Any, request: Request) -> None:
         self.began = time.perf_counter()
         self.request = request
-        crew = DissectionCrew(stiffness.shape[0])
+        # What is wrong with the matrices is said where they are reduced.
+        crew = DissectionCrew(max(np.shape(stiffness), default=0))
         self.pencil = reduce_pencil(stiffness, mass)
         self._crew = crew
         self.complete = False
