@@ -44,8 +44,9 @@ _WATCHED = (
 
 #: Seconds without a newer request after which it is worth building tables for the last one.
 _REST = 0.15
-#: Brings the compiler along, which is the largest of all libraries.
-_KERNELS = "meshmash_viewer.model.similarity_kernels"
+#: Fields whose tables have compiled loops; they bring the largest of all libraries along.
+_COMPILED = (FieldKind.HKS, FieldKind.SIMILARITY)
+_KERNELS = "meshmash_viewer.model.field_kernels"
 
 
 class FieldSource(QObject):
@@ -148,7 +149,7 @@ class FieldSource(QObject):
 
     def _build(self, request: FieldRequest, cancel: CancelCallback) -> None:
         try:
-            if request.kind is FieldKind.SIMILARITY and _KERNELS not in sys.modules:
+            if request.kind in _COMPILED and _KERNELS not in sys.modules:
                 load_quietly(_KERNELS)
             self._live.prepare(request, cancel)
         except Cancelled:

@@ -92,10 +92,12 @@ class HeatTable:
             One that the table `covers`.
         """
         start, weights = _weights(self._rates, self.end, self.step, self.n_nodes, time)
+        from meshmash_viewer.model.field_kernels import combine
+
+        values = np.empty(self.columns.shape[1], dtype=np.float32)
         stencil = self.columns[start : start + _STENCIL]
-        values = weights.astype(np.float32) @ stencil
-        values += self.base
-        return np.asarray(values)
+        combine(stencil, weights.astype(np.float32), self.base, values)
+        return values
 
     def error(self, time: float) -> float:
         """Bound of the mean error at a time, relative to the mean of what varies there.

@@ -71,7 +71,7 @@ class SimilarityTable:
 
     def from_vertex(self, vertex: int) -> ColumnArray:
         """Distance of every vertex from one, shape (n,), a pure number."""
-        from meshmash_viewer.model.similarity_kernels import distances
+        from meshmash_viewer.model.field_kernels import distances
 
         here = self._steps(vertex)
         result = np.empty(self.coordinates.shape[1], dtype=np.float32)

@@ -1,6 +1,6 @@
-"""Compiled loop of the feature distance: one pass over all vertices, without temporary arrays.
+"""Compiled loops of fields from tables: one pass over all vertices, without temporary arrays.
 
-Imported by the thread that builds a table; a window that measures no distance needs no compiler.
+Imported by the thread that builds a table: a window without one needs no compiler.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import numpy as np
 
 from meshmash_viewer.engine import compilation as _compilation  # noqa: F401  before any kernel
 
-__all__ = ["distances"]
+__all__ = ["combine", "distances"]
 
 #: Vertices at a time: their sums stay in the processor's nearest cache.
 _BLOCK = 4096
@@ -54,3 +54,23 @@ def distances(coordinates, here, step, out):  # type: ignore[no-untyped-def]
         part = out[start:stop]
         for i in range(count):
             part[i] = np.sqrt(sums[i]) * step
+
+
+@numba.njit(
+    "void(float32[:, ::1], float32[::1], float32[::1], float32[::1])",
+    cache=True,
+    nogil=True,
+    fastmath={"contract", "reassoc"},
+)
+def combine(columns, weights, base, out):  # type: ignore[no-untyped-def]
+    """Write ``out[j] = weights @ columns[:, j] + base[j]``; columns has shape (6, n)."""
+    c0, c1, c2, c3, c4, c5 = (
+        columns[0], columns[1], columns[2], columns[3], columns[4], columns[5]
+    )  # fmt: skip
+    w0, w1, w2, w3, w4, w5 = (
+        weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
+    )  # fmt: skip
+    for j in range(len(out)):
+        near = w2 * c2[j] + w3 * c3[j]
+        far = (w0 * c0[j] + w1 * c1[j]) + (w4 * c4[j] + w5 * c5[j])
+        out[j] = (near + far) + base[j]
