@@ -21,8 +21,10 @@ __all__ = ["SpectrumPlan"]
 #: A border may lie this far, in parts of a slice, from where it was meant to be: where counting
 #: again would be waited for, and where it goes on beside another count.
 _SLACK, _SLACK_BESIDE = 0.2, 0.05
-#: A shift may lie this far from the middle of its slice, in parts of what it holds.
-_ASIDE = 0.25
+#: A shift may lie this far from the middle of its slice, in parts of what it holds: farther out
+#: more steps are needed than a factor costs. In the lowest slice, whose far end is sparse, it
+#: matters less.
+_ASIDE, _ASIDE_LOWEST = 0.06, 0.25
 
 
 class SpectrumPlan:
@@ -198,7 +200,8 @@ class SpectrumPlan:
         inside = [knot for knot in self._knots if start < knot < end]
         aside = {knot: abs(self._counts[knot] - 0.5 * (below + above)) for knot in inside}
         shift = min(inside, key=aside.__getitem__, default=start)
-        if not inside or aside[shift] > _ASIDE * (above - below):
+        allowed = _ASIDE if start > 0.0 else _ASIDE_LOWEST
+        if not inside or aside[shift] > allowed * (above - below):
             shift = 0.5 * (inner + end)
         for knot in inside:
             if knot != shift:
