@@ -96,6 +96,16 @@ def multiply_block_exactly(start, index, data, x, y):  # type: ignore[no-untyped
 def remove_null_block(labels, direction, sums, x):  # type: ignore[no-untyped-def]
     """Project the direction of each component out of X of shape (n, 8), in place."""
     sums[:] = 0.0
+    if len(sums) == 1:
+        # Vertices outside have the direction 0; a sum that has no place to be looked up is faster.
+        only = sums[0]
+        for i in range(len(direction)):
+            for c in range(8):
+                only[c] += direction[i] * x[i, c]
+        for i in range(len(direction)):
+            for c in range(8):
+                x[i, c] -= direction[i] * only[c]
+        return
     for i in range(len(labels)):
         if labels[i] >= 0:
             for c in range(8):
