@@ -57,13 +57,16 @@ def distances(coordinates, here, step, out):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(
-    "void(float32[:, ::1], float32[::1], float32[::1], float32[::1])",
+    "void(float32[:, ::1], float64[::1], float32[::1], float32[::1])",
     cache=True,
     nogil=True,
     fastmath={"contract", "reassoc"},
 )
 def combine(columns, weights, base, out):  # type: ignore[no-untyped-def]
-    """Write ``out[j] = weights @ columns[:, j] + base[j]``; columns has shape (6, n)."""
+    """Write ``out[j] = weights @ columns[:, j] + base[j]``; columns has shape (6, n).
+
+    Weights may be large and of opposite signs: the sums are in float64.
+    """
     c0, c1, c2, c3, c4, c5 = (
         columns[0], columns[1], columns[2], columns[3], columns[4], columns[5]
     )  # fmt: skip

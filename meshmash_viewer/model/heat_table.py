@@ -96,7 +96,7 @@ class HeatTable:
 
         values = np.empty(self.columns.shape[1], dtype=np.float32)
         stencil = self.columns[start : start + _STENCIL]
-        combine(stencil, weights.astype(np.float32), self.base, values)
+        combine(stencil, weights, self.base, values)
         return values
 
     def error(self, time: float) -> float:
