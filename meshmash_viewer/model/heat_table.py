@@ -76,6 +76,11 @@ class HeatTable:
         """Nonzero eigenvalues, shape (k,)."""
         return _nonzero(self.spectrum.eigenvalues)
 
+    @cached_property
+    def _fits(self) -> dict[int, FloatArray]:
+        """Of the stencils that have been used, by their first node."""
+        return {}
+
     def covers(self, time: float) -> bool:
         """Whether there are nodes on both sides of a time."""
         if not time > 0.0:
@@ -91,7 +96,7 @@ class HeatTable:
         time : float
             One that the table `covers`.
         """
-        start, weights = _weights(self._rates, self.end, self.step, self.n_nodes, time)
+        start, weights = _weights(self._rates, self.end, self.step, self.n_nodes, time, self._fits)
         from meshmash_viewer.model.field_kernels import combine
 
         values = np.empty(self.columns.shape[1], dtype=np.float32)
@@ -183,14 +188,30 @@ def _worst(rates: FloatArray, first: float, end: float, step: float, n_nodes: in
 
 
 def _weights(
-    rates: FloatArray, end: float, step: float, n_nodes: int, time: float
+    rates: FloatArray,
+    end: float,
+    step: float,
+    n_nodes: int,
+    time: float,
+    fits: dict[int, FloatArray] | None = None,
 ) -> tuple[int, FloatArray]:
-    """First node of the stencil around a time, and the weights of its nodes, shape (6,)."""
+    """First node of the stencil around a time, and the weights of its nodes, shape (6,).
+
+    `fits` keeps what is the same for all times of a stencil.
+    """
     position = n_nodes - 1 - (end - math.log(time)) / step
     start = min(max(math.floor(position) - (_STENCIL // 2 - 1), 0), n_nodes - _STENCIL)
     if not len(rates):
         return start, np.zeros(_STENCIL)
-    nodes = np.exp(end - step * (n_nodes - 1 - np.arange(start, start + _STENCIL)))
+    fits = {} if fits is None else fits
+    if start not in fits:
+        fits[start] = _fit(rates, end - step * (n_nodes - 1 - start), step)
+    return start, np.asarray(fits[start] @ np.exp(-rates * time))
+
+
+def _fit(rates: FloatArray, first: float, step: float) -> FloatArray:
+    """Values at the rates to weights of the nodes from log t = first on, shape (6, k)."""
+    nodes = np.exp(first + step * np.arange(_STENCIL))
     decay = np.exp(-np.outer(rates, nodes))
     # Columns of equal size, and a floor for singular values above the rounding of float32, so
     # that large weights of opposite sign do not blow that up.
@@ -198,8 +219,7 @@ def _weights(
     size[size == 0.0] = 1.0
     left, singular, right = np.linalg.svd(decay / size, full_matrices=False)
     damped = singular / (singular**2 + (1e-6 * singular[0]) ** 2)
-    weights = right.T @ (damped * (left.T @ np.exp(-rates * time))) / size
-    return start, np.asarray(weights)
+    return np.asarray((right.T * damped) @ left.T / size[:, None])
 
 
 def _error(rates: FloatArray, end: float, step: float, n_nodes: int, time: float) -> float:
