@@ -17,7 +17,7 @@ from meshmash_viewer.app.listening import frame_drawn
 from meshmash_viewer.app.picture import draw_picture
 from meshmash_viewer.app.render.camera import View
 from meshmash_viewer.app.render.drawing import Drawing
-from meshmash_viewer.app.render.text_layer import text_size
+from meshmash_viewer.app.render.overlay import title_size
 from meshmash_viewer.clustering import CoarseMesh, cluster_vertices
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.nodal_lines import nodal_lines
@@ -32,8 +32,6 @@ REST = 220
 FIRST_REST = 3000
 #: About how many vertices the stand-in has.
 COARSE_VERTICES = 40_000
-#: How the overlay writes the title of a field and its quantity, in points.
-TITLE_SIZE, QUANTITY_SIZE, TITLE_MARGIN, TITLE_HEIGHT = 15, 12, 24, 72
 
 
 class Scene(QWidget):
@@ -167,12 +165,9 @@ class Scene(QWidget):
         caption = self._drawing.caption
         if caption is None:
             return QSize(0, 0)
-        wide = max(
-            text_size(caption.title, TITLE_SIZE, True)[0],
-            text_size(caption.quantity, QUANTITY_SIZE, False)[0],
-        )
+        wide, tall = title_size(caption)
         # rounded up, so that what keeps clear of it does not tremble as numbers change
-        return QSize(-(-(wide + 2 * TITLE_MARGIN) // 40) * 40, TITLE_HEIGHT)
+        return QSize(-(-wide // 40) * 40, tall)
 
     def set_pins(self, pins: Iterable[Any]) -> None:
         """Mark vertices: objects with `vertex` and `color`."""

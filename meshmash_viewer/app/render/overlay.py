@@ -19,6 +19,7 @@ from meshmash_viewer.app.render.painter import (
     TOP,
     Painter,
 )
+from meshmash_viewer.app.render.text_layer import text_size
 from meshmash_viewer.app.render.ticks import exponent_text, round_length, scale_bar_text, ticks
 
 __all__ = [
@@ -31,12 +32,15 @@ __all__ = [
     "paint_marks",
     "paint_scale",
     "paint_title",
+    "title_size",
 ]
 
 #: The parts of the overlay, in the order in which they cover one another.
 PARTS = ("marks", "axes", "scale", "title", "bar", "labels")
 #: In points: from the picture's edge to what is written, width of the colour bar, size of labels.
 _EDGE, _BAR, _LABEL = 16, 14, 11
+#: Sizes of the title of a field and of its quantity, in points.
+_TITLE, _QUANTITY = 15, 12
 #: Red, green and blue of the x, y and z axis, apart in brightness too.
 _AXIS_COLORS = ("#d1495b", "#3f9b5c", "#3b76c4")
 
@@ -138,24 +142,33 @@ class Sheet:
             self.painter.plate(x, y, width, height, 6 * self.scale, colors, 0.75)
 
 
+def title_size(caption: Caption) -> tuple[int, int]:
+    """Width and height in points that title and quantity take with a margin on all sides."""
+    lines = ((caption.title, _TITLE, True), (caption.quantity, _QUANTITY, False))
+    wide = max(text_size(text, size, bold)[0] for text, size, bold in lines)
+    return wide + 3 * _EDGE, 40 + 2 * _EDGE
+
+
 def paint_title(sheet: Sheet, caption: Caption) -> None:
     """Title and quantity at the upper left."""
     painter, theme, width, height, scale = _parts(sheet)
     edge = _EDGE * scale
     top = height - edge
     free = width - 2 * edge
-    title = _fitted(painter, caption.title, 15 * scale, True, free)
-    quantity = _fitted(painter, caption.quantity, 12 * scale, False, free)
+    title = _fitted(painter, caption.title, _TITLE * scale, True, free)
+    quantity = _fitted(painter, caption.quantity, _QUANTITY * scale, False, free)
     two_lines = bool(quantity) and height > 160 * scale
-    wide = painter.text_size(title, 15 * scale, bold=True)[0]
+    wide = painter.text_size(title, _TITLE * scale, bold=True)[0]
     if two_lines:
-        wide = max(wide, painter.text_size(quantity, 12 * scale)[0])
+        wide = max(wide, painter.text_size(quantity, _QUANTITY * scale)[0])
     tall = (40 if two_lines else 17) * scale
     if title or quantity:
         sheet.plate(edge, top - tall, wide, tall)
-    painter.text(title, edge, top, 15 * scale, theme.ink, LEFT, TOP, bold=True)
+    painter.text(title, edge, top, _TITLE * scale, theme.ink, LEFT, TOP, bold=True)
     if two_lines:
-        painter.text(quantity, edge, top - 24 * scale, 12 * scale, theme.faint_ink, LEFT, TOP)
+        painter.text(
+            quantity, edge, top - 24 * scale, _QUANTITY * scale, theme.faint_ink, LEFT, TOP
+        )
 
 
 @dataclass(frozen=True, eq=False)
