@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
 from test_eigensolver import torus
 from test_eigensolver_hard import icosphere
 
+from meshmash_viewer.engine import lanczos
 from meshmash_viewer.engine.basis import BLOCK, KrylovBasis
 from meshmash_viewer.engine.factorization import order_pencil
-from meshmash_viewer.engine.lanczos import measure_pairs, rotate_to_pairs
+from meshmash_viewer.engine.lanczos import Interval, measure_pairs, rotate_to_pairs
 from meshmash_viewer.engine.pencil import reduce_pencil
 
 STOP = np.zeros(1, dtype=np.uint8)
@@ -79,3 +83,21 @@ def test_rotation_refuses_the_same_pair_twice() -> None:
     rows = np.stack([row, row + 1e-9 * np.roll(row, 1)])
     with pytest.raises(ArithmeticError, match="twice"):
         rotate_to_pairs(ordered, rows, np.empty((8, ordered.pencil.n)))
+
+
+@pytest.mark.parametrize(("low", "tried"), [(-1.0, 3), (1.0, 1)])
+def test_lowest_slice_takes_the_soundest_factor_near_its_shift(low: float, tried: int) -> None:
+    errors = {5.0: 1e-13, 5.3: 3e-14, 4.7: 5e-14} if low < 0.0 else {5.0: 1e-13}
+    width = 10.0
+    made: list[float] = []
+
+    class Ordered:
+        def factor(self, shift: float, _nudge: float, _stop: Any) -> Any:
+            made.append(round(shift, 9))
+            return SimpleNamespace(shift=shift, error=errors[made[-1]])
+
+    interval = Interval(0, low, low + width, 0, 50, 5.0)
+    ordered: Any = Ordered()
+    best = lanczos._factor(ordered, interval, np.zeros(1, dtype=np.uint8))
+    assert len(made) == tried
+    assert best.error == min(errors.values())
