@@ -107,7 +107,7 @@ class Mesh:
         """Area of the whole surface, in squared `unit`."""
         return float(self.face_areas.sum())
 
-    def area_sample(self, count: int = 30_000) -> IntArray:
+    def area_sample(self, count: int = 10_000) -> IntArray:
         """Vertices spread over the surface in proportion to its area.
 
         Statistics over them are those of the surface: a scan's specks, many vertices on little

@@ -142,7 +142,9 @@ class FieldSource(QObject):
         try:
             answer = compute_field(request, self._live)
             if answer is not None:
-                answer.limits(self._policy)  # so that nobody waits for them
+                # Known then, so that nobody waits for them.
+                answer.limits(self._policy)
+                answer.request.spectrum.has_all_vertices  # noqa: B018
         except Exception as error:  # noqa: BLE001  the window says it
             answer = error
         self._computed.emit(request, answer)

@@ -148,9 +148,8 @@ class Scene(QWidget):
             self._drawing.set_field(None, limits, colormap)
         else:
             values = self._drawing.mesh.on_surface(field.values)
-            self._drawing.set_field(
-                values, limits, colormap, field.title, field.quantity, field.unit
-            )
+            words = field.title, field.quantity, field.unit
+            self._drawing.set_field(values, limits, colormap, *words, complete=field.complete)
         if self._line_values is not None:
             # The lines of another field would be wrong; new ones follow `set_nodal_lines`.
             self._drawing.set_segments(None)

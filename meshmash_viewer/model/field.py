@@ -12,6 +12,7 @@ from meshmash_viewer.model.display import FieldKind, SimilarityBasis
 from meshmash_viewer.model.limits import LimitPolicy, automatic_limits
 from meshmash_viewer.model.ranges import band_range, hks_range, hks_time
 from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.model.stretches import in_stretches
 from meshmash_viewer.units import format_quantity, power_unit
 
 if TYPE_CHECKING:
@@ -117,6 +118,11 @@ class Field:
         if known is None:
             known = self._limits[policy] = policy.limits(self.values, self.request.sample)
         return known
+
+    @property
+    def complete(self) -> bool:
+        """Whether there is a value at every vertex."""
+        return self.request.spectrum.has_all_vertices
 
     @property
     def kind(self) -> FieldKind:
@@ -232,8 +238,16 @@ def compute_field(request: FieldRequest, live: LiveFeatures) -> Field | None:
 
 def eigenfunction(request: FieldRequest) -> npt.NDArray[np.float32]:
     """One row of the spectrum in single precision, shape (n,), in the sign asked for."""
-    values = np.array(request.spectrum.shown_rows[request.index], dtype=np.float32)
-    return np.negative(values, out=values) if request.flipped else values
+    row = request.spectrum.shown_rows[request.index]
+    values = np.empty(len(row), dtype=np.float32)
+
+    def write(part: slice) -> None:
+        values[part] = row[part]
+        if request.flipped:
+            np.negative(values[part], out=values[part])
+
+    in_stretches(len(row), write)
+    return values
 
 
 def _title(request: FieldRequest) -> str:

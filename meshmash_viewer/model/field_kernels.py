@@ -17,21 +17,21 @@ _BLOCK = 4096
 
 
 @numba.njit(
-    "void(int16[:, ::1], float32[::1], float32, float32[::1])",
+    "void(int16[:, ::1], float32[::1], float32, float32[::1], int64, int64)",
     cache=True,
     nogil=True,
     fastmath={"contract", "reassoc"},
 )
-def distances(coordinates, here, step, out):  # type: ignore[no-untyped-def]
-    """Write ``out[j] = step * |coordinates[:, j] - here|``; coordinates has shape (r, n).
+def distances(coordinates, here, step, out, first, last):  # type: ignore[no-untyped-def]
+    """Write ``out[j] = step * |coordinates[:, j] - here|`` from a first vertex j to a last.
 
-    Four rows are added at a time: otherwise it is the reading of the sums and not that of the
-    coordinates that takes longest.
+    Coordinates have shape (r, n). Four rows are added at a time: otherwise it is the reading of
+    the sums and not that of the coordinates that takes longest.
     """
-    n_rows, n = coordinates.shape
+    n_rows = len(coordinates)
     sums = np.empty(_BLOCK, np.float32)
-    for start in range(0, n, _BLOCK):
-        count = min(_BLOCK, n - start)
+    for start in range(first, last, _BLOCK):
+        count = min(_BLOCK, last - start)
         stop = start + count
         sums[:] = 0.0
         row = 0
@@ -57,19 +57,19 @@ def distances(coordinates, here, step, out):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(
-    "void(float32[:, ::1], float64[::1], float32[::1], float32[::1])",
+    "void(float32[:, ::1], float64[::1], float32[::1], float32[::1], int64, int64)",
     cache=True,
     nogil=True,
     fastmath={"contract", "reassoc"},
 )
-def combine(columns, weights, base, out):  # type: ignore[no-untyped-def]
-    """Write ``out[j] = weights @ columns[:, j] + base[j]``; columns has shape (6, n).
+def combine(columns, weights, base, out, first, last):  # type: ignore[no-untyped-def]
+    """Write ``out[j] = weights @ columns[:, j] + base[j]`` from a first vertex j to a last.
 
-    Weights may be large and of opposite signs: the sums are in float64.
+    Columns have shape (6, n). Weights may be large and of opposite signs: the sums are in float64.
     """
-    c0, c1, c2, c3, c4, c5 = (
-        columns[0], columns[1], columns[2], columns[3], columns[4], columns[5]
-    )  # fmt: skip
+    c0, c1, c2 = columns[0, first:last], columns[1, first:last], columns[2, first:last]
+    c3, c4, c5 = columns[3, first:last], columns[4, first:last], columns[5, first:last]
+    base, out = base[first:last], out[first:last]
     w0, w1, w2, w3, w4, w5 = (
         weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
     )  # fmt: skip

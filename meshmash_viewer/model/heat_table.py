@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.model.squares import add_squares, sum_squares
+from meshmash_viewer.model.stretches import in_stretches
 from meshmash_viewer.progress import CancelCallback
 
 __all__ = ["HeatTable", "build_heat_table"]
@@ -101,7 +102,11 @@ class HeatTable:
 
         values = np.empty(self.columns.shape[1], dtype=np.float32)
         stencil = self.columns[start : start + _STENCIL]
-        combine(stencil, weights, self.base, values)
+
+        def write(part: slice) -> None:
+            combine(stencil, weights, self.base, values, part.start, part.stop)
+
+        in_stretches(len(values), write)
         return values
 
     def error(self, time: float) -> float:

@@ -8,6 +8,8 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.model.stretches import extremes
+
 __all__ = [
     "LimitPolicy",
     "LockedLimits",
@@ -66,7 +68,7 @@ def _finite(values: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
 def _extremes(values: npt.NDArray[np.floating]) -> tuple[float, float]:
     """Smallest and largest finite value; (0, 0) if there is none."""
     if values.size:
-        low, high = float(values.min()), float(values.max())
+        low, high = extremes(values)
         if np.isnan(low):
             # these two skip NaN, without a copy of the others
             low, high = float(np.fmin.reduce(values)), float(np.fmax.reduce(values))

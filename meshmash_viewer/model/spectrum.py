@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -73,6 +74,11 @@ class Spectrum:
     def shown_rows(self) -> npt.NDArray[np.floating] | ShownRows:
         """The rows as they are drawn and plotted, shape (>= k, n)."""
         return self.rows if self.shown is None else self.shown
+
+    @cached_property
+    def has_all_vertices(self) -> bool:
+        """Whether the eigenvectors have a value at every vertex: where one has none, none has."""
+        return not np.isnan(np.min(self.rows[0], initial=np.inf))
 
     def is_exact(self, index: int) -> bool:
         """Whether a pair is final, not an approximation."""

@@ -52,7 +52,11 @@ def show(scene: Scene, mesh: Mesh, qtbot) -> Mesh:
 
 def field(values: np.ndarray, title: str = "Eigenfunction 5") -> SimpleNamespace:
     return SimpleNamespace(
-        values=values.astype(np.float32), title=title, quantity="λ₅ = 1 nm⁻²", unit="nm⁻¹"
+        values=values.astype(np.float32),
+        complete=not np.isnan(values).any(),
+        title=title,
+        quantity="λ₅ = 1 nm⁻²",
+        unit="nm⁻¹",
     )
 
 

@@ -62,6 +62,7 @@ class Drawing:
         self._axes = np.eye(3)
         self._bounds = np.zeros((2, 3))
         self.view: View | None = None
+        self._placed: tuple[View, int, int] | None = None
         self.caption: Caption | None = None
         self.surface: Surface | None = None
         self.coarse: Surface | None = None
@@ -103,6 +104,7 @@ class Drawing:
         if mesh is None:
             self.view = None
             return
+        self._placed = None
         geometry = geometry_of(mesh)
         self._sample, self._axes = geometry.sample, geometry.axes
         self.centre, self._bounds = geometry.centre, geometry.bounds
@@ -158,8 +160,12 @@ class Drawing:
         title: str = "",
         quantity: str = "",
         unit: str = "",
+        *,
+        complete: bool = False,
     ) -> None:
         """Colour the mesh by values of shape (n,), or by none.
+
+        `complete` says that none of them is NaN, so that this need not be looked for.
 
         Raises
         ------
@@ -179,7 +185,7 @@ class Drawing:
                 )
             colors = color_table(colormap)
             low, high = (float(limit) for limit in limits)
-            missing = self.surface.write(values)
+            missing = self.surface.write(values, complete=complete)
             before = self.caption
             self.caption = Caption(title, quantity, unit, low, high, colors, missing)
         for surface in (self.surface, self.coarse):
@@ -261,6 +267,10 @@ class Drawing:
     def _place_camera(self, width: int, height: int) -> None:
         camera = self.renderer.GetActiveCamera()
         view = self.view
+        place = (view, width, height)
+        if place == self._placed:  # VTK would take it for another camera
+            return
+        self._placed = place
         focus = view.focus - self.centre
         # Not the surface's own bounds: VTK goes through all faces to find them.
         reach = float(np.linalg.norm(self._bounds).clip(1e-300)) + float(np.linalg.norm(focus))

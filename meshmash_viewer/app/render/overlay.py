@@ -163,7 +163,9 @@ def paint_title(sheet: Sheet, caption: Caption) -> None:
         wide = max(wide, painter.text_size(quantity, _QUANTITY * scale)[0])
     tall = (40 if two_lines else 17) * scale
     if title or quantity:
-        sheet.plate(edge, top - tall, wide, tall)
+        # Rounded up, so that it does not tremble as numbers change.
+        grain = 24 * scale
+        sheet.plate(edge, top - tall, min(np.ceil(wide / grain) * grain, free), tall)
     painter.text(title, edge, top, _TITLE * scale, theme.ink, LEFT, TOP, bold=True)
     if two_lines:
         painter.text(

@@ -61,9 +61,18 @@ def _sizes(count: int, each: int) -> npt.NDArray[np.int32]:
 
 @lru_cache(maxsize=64)
 def _plate(
-    low: int, high: int, x: float, width: float, radius: float
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]]:
-    """Slices of a rectangle with round corners, and how far up each one is, from 0 to 1."""
+    low: int,
+    high: int,
+    x: float,
+    width: float,
+    radius: float,
+    ends: tuple[tuple[float, ...], ...],
+    opacity: float,
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
+    """A rectangle with round corners in slices of shape (p, 4, 2), and their colours.
+
+    `ends` are the colours at its lower and at its upper edge.
+    """
     edges = np.linspace(low, high, max(2, (high - low) // 2) + 1)
     middles = (edges[:-1] + edges[1:]) / 2
     into_corner = np.maximum(radius - np.minimum(middles - low, high - middles), 0.0)
@@ -72,7 +81,10 @@ def _plate(
     bottom, top = edges[:-1], edges[1:]
     corners = np.stack([left, bottom, right, bottom, right, top, left, top], axis=1)
     share = (middles - low) / (high - low)
-    return corners.reshape(-1, 4, 2).astype(np.float32), share
+    lower, upper = np.array(ends)
+    rgba = np.full((len(share), 4, 4), 255 * opacity)
+    rgba[..., :3] = 255 * (lower + share[:, None, None] * (upper - lower))
+    return corners.reshape(-1, 2).astype(np.float32), rgba.round().astype(np.uint8).reshape(-1, 4)
 
 
 class _Layer:
@@ -106,10 +118,11 @@ class _Layer:
         (flat,), (sizes,), (colors,) = part.points, part.sizes, part.colors
         ends = np.zeros(len(sizes) + 1, dtype=np.int32)
         np.cumsum(sizes, out=ends[1:])
-        if not np.array_equal(ends, self._ends):
+        if not np.array_equal(ends, self._ends[: len(ends)]):
             self._make_room(ends)
-        self._corners[:, :2] = flat
-        self._rgba[:] = colors
+        self._corners[: len(flat), :2] = flat
+        self._corners[len(flat) :] = 0.0  # polygons that are not needed have no size
+        self._rgba[: len(flat)] = colors
         for changed in (self._points.GetData(), self._shapes.GetPointData().GetScalars()):
             changed.Modified()
         self._shapes.Modified()
@@ -229,11 +242,11 @@ class Painter:
         colors : ndarray, shape (2, 3)
             Red, green and blue from 0 to 1 at its lower and at its upper edge.
         """
-        shape = round(y), round(y + height), x, width, radius
-        corners, share = _plate(*shape)
-        rgba = np.full((len(share), 4, 4), 255 * opacity)
-        rgba[..., :3] = 255 * (colors[0] + share[:, None, None] * (colors[1] - colors[0]))
-        self._add(corners, rgba)
+        ends = tuple(map(tuple, colors.tolist()))
+        corners, rgba = _plate(round(y), round(y + height), x, width, radius, ends, opacity)
+        self._part.points.append(corners)
+        self._part.sizes.append(_sizes(len(corners) // 4, 4))
+        self._part.colors.append(rgba)
 
     def line(
         self, start: npt.ArrayLike, end: npt.ArrayLike, width: float, color: str, opacity: float = 1

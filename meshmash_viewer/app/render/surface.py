@@ -115,15 +115,16 @@ class Surface:
         self.set_range(0.0, 1.0)
         self.show_field(False)
 
-    def write(self, values: npt.NDArray[np.floating]) -> bool:
+    def write(self, values: npt.NDArray[np.floating], *, complete: bool = False) -> bool:
         """Show values of shape (n,), NaN where there is none; returns whether there are such.
 
+        `complete` says that there are none.
         They are not copied, and must not be changed while they are shown.
         """
         # Field values are never changed, so the array that came is shown and no copy of it.
         shown = np.ascontiguousarray(values, dtype=np.float32)
         # The least is NaN as soon as one entry is: one pass, without a temporary array.
-        missing = bool(np.isnan(shown.min(initial=0.0)))
+        missing = not complete and bool(np.isnan(shown.min(initial=0.0)))
         if missing:
             shown = np.where(np.isnan(shown), _MISSING, shown)
         self._array.SetVoidArray(shown, len(shown), 1)
@@ -175,7 +176,8 @@ class LineSet:
         """Show segments of shape (s, 2, 3), or none."""
         self.actor.SetVisibility(segments is not None and len(segments) > 0)
         if segments is None or not len(segments):
-            self._data.Initialize()
+            if self._data.GetNumberOfPoints():
+                self._data.Initialize()
             return
         points = vtkPoints()
         points.SetData(numpy_to_vtk(segments.reshape(-1, 3).astype(np.float32, copy=False)))

@@ -6,7 +6,7 @@ changes, and beside a new field nearly all of them do.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache, lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
@@ -32,7 +32,9 @@ from meshmash_viewer.app.render.colors import rgb
 __all__ = ["Text", "TextLayer", "text_size"]
 
 #: The texture's sides are multiples of this, so that its size hardly ever changes.
-_STEP = 128
+_STEP = 64
+#: Lines share its rows up to this width; the whole of it goes to the card whenever one changes.
+_WIDTH = 512
 
 
 class Text(NamedTuple):
@@ -103,22 +105,19 @@ class TextLayer:
         if not texts:
             return
         images = [_image(t.text, t.size, t.bold, t.color, t.opacity) for t in texts]
-        self._make_room(
-            len(texts),
-            max(image.shape[1] for image in images),
-            sum(len(image) for image in images),
-        )
+        places, width, height = _packed([image.shape[:2] for image in images])
+        self._make_room(len(texts), width, height)
         self._sheet[:] = 0
-        row, corners, on_sheet = 0, [], []
-        for text, image in zip(texts, images, strict=True):
+        corners, on_sheet = [], []
+        for text, image, (row, column) in zip(texts, images, places, strict=True):
             tall, wide = image.shape[:2]
-            self._sheet[row : row + tall, :wide] = image
+            self._sheet[row : row + tall, column : column + wide] = image
             left, below = _offset(text.text, text.size, text.bold, text.across, text.along)
             left, below = text.x + left, text.y + below
             right, above = left + wide, below + tall
             corners += [(left, below), (right, below), (right, above), (left, above)]
-            on_sheet += [(0, row), (wide, row), (wide, row + tall), (0, row + tall)]
-            row += tall
+            ends, top = column + wide, row + tall
+            on_sheet += [(column, row), (ends, row), (ends, top), (column, top)]
         self._places[:] = 0.0  # lines that are not needed have no size
         self._places[: len(corners), :2] = corners
         self._on_sheet[: len(corners)] = np.divide(on_sheet, self._sheet.shape[1::-1])
@@ -154,6 +153,31 @@ class TextLayer:
                 numpy_to_vtk(np.arange(4 * count, dtype=np.int32)),
             )
             self._data.SetPolys(cells)
+
+
+def _packed(sizes: list[tuple[int, int]]) -> tuple[list[tuple[int, int]], int, int]:
+    """Where images go on a sheet, and its width and height: side by side while they fit.
+
+    Parameters
+    ----------
+    sizes : list of (int, int)
+        Height and width of each.
+
+    Returns
+    -------
+    places : list of (int, int)
+        First row and first column of each.
+    width, height : int
+    """
+    places = []
+    row = column = tall = widest = 0
+    for height, width in sizes:
+        if column and column + width > _WIDTH:
+            row, column, tall = row + tall, 0, 0
+        places.append((row, column))
+        column, tall = column + width, max(tall, height)
+        widest = max(widest, column)
+    return places, widest, row + tall
 
 
 def text_size(text: str, size: int, bold: bool) -> tuple[int, int]:
@@ -199,10 +223,16 @@ def _offset(text: str, size: int, bold: bool, across: int, along: int) -> tuple[
     return left, bottom
 
 
+@cache
+def _scratch() -> vtkImageData:
+    """Where VTK draws one text after the other: a new image takes longer than the text."""
+    return vtkImageData()
+
+
 @lru_cache(maxsize=256)
 def _image(text: str, size: int, bold: bool, color: str, opacity: float) -> npt.NDArray[np.uint8]:
     """A text as RGBA of shape (height, width, 4), lowest row first."""
-    image, size_of_text = vtkImageData(), [0, 0]
+    image, size_of_text = _scratch(), [0, 0]
     properties = _property(size, bold, 0, 0, color, opacity)
     vtkTextRenderer.GetInstance().RenderString(properties, text, image, size_of_text, 72)
     width, height, _ = image.GetDimensions()
