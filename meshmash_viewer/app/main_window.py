@@ -28,7 +28,7 @@ from meshmash_viewer.app.commands import Commands
 from meshmash_viewer.app.field_source import FieldSource
 from meshmash_viewer.app.focus_keys import FocusKeys
 from meshmash_viewer.app.last_look import LastLook
-from meshmash_viewer.app.listening import follow
+from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.app.mesh_panel import MeshPanel
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
@@ -243,13 +243,16 @@ class MainWindow(QMainWindow):
             self.scene.set_field(None, (0.0, 1.0), display.sequential_colormap)
             self.scene.set_nodal_lines(None)
             self.field_panel.set_field(None, (0.0, 1.0))
-            self.stage.message_bar.keep_clear(self.scene.title_size)
+            later(self._clear_title)
             return
         limits = field.limits(display.limits)
         colormap = display.diverging_colormap if field.signed else display.sequential_colormap
         self.scene.set_field(field, limits, colormap)
         self.scene.set_nodal_lines(field.values if display.nodal_lines and field.signed else None)
         self.field_panel.set_field(field, limits)
+        later(self._clear_title)
+
+    def _clear_title(self) -> None:
         self.stage.message_bar.keep_clear(self.scene.title_size)
 
     def _on_hover(self, vertex: int) -> None:

@@ -12,7 +12,7 @@ from meshmash_viewer.model.display import FieldKind, SimilarityBasis
 from meshmash_viewer.model.limits import LimitPolicy, automatic_limits
 from meshmash_viewer.model.ranges import band_range, hks_range, hks_time
 from meshmash_viewer.model.spectrum import Spectrum
-from meshmash_viewer.model.stretches import in_stretches
+from meshmash_viewer.model.stretches import extremes
 from meshmash_viewer.units import format_quantity, power_unit
 
 if TYPE_CHECKING:
@@ -94,6 +94,8 @@ class Field:
         Whether zero is in the middle of the values rather than at their end.
     draft : bool
         Whether a better answer to the same request is on its way.
+    ends : tuple of float, optional
+        Smallest and largest value, NaN if one is, where they are known.
     """
 
     values: npt.NDArray[np.float32] = field(repr=False)
@@ -103,6 +105,7 @@ class Field:
     unit: str = ""
     signed: bool = False
     draft: bool = False
+    ends: tuple[float, float] | None = None
     _limits: dict[LimitPolicy, tuple[float, float]] = field(default_factory=dict, repr=False)
 
     def limits(self, policy: LimitPolicy | None) -> tuple[float, float]:
@@ -116,7 +119,9 @@ class Field:
         policy = policy or automatic_limits(signed=self.signed)
         known = self._limits.get(policy)
         if known is None:
-            known = self._limits[policy] = policy.limits(self.values, self.request.sample)
+            known = self._limits[policy] = policy.limits(
+                self.values, self.request.sample, self.ends
+            )
         return known
 
     @property
@@ -215,6 +220,7 @@ def compute_field(request: FieldRequest, live: LiveFeatures) -> Field | None:
         None if `live` has to be prepared first.
     """
     values: npt.NDArray[np.float32] | None
+    ends: tuple[float, float] | None = None
     if request.kind is FieldKind.HKS:
         values, draft = live.heat_kernel(request)
     elif request.kind is FieldKind.BAND:
@@ -222,7 +228,8 @@ def compute_field(request: FieldRequest, live: LiveFeatures) -> Field | None:
     elif request.kind is FieldKind.SIMILARITY:
         values, draft = live.similarity(request)
     else:
-        values, draft = eigenfunction(request), not request.spectrum.is_exact(request.index)
+        values, ends = eigenfunction(request)
+        draft = not request.spectrum.is_exact(request.index)
     if values is None:
         return None
     return Field(
@@ -233,11 +240,21 @@ def compute_field(request: FieldRequest, live: LiveFeatures) -> Field | None:
         unit=_unit(request),
         signed=request.kind is FieldKind.EIGENFUNCTION,
         draft=draft,
+        ends=ends,
     )
 
 
-def eigenfunction(request: FieldRequest) -> npt.NDArray[np.float32]:
-    """One row of the spectrum in single precision, shape (n,), in the sign asked for."""
+def eigenfunction(
+    request: FieldRequest,
+) -> tuple[npt.NDArray[np.float32], tuple[float, float]]:
+    """One row of the spectrum in single precision, in the sign asked for.
+
+    Returns
+    -------
+    values : ndarray of float32, shape (n,)
+    ends : tuple of float
+        Smallest and largest of them.
+    """
     row = request.spectrum.shown_rows[request.index]
     values = np.empty(len(row), dtype=np.float32)
 
@@ -246,8 +263,7 @@ def eigenfunction(request: FieldRequest) -> npt.NDArray[np.float32]:
         if request.flipped:
             np.negative(values[part], out=values[part])
 
-    in_stretches(len(row), write)
-    return values
+    return values, extremes(values, write)
 
 
 def _title(request: FieldRequest) -> str:

@@ -65,14 +65,23 @@ def distances(coordinates, here, step, out, first, last):  # type: ignore[no-unt
 def combine(columns, weights, base, out, first, last):  # type: ignore[no-untyped-def]
     """Write ``out[j] = weights @ columns[:, j] + base[j]`` from a first vertex j to a last.
 
-    Columns have shape (6, n). Weights may be large and of opposite signs: the sums are in float64.
+    Columns have shape (6, n); one base may stand for all vertices. Weights may be large and of
+    opposite signs: the sums are in float64.
     """
     c0, c1, c2 = columns[0, first:last], columns[1, first:last], columns[2, first:last]
     c3, c4, c5 = columns[3, first:last], columns[4, first:last], columns[5, first:last]
-    base, out = base[first:last], out[first:last]
+    out = out[first:last]
     w0, w1, w2, w3, w4, w5 = (
         weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
     )  # fmt: skip
+    if len(base) == 1:
+        same = base[0]
+        for j in range(len(out)):
+            near = w2 * c2[j] + w3 * c3[j]
+            far = (w0 * c0[j] + w1 * c1[j]) + (w4 * c4[j] + w5 * c5[j])
+            out[j] = (near + far) + same
+        return
+    base = base[first:last]
     for j in range(len(out)):
         near = w2 * c2[j] + w3 * c3[j]
         far = (w0 * c0[j] + w1 * c1[j]) + (w4 * c4[j] + w5 * c5[j])

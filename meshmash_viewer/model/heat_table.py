@@ -52,8 +52,9 @@ class HeatTable:
         Distance of neighbouring nodes in log t; nodes run from short to long times.
     columns : ndarray of float32, shape (m, n)
         The signature at the nodes, without the null space.
-    base : ndarray of float32, shape (n,)
-        The null space's part, which is the same at all times.
+    base : ndarray of float32, shape (n,) or (1,)
+        The null space's part, which is the same at all times; on a connected mesh also at all
+        vertices.
     """
 
     spectrum: Spectrum
@@ -142,6 +143,8 @@ def build_heat_table(
     n_pairs = len(spectrum)
     n_zero = n_pairs - len(rates)
     base = sum_squares(spectrum.rows, _only(n_pairs, slice(0, n_zero)), cancel=cancel)[0]
+    if base.min() == base.max():
+        base = base[:1].copy()
     end, step, n_nodes = _grid(rates, first, last, known)
     decay = np.zeros((n_nodes, n_pairs))
     nodes = np.exp(end - step * np.arange(n_nodes)[::-1])

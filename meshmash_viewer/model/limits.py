@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,8 @@ __all__ = [
 
 _SAMPLE = 100_000
 
+Ends: TypeAlias = tuple[float, float]
+
 
 class LimitPolicy(Protocol):
     """What every policy can do; policies are frozen and compare by value."""
@@ -31,8 +33,11 @@ class LimitPolicy(Protocol):
         ...
 
     def limits(
-        self, values: npt.NDArray[np.floating], sample: npt.NDArray[np.int64] | None = None
-    ) -> tuple[float, float]:
+        self,
+        values: npt.NDArray[np.floating],
+        sample: npt.NDArray[np.int64] | None = None,
+        ends: Ends | None = None,
+    ) -> Ends:
         """Limits for these values; NaN entries do not count.
 
         Parameters
@@ -41,6 +46,8 @@ class LimitPolicy(Protocol):
         sample : ndarray of int64, optional
             Vertices that stand for the surface in statistics (`Mesh.area_sample`); None counts
             every vertex once.
+        ends : tuple of float, optional
+            Smallest and largest of the values, NaN if one is, where they are known.
 
         Returns
         -------
@@ -65,10 +72,10 @@ def _finite(values: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
     return kept if kept.size else np.zeros(1, dtype=values.dtype)
 
 
-def _extremes(values: npt.NDArray[np.floating]) -> tuple[float, float]:
+def _extremes(values: npt.NDArray[np.floating], ends: Ends | None) -> Ends:
     """Smallest and largest finite value; (0, 0) if there is none."""
     if values.size:
-        low, high = extremes(values)
+        low, high = ends or extremes(values)
         if np.isnan(low):
             # these two skip NaN, without a copy of the others
             low, high = float(np.fmin.reduce(values)), float(np.fmax.reduce(values))
@@ -94,10 +101,13 @@ class SymmetricLimits:
     label: str = "Symmetric about 0"
 
     def limits(
-        self, values: npt.NDArray[np.floating], sample: npt.NDArray[np.int64] | None = None
-    ) -> tuple[float, float]:
+        self,
+        values: npt.NDArray[np.floating],
+        sample: npt.NDArray[np.int64] | None = None,
+        ends: Ends | None = None,
+    ) -> Ends:
         """See `LimitPolicy.limits`."""
-        low, high = _extremes(values)
+        low, high = _extremes(values, ends)
         bound = max(abs(low), abs(high)) or 1.0
         return -bound, bound
 
@@ -109,10 +119,13 @@ class MinMaxLimits:
     label: str = "Minimum to maximum"
 
     def limits(
-        self, values: npt.NDArray[np.floating], sample: npt.NDArray[np.int64] | None = None
-    ) -> tuple[float, float]:
+        self,
+        values: npt.NDArray[np.floating],
+        sample: npt.NDArray[np.int64] | None = None,
+        ends: Ends | None = None,
+    ) -> Ends:
         """See `LimitPolicy.limits`."""
-        return _opened(*_extremes(values))
+        return _opened(*_extremes(values, ends))
 
 
 @dataclass(frozen=True)
@@ -132,8 +145,11 @@ class PercentileLimits:
         return f"Percentiles {self.low:g} to {self.high:g}"
 
     def limits(
-        self, values: npt.NDArray[np.floating], sample: npt.NDArray[np.int64] | None = None
-    ) -> tuple[float, float]:
+        self,
+        values: npt.NDArray[np.floating],
+        sample: npt.NDArray[np.int64] | None = None,
+        ends: Ends | None = None,
+    ) -> Ends:
         """See `LimitPolicy.limits`."""
         step = max(len(values) // _SAMPLE, 1)
         counted = values[::step] if sample is None else values[sample]
@@ -152,8 +168,11 @@ class LockedLimits:
     label: str = "Locked"
 
     def limits(
-        self, values: npt.NDArray[np.floating], sample: npt.NDArray[np.int64] | None = None
-    ) -> tuple[float, float]:
+        self,
+        values: npt.NDArray[np.floating],
+        sample: npt.NDArray[np.int64] | None = None,
+        ends: Ends | None = None,
+    ) -> Ends:
         """See `LimitPolicy.limits`."""
         return _opened(self.low, self.high)
 

@@ -46,3 +46,16 @@ def test_extremes_of_all_stretches_count(place, monkeypatch) -> None:
     assert extremes(values) == (values.min(), 3.0)
     values[place] = np.nan
     assert np.isnan(extremes(values)).all()
+
+
+@pytest.mark.parametrize("processors", [1, 3])
+def test_values_are_written_before_they_are_looked_at(processors, monkeypatch) -> None:
+    monkeypatch.setattr(stretches, "_processors", lambda: processors)
+    row = np.random.default_rng(1).standard_normal(700_000)
+    values = np.full(len(row), np.nan, dtype=np.float32)
+
+    def write(part: slice) -> None:
+        values[part] = row[part]
+
+    assert extremes(values, write) == (np.float32(row.min()), np.float32(row.max()))
+    np.testing.assert_array_equal(values, row.astype(np.float32))
