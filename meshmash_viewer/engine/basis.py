@@ -18,6 +18,7 @@ from meshmash_viewer.engine.orthogonality import (
     orthonormalise_block,
     project_out,
 )
+from meshmash_viewer.engine.row_memory import let_go
 from meshmash_viewer.progress import Cancelled
 
 __all__ = ["BLOCK", "KrylovBasis", "RitzPairs"]
@@ -32,6 +33,8 @@ _NEAREST = 24
 _FIRST_LOOK = 5 * BLOCK
 #: Inner products that blocks may have; their squares are what T is wrong by.
 _SEMIORTHOGONAL = 1e-7
+#: Rows that are left to those who go on with the vectors.
+_ROOM = 8 * BLOCK
 #: Random sums of all rows, and of what is known beforehand, through which they are watched.
 _MIXTURES = 4
 
@@ -248,4 +251,6 @@ class KrylovBasis:
         found, rows = self.rows[: len(chosen)], self.rows[: size + BLOCK]
         multiply_in_place(weights, rows, found)
         self.rows = rows[:0]
-        return found, rows[len(chosen) :]
+        end = min(len(chosen) + _ROOM, len(rows))
+        let_go(rows[end:])
+        return found, rows[len(chosen) : end]

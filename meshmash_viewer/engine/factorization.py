@@ -17,6 +17,7 @@ import scipy.sparse as sp
 
 from meshmash_viewer.engine.dissection import DissectionCrew
 from meshmash_viewer.engine.pencil import Pencil
+from meshmash_viewer.engine.row_memory import allocate
 from meshmash_viewer.progress import Cancelled
 
 __all__ = ["Factor", "FactorizationError", "OrderedPencil", "StopFlag", "order_pencil"]
@@ -121,7 +122,7 @@ class OrderedPencil:
             fitting = [m for m in self.spare if size <= len(m) < 2 * size]
             if fitting:
                 self.spare[:] = [m for m in self.spare if m is not fitting[0]]
-        memory = fitting[0] if fitting else np.empty(size + size // 8)
+        memory = fitting[0] if fitting else allocate(size + size // 8)
         return memory[:size].reshape(shape)
 
     def give_back(self, rows: FloatArray) -> None:
