@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.engine.factorization import Factor, OrderedPencil, StopFlag
 from meshmash_viewer.engine.orthogonality import (
+    add_product,
     multiply_in_place,
     orthonormalise_block,
     project_out,
@@ -57,6 +58,26 @@ class RitzPairs:
         self.errors = np.linalg.norm(coupling.T @ self.weights[-BLOCK:], axis=0)
         self.mu = np.where(np.abs(mu) < 1e-100, 1e-100, mu)
         self.coupling = coupling
+
+
+def _relative(shared: FloatArray, gram: FloatArray) -> float:
+    """How far a block with these inner products, once orthonormal, is from orthogonal to a basis.
+
+    Its inner products with random sums of all rows are as large as all of its inner products
+    together, and hardly ever much less.
+
+    Parameters
+    ----------
+    shared : ndarray, shape (8, m)
+        With the sums.
+    gram : ndarray, shape (8, 8)
+        With itself.
+    """
+    try:
+        shared = np.linalg.solve(np.linalg.cholesky(gram), shared)
+    except np.linalg.LinAlgError:
+        return float("inf")
+    return float(np.abs(shared).max())
 
 
 class KrylovBasis:
@@ -136,16 +157,16 @@ class KrylovBasis:
         before = rows[max(size - b, 0) : size]
         local = rows[max(size - b, 0) : size + b]
         self._apply(this, new)
-        shared, near = subtract(new, [(self._coupling.T, before)] if size else [], [local, nearest])
-        diagonal = shared[:, -b:].copy()
-        shared[:, :-b] = 0.0
-        (shared,) = subtract(new, [(shared, local), (near, nearest)], [local])
+        diagonal, near = subtract(
+            new, [(self._coupling.T, before)] if size else [], [this, nearest]
+        )
+        (shared,) = subtract(new, [(diagonal, this), (near, nearest)], [local])
         diagonal += shared[:, -b:]
-        (gram,) = subtract(new, [(shared, local)], [new])
-        if self._drift(new, gram) > self._allowed:
-            self._project_known_out(this)
-            self._project_known_out(new)
-            project_out(rows[size : size + 2 * b], rows[:size])
+        gram, drift = subtract(new, [(shared, local)], [new, self._mixture])
+        if _relative(drift, gram) > self._allowed:
+            both = rows[size : size + 2 * b]
+            self._project_known_out(both)
+            project_out(both, rows[:size])
             orthonormalise_block(self._ordered, this)
             (shared,) = subtract(new, [], [this])
             diagonal += shared
@@ -160,7 +181,8 @@ class KrylovBasis:
             following = following @ self._replace_lost(new, size + b)
         self._projection[after, at] = following.T
         self._coupling = following
-        self._mixture += self._random.choice([-1.0, 1.0], size=(_MIXTURES, b)) @ this
+        signs = self._random.choice([-1.0, 1.0], size=(_MIXTURES, b))
+        add_product(signs, this, self._mixture)
         self.size = size + b
 
     def _mix_known(self) -> FloatArray:
@@ -174,24 +196,17 @@ class KrylovBasis:
 
     def _project_known_out(self, new: FloatArray) -> None:
         """Take the null space and the pairs found before off rows, in place."""
-        self._ordered.fill_columns(new, self._columns)
-        self._ordered.remove_null(self._columns)
-        self._ordered.fill_rows(self._columns, new)
+        pencil = self._ordered.pencil
+        if pencil.n_null == 1:
+            project_out(new, pencil.null_direction[None])
+        else:
+            for start in range(0, len(new), BLOCK):
+                block = new[start : start + BLOCK]
+                self._ordered.fill_columns(block, self._columns)
+                self._ordered.remove_null(self._columns)
+                self._ordered.fill_rows(self._columns, block)
         if len(self._found):
             project_out(new, self._found)
-
-    def _drift(self, new: FloatArray, gram: FloatArray) -> float:
-        """How far the next block, once orthonormal, is from orthogonal to the basis.
-
-        Its inner products with random sums of all rows are as large as all of its inner products
-        together, and hardly ever much less.
-        """
-        shared = new @ self._mixture.T
-        try:
-            shared = np.linalg.solve(np.linalg.cholesky(gram), shared)
-        except np.linalg.LinAlgError:
-            return float("inf")
-        return float(np.abs(shared).max())
 
     def _find_nearest(self, size: int) -> None:
         """Ritz vectors of the largest values of the inverse that look settled."""

@@ -249,6 +249,7 @@ class _CompiledFactor:
         self.shift = shift
         self._structure = structure
         self._blocks = np.empty(structure.n_entries)
+        self._inverse = np.empty(ordered.pencil.n)
         outcome = factor_numeric(
             ordered.pencil.matrix.data,
             shift,
@@ -263,6 +264,7 @@ class _CompiledFactor:
             structure.stack_size,
             structure.front_size,
             self._blocks,
+            self._inverse,
             stop,
         )
         if outcome == -2:
@@ -274,8 +276,8 @@ class _CompiledFactor:
     def solve(self, block: FloatArray) -> None:
         from meshmash_viewer.engine.multifrontal import solve_block
 
-        first, row_start, rows, block_start = self._structure.unsigned
-        solve_block(first, row_start, rows, block_start, self._blocks, block.reshape(-1))
+        structure = self._structure.unsigned
+        solve_block(*structure, self._blocks, self._inverse, block.reshape(-1))
 
 
 class _SuperFactor:

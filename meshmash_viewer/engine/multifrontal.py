@@ -20,7 +20,10 @@ _LARGE = 60000
 U1, U2, U3, U4, U5, U6, U7, U8 = (np.uint64(i) for i in range(1, 9))
 _ELIMINATION = "boolean(float64[:, ::1], float64[:, ::1], int64, int64)"
 _UPDATE = "void(float64[:, ::1], float64[:, ::1], int64, int64)"
-_SOLVE = "void(uint64[::1], uint64[::1], uint64[::1], uint64[::1], float64[::1], float64[::1])"
+_SOLVE = (
+    "void(uint64[::1], uint64[::1], uint64[::1], uint64[::1],"
+    " float64[::1], float64[::1], float64[::1])"
+)
 
 
 @compiled(_ELIMINATION, "contract", "nsz")
@@ -118,9 +121,13 @@ def factor_numeric(  # type: ignore[no-untyped-def]
     stack_size,
     front_size,
     blocks,
+    inverse,
     stop,
 ):
-    """Multifrontal LDLᵀ without pivoting; negative pivots, or -1 for failure, -2 for stop."""
+    """Multifrontal LDLᵀ without pivoting; negative pivots, or -1 for failure, -2 for stop.
+
+    `blocks` receives L with D on its diagonal, and `inverse` the diagonal of D⁻¹.
+    """
     n = len(lower_start) - 1
     s_count = len(first) - 1
     stack = np.empty(stack_size, np.float64)
@@ -173,6 +180,7 @@ def factor_numeric(  # type: ignore[no-untyped-def]
             for k in range(w):
                 block[i, k] = front[i, k] if k <= i else 0.0
         for k in range(w):
+            inverse[first[s] + k] = 1.0 / front[k, k]
             if front[k, k] < 0.0:
                 negative += 1
         u = m - w
@@ -188,21 +196,27 @@ def factor_numeric(  # type: ignore[no-untyped-def]
 
 
 @compiled(_SOLVE, "contract", "nsz")
-def solve_block(first, row_start, rows, block_start, blocks, x):  # type: ignore[no-untyped-def]
-    """Solve L D Lᵀ X = X in place; x is X of shape (n, 8), flat.
+def solve_block(  # type: ignore[no-untyped-def]
+    first, row_start, rows, block_start, blocks, inverse, x
+):
+    """Solve L D Lᵀ X = X in place; x is X of shape (n, 8), flat, and `inverse` the diagonal of D⁻¹.
 
-    Eight named sums and unsigned indices let the compiler keep a row of X in two registers.
+    Eight named sums a row and unsigned indices let the compiler keep a row of X in two registers.
+    Rows go in pairs, since one alone waits for its own sums; and all of memory is read in order,
+    up on the way forth and down on the way back, or the processor would not fetch it ahead.
     """
     s_count = len(first) - U1
     for s in range(s_count):
-        c0 = first[s] * U8
+        start = first[s] * U8
         w = first[s + U1] - first[s]
         r0 = row_start[s]
         m = row_start[s + U1] - r0
         base = block_start[s]
-        for i in range(U1, m):
+        i = U1
+        while i < m:
             at = rows[r0 + i] * U8
             b = base + i * w
+            j = start
             a0 = x[at]
             a1 = x[at + U1]
             a2 = x[at + U2]
@@ -211,18 +225,66 @@ def solve_block(first, row_start, rows, block_start, blocks, x):  # type: ignore
             a5 = x[at + U5]
             a6 = x[at + U6]
             a7 = x[at + U7]
-            j = c0
-            for k in range(b, b + min(i, w)):
-                p = blocks[k]
-                a0 -= p * x[j]
-                a1 -= p * x[j + U1]
-                a2 -= p * x[j + U2]
-                a3 -= p * x[j + U3]
-                a4 -= p * x[j + U4]
-                a5 -= p * x[j + U5]
-                a6 -= p * x[j + U6]
-                a7 -= p * x[j + U7]
-                j += U8
+            if i < w or i + U1 == m:
+                for k in range(b, b + min(i, w)):
+                    p = blocks[k]
+                    a0 -= p * x[j]
+                    a1 -= p * x[j + U1]
+                    a2 -= p * x[j + U2]
+                    a3 -= p * x[j + U3]
+                    a4 -= p * x[j + U4]
+                    a5 -= p * x[j + U5]
+                    a6 -= p * x[j + U6]
+                    a7 -= p * x[j + U7]
+                    j += U8
+                i += U1
+            else:
+                also = rows[r0 + i + U1] * U8
+                d0 = x[also]
+                d1 = x[also + U1]
+                d2 = x[also + U2]
+                d3 = x[also + U3]
+                d4 = x[also + U4]
+                d5 = x[also + U5]
+                d6 = x[also + U6]
+                d7 = x[also + U7]
+                for k in range(b, b + w):
+                    p = blocks[k]
+                    q = blocks[k + w]
+                    v0 = x[j]
+                    v1 = x[j + U1]
+                    v2 = x[j + U2]
+                    v3 = x[j + U3]
+                    v4 = x[j + U4]
+                    v5 = x[j + U5]
+                    v6 = x[j + U6]
+                    v7 = x[j + U7]
+                    a0 -= p * v0
+                    a1 -= p * v1
+                    a2 -= p * v2
+                    a3 -= p * v3
+                    a4 -= p * v4
+                    a5 -= p * v5
+                    a6 -= p * v6
+                    a7 -= p * v7
+                    d0 -= q * v0
+                    d1 -= q * v1
+                    d2 -= q * v2
+                    d3 -= q * v3
+                    d4 -= q * v4
+                    d5 -= q * v5
+                    d6 -= q * v6
+                    d7 -= q * v7
+                    j += U8
+                x[also] = d0
+                x[also + U1] = d1
+                x[also + U2] = d2
+                x[also + U3] = d3
+                x[also + U4] = d4
+                x[also + U5] = d5
+                x[also + U6] = d6
+                x[also + U7] = d7
+                i += U2
             x[at] = a0
             x[at + U1] = a1
             x[at + U2] = a2
@@ -233,19 +295,21 @@ def solve_block(first, row_start, rows, block_start, blocks, x):  # type: ignore
             x[at + U7] = a7
     for back in range(s_count):
         node = s_count - U1 - back
-        c0 = first[node] * U8
+        start = first[node] * U8
         w = first[node + U1] - first[node]
         r0 = row_start[node]
         m = row_start[node + U1] - r0
         base = block_start[node]
         for k in range(w):
-            inverse = 1.0 / blocks[base + k * w + k]
+            pivot = inverse[first[node] + k]
             for c in range(U8):
-                x[c0 + k * U8 + c] *= inverse
-        for up in range(U1, m):
-            i = m - up
+                x[start + k * U8 + c] *= pivot
+        i = m
+        while i > U1:
+            i -= U1
             at = rows[r0 + i] * U8
             b = base + i * w
+            j = start
             a0 = x[at]
             a1 = x[at + U1]
             a2 = x[at + U2]
@@ -254,15 +318,63 @@ def solve_block(first, row_start, rows, block_start, blocks, x):  # type: ignore
             a5 = x[at + U5]
             a6 = x[at + U6]
             a7 = x[at + U7]
-            j = c0
-            for k in range(b, b + min(i, w)):
-                p = blocks[k]
-                x[j] -= p * a0
-                x[j + U1] -= p * a1
-                x[j + U2] -= p * a2
-                x[j + U3] -= p * a3
-                x[j + U4] -= p * a4
-                x[j + U5] -= p * a5
-                x[j + U6] -= p * a6
-                x[j + U7] -= p * a7
+            if i <= w:
+                for k in range(b, b + min(i, w)):
+                    p = blocks[k]
+                    x[j] -= p * a0
+                    x[j + U1] -= p * a1
+                    x[j + U2] -= p * a2
+                    x[j + U3] -= p * a3
+                    x[j + U4] -= p * a4
+                    x[j + U5] -= p * a5
+                    x[j + U6] -= p * a6
+                    x[j + U7] -= p * a7
+                    j += U8
+                continue
+            i -= U1
+            also = rows[r0 + i] * U8
+            b -= w
+            d0 = x[also]
+            d1 = x[also + U1]
+            d2 = x[also + U2]
+            d3 = x[also + U3]
+            d4 = x[also + U4]
+            d5 = x[also + U5]
+            d6 = x[also + U6]
+            d7 = x[also + U7]
+            for k in range(b, b + w):
+                p = blocks[k + w]
+                q = blocks[k]
+                v0 = x[j]
+                v1 = x[j + U1]
+                v2 = x[j + U2]
+                v3 = x[j + U3]
+                v4 = x[j + U4]
+                v5 = x[j + U5]
+                v6 = x[j + U6]
+                v7 = x[j + U7]
+                v0 -= p * a0
+                v1 -= p * a1
+                v2 -= p * a2
+                v3 -= p * a3
+                v4 -= p * a4
+                v5 -= p * a5
+                v6 -= p * a6
+                v7 -= p * a7
+                v0 -= q * d0
+                v1 -= q * d1
+                v2 -= q * d2
+                v3 -= q * d3
+                v4 -= q * d4
+                v5 -= q * d5
+                v6 -= q * d6
+                v7 -= q * d7
+                x[j] = v0
+                x[j + U1] = v1
+                x[j + U2] = v2
+                x[j + U3] = v3
+                x[j + U4] = v4
+                x[j + U5] = v5
+                x[j + U6] = v6
+                x[j + U7] = v7
                 j += U8

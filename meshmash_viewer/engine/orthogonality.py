@@ -8,6 +8,7 @@ import numpy.typing as npt
 from meshmash_viewer.engine.factorization import OrderedPencil
 
 __all__ = [
+    "add_product",
     "independent_gram",
     "multiply_in_place",
     "orthonormalise",
@@ -30,6 +31,13 @@ def multiply_in_place(weights: FloatArray, rows: FloatArray, result: FloatArray)
     for start in range(0, rows.shape[1], _STRETCH):
         part = slice(start, start + _STRETCH)
         result[:, part] = weights @ rows[:, part]
+
+
+def add_product(weights: FloatArray, rows: FloatArray, result: FloatArray) -> None:
+    """result += weights · rows, in place, for contiguous rows of shape (m, n)."""
+    from scipy.linalg.blas import dgemm
+
+    dgemm(1.0, rows.T, weights.T, beta=1.0, c=result.T, overwrite_c=True)
 
 
 def project_out(target: FloatArray, against: FloatArray) -> FloatArray:

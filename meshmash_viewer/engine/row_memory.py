@@ -34,8 +34,8 @@ def allocate(size: int) -> FloatArray:
 
 def let_go(rows: FloatArray) -> None:
     """Give the pages behind contiguous rows back; what they hold is undefined from now on."""
-    memory = rows.base
-    view: Any = memory.base if isinstance(memory, np.ndarray) else None
+    memory: Any = rows.base
+    view = memory.base if isinstance(memory, np.ndarray) else None
     pages = view.obj if isinstance(view, memoryview) else view
     if not CAN_LET_GO or rows.size == 0 or not isinstance(pages, mmap.mmap):
         return
