@@ -150,6 +150,7 @@ class Session:
     # -- scripts ------------------------------------------------------------------------------
 
     def open(self) -> Script:
+        yield 0.5  # the first paint of the window belongs to the start, which has its own part
         self.phase("empty")
         yield 1.0
         self.phase("open")
@@ -331,6 +332,7 @@ class Session:
 
     def solve(self) -> Script:
         """Open a mesh that nothing is known of, and compute at once; look around meanwhile."""
+        yield 0.5
         self.phase("empty")
         yield 1.0
         self.phase("open")

@@ -121,12 +121,12 @@ class Mesh:
         Returns
         -------
         ndarray of int64, shape (count,)
-            The same for the same mesh.
+            Ascending, so that values are read in order; the same for the same mesh.
         """
         filled = np.cumsum(self.face_areas)
         drawn = np.searchsorted(filled, (np.arange(count) + 0.5) / count * filled[-1])
         corners = self.faces[np.minimum(drawn, self.n_faces - 1), np.arange(count) % 3]
-        return np.asarray(corners, dtype=np.int64)
+        return np.sort(corners).astype(np.int64)
 
     @cached_property
     def referenced(self) -> npt.NDArray[np.bool_]:

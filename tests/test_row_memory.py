@@ -40,3 +40,8 @@ def test_memory_that_came_from_elsewhere_is_left_alone() -> None:
     let_go(rows[1:])
     assert (rows == 1.0).all()
     assert allocate(0).shape == (0,)
+
+
+def test_memory_that_there_is_not_is_a_memory_error() -> None:
+    with pytest.raises(MemoryError):
+        allocate(1 << 50)

@@ -23,10 +23,19 @@ CAN_LET_GO = hasattr(mmap, "MADV_DONTNEED") and hasattr(mmap, "MADV_HUGEPAGE")
 
 
 def allocate(size: int) -> FloatArray:
-    """Memory for so many numbers, shape (size,), as NumPy would take it."""
+    """Memory for so many numbers, shape (size,).
+
+    Raises
+    ------
+    MemoryError
+        If the system has none left.
+    """
     if not CAN_LET_GO or size == 0:
         return np.empty(size)
-    pages = mmap.mmap(-1, 8 * size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    try:
+        pages = mmap.mmap(-1, 8 * size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    except OSError as fault:
+        raise MemoryError(f"no room for {8 * size} bytes") from fault
     # Small pages take several times as long to be touched first.
     pages.madvise(mmap.MADV_HUGEPAGE)
     return np.frombuffer(pages, dtype=np.float64)
@@ -35,7 +44,7 @@ def allocate(size: int) -> FloatArray:
 def let_go(rows: FloatArray) -> None:
     """Give the pages behind contiguous rows back; what they hold is undefined from now on."""
     memory: Any = rows.base
-    view = memory.base if isinstance(memory, np.ndarray) else None
+    view: Any = memory.base if isinstance(memory, np.ndarray) else None
     pages = view.obj if isinstance(view, memoryview) else view
     if not CAN_LET_GO or rows.size == 0 or not isinstance(pages, mmap.mmap):
         return
