@@ -37,8 +37,10 @@ class SpectrumPanel(QWidget):
         self.setAccessibleName("Spectrum")
         self._document = document
         self._build()
-        follow(document.spectrum_changed, self._refresh_spectrum)
-        follow(document.mesh_changed, self._refresh_spectrum)
+        # In turns of their own: to lay out what was hidden takes as long as to fill it.
+        for signal in (document.spectrum_changed, document.mesh_changed):
+            follow(signal, self._show_what_is_there)
+            follow(signal, self._refresh_spectrum)
         follow(document.display.events, self._refresh_current)
         follow(document.display.events.kind, self._follow_kind)
         theme.notifier().changed.connect(self._dress)
@@ -136,12 +138,16 @@ class SpectrumPanel(QWidget):
             self._refresh_spectrum()
             self.plot.show_all()
 
-    def _refresh_spectrum(self) -> None:
+    def _show_what_is_there(self) -> None:
+        """The plot, or what to do to have one."""
         spectrum = self._document.spectrum
         there = spectrum is not None and len(spectrum) > 0
         self.plot.paint_later()
         self._stack.setCurrentWidget(self.plot if there else self.empty)
         self.head.show_controls(there)
+
+    def _refresh_spectrum(self) -> None:
+        self._show_what_is_there()
         bottom, left = self.view.labels()
         log = self._log[self._scale_key()]
         blocked = self.log_check.blockSignals(True)
