@@ -59,6 +59,7 @@ class Tour:
         QTest.qWait(250)
         if self.document.spectrum is not None:
             self.wait(lambda: self.window.field_source.idle)
+        self.wait(lambda: self.window.scene.at_rest)
         QTest.qWait(700)
 
     def resize(self, width: int, height: int) -> None:

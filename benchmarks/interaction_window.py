@@ -100,13 +100,7 @@ class Session:
 
     def at_rest(self) -> bool:
         scene = self.window.scene
-        return (
-            self.source.idle
-            and self.document.job is None
-            and scene.can_pick
-            and not scene._rest.isActive()
-            and scene._pool.activeThreadCount() == 0
-        )
+        return self.source.idle and self.document.job is None and scene.can_pick and scene.at_rest
 
     def wheel(self, widget: QWidget, notches: int, modifiers: Qt.KeyboardModifier) -> None:
         middle = QPointF(widget.rect().center())

@@ -268,6 +268,11 @@ class Scene(QWidget):
             self._canvas.update()
 
     @property
+    def at_rest(self) -> bool:
+        """Whether the mesh is drawn in full and nothing is being made for it."""
+        return not self._rest.isActive() and self._pool.activeThreadCount() == 0
+
+    @property
     def shows_stand_in(self) -> bool:
         """Whether the last frame had the stand-in in it."""
         return self._drawing.shows_coarse

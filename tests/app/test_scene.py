@@ -334,11 +334,13 @@ def test_slow_frames_get_a_stand_in_while_something_moves(
     qtbot.waitUntil(lambda: drawing.coarse is not None, timeout=10_000)
     scene.set_field(field(mesh.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
     qtbot.waitUntil(lambda: bool(drawing.coarse.actor.GetVisibility()), timeout=5000)
+    assert not scene.at_rest
     wanted = mesh.vertices[drawing._coarse_mesh.representatives, 0].astype(np.float32)
     # it gets its part of the field in the first frame that it is in
     qtbot.waitUntil(lambda: np.array_equal(drawing.coarse.values, wanted), timeout=5000)
     qtbot.waitUntil(lambda: bool(drawing.surface.actor.GetVisibility()), timeout=5000)
     assert not drawing.coarse.actor.GetVisibility()
+    assert scene.at_rest
 
 
 def test_one_mesh_after_another(scene: Scene, sphere: Mesh, neuron: Mesh, qtbot) -> None:
