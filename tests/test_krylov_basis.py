@@ -15,6 +15,7 @@ from meshmash_viewer.engine import lanczos
 from meshmash_viewer.engine.basis import BLOCK, KrylovBasis
 from meshmash_viewer.engine.factorization import order_pencil
 from meshmash_viewer.engine.lanczos import Interval, measure_pairs, rotate_to_pairs
+from meshmash_viewer.engine.orthogonality import add_product
 from meshmash_viewer.engine.pencil import reduce_pencil
 
 STOP = np.zeros(1, dtype=np.uint8)
@@ -101,3 +102,14 @@ def test_lowest_slice_takes_the_soundest_factor_near_its_shift(low: float, tried
     best = lanczos._factor(ordered, interval, np.zeros(1, dtype=np.uint8))
     assert len(made) == tried
     assert best.error == min(errors.values())
+
+
+def test_products_are_added_where_the_rows_are() -> None:
+    random = np.random.default_rng(5)
+    weights, rows = random.standard_normal((4, 8)), random.standard_normal((40, 501))
+    result = random.standard_normal((4, 501))
+    wanted = result + weights @ rows[16:24]
+    add_product(weights, rows[16:24], result)
+    np.testing.assert_allclose(result, wanted, rtol=1e-13, atol=1e-13)
+    with pytest.raises(ValueError, match="contiguous"):
+        add_product(weights, rows[16:24], np.zeros((4, 1002))[:, ::2])

@@ -37,6 +37,8 @@ def add_product(weights: FloatArray, rows: FloatArray, result: FloatArray) -> No
     """result += weights · rows, in place, for contiguous rows of shape (m, n)."""
     from scipy.linalg.blas import dgemm
 
+    if not result.flags.c_contiguous:
+        raise ValueError("BLAS would add to a copy of rows that are not contiguous")
     dgemm(1.0, rows.T, weights.T, beta=1.0, c=result.T, overwrite_c=True)
 
 
