@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import mmap
+
 import numpy as np
 import psutil
 import pytest
@@ -45,3 +47,11 @@ def test_memory_that_came_from_elsewhere_is_left_alone() -> None:
 def test_memory_that_there_is_not_is_a_memory_error() -> None:
     with pytest.raises(MemoryError):
         allocate(1 << 50)
+
+
+@pytest.mark.skipif(not CAN_LET_GO, reason="only Linux is asked for large pages")
+def test_a_kernel_without_large_pages_still_gives_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mmap, "MADV_HUGEPAGE", 9999)  # a hint that no kernel knows
+    rows = allocate(3000).reshape(3, 1000)
+    rows[:] = 2.0
+    assert (rows == 2.0).all()

@@ -8,6 +8,7 @@ back pages that it is told of.
 from __future__ import annotations
 
 import mmap
+from contextlib import suppress
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -36,8 +37,10 @@ def allocate(size: int) -> FloatArray:
         pages = mmap.mmap(-1, 8 * size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
     except OSError as fault:
         raise MemoryError(f"no room for {8 * size} bytes") from fault
-    # Small pages take several times as long to be touched first.
-    pages.madvise(mmap.MADV_HUGEPAGE)
+    # Small pages take several times as long to be touched first; a kernel without large ones
+    # refuses the hint, and the memory is as good.
+    with suppress(OSError):
+        pages.madvise(mmap.MADV_HUGEPAGE)
     return np.frombuffer(pages, dtype=np.float64)
 
 
