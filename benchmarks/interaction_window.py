@@ -277,23 +277,16 @@ class Session:
         count = 40 if self.result["driver"] == "no-op" else 12
         pairs, vertices = self.order["pairs"], self.order["vertices"]
         kinds = {
-            "step": (
-                FieldKind.EIGENFUNCTION,
-                lambda i: setattr(display, "index", (3 + 7 * i) % pairs),
-            ),
-            "hks": (
-                FieldKind.HKS,
-                lambda i: setattr(display, "time", time_at(self.document, (i % 37) / 37)),
-            ),
-            "band": (FieldKind.BAND, lambda i: setattr(display, "band", i % 32)),
+            "step": (FieldKind.EIGENFUNCTION, "index", lambda i: (3 + 7 * i) % pairs),
+            "hks": (FieldKind.HKS, "time", lambda i: time_at(self.document, (i % 37) / 37)),
+            "band": (FieldKind.BAND, "band", lambda i: i % 32),
             "similarity": (
-                FieldKind.SIMILARITY,
-                lambda i: setattr(display, "similarity_vertex", 7919 * (i + 1) % vertices),
+                FieldKind.SIMILARITY, "similarity_vertex", lambda i: 7919 * (i + 1) % vertices,
             ),
         }  # fmt: skip
         for key in ("ticks", "ticks_p95", "ticks_in_render"):
             self.result[key] = {}
-        for name, (kind, change) in kinds.items():
+        for name, (kind, control, value_of) in kinds.items():
             self.phase(f"tick {name}")
             if kind is FieldKind.SIMILARITY:
                 display.similarity_vertex = 0
@@ -303,8 +296,9 @@ class Session:
             took, rendering = [], []
             for i in range(count):
                 field, loop, drawn_before = self.source.field, QEventLoop(), self.drawing.seconds
+                value = value_of(i)
                 started = time.perf_counter()
-                change(i)
+                setattr(display, control, value)
 
                 def drawn(field: Any = field, loop: QEventLoop = loop) -> None:
                     if self.source.field is not field:

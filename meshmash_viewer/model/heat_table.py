@@ -79,9 +79,13 @@ class HeatTable:
         return _nonzero(self.spectrum.eigenvalues)
 
     @cached_property
-    def _fits(self) -> dict[int, FloatArray]:
-        """Of the stencils that have been used, by their first node."""
-        return {}
+    def _fits(self) -> list[FloatArray]:
+        """Of all stencils, by their first node; empty where there is nothing to fit."""
+        if not len(self._rates):
+            return []
+        first = self.end - self.step * (self.n_nodes - 1)
+        starts = range(self.n_nodes - _STENCIL + 1)
+        return [_fit(self._rates, first + self.step * start, self.step) for start in starts]
 
     def covers(self, time: float) -> bool:
         """Whether there are nodes on both sides of a time."""
@@ -98,7 +102,10 @@ class HeatTable:
         time : float
             One that the table `covers`.
         """
-        start, weights = _weights(self._rates, self.end, self.step, self.n_nodes, time, self._fits)
+        start = _first_node(self.end, self.step, self.n_nodes, time)
+        weights = np.zeros(_STENCIL)
+        if self._fits:
+            weights = self._fits[start] @ np.exp(-self._rates * time)
         from meshmash_viewer.model.field_kernels import combine
 
         values = np.empty(self.columns.shape[1], dtype=np.float32)
@@ -162,7 +169,9 @@ def build_heat_table(
         add_squares(columns[:fresh], spectrum.rows, decay[:fresh], cancel=cancel)
     if n_known and decay[fresh:].any():
         add_squares(columns[fresh:], spectrum.rows, decay[fresh:], cancel=cancel)
-    return HeatTable(spectrum, end, step, columns, base)
+    table = HeatTable(spectrum, end, step, columns, base)
+    _ = table._fits  # now, and not when somebody waits for a time
+    return table
 
 
 def _grid(
@@ -195,26 +204,10 @@ def _worst(rates: FloatArray, first: float, end: float, step: float, n_nodes: in
     return max((_error(rates, end, step, n_nodes, math.exp(x)) for x in between), default=0.0)
 
 
-def _weights(
-    rates: FloatArray,
-    end: float,
-    step: float,
-    n_nodes: int,
-    time: float,
-    fits: dict[int, FloatArray] | None = None,
-) -> tuple[int, FloatArray]:
-    """First node of the stencil around a time, and the weights of its nodes, shape (6,).
-
-    `fits` keeps what is the same for all times of a stencil.
-    """
+def _first_node(end: float, step: float, n_nodes: int, time: float) -> int:
+    """Where the stencil around a time begins."""
     position = n_nodes - 1 - (end - math.log(time)) / step
-    start = min(max(math.floor(position) - (_STENCIL // 2 - 1), 0), n_nodes - _STENCIL)
-    if not len(rates):
-        return start, np.zeros(_STENCIL)
-    fits = {} if fits is None else fits
-    if start not in fits:
-        fits[start] = _fit(rates, end - step * (n_nodes - 1 - start), step)
-    return start, np.asarray(fits[start] @ np.exp(-rates * time))
+    return min(max(math.floor(position) - (_STENCIL // 2 - 1), 0), n_nodes - _STENCIL)
 
 
 def _fit(rates: FloatArray, first: float, step: float) -> FloatArray:
@@ -233,10 +226,10 @@ def _fit(rates: FloatArray, first: float, step: float) -> FloatArray:
 def _error(rates: FloatArray, end: float, step: float, n_nodes: int, time: float) -> float:
     if not len(rates):
         return 0.0
-    start, weights = _weights(rates, end, step, n_nodes, time)
-    nodes = np.exp(end - step * (n_nodes - 1 - np.arange(start, start + _STENCIL)))
+    first = end - step * (n_nodes - 1 - _first_node(end, step, n_nodes, time))
+    nodes = np.exp(first + step * np.arange(_STENCIL))
     wanted = np.exp(-rates * time)
-    misfit = np.exp(-np.outer(rates, nodes)) @ weights - wanted
+    misfit = np.exp(-np.outer(rates, nodes)) @ (_fit(rates, first, step) @ wanted) - wanted
     return float(np.abs(misfit).sum() / max(wanted.sum(), 1e-300))
 
 

@@ -21,8 +21,8 @@ Found = TypeVar("Found")
 
 #: Stretches at a time: more processors than this do not read faster.
 _AT_ONCE = 4
-#: Vertices that a stretch has at least: waking a thread takes as long as a hundred thousand.
-_SHORTEST = 150_000
+#: How many vertices take as long as waking a thread, and how many a stretch has at least.
+_WAKING, _SHORTEST = 80_000, 150_000
 #: Vertices whose values stay in a processor's cache between two looks at them.
 _CACHED = 1 << 17
 
@@ -55,8 +55,10 @@ def in_stretches(count: int, work: Callable[[slice], Found]) -> list[Found]:
         What it returned, in the order of the stretches.
     """
     parts = max(min(_processors(), count // _SHORTEST), 1)
-    borders = [count * part // parts for part in range(parts + 1)]
-    first, *others = (slice(*ends) for ends in pairwise(borders))
+    # Whoever need not be woken takes more: nobody has to be woken when the others are done, either.
+    own = (count + (parts - 1) * _WAKING) // parts
+    borders = [own + (count - own) * part // max(parts - 1, 1) for part in range(parts)]
+    first, *others = (slice(*ends) for ends in pairwise([0, *borders]))
     begun = [_threads().submit(work, other) for other in others]
     return [work(first), *(other.result() for other in begun)]
 

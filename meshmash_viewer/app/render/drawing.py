@@ -54,7 +54,7 @@ class Drawing:
         self._lines = LineSet()
         self._lines.actor.GetProperty().SetLineWidth(2.0)
         self.renderer.AddActor(self._lines.actor)
-        self._painter = Painter(self.renderer, overlay.PARTS)
+        self._painter = Painter(self.renderer, overlay.LAYERS)
         self.mesh: Mesh | None = None
         self.normals: npt.NDArray[np.float32] | None = None
         self.centre = np.zeros(3)

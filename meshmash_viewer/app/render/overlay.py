@@ -23,7 +23,7 @@ from meshmash_viewer.app.render.text_layer import text_size
 from meshmash_viewer.app.render.ticks import exponent_text, round_length, scale_bar_text, ticks
 
 __all__ = [
-    "PARTS",
+    "LAYERS",
     "Caption",
     "ColorBar",
     "Mark",
@@ -35,8 +35,9 @@ __all__ = [
     "title_size",
 ]
 
-#: The parts of the overlay, in the order in which they cover one another.
-PARTS = ("marks", "axes", "scale", "title", "bar", "labels")
+#: The parts of the overlay, in the order in which they cover one another: those that stay when the
+#: field changes, and what is beside the new numbers on the colour bar.
+LAYERS = (("marks", "axes", "scale", "title", "bar"), ("labels",))
 #: In points: from the picture's edge to what is written, width of the colour bar, size of labels.
 _EDGE, _BAR, _LABEL = 16, 14, 11
 #: Sizes of the title of a field and of its quantity, in points.

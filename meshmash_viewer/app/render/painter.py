@@ -45,6 +45,14 @@ class _Part:
             self.sizes = [np.concatenate(self.sizes)]
             self.colors = [np.concatenate(self.colors)]
 
+    def looks_like(self, other: _Part) -> bool:
+        """Whether it has the same shapes as another one; both have some, and have been joined."""
+        return self is other or (
+            np.array_equal(self.sizes[0], other.sizes[0])
+            and np.array_equal(self.points[0], other.points[0])
+            and np.array_equal(self.colors[0], other.colors[0])
+        )
+
 
 @lru_cache(maxsize=256)
 def _colored(color: str, opacity: float, count: int) -> npt.NDArray[np.uint8]:
@@ -88,10 +96,10 @@ def _plate(
 
 
 class _Layer:
-    """The shapes of a part, in an actor that covers those that were made before it."""
+    """The shapes of some parts, in an actor that covers those that were made before it."""
 
     def __init__(self, renderer: vtkRenderer) -> None:
-        self._part: _Part | None = None
+        self._parts: list[_Part] = []
         self._ends = np.zeros(0, dtype=np.int32)
         self._corners = np.zeros((0, 3), dtype=np.float32)
         self._rgba = np.zeros((0, 4), dtype=np.uint8)
@@ -106,16 +114,18 @@ class _Layer:
         self._actor.VisibilityOff()
         renderer.AddViewProp(self._actor)
 
-    def show(self, part: _Part | None) -> None:
-        """Show a part whose arrays have been joined, or nothing."""
-        if part is self._part:
+    def show(self, parts: list[_Part]) -> None:
+        """Show parts whose arrays have been joined, and nothing else."""
+        parts = [part for part in parts if part.sizes]
+        before, self._parts = self._parts, parts
+        if len(parts) == len(before) and all(map(_Part.looks_like, parts, before)):
             return
-        self._part = part
-        visible = part is not None and bool(part.sizes)
-        self._actor.SetVisibility(visible)
-        if part is None or not visible:
+        self._actor.SetVisibility(bool(parts))
+        if not parts:
             return
-        (flat,), (sizes,), (colors,) = part.points, part.sizes, part.colors
+        flat = np.concatenate([part.points[0] for part in parts])
+        sizes = np.concatenate([part.sizes[0] for part in parts])
+        colors = np.concatenate([part.colors[0] for part in parts])
         ends = np.zeros(len(sizes) + 1, dtype=np.int32)
         np.cumsum(sizes, out=ends[1:])
         if not np.array_equal(ends, self._ends[: len(ends)]):
@@ -143,18 +153,19 @@ class Painter:
     """Shapes and text in pixels from the lower left of a renderer.
 
     `begin`, then parts, then `end`. A part whose key has not changed is not painted again, and
-    its shapes stay on the graphics card; all texts are one actor.
+    shapes stay on the graphics card while no part of their layer changes; each layer is an actor,
+    because actors take longer to draw than shapes, and so are all texts.
 
     Parameters
     ----------
     renderer : vtkRenderer
-    names : sequence of str
-        Of all parts, in the order in which they cover one another; text covers them all.
+    layers : sequence of sequence of str
+        Names of all parts, in the order in which they cover one another; text covers them all.
     """
 
-    def __init__(self, renderer: vtkRenderer, names: Sequence[str]) -> None:
+    def __init__(self, renderer: vtkRenderer, layers: Sequence[Sequence[str]]) -> None:
         self._parts: dict[str, _Part] = {}
-        self._layers = {name: _Layer(renderer) for name in names}
+        self._layers = [(names, _Layer(renderer)) for names in layers]
         self._part = _Part()
         self._now: list[str] = []
         self._texts = TextLayer(renderer)
@@ -184,8 +195,8 @@ class Painter:
 
     def end(self) -> None:
         """Show what was painted since `begin`."""
-        for name, layer in self._layers.items():
-            layer.show(self._parts[name] if name in self._now else None)
+        for names, layer in self._layers:
+            layer.show([self._parts[name] for name in names if name in self._now])
         self._texts.show([text for name in self._now for text in self._parts[name].texts])
 
     def _add(self, corners: npt.NDArray[np.floating], rgba: npt.NDArray[np.floating]) -> None:
