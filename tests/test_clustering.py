@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapes
 
-from meshmash_viewer.clustering import cluster_vertices
+from meshmash_viewer.clustering import cluster_vertices, sample_faces
 from meshmash_viewer.mesh import Mesh
 
 
@@ -48,3 +48,18 @@ def test_any_count_will_do(count: int) -> None:
     if count == 10**6:
         assert len(coarse.representatives) == sphere.n_vertices
         assert len(coarse.faces) == sphere.n_faces
+
+
+def test_sampled_faces_are_some_of_the_mesh_from_all_over_it() -> None:
+    sphere = shapes.icosphere(5)
+    some = sample_faces(sphere.faces, 1000)
+    assert 500 < len(some.faces) <= 1000
+    of_the_mesh = {tuple(face) for face in sphere.faces.tolist()}
+    assert all(tuple(face) in of_the_mesh for face in some.representatives[some.faces].tolist())
+    assert (np.diff(some.representatives) > 0).all()
+    shown = sphere.vertices[some.representatives]
+    distances = np.linalg.norm(sphere.vertices[:, None] - shown[None], axis=2).min(axis=1)
+    assert distances.max() < 0.2
+    np.testing.assert_array_equal(
+        (whole := sample_faces(sphere.faces, 10**6)).representatives[whole.faces], sphere.faces
+    )

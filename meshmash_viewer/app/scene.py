@@ -18,7 +18,7 @@ from meshmash_viewer.app.picture import draw_picture
 from meshmash_viewer.app.render.camera import View
 from meshmash_viewer.app.render.drawing import Drawing
 from meshmash_viewer.app.render.overlay import title_size
-from meshmash_viewer.clustering import CoarseMesh, cluster_vertices
+from meshmash_viewer.clustering import CoarseMesh, cluster_vertices, sample_faces
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.nodal_lines import nodal_lines
 
@@ -32,6 +32,8 @@ REST = 220
 FIRST_REST = 3000
 #: About how many vertices the stand-in has.
 COARSE_VERTICES = 40_000
+#: Faces whose corners are drawn as dots until it is there, and how wide these are in points.
+DOT_FACES, DOT_SIZE = 40_000, 5.0
 
 
 class Scene(QWidget):
@@ -75,7 +77,7 @@ class Scene(QWidget):
         self._full_frame: float | None = None
         self._full_frames = 0
         self._software = False
-        self._coarse_asked = False
+        self._coarse_asked = self._awaits_coarse = False
         self._user_moved_camera = False
         self._closed = False
         self._first = True
@@ -123,7 +125,8 @@ class Scene(QWidget):
             normals = mesh.vertex_normals
         self._generation += 1
         self._full_frame, self._full_frames = None, 0
-        self._coarse_asked, self._line_values = False, None
+        self._coarse_asked = self._awaits_coarse = False
+        self._line_values = None
         self._line_delay.stop()
         self._rest.stop()
         self._drawing.set_mesh(mesh, normals, picking=True)
@@ -256,8 +259,7 @@ class Scene(QWidget):
     def _moves(self) -> None:
         """Something moves: a frame is due, and one in full when it has come to rest."""
         if self._software or self._is_slow():
-            waits = self._coarse_asked and self._drawing.coarse is None
-            self._rest.start(FIRST_REST if waits else REST)
+            self._rest.start(FIRST_REST if self._awaits_coarse else REST)
             self._set_hovered(-1)
         self._canvas.update()
 
@@ -275,13 +277,15 @@ class Scene(QWidget):
     @property
     def shows_stand_in(self) -> bool:
         """Whether the last frame had the stand-in in it."""
-        return self._drawing.shows_coarse
+        return self._drawing.shows_coarse and not self._awaits_coarse
 
     def _begin_with_stand_in(self) -> None:
         """Draw it before the first frame in full, which is slow without a doubt."""
         mesh = self._drawing.mesh
         if self._software and mesh is not None and mesh.n_vertices > 2 * COARSE_VERTICES:
             self._full_frame = np.inf
+            dots = self._stand_in(sample_faces(mesh.faces, DOT_FACES))
+            self._drawing.set_coarse(*dots, dot_size=DOT_SIZE * self._canvas.pixels()[2])
             self._ask_coarse()
             self._rest.start(FIRST_REST)
 
@@ -329,18 +333,19 @@ class Scene(QWidget):
 
     def _ask_coarse(self) -> None:
         """Make a stand-in for slow frames, if the mesh is large enough for it to help."""
-        mesh, normals, centre = self._drawing.mesh, self._drawing.normals, self._drawing.centre
+        mesh = self._drawing.mesh
         if mesh.n_vertices <= 2 * COARSE_VERTICES:
             return
-        self._coarse_asked = True
+        self._coarse_asked = self._awaits_coarse = True
+        self._run("coarse", lambda: cluster_vertices(mesh.vertices, mesh.faces, COARSE_VERTICES))
 
-        def compute() -> tuple[CoarseMesh, npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-            coarse = cluster_vertices(mesh.vertices, mesh.faces, COARSE_VERTICES)
-            chosen = coarse.representatives
-            points = (mesh.vertices[chosen] - centre).astype(np.float32)
-            return coarse, points, normals[chosen]
-
-        self._run("coarse", compute)
+    def _stand_in(
+        self, coarse: CoarseMesh
+    ) -> tuple[CoarseMesh, npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        """What the drawing needs of a coarse mesh: with points and normals."""
+        drawing, chosen = self._drawing, coarse.representatives
+        points = (drawing.mesh.vertices[chosen] - drawing.centre).astype(np.float32)
+        return coarse, points, drawing.normals[chosen]
 
     def _compute_lines(self) -> None:
         mesh, values, centre = self._drawing.mesh, self._line_values, self._drawing.centre
@@ -359,7 +364,8 @@ class Scene(QWidget):
         if self._closed or what[1] != self._generation:
             return
         if what[0] == "coarse":
-            self._drawing.set_coarse(*result)
+            self._awaits_coarse = False
+            self._drawing.set_coarse(*self._stand_in(result))
             if self._rest.isActive():
                 self._rest.start(REST)
                 self._canvas.update()

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from collections.abc import Iterator
 from types import SimpleNamespace
 
@@ -341,6 +342,41 @@ def test_slow_frames_get_a_stand_in_while_something_moves(
     qtbot.waitUntil(lambda: bool(drawing.surface.actor.GetVisibility()), timeout=5000)
     assert not drawing.coarse.actor.GetVisibility()
     assert scene.at_rest
+
+
+def test_a_large_mesh_is_seen_before_its_stand_in_is_there(
+    scene: Scene, qtbot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import shapes
+
+    monkeypatch.setattr(scene_module, "COARSE_VERTICES", 500)
+    made, cluster = threading.Event(), scene_module.cluster_vertices
+
+    def slowly(*arguments):
+        made.wait(20.0)
+        return cluster(*arguments)
+
+    monkeypatch.setattr(scene_module, "cluster_vertices", slowly)
+    scene._software = True
+    mesh = shapes.icosphere(6)
+    scene.set_mesh(mesh, mesh.vertex_normals)
+    try:
+        scene.set_field(field(mesh.vertices[:, 2]), (-1.0, 1.0), "RdBu_r")
+        drawing = scene._drawing
+        qtbot.waitUntil(lambda: drawing.shows_coarse and drawing.caption is not None, timeout=5000)
+        scene._draw_frame()
+        assert not scene.shows_stand_in
+        assert not drawing.surface.actor.GetVisibility()
+        # of the part that a sphere takes of the picture, the dots take about all
+        frame = read_pixels(scene._canvas.window, False, 0, scene._canvas.pixels()[1])
+        red, _, blue = np.moveaxis(frame[150:330, 230:410].astype(int), 2, 0)
+        assert (np.abs(red - blue) > 40).mean() > 0.5
+    finally:
+        made.set()
+    qtbot.waitUntil(lambda: scene.shows_stand_in, timeout=5000)
+    actors = drawing.renderer.GetActors()
+    assert actors.GetNumberOfItems() == 3  # lines, mesh, stand-in: the dots are gone
+    qtbot.waitUntil(lambda: scene.at_rest, timeout=5000)
 
 
 def test_one_mesh_after_another(scene: Scene, sphere: Mesh, neuron: Mesh, qtbot) -> None:

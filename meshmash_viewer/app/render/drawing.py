@@ -126,17 +126,24 @@ class Drawing:
         coarse: CoarseMesh,
         points: npt.NDArray[np.float32],
         normals: npt.NDArray[np.float32],
+        dot_size: float = 0.0,
     ) -> None:
-        """Take a stand-in that `show_coarse` draws in place of the mesh.
+        """Take a stand-in that `show_coarse` draws in place of the mesh, and of one before it.
 
         Parameters
         ----------
         coarse : CoarseMesh
         points, normals : ndarray of float32, shape (c, 3)
             Of its representatives, relative to `centre`.
+        dot_size : float
+            Pixels; other than 0, only the vertices are drawn, in dots of that size.
         """
+        if self.coarse is not None:
+            self.renderer.RemoveActor(self.coarse.actor)
         self.coarse = self._new_surface(points, coarse.faces, normals)
         self.coarse.actor.VisibilityOff()
+        if dot_size:
+            self.coarse.show_as_dots(dot_size)
         self._coarse_mesh, self._coarse_of = coarse, None
 
     def show_coarse(self, shown: bool) -> None:

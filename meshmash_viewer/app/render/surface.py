@@ -152,6 +152,12 @@ class Surface:
         self._uniforms.SetUniformf("fieldLow", low)
         self._uniforms.SetUniformf("fieldScale", _COLORS / (high - low))
 
+    def show_as_dots(self, size: float) -> None:
+        """Draw the corners of the faces and not the faces, in dots that many pixels wide."""
+        look = self.actor.GetProperty()
+        look.SetRepresentationToPoints()
+        look.SetPointSize(size)
+
     def show_field(self, shown: bool) -> None:
         """Colour by the field, or in one colour."""
         self._uniforms.SetUniformi("fieldShown", int(shown))
