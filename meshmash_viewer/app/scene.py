@@ -33,7 +33,7 @@ FIRST_REST = 3000
 #: About how many vertices the stand-in has.
 COARSE_VERTICES = 40_000
 #: Faces whose corners are drawn as dots until it is there, and how wide these are in points.
-DOT_FACES, DOT_SIZE = 40_000, 5.0
+DOT_FACES, DOT_SIZE = 25_000, 6.0
 
 
 class Scene(QWidget):
