@@ -93,7 +93,7 @@ def cluster_vertices(
 
 
 def sample_faces(faces: npt.NDArray[np.integer], count: int) -> CoarseMesh:
-    """Some of the faces, evenly spaced in their order: at once, where clusters take a second.
+    """Some of the faces from all over the mesh: at once, where clusters take a second.
 
     Parameters
     ----------
@@ -106,7 +106,12 @@ def sample_faces(faces: npt.NDArray[np.integer], count: int) -> CoarseMesh:
     CoarseMesh
         Full of holes: its vertices show the shape, its faces do not.
     """
-    chosen = faces[:: max(-(-len(faces) // max(count, 1)), 1)]
+    count = min(count, len(faces))
+    # One of each stretch, at random: every n-th may be the same corner of a subdivided mesh, and
+    # whole regions be left without.
+    places = np.random.default_rng(0).random(count) + np.arange(count)
+    rows = (places * (len(faces) / max(count, 1))).astype(np.int64)
+    chosen = faces[np.minimum(rows, len(faces) - 1)]
     representatives, corners = np.unique(chosen, return_inverse=True)
     return CoarseMesh(representatives.astype(np.int64), corners.reshape(-1, 3).astype(np.int64))
 
