@@ -17,23 +17,17 @@ from meshmash_viewer.app.listening import frame_drawn
 from meshmash_viewer.app.picture import draw_picture
 from meshmash_viewer.app.render.camera import View
 from meshmash_viewer.app.render.drawing import Drawing
-from meshmash_viewer.app.render.overlay import title_size
-from meshmash_viewer.clustering import CoarseMesh, cluster_vertices, sample_faces
+from meshmash_viewer.app.render.overlay import BAR_SPACE, title_size
+from meshmash_viewer.app.stand_in import StandIn
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.nodal_lines import nodal_lines
 
 __all__ = ["Scene"]
 
-#: A frame that takes longer than this (s) is slow: while something moves, a stand-in is drawn.
-SLOW_FRAME = 0.045
 #: How long (ms) nothing must move before the full mesh is drawn again.
 REST = 220
 #: The same (ms) after a mesh has come for which a stand-in is being made.
 FIRST_REST = 3000
-#: About how many vertices the stand-in has.
-COARSE_VERTICES = 40_000
-#: Faces whose corners are drawn as dots until it is there, and how wide these are in points.
-DOT_FACES, DOT_SIZE = 25_000, 6.0
 
 
 class Scene(QWidget):
@@ -68,16 +62,13 @@ class Scene(QWidget):
         self.setAccessibleName("Render of the mesh")
         self.document = document
         self._drawing = Drawing()
+        self._stand_in = StandIn(self._drawing)
         self._canvas = Canvas(self)
         self._canvas.window.AddRenderer(self._drawing.renderer)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(self._canvas)
         self._ring = Ring(self._canvas)
-        self._full_frame: float | None = None
-        self._full_frames = 0
-        self._software = False
-        self._coarse_asked = self._awaits_coarse = False
         self._user_moved_camera = False
         self._closed = False
         self._first = True
@@ -124,8 +115,7 @@ class Scene(QWidget):
         if mesh is not None and normals is None:
             normals = mesh.vertex_normals
         self._generation += 1
-        self._full_frame, self._full_frames = None, 0
-        self._coarse_asked = self._awaits_coarse = False
+        self._stand_in.forget()
         self._line_values = None
         self._line_delay.stop()
         self._rest.stop()
@@ -170,6 +160,11 @@ class Scene(QWidget):
         wide, tall = title_size(caption)
         # rounded up, so that what keeps clear of it does not tremble as numbers change
         return QSize(-(-wide // 40) * 40, tall)
+
+    @property
+    def bar_width(self) -> int:
+        """What the colour bar takes of the right edge; 0 where there is none."""
+        return 0 if self._drawing.caption is None else BAR_SPACE
 
     def set_pins(self, pins: Iterable[Any]) -> None:
         """Mark vertices: objects with `vertex` and `color`."""
@@ -258,8 +253,8 @@ class Scene(QWidget):
 
     def _moves(self) -> None:
         """Something moves: a frame is due, and one in full when it has come to rest."""
-        if self._software or self._is_slow():
-            self._rest.start(FIRST_REST if self._awaits_coarse else REST)
+        if self._stand_in.software or self._stand_in.slow:
+            self._rest.start(FIRST_REST if self._stand_in.awaited else REST)
             self._set_hovered(-1)
         self._canvas.update()
 
@@ -277,20 +272,13 @@ class Scene(QWidget):
     @property
     def shows_stand_in(self) -> bool:
         """Whether the last frame had the stand-in in it."""
-        return self._drawing.shows_coarse and not self._awaits_coarse
+        return self._drawing.shows_coarse and not self._stand_in.awaited
 
     def _begin_with_stand_in(self) -> None:
-        """Draw it before the first frame in full, which is slow without a doubt."""
-        mesh = self._drawing.mesh
-        if self._software and mesh is not None and mesh.n_vertices > 2 * COARSE_VERTICES:
-            self._full_frame = np.inf
-            dots = self._stand_in(sample_faces(mesh.faces, DOT_FACES))
-            self._drawing.set_coarse(*dots, dot_size=DOT_SIZE * self._canvas.pixels()[2])
-            self._ask_coarse()
+        """Draw it before the first frame in full, if that is slow without a doubt."""
+        if self._stand_in.begin(self._canvas.pixels()[2]):
+            self._run("coarse", self._stand_in.task())
             self._rest.start(FIRST_REST)
-
-    def _is_slow(self) -> bool:
-        return self._full_frame is not None and self._full_frame > SLOW_FRAME
 
     def _draw_frame(self) -> None:
         """Draw now; only the canvas calls it, when Qt says that a frame is due."""
@@ -300,15 +288,16 @@ class Scene(QWidget):
         if self._first:
             # Not before: a window tells what draws it when it is on the screen.
             window.Initialize()
-            self._software = _draws_by_software(window)
+            self._stand_in.software = _draws_by_software(window)
             self._begin_with_stand_in()
-        coarse = self._rest.isActive() and self._is_slow() and self._coarse_asked
+        stand_in, at_rest = self._stand_in, not self._rest.isActive()
+        coarse = not at_rest and stand_in.slow and stand_in.asked
         drawing.show_coarse(coarse)
         # Several samples a pixel cost a processor as much again for each frame: they wait for
         # rest, and where frames are very slow, edges are smoothed afterwards instead.
-        at_rest, patient = not self._rest.isActive(), (self._full_frame or 0.0) < 0.3
-        window.SetMultiSamples(4 if not self._software or (at_rest and patient) else 0)
-        drawing.renderer.SetUseFXAA(self._software and at_rest and not patient)
+        quickly = stand_in.software and (stand_in.very_slow or not at_rest)
+        window.SetMultiSamples(0 if quickly else 4)
+        drawing.renderer.SetUseFXAA(quickly and at_rest)
         started = perf_counter()
         drawing.prepare(*self._canvas.pixels())
         window.Render()
@@ -318,34 +307,8 @@ class Scene(QWidget):
         if self._first:
             self._first = False
             self.first_frame.emit()
-        elif drawing.surface is not None and not coarse:
-            self._measure(took)
-
-    def _measure(self, took: float) -> None:
-        """Learn from a frame of the full mesh whether such frames are slow."""
-        self._full_frames += 1
-        if self._full_frames == 1:
-            # It also compiled shaders and filled the card's memory, and tells nothing.
-            return
-        self._full_frame = took
-        if self._is_slow() and not self._coarse_asked:
-            self._ask_coarse()
-
-    def _ask_coarse(self) -> None:
-        """Make a stand-in for slow frames, if the mesh is large enough for it to help."""
-        mesh = self._drawing.mesh
-        if mesh.n_vertices <= 2 * COARSE_VERTICES:
-            return
-        self._coarse_asked = self._awaits_coarse = True
-        self._run("coarse", lambda: cluster_vertices(mesh.vertices, mesh.faces, COARSE_VERTICES))
-
-    def _stand_in(
-        self, coarse: CoarseMesh
-    ) -> tuple[CoarseMesh, npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-        """What the drawing needs of a coarse mesh: with points and normals."""
-        drawing, chosen = self._drawing, coarse.representatives
-        points = (drawing.mesh.vertices[chosen] - drawing.centre).astype(np.float32)
-        return coarse, points, drawing.normals[chosen]
+        elif drawing.surface is not None and not coarse and stand_in.measure(took):
+            self._run("coarse", stand_in.task())
 
     def _compute_lines(self) -> None:
         mesh, values, centre = self._drawing.mesh, self._line_values, self._drawing.centre
@@ -364,8 +327,7 @@ class Scene(QWidget):
         if self._closed or what[1] != self._generation:
             return
         if what[0] == "coarse":
-            self._awaits_coarse = False
-            self._drawing.set_coarse(*self._stand_in(result))
+            self._stand_in.take(result)
             if self._rest.isActive():
                 self._rest.start(REST)
                 self._canvas.update()

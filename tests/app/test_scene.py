@@ -15,6 +15,7 @@ from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
 
 import meshmash_viewer.app.render.upload as upload_module
 import meshmash_viewer.app.scene as scene_module
+import meshmash_viewer.app.stand_in as stand_in_module
 from meshmash_viewer.app.render.drawing import read_pixels
 from meshmash_viewer.app.scene import Scene
 from meshmash_viewer.mesh import Mesh
@@ -325,8 +326,8 @@ def test_slow_frames_get_a_stand_in_while_something_moves(
 ) -> None:
     import shapes
 
-    monkeypatch.setattr(scene_module, "SLOW_FRAME", 0.0)
-    monkeypatch.setattr(scene_module, "COARSE_VERTICES", 500)
+    monkeypatch.setattr(stand_in_module, "SLOW_FRAME", 0.0)
+    monkeypatch.setattr(stand_in_module, "COARSE_VERTICES", 500)
     mesh = show(scene, shapes.icosphere(4), qtbot)
     drawing = scene._drawing
     scene._canvas.update()
@@ -349,15 +350,15 @@ def test_a_large_mesh_is_seen_before_its_stand_in_is_there(
 ) -> None:
     import shapes
 
-    monkeypatch.setattr(scene_module, "COARSE_VERTICES", 500)
-    made, cluster = threading.Event(), scene_module.cluster_vertices
+    monkeypatch.setattr(stand_in_module, "COARSE_VERTICES", 500)
+    made, cluster = threading.Event(), stand_in_module.cluster_vertices
 
     def slowly(*arguments):
         made.wait(20.0)
         return cluster(*arguments)
 
-    monkeypatch.setattr(scene_module, "cluster_vertices", slowly)
-    scene._software = True
+    monkeypatch.setattr(stand_in_module, "cluster_vertices", slowly)
+    scene._stand_in.software = True
     mesh = shapes.icosphere(6)
     scene.set_mesh(mesh, mesh.vertex_normals)
     try:

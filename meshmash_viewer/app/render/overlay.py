@@ -23,6 +23,7 @@ from meshmash_viewer.app.render.text_layer import text_size
 from meshmash_viewer.app.render.ticks import exponent_text, round_length, scale_bar_text, ticks
 
 __all__ = [
+    "BAR_SPACE",
     "LAYERS",
     "Caption",
     "ColorBar",
@@ -40,6 +41,8 @@ __all__ = [
 LAYERS = (("marks", "axes", "scale", "title", "bar"), ("labels",))
 #: In points: from the picture's edge to what is written, width of the colour bar, size of labels.
 _EDGE, _BAR, _LABEL = 16, 14, 11
+#: In points: what the colour bar with its labels takes of the right.
+BAR_SPACE = 108
 #: Sizes of the title of a field and of its quantity, in points.
 _TITLE, _QUANTITY = 15, 12
 #: Red, green and blue of the x, y and z axis, apart in brightness too.
@@ -91,7 +94,7 @@ def margins(captioned: bool, width: int, height: int, scale: float) -> Margins:
         return Margins(*(8.0 * scale,) * 4)
     return Margins(
         left=28 * scale,
-        right=(108 if captioned else 28) * scale,
+        right=(BAR_SPACE if captioned else 28) * scale,
         top=(66 if captioned else 28) * scale,
         bottom=58 * scale,
     )
