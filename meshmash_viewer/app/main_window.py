@@ -253,7 +253,7 @@ class MainWindow(QMainWindow):
         later(self._clear_title)
 
     def _clear_title(self) -> None:
-        self.stage.message_bar.keep_clear(self.scene.title_size)
+        self.stage.message_bar.keep_clear(self.scene.title_size, self.scene.bar_width)
 
     def _on_hover(self, vertex: int) -> None:
         ready = self.document.ready

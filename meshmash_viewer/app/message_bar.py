@@ -15,6 +15,8 @@ __all__ = ["MessageBar"]
 _STAY = 7000
 _WIDEST = 620
 _NARROWEST = 360
+#: With fewer pixels than this it rather covers the colour bar.
+_TIGHTEST = 180
 
 
 class MessageBar(QFrame):
@@ -31,7 +33,7 @@ class MessageBar(QFrame):
         self.setObjectName("message_bar")
         self.setAccessibleName("Message")
         self.notice: Notice | None = None
-        self._title = QSize(0, 0)
+        self._title, self._bar = QSize(0, 0), 0
 
         self._icon = QLabel(objectName="message_icon")
         self._text = QLabel(objectName="message_text", wordWrap=True)
@@ -87,10 +89,18 @@ class MessageBar(QFrame):
         if self.notice is not None and self.notice.severity is Severity.ERROR:
             self.dismiss()
 
-    def keep_clear(self, title: QSize) -> None:
-        """Leave a part of the parent's upper left corner alone, so that it can still be read."""
-        if title != self._title:
-            self._title = title
+    def keep_clear(self, title: QSize, bar: int) -> None:
+        """Leave parts of the parent alone, so that they can still be read.
+
+        Parameters
+        ----------
+        title : QSize
+            In its upper left corner.
+        bar : int
+            Width at its right, some way below its upper edge.
+        """
+        if (title, bar) != (self._title, self._bar):
+            self._title, self._bar = title, bar
             if self.isVisible():
                 self._place()
 
@@ -103,18 +113,20 @@ class MessageBar(QFrame):
     def _place(self) -> None:
         room = self.parentWidget().rect()
         margin = theme.MARGIN
-        top, free = margin, room.width() - 2 * margin
+        top, free, right = margin, room.width() - 2 * margin, room.width() - margin
         beside = room.width() - self._title.width() - margin
         if not self._title.isEmpty() and beside >= _NARROWEST:
             free = beside
         elif not self._title.isEmpty():
             top = self._title.height()
+            if free - self._bar >= _TIGHTEST:
+                free, right = free - self._bar, right - self._bar
         width = min(free, _WIDEST)
         self.ensurePolished()
         height = self.heightForWidth(width)
         if height < 0:
             height = self.sizeHint().height()
-        self.setGeometry(room.width() - width - margin, top, width, height)
+        self.setGeometry(right - width, top, width, height)
 
     def _refresh(self) -> None:
         self.style().unpolish(self)

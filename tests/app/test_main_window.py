@@ -397,7 +397,7 @@ def test_errors_stay_until_dismissed_and_their_details_are_copied(window: MainWi
     assert not bar.isVisible()
 
 
-@pytest.mark.parametrize("width", [1440, 700])
+@pytest.mark.parametrize("width", [1440, 1000, 700])
 def test_a_message_leaves_the_title_of_the_field_alone(ball: MainWindow, width: int) -> None:
     ball.resize(width, 800)
     document, bar = ball.document, ball.stage.message_bar
@@ -418,6 +418,8 @@ def test_a_message_leaves_the_title_of_the_field_alone(ball: MainWindow, width: 
         assert title.width() > text_size(caption.title, 15, True)[0] + 16
         assert title.width() > text_size(caption.quantity, 12, False)[0] + 16
         assert not bar.geometry().intersects(title)
+        colours = ball.stage.rect().adjusted(ball.stage.width() - ball.scene.bar_width, 100, 0, 0)
+        assert not bar.geometry().intersects(colours)
         assert ball.stage.rect().contains(bar.geometry())
         places.append(title.width())
     assert places[0] < places[1]
