@@ -1,13 +1,18 @@
-"""Computes the field on the render off the interface thread; only the latest request counts."""
+"""Computes the field on the render; only the latest request counts.
+
+Off the interface thread, unless that takes longer than the answer: a thread that sleeps is woken in
+a quarter of a millisecond, and has to wake the interface's in turn.
+"""
 
 from __future__ import annotations
 
 import sys
 import threading
 from collections.abc import Callable
+from time import perf_counter
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, Qt, QThread, Signal, Slot
+from PySide6.QtCore import QObject, Qt, QThread, QTimer, Signal, Slot
 
 from meshmash_viewer.app.listening import first_a_frame
 from meshmash_viewer.app.loading import load_quietly
@@ -44,6 +49,8 @@ _WATCHED = (
 
 #: Seconds without a newer request after which it is worth building tables for the last one.
 _REST = 0.15
+#: An answer from tables that took fewer seconds the last time is given without a thread.
+_PROMPT = 0.005
 #: Fields whose tables have compiled loops; they bring the largest of all libraries along.
 _COMPILED = (FieldKind.HKS, FieldKind.SIMILARITY)
 _KERNELS = "meshmash_viewer.model.field_kernels"
@@ -54,7 +61,8 @@ class FieldSource(QObject):
 
     `field_ready` carries each new `Field`, or None when there is nothing to show; `failed` one
     sentence if a field cannot be computed. One thread answers requests; another builds the
-    tables that make the next ones cheap, after which a draft is computed again.
+    tables that make the next ones cheap, after which a draft is computed again. From tables that
+    are there, the interface thread computes small fields itself, in the next turn of its loop.
     """
 
     field_ready = Signal(object)
@@ -70,6 +78,10 @@ class FieldSource(QObject):
         self._wanted: FieldRequest | None = None
         self._policy: LimitPolicy | None = None
         self._threads: threadpool_limits | None = None
+        #: What the last field of each kind took in seconds, with its limits.
+        self._took: dict[FieldKind, float] = {}
+        self._soon = QTimer(self, singleShot=True, interval=0)
+        self._soon.timeout.connect(self._answer_here)
         queued = Qt.ConnectionType.QueuedConnection
         self._computed.connect(self._take, queued)
         self._prepared.connect(self._improve, queued)
@@ -110,19 +122,39 @@ class FieldSource(QObject):
             return
         before, self._wanted = self._wanted, request
         if request is None or (before is not None and not _same_mesh(before, request)):
+            self._soon.stop()
             self._answers.drop()
             self._tables.drop()
             self._live.forget()
+            self._took.clear()
             self._field = None
             self.field_ready.emit(None)
         if request is not None:
             first_a_frame()
-            self._answers.ask(request)
+            if self._is_prompt(request):
+                self._soon.start()
+            else:
+                self._soon.stop()
+                self._answers.ask(request)
+
+    def _is_prompt(self, request: FieldRequest) -> bool:
+        """Whether it is answered faster here than by a thread.
+
+        Eigenfunctions are on a disk that may be slow, and a solver takes all processors.
+        """
+        return (
+            request.kind is not FieldKind.EIGENFUNCTION
+            and self._took.get(request.kind, _PROMPT) < _PROMPT
+            and self._document.job is None
+            and not self._answers.working
+            and self._live.prepared(request)
+        )
 
     def close(self) -> None:
         """Stop both threads and wait for them."""
         for signal in self._signals:
             signal.disconnect(self.refresh)
+        self._soon.stop()
         self._answers.close()
         self._tables.close()
         if self._threads is not None:
@@ -139,6 +171,7 @@ class FieldSource(QObject):
             from threadpoolctl import threadpool_limits
 
             self._threads = threadpool_limits(1, user_api="blas")
+        started = perf_counter()
         try:
             answer = compute_field(request, self._live)
             if answer is not None:
@@ -147,6 +180,7 @@ class FieldSource(QObject):
                 answer.request.spectrum.has_all_vertices  # noqa: B018
         except Exception as error:  # noqa: BLE001  the window says it
             answer = error
+        self._took[request.kind] = perf_counter() - started
         self._computed.emit(request, answer)
 
     def _build(self, request: FieldRequest, cancel: CancelCallback) -> None:
@@ -162,6 +196,11 @@ class FieldSource(QObject):
         self._prepared.emit(request)
 
     # -- in the interface thread --------------------------------------------------------------
+
+    @Slot()
+    def _answer_here(self) -> None:
+        if self._wanted is not None:
+            self._answer(self._wanted, lambda: False)
 
     @Slot(object, object)
     def _take(self, request: FieldRequest, answer: Field | Exception | None) -> None:

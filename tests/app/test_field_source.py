@@ -7,14 +7,16 @@ import pytest
 from pytestqt.qtbot import QtBot
 from solved import spectrum_of
 
+import meshmash_viewer.app.field_source as field_source_module
 from meshmash_viewer.app.field_source import FieldSource
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.field import Field
-from meshmash_viewer.model.jobs import MeshReady
+from meshmash_viewer.model.field import Field, FieldRequest
+from meshmash_viewer.model.jobs import JobState, MeshReady, PreviewJob
 from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.progress import Progress
 
 
 def show(document: Document, mesh: Mesh, n_pairs: int = 60) -> None:
@@ -100,6 +102,72 @@ def test_similarity_comes_as_soon_as_it_can(
     ):
         document.display.kind = FieldKind.SIMILARITY
     assert source.field.values[17] == 0.0
+
+
+def test_what_is_quick_is_computed_without_a_thread(
+    qtbot: QtBot,
+    document: Document,
+    source: FieldSource,
+    rectangle: Mesh,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    show(document, rectangle)
+    for kind in (FieldKind.BAND, FieldKind.HKS):
+        document.display.kind = kind
+        qtbot.waitUntil(lambda: source.idle)
+    asked: list[FieldRequest] = []
+    ask = source._answers.ask
+    monkeypatch.setattr(source._answers, "ask", lambda one: (asked.append(one), ask(one)))
+    fields: list[Field] = []
+    source.field_ready.connect(fields.append)
+
+    source._took[FieldKind.HKS] = 1e-4
+    wanted = 1.37 * source.field.request.time
+    for time in (1.1 * wanted, wanted):
+        document.display.time = time
+    qtbot.waitUntil(lambda: source.idle)
+    assert not asked
+    assert [field.request.time for field in fields] == [wanted]
+    exact = document.spectrum.rows[:].astype(np.float64) ** 2
+    exact = np.exp(-document.spectrum.eigenvalues * wanted) @ exact
+    assert np.abs(fields[0].values - exact).max() <= 1e-4 * np.ptp(exact)
+
+    # What took long, is on a disk, or would compete with a solver, is left to the thread.
+    source._took[FieldKind.HKS] = 1.0
+    document.display.time = 1.1 * wanted
+    qtbot.waitUntil(lambda: source.idle)
+    source._took[FieldKind.EIGENFUNCTION] = 1e-4
+    document.display.kind = FieldKind.EIGENFUNCTION
+    qtbot.waitUntil(lambda: source.idle)
+    source._took[FieldKind.HKS] = 1e-4
+    document.job = JobState(PreviewJob, Progress(stage="cells"))
+    document.display.kind = FieldKind.HKS
+    qtbot.waitUntil(lambda: source.idle)
+    assert [request.kind for request in asked] == [
+        FieldKind.HKS, FieldKind.EIGENFUNCTION, FieldKind.HKS,
+    ]  # fmt: skip
+    document.job = None
+
+
+def test_a_fault_in_what_is_quick_is_a_sentence_too(
+    qtbot: QtBot,
+    document: Document,
+    source: FieldSource,
+    rectangle: Mesh,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    show(document, rectangle)
+    document.display.kind = FieldKind.BAND
+    qtbot.waitUntil(lambda: source.idle)
+    source._took[FieldKind.BAND] = 1e-4
+
+    def fails(*arguments: object) -> None:
+        raise MemoryError("no room")
+
+    monkeypatch.setattr(field_source_module, "compute_field", fails)
+    with qtbot.waitSignal(source.failed) as failed:
+        document.display.band = 7
+    assert failed.args == ["The field cannot be computed (MemoryError): no room"]
 
 
 def test_another_mesh_takes_field_and_tables_away(
