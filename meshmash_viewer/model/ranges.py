@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from meshmash_viewer.filters import hks_time_range
 from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.spectrum import Spectrum
 
@@ -37,12 +36,12 @@ def hks_range(spectrum: Spectrum, display: Display) -> tuple[float, float]:
     Parameters
     ----------
     spectrum : Spectrum
-        With at least one pair; without a nonzero eigenvalue the automatic range is (1, 10).
+        With at least one pair; its `time_range` is the automatic one.
     display : Display
         Its `hks_automatic`, `hks_t_min` and `hks_t_max` are read; an end left open by hand is
         automatic, and ends in the wrong order are exchanged.
     """
-    t_min, t_max = _automatic_times(spectrum)
+    t_min, t_max = spectrum.time_range
     if not display.hks_automatic:
         t_min = display.hks_t_min or t_min
         t_max = display.hks_t_max or t_max
@@ -80,11 +79,3 @@ def band_range(spectrum: Spectrum, display: Display) -> tuple[float, float]:
         high = high if display.band_max is None else display.band_max
     low, high = min(low, high), max(low, high)
     return (low, high) if low < high else (low, low + 1.0)
-
-
-def _automatic_times(spectrum: Spectrum) -> tuple[float, float]:
-    values = spectrum.eigenvalues
-    if not len(values) or not values[-1] > 1e-9 * max(abs(float(values[0])), 1e-300):
-        return 1.0, 10.0
-    t_min, t_max = hks_time_range(values)
-    return float(t_min), float(t_max)

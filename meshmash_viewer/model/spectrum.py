@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.filters import hks_time_range
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model.alignment import ShownRows
 
@@ -79,6 +80,18 @@ class Spectrum:
     def has_all_vertices(self) -> bool:
         """Whether the eigenvectors have a value at every vertex: where one has none, none has."""
         return not np.isnan(np.min(self.rows[0], initial=np.inf))
+
+    @cached_property
+    def time_range(self) -> tuple[float, float]:
+        """Shortest and longest HKS time that these pairs say something about.
+
+        In squared length units; (1, 10) without an eigenvalue that is more than rounding.
+        """
+        values = self.eigenvalues
+        if not len(values) or not values[-1] > 1e-9 * max(abs(float(values[0])), 1e-300):
+            return 1.0, 10.0
+        t_min, t_max = hks_time_range(values)
+        return float(t_min), float(t_max)
 
     def is_exact(self, index: int) -> bool:
         """Whether a pair is final, not an approximation."""
