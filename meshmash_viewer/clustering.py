@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["CoarseMesh", "cluster_vertices", "sample_faces"]
+__all__ = ["CoarseMesh", "cluster_vertices", "scatter"]
 
 IntArray = npt.NDArray[np.int64]
 
@@ -19,7 +19,7 @@ class CoarseMesh:
     Parameters
     ----------
     representatives : ndarray of int64, shape (c,)
-        Vertex of the full mesh that each coarse vertex is; rising.
+        Vertex of the full mesh that each coarse vertex is.
     faces : ndarray of int64, shape (m, 3)
         Indices into `representatives`.
     """
@@ -47,6 +47,7 @@ def cluster_vertices(
     Returns
     -------
     CoarseMesh
+        With representatives in rising order.
     """
     used = np.zeros(len(vertices), dtype=bool)
     used[faces.ravel()] = True
@@ -92,28 +93,27 @@ def cluster_vertices(
     return CoarseMesh(chosen[rising], corners)
 
 
-def sample_faces(faces: npt.NDArray[np.integer], count: int) -> CoarseMesh:
-    """Some of the faces from all over the mesh: at once, where clusters take a second.
+def scatter(faces: npt.NDArray[np.integer], count: int) -> CoarseMesh:
+    """Vertices from all over the mesh, to be drawn as dots: at once, where clusters take a second.
 
     Parameters
     ----------
     faces : ndarray of int, shape (m, 3)
     count : int
-        How many at most.
+        How many at most: one of each of so many faces.
 
     Returns
     -------
     CoarseMesh
-        Full of holes: its vertices show the shape, its faces do not.
+        Its faces mean nothing, but that each vertex is in one.
     """
-    count = min(count, len(faces))
+    count = min(count, len(faces)) // 3 * 3
     # One of each stretch, at random: every n-th may be the same corner of a subdivided mesh, and
     # whole regions be left without.
     places = np.random.default_rng(0).random(count) + np.arange(count)
     rows = (places * (len(faces) / max(count, 1))).astype(np.int64)
-    chosen = faces[np.minimum(rows, len(faces) - 1)]
-    representatives, corners = np.unique(chosen, return_inverse=True)
-    return CoarseMesh(representatives.astype(np.int64), corners.reshape(-1, 3).astype(np.int64))
+    corners = faces[np.minimum(rows, len(faces) - 1), 0].astype(np.int64)
+    return CoarseMesh(corners, np.arange(count).reshape(-1, 3))
 
 
 def _keys(points: npt.NDArray[np.float64], size: float, per_side: float) -> IntArray:

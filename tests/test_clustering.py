@@ -5,7 +5,7 @@ import pytest
 import shapes
 from scipy.spatial import KDTree
 
-from meshmash_viewer.clustering import cluster_vertices, sample_faces
+from meshmash_viewer.clustering import cluster_vertices, scatter
 from meshmash_viewer.mesh import Mesh
 
 
@@ -51,21 +51,20 @@ def test_any_count_will_do(count: int) -> None:
         assert len(coarse.faces) == sphere.n_faces
 
 
-@pytest.mark.parametrize("one_in", [4, 16, 20.48, 64])
-def test_sampled_faces_are_some_of_the_mesh_from_all_over_it(one_in: float) -> None:
+@pytest.mark.parametrize("one_in", [2, 4, 16, 20.48, 64])
+def test_scattered_vertices_are_from_all_over_the_mesh(one_in: float) -> None:
     sphere = shapes.icosphere(5)
-    count = round(sphere.n_faces / one_in)
-    some = sample_faces(sphere.faces, count)
-    assert len(some.faces) == count
-    of_the_mesh = {tuple(face) for face in sphere.faces.tolist()}
-    assert all(tuple(face) in of_the_mesh for face in some.representatives[some.faces].tolist())
-    assert (np.diff(some.representatives) > 0).all()
+    count = round(sphere.n_faces / one_in) // 3 * 3
+    some = scatter(sphere.faces, count)
+    assert len(some.representatives) == count
+    np.testing.assert_array_equal(np.sort(some.faces.ravel()), np.arange(count))
     shown = KDTree(sphere.vertices[some.representatives])
     # Not one of each family of four: a subdivided mesh would lose the same corner of each.
     assert shown.query(sphere.vertices)[0].max() < 0.06 * np.sqrt(one_in)
 
 
-def test_more_faces_than_there_are_is_all_of_them() -> None:
-    sphere = shapes.icosphere(3)
-    whole = sample_faces(sphere.faces, 10**6)
-    np.testing.assert_array_equal(whole.representatives[whole.faces], sphere.faces)
+def test_scattered_vertices_are_in_faces(neuron: Mesh) -> None:
+    for count in (0, 2, 100, 10**6):
+        some = scatter(neuron.faces, count)
+        assert len(some.representatives) == min(count, neuron.n_faces) // 3 * 3
+        assert neuron.referenced[some.representatives].all()

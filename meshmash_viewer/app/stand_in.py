@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.app.render.drawing import Drawing
-from meshmash_viewer.clustering import CoarseMesh, cluster_vertices, sample_faces
+from meshmash_viewer.clustering import CoarseMesh, cluster_vertices, scatter
 
 __all__ = ["StandIn"]
 
@@ -18,8 +18,8 @@ SLOW_FRAME = 0.045
 VERY_SLOW_FRAME = 0.3
 #: About how many vertices the stand-in has; it takes a mesh of twice as many to be worth one.
 COARSE_VERTICES = 40_000
-#: Faces whose corners are drawn as dots until it is there, and how wide these are in points.
-DOT_FACES, DOT_SIZE = 25_000, 6.0
+#: How many dots are drawn until it is there, and how wide they are in points.
+DOTS, DOT_SIZE = 36_000, 6.0
 
 
 class StandIn:
@@ -74,7 +74,7 @@ class StandIn:
         if not (self.software and self._helps):
             return False
         self._seconds = np.inf
-        self._put(sample_faces(self._drawing.mesh.faces, DOT_FACES), DOT_SIZE * scale)
+        self._put(scatter(self._drawing.mesh.faces, DOTS), DOT_SIZE * scale)
         self.asked = self.awaited = True
         return True
 
