@@ -251,6 +251,15 @@ class Player:
             QTimer.singleShot(2, lambda: self._wait(condition, deadline))
 
 
+def seconds_stolen() -> float:
+    """Seconds for which the host has had processors of this machine, where Linux says so."""
+    try:
+        first, *_ = Path("/proc/stat").read_text().splitlines()
+    except OSError:
+        return 0.0
+    return int(first.split()[8]) / os.sysconf("SC_CLK_TCK")
+
+
 def private_bytes() -> int:
     """Memory of this process that no file backs."""
     for line in Path("/proc/self/status").read_text().splitlines():

@@ -6,6 +6,7 @@ import gc
 import json
 import sys
 import time
+from collections.abc import Callable, Generator
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -18,6 +19,7 @@ from interaction_measure import (
     Script,
     formula_bytes,
     private_bytes,
+    seconds_stolen,
     trimmed_bytes,
 )
 from interaction_yardsticks import compressed, floor, readd, time_at
@@ -34,6 +36,10 @@ from meshmash_viewer.app.run import application, keep_what_is_loaded
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.jobs import ExportJob
 from meshmash_viewer.weyl import Target
+
+#: Ticks are done again, so many times at most, while the host of a virtual machine takes more than
+#: this share of a processor from it: no program can help that.
+ROUNDS, STOLEN = 8, 0.01
 
 
 class Session:
@@ -284,7 +290,7 @@ class Session:
                 FieldKind.SIMILARITY, "similarity_vertex", lambda i: 7919 * (i + 1) % vertices,
             ),
         }  # fmt: skip
-        for key in ("ticks", "ticks_p95", "ticks_in_render"):
+        for key in ("ticks", "ticks_p95", "ticks_in_render", "ticks_rounds"):
             self.result[key] = {}
         for name, (kind, control, value_of) in kinds.items():
             self.phase(f"tick {name}")
@@ -293,30 +299,43 @@ class Session:
             display.kind = kind
             yield 0.5
             yield self.at_rest
-            took, rendering = [], []
-            for i in range(count):
-                field, loop, drawn_before = self.source.field, QEventLoop(), self.drawing.seconds
-                value = value_of(i)
-                started = time.perf_counter()
-                setattr(display, control, value)
-
-                def drawn(field: Any = field, loop: QEventLoop = loop) -> None:
-                    if self.source.field is not field:
-                        loop.quit()
-
-                # The window's own slot is connected before this one: the frame is done.
-                self.canvas.frame_due.connect(drawn)
-                QTimer.singleShot(5000, loop.quit)
-                loop.exec()
-                took.append(time.perf_counter() - started)
-                self.canvas.frame_due.disconnect(drawn)
-                rendering.append(self.drawing.seconds - drawn_before)
-                del field
-                yield 0.03
-            self.result["ticks"][name] = 1e3 * median(took)
-            self.result["ticks_p95"][name] = 1e3 * float(np.percentile(took, 95))
-            self.result["ticks_in_render"][name] = 1e3 * median(rendering)
+            rounds = []
+            while len(rounds) < ROUNDS and all(stolen > STOLEN for stolen, _ in rounds):
+                rounds.append((yield from self.round_of_ticks(control, value_of, count)))
+            _, frames = min(rounds, key=lambda one: one[0])
+            took, rendering = 1e3 * np.array(frames).T
+            self.result["ticks"][name] = median(took)
+            self.result["ticks_p95"][name] = float(np.percentile(took, 95))
+            self.result["ticks_in_render"][name] = median(rendering)
+            self.result["ticks_rounds"][name] = len(rounds)
             yield self.at_rest
+
+    def round_of_ticks(
+        self, control: str, value_of: Callable[[int], float], count: int
+    ) -> Generator[Any, None, tuple[float, list[tuple[float, float]]]]:
+        """What share of the processors was stolen, and seconds in all and in Render of each."""
+        frames = []
+        stolen, begun = seconds_stolen(), time.perf_counter()
+        for i in range(count):
+            field, loop, drawn_before = self.source.field, QEventLoop(), self.drawing.seconds
+            value = value_of(i)
+            started = time.perf_counter()
+            setattr(self.display, control, value)
+
+            def drawn(field: Any = field, loop: QEventLoop = loop) -> None:
+                if self.source.field is not field:
+                    loop.quit()
+
+            # The window's own slot is connected before this one: the frame is done.
+            self.canvas.frame_due.connect(drawn)
+            QTimer.singleShot(5000, loop.quit)
+            loop.exec()
+            took = time.perf_counter() - started
+            frames.append((took, self.drawing.seconds - drawn_before))
+            self.canvas.frame_due.disconnect(drawn)
+            del field
+            yield 0.03
+        return (seconds_stolen() - stolen) / (time.perf_counter() - begun), frames
 
     def solve(self) -> Script:
         """Open a mesh that nothing is known of, and compute at once; look around meanwhile."""
