@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import gc
 import os
@@ -268,20 +267,13 @@ def private_bytes() -> int:
     raise RuntimeError("this system does not say")
 
 
-def trimmed_bytes() -> int:
-    """The same after the C library has given back what it keeps for later."""
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL("libc.so.6").malloc_trim(0)
-    return private_bytes()
-
-
 def formula_bytes(n_vertices: int, n_faces: int) -> int:
     """What a window should hold.
 
     The mesh in double precision with 64-bit indices (24 n + 24 m), its normals (12 n), the
-    surface that is drawn (12 n + 4 n and, for its faces, 16 m), the search structure for picking
-    (about 24 m), then tables and fields.
+    surface that is drawn (12 n + 4 n and, for its faces, 16 m), the order of its faces for picking
+    (4 m), then tables and fields.
     """
     mesh = 24 * n_vertices + 24 * n_faces + 12 * n_vertices
     surface = 16 * n_vertices + 16 * n_faces
-    return mesh + surface + 24 * n_faces + expected_bytes(n_vertices)
+    return mesh + surface + 4 * n_faces + expected_bytes(n_vertices)

@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.space_curve import curve_order
 
 __all__ = ["Preview", "expected_error", "preview_eigenpairs"]
 
@@ -150,7 +151,7 @@ def _spread_seeds(mesh: Mesh, areas: FloatArray, n_cells: int, n_pairs: int) -> 
     """Vertices spread evenly over the area of each component that matters, shape (s,)."""
     labels = mesh.component_labels
     used = np.flatnonzero(labels >= 0)
-    code = _curve_order(mesh.vertices[used])
+    code = curve_order(mesh.vertices[used])
     # keys of 16 bits are sorted in linear time
     keys = ((code & 0x7FFF).astype(np.uint16), (code >> 15).astype(np.uint16), labels[used])
     used = used[np.lexsort(keys if mesh.n_components > 1 else keys[:2])]
@@ -174,21 +175,6 @@ def _spread_seeds(mesh: Mesh, areas: FloatArray, n_cells: int, n_pairs: int) -> 
         middles = (np.arange(count) + 0.5) * (area[-1] / count)
         chosen.append(np.unique(members[np.searchsorted(area, middles)]))
     return np.concatenate(chosen) if chosen else np.zeros(0, dtype=np.int64)
-
-
-def _curve_order(points: FloatArray) -> IntArray:
-    """Position of points along a curve that fills space (Morton's), shape (m,)."""
-    low = points.min(axis=0)
-    extent = float((points.max(axis=0) - low).max()) or 1.0
-    grid = ((points - low) * (1023.0 / extent)).astype(np.int64)
-    code = np.zeros(len(points), dtype=np.int64)
-    for axis in range(3):
-        spread = grid[:, axis]
-        # ten bits with two free places after each
-        for shift, mask in ((16, 0x30000FF), (8, 0x300F00F), (4, 0x30C30C3), (2, 0x9249249)):
-            spread = (spread | (spread << shift)) & mask
-        code |= spread << axis
-    return code
 
 
 def _nearest_seed(mesh: Mesh, seeds: IntArray) -> IntArray:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
-import sys
 from collections import deque
 from collections.abc import Generator
 from pathlib import Path
@@ -11,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, QThreadPool, Signal
 
+from meshmash_viewer.app import heap
 from meshmash_viewer.app.listening import catch_up, later
 
 if TYPE_CHECKING:
@@ -96,12 +95,4 @@ class PictureWriter(QObject):
             self.failed.emit(str(fault))
         else:
             self.written.emit(path)
-        _give_back()
-
-
-def _give_back() -> None:
-    """Return to the system what drawing took; glibc keeps it, 0.6 GB after a million vertices."""
-    if sys.platform.startswith("linux"):
-        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # musl has none, and no need of it
-        if trim is not None:
-            trim(0)
+        heap.give_back()  # glibc keeps what drawing took, 0.6 GB after a million vertices

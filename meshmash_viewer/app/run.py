@@ -19,7 +19,7 @@ from PySide6.QtCore import QObject, QTimer
 from PySide6.QtGui import QFont
 from PySide6.QtWidgets import QApplication
 
-from meshmash_viewer.app import icons, theme
+from meshmash_viewer.app import heap, icons, theme
 from meshmash_viewer.units import UNIT_FORMS
 
 if TYPE_CHECKING:
@@ -83,6 +83,7 @@ def run_app(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--fresh", action="store_true", help="ignore stored settings")
     options = parser.parse_args(argv)
 
+    heap.keep_little()
     app = application()
     # Ctrl+C in the terminal closes the window as its cross does
     signal.signal(signal.SIGINT, lambda *_: QApplication.closeAllWindows())

@@ -111,7 +111,7 @@ class Drawing:
         self.surface = self._new_surface(geometry.points, geometry.faces, normals)
         if picking:
             size = float(np.linalg.norm(geometry.bounds[1] - geometry.bounds[0]))
-            self.picker = Picker(self.surface.data, geometry.points, geometry.faces, size)
+            self.picker = Picker(geometry.points, geometry.faces, size)
 
     def _new_surface(self, points, faces, normals) -> Surface:
         surface = Surface(points, faces, normals)

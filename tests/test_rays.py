@@ -1,0 +1,107 @@
+"""Rays against meshes whose hits are known, or found face by face."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapes
+
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.rays import RayTarget
+from meshmash_viewer.space_curve import curve_order
+
+
+def _face_by_face(
+    mesh: Mesh, start: np.ndarray, end: np.ndarray
+) -> tuple[float, int]:  # share of the way and face; infinite and -1 for none
+    best = (np.inf, -1)
+    for face, (a, b, c) in enumerate(mesh.vertices[mesh.faces]):
+        system = np.stack([start - end, b - a, c - a], axis=1)
+        if abs(np.linalg.det(system)) < 1e-14:
+            continue
+        share, u, v = np.linalg.solve(system, start - a)
+        if min(u, v, 1 - u - v) >= -1e-9 and 0 <= share <= 1 and share < best[0]:
+            best = (share, face)
+    return best
+
+
+def test_a_soup_is_hit_where_its_faces_are_one_by_one(rng: np.random.Generator) -> None:
+    corners = rng.normal(size=(300, 1, 3)) + 0.3 * rng.normal(size=(300, 3, 3))
+    soup = Mesh(corners.reshape(-1, 3), np.arange(900).reshape(-1, 3))
+    target = RayTarget(soup.vertices, soup.faces)
+    missed = 0
+    for _ in range(60):
+        start, end = 3 * rng.normal(size=(2, 3))
+        share, face = _face_by_face(soup, start, end)
+        hit = target.first_hit(start, end)
+        if hit is None:
+            assert face == -1
+            missed += 1
+        else:
+            assert hit.face == face
+            np.testing.assert_allclose(hit.point, start + share * (end - start), atol=1e-9)
+    assert 5 < missed < 55
+
+
+@pytest.mark.parametrize("level", [1, 5])
+def test_the_near_side_of_a_sphere_is_hit_and_its_inside_from_within(level: int) -> None:
+    sphere = shapes.icosphere(level)
+    target = RayTarget(sphere.vertices, sphere.faces)
+    for direction in np.vstack([np.eye(3), -np.eye(3), sphere.vertices[:20]]):
+        outside = target.first_hit(3.0 * direction, -3.0 * direction)
+        inside = target.first_hit(np.zeros(3), 3.0 * direction)
+        for hit in (outside, inside):
+            assert hit is not None
+            radius = hit.point @ direction
+            assert 0.7 < radius < 1.0 + 1e-9
+            np.testing.assert_allclose(hit.point, radius * direction, atol=1e-9)
+        assert target.first_hit(3.0 * direction, 1.1 * direction) is None
+
+
+def test_a_flat_mesh_is_hit_at_its_edges_and_vertices_and_never_edge_on() -> None:
+    flat = shapes.rectangle(20, 20, 1.0, 1.0)
+    target = RayTarget(flat.vertices, flat.faces)
+    up = np.array([0.0, 0.0, 1.0])
+    places = np.vstack([flat.vertices, flat.vertices[flat.faces[:, :2]].mean(axis=1)])
+    for place in places:
+        hit = target.first_hit(place + up, place - up)
+        assert hit is not None
+        np.testing.assert_allclose(hit.point, place, atol=1e-12)
+    assert target.first_hit(np.array([-1.0, 0.5, 0.0]), np.array([2.0, 0.5, 0.0])) is None
+
+
+def test_far_from_the_origin_in_single_precision_nothing_falls_through() -> None:
+    sphere = shapes.icosphere(4)
+    points = (sphere.vertices + 1e3).astype(np.float32)
+    target = RayTarget(points, sphere.faces)
+    for vertex in points[::7].astype(np.float64):
+        way = vertex - 1e3
+        hit = target.first_hit(vertex + way, vertex - way)
+        assert hit is not None
+        np.testing.assert_allclose(hit.point, vertex, atol=1e-3)
+
+
+def test_faces_without_area_are_passed_and_an_empty_mesh_is_missed() -> None:
+    points = np.array([[0.0, 0, 1], [1, 0, 1], [0.5, 0, 1], [0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    target = RayTarget(points, np.array([[0, 1, 2], [3, 4, 5]]))
+    hit = target.first_hit(np.array([0.5, 0.0, 2.0]), np.array([0.5, 0.0, -2.0]))
+    assert hit is not None
+    assert hit.face == 1
+    nothing = RayTarget(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
+    assert nothing.first_hit(np.zeros(3), np.ones(3)) is None
+
+
+def test_building_is_given_up_when_asked() -> None:
+    sphere = shapes.icosphere(2)
+    with pytest.raises(Cancelled):
+        RayTarget(sphere.vertices, sphere.faces, lambda: True)
+
+
+def test_neighbours_along_the_curve_are_neighbours_in_space(rng: np.random.Generator) -> None:
+    points = rng.random((4000, 3))
+    along = points[np.argsort(curve_order(points))]
+    steps = np.linalg.norm(np.diff(along, axis=0), axis=1)
+    assert np.median(steps) < 2.0 * 4000 ** (-1 / 3)
+    assert len(np.unique(curve_order(points))) > 3980
+    assert (curve_order(np.ones((5, 3))) == 0).all()
