@@ -40,8 +40,8 @@ class RayTarget:
 
     Faces are put in order along a curve that fills space and taken in groups of √m / 16; a ray
     is tested against the boxes of all groups, then against the faces in those that it meets,
-    nearest first. It takes four bytes a face; VTK's static locator
-    takes 80, is no faster, and holds the interpreter lock while it is built.
+    nearest first. It takes four bytes a face; VTK's static locator takes 80, is no faster, and
+    holds the interpreter lock while it is built.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class RayTarget:
     faces : ndarray of int, shape (m, 3)
         Not copied.
     cancel : callable, optional
-        Asked a few times a second at a million vertices while the structure is built.
+        Asked for every 60,000 faces or so, after these have been put in order.
 
     Raises
     ------

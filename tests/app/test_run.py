@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 import meshmash_viewer
-from meshmash_viewer.app import run
+from meshmash_viewer.app import heap, run
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 
@@ -27,8 +27,10 @@ def qapp() -> QApplication:
 
 
 def test_the_application_opens_a_mesh_and_ends_when_its_window_is_closed(
-    qtbot: QtBot, tmp_path: Path
+    qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    heaps_bound: list[bool] = []
+    monkeypatch.setattr(heap, "keep_little", lambda: heaps_bound.append(True))
     mesh = shapes.icosphere(2)
     path = tmp_path / "ball.npz"
     np.savez(path, vertices=mesh.vertices, faces=mesh.faces)
@@ -52,6 +54,7 @@ def test_the_application_opens_a_mesh_and_ends_when_its_window_is_closed(
     timer.start()
     assert run.run_app([str(path), "--unit", "8 nm", "--fresh"]) == 0
     timer.stop()
+    assert heaps_bound == [True]
     assert seen["first"] == (False, True), "the window comes before the render is loaded"
     assert seen["page"]
     assert seen["mesh"].unit == "nm"
