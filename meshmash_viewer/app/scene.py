@@ -12,6 +12,7 @@ from PySide6.QtCore import QEvent, QPoint, QPointF, QSize, QThreadPool, QTimer, 
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
+from meshmash_viewer.app import heap
 from meshmash_viewer.app.canvas import Canvas, Ring
 from meshmash_viewer.app.listening import frame_drawn
 from meshmash_viewer.app.picture import draw_picture
@@ -28,6 +29,8 @@ __all__ = ["Scene"]
 REST = 220
 #: The same (ms) after a mesh has come for which a stand-in is being made.
 FIRST_REST = 3000
+#: How long (ms) the full mesh must have been looked at before its driver's memory is given back.
+GIVE_BACK = 400
 
 
 class Scene(QWidget):
@@ -80,6 +83,7 @@ class Scene(QWidget):
         self._pool.setMaxThreadCount(1)
         self._computed.connect(self._take_computed)
         self._rest = self._timer(REST, self._come_to_rest)
+        self._give_back = self._timer(GIVE_BACK, lambda: self._pool.start(heap.give_back))
         self._line_delay = self._timer(90, self._compute_lines)
         self._hover_delay = self._timer(15, self._hover)
         self._connect_canvas()
@@ -253,6 +257,7 @@ class Scene(QWidget):
 
     def _moves(self) -> None:
         """Something moves: a frame is due, and one in full when it has come to rest."""
+        self._give_back.stop()
         if self._stand_in.software or self._stand_in.slow:
             self._rest.start(FIRST_REST if self._stand_in.awaited else REST)
             self._set_hovered(-1)
@@ -266,8 +271,9 @@ class Scene(QWidget):
 
     @property
     def at_rest(self) -> bool:
-        """Whether the mesh is drawn in full and nothing is being made for it."""
-        return not self._rest.isActive() and self._pool.activeThreadCount() == 0
+        """Whether the mesh is drawn in full and nothing is being made for it, or given back."""
+        waiting = self._rest.isActive() or self._give_back.isActive()
+        return not waiting and self._pool.activeThreadCount() == 0
 
     @property
     def shows_stand_in(self) -> bool:
@@ -304,6 +310,9 @@ class Scene(QWidget):
         window.WaitForCompletion()  # a graphics card would otherwise look fast and be late
         took = perf_counter() - started
         frame_drawn()
+        if stand_in.slow and stand_in.software and not coarse:
+            # The driver kept lists of all triangles, which the C library keeps when it is done.
+            self._give_back.start()
         if self._first:
             self._first = False
             self.first_frame.emit()
@@ -406,7 +415,8 @@ class Scene(QWidget):
         if self._closed:
             return
         self._closed = True
-        for timer in (self._rest, self._line_delay, self._hover_delay, self._picking_poll):
+        timers = self._rest, self._give_back, self._line_delay, self._hover_delay
+        for timer in (*timers, self._picking_poll):
             timer.stop()
         self._ring.hide()
         self._pool.waitForDone()

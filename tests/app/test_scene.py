@@ -16,6 +16,7 @@ from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
 import meshmash_viewer.app.render.upload as upload_module
 import meshmash_viewer.app.scene as scene_module
 import meshmash_viewer.app.stand_in as stand_in_module
+from meshmash_viewer.app import heap
 from meshmash_viewer.app.render.drawing import read_pixels
 from meshmash_viewer.app.scene import Scene
 from meshmash_viewer.mesh import Mesh
@@ -342,7 +343,41 @@ def test_slow_frames_get_a_stand_in_while_something_moves(
     qtbot.waitUntil(lambda: np.array_equal(drawing.coarse.values, wanted), timeout=5000)
     qtbot.waitUntil(lambda: bool(drawing.surface.actor.GetVisibility()), timeout=5000)
     assert not drawing.coarse.actor.GetVisibility()
-    assert scene.at_rest
+    qtbot.waitUntil(lambda: scene.at_rest, timeout=5000)
+    assert drawing.surface.actor.GetVisibility()
+
+
+@pytest.mark.parametrize("slow", [True, False])
+def test_the_drivers_memory_is_given_back_when_a_slow_frame_rests(
+    scene: Scene, sphere: Mesh, qtbot, monkeypatch: pytest.MonkeyPatch, slow: bool
+) -> None:
+    given: list[threading.Thread] = []
+    monkeypatch.setattr(heap, "give_back", lambda: given.append(threading.current_thread()))
+    monkeypatch.setattr(stand_in_module, "SLOW_FRAME", 0.0 if slow else np.inf)
+    monkeypatch.setattr(stand_in_module, "COARSE_VERTICES", 100)
+    scene._give_back.setInterval(150)
+    mesh = show(scene, sphere, qtbot)
+    scene._stand_in.software = True
+    for _ in range(2):  # the first frame tells nothing
+        scene._canvas.update()
+        QTest.qWait(60)
+    if slow:
+        qtbot.waitUntil(lambda: bool(given), timeout=5000)
+        assert threading.main_thread() not in given
+    qtbot.waitUntil(lambda: scene.at_rest, timeout=5000)
+    given.clear()
+    scene._canvas.update()
+    QTest.qWait(60)
+    for turn in range(10):
+        scene.set_field(field(mesh.vertices[:, turn % 3]), (-1.0, 1.0), "RdBu_r")
+        QTest.qWait(50)
+    assert not given  # not while something moves
+    if slow:
+        qtbot.waitUntil(lambda: bool(given), timeout=5000)
+    else:
+        QTest.qWait(600)
+    qtbot.waitUntil(lambda: scene.at_rest, timeout=5000)
+    assert bool(given) == slow
 
 
 def test_a_large_mesh_is_seen_before_its_stand_in_is_there(
