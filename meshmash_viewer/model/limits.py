@@ -152,8 +152,8 @@ class PercentileLimits:
     ) -> Ends:
         """See `LimitPolicy.limits`."""
         step = max(len(values) // _SAMPLE, 1)
-        counted = values[::step] if sample is None else values[sample]
-        ordered = np.sort(counted)  # NaN come last
+        ordered = values[::step].copy() if sample is None else values[sample]
+        ordered.sort()  # NaN come last
         if not (ordered.size and np.isfinite(ordered[[0, -1]]).all()):
             ordered = _finite(ordered)
         return _opened(_percentile(ordered, self.low), _percentile(ordered, self.high))
