@@ -141,7 +141,7 @@ def draw_in_steps(
         window.AddRenderer(drawing.renderer)
         if transparent:
             # Black and clear: what comes out is colour times opacity, which is then undone.
-            drawing.renderer.GradientBackgroundOff()
+            drawing.background.hide()
             drawing.renderer.SetBackground(0.0, 0.0, 0.0)
             drawing.renderer.SetBackgroundAlpha(0.0)
         scale = max(1.0, min(width / 1000, height / 750))

@@ -48,6 +48,7 @@ DARK = RenderTheme(
 )
 
 
+@lru_cache(maxsize=64)
 def rgb(color: str) -> tuple[float, float, float]:
     """Red, green and blue from 0 to 1 of "#rrggbb"."""
     return tuple(int(color[k : k + 2], 16) / 255.0 for k in (1, 3, 5))  # type: ignore[return-value]

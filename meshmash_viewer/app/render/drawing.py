@@ -13,6 +13,7 @@ from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 from vtkmodules.vtkRenderingCore import vtkLight, vtkRenderer, vtkRenderWindow
 
 from meshmash_viewer.app.render import overlay
+from meshmash_viewer.app.render.background import Background
 from meshmash_viewer.app.render.camera import View, fitted_view
 from meshmash_viewer.app.render.colors import DARK, LIGHT, color_table, rgb
 from meshmash_viewer.app.render.geometry import geometry_of
@@ -51,10 +52,11 @@ class Drawing:
             light.SetIntensity(intensity)
             self.renderer.AddLight(light)
         self.renderer.GetActiveCamera().ParallelProjectionOn()
+        self.background = Background(self.renderer)  # the first: the others cover it
         self._lines = LineSet()
         self._lines.actor.GetProperty().SetLineWidth(2.0)
         self.renderer.AddActor(self._lines.actor)
-        self._painter = Painter(self.renderer, overlay.LAYERS)
+        self._painter = Painter(self.renderer, overlay.PARTS)
         self.mesh: Mesh | None = None
         self.normals: npt.NDArray[np.float32] | None = None
         self.centre = np.zeros(3)
@@ -80,9 +82,7 @@ class Drawing:
         """Colours of the background and of all that is not the field."""
         self.dark = dark
         self.theme = DARK if dark else LIGHT
-        self.renderer.GradientBackgroundOn()
-        self.renderer.SetBackground(*rgb(self.theme.background_bottom))
-        self.renderer.SetBackground2(*rgb(self.theme.background_top))
+        self.background.show(self.theme.background_bottom, self.theme.background_top)
         self._lines.actor.GetProperty().SetColor(*rgb(self.theme.line))
         for surface in (self.surface, self.coarse):
             if surface is not None:

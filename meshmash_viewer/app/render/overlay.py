@@ -24,7 +24,7 @@ from meshmash_viewer.app.render.ticks import exponent_text, round_length, scale_
 
 __all__ = [
     "BAR_SPACE",
-    "LAYERS",
+    "PARTS",
     "Caption",
     "ColorBar",
     "Mark",
@@ -36,9 +36,8 @@ __all__ = [
     "title_size",
 ]
 
-#: The parts of the overlay, in the order in which they cover one another: those that stay when the
-#: field changes, and what is beside the new numbers on the colour bar.
-LAYERS = (("marks", "axes", "scale", "title", "bar"), ("labels",))
+#: The parts of the overlay, in the order in which they cover one another.
+PARTS = ("marks", "axes", "scale", "title", "bar", "labels")
 #: In points: from the picture's edge to what is written, width of the colour bar, size of labels.
 _EDGE, _BAR, _LABEL = 16, 14, 11
 #: In points: what the colour bar with its labels takes of the right.
@@ -140,10 +139,14 @@ class Sheet:
             pad = 7 * self.scale
             x, y, width, height = x - pad, y - pad, width + 2 * pad, height + 2 * pad
             # In the colours that the background has there: a plate is only seen over the mesh.
-            ends = np.array([rgb(self.theme.background_bottom), rgb(self.theme.background_top)])
-            shares = np.clip([[y / self.height], [(y + height) / self.height]], 0.0, 1.0)
-            colors = ends[0] + shares * (ends[1] - ends[0])
-            self.painter.plate(x, y, width, height, 6 * self.scale, colors, 0.75)
+            ends = self._ground(y), self._ground(y + height)
+            self.painter.plate(x, y, width, height, 6 * self.scale, ends, 0.75)
+
+    def _ground(self, y: float) -> tuple[float, ...]:
+        """Red, green and blue of the background at a height."""
+        share = min(max(y / self.height, 0.0), 1.0)
+        lower, upper = rgb(self.theme.background_bottom), rgb(self.theme.background_top)
+        return tuple(low + share * (high - low) for low, high in zip(lower, upper, strict=True))
 
 
 def title_size(caption: Caption) -> tuple[int, int]:
@@ -213,7 +216,7 @@ class ColorBar:
             return None
         size, right = _LABEL * scale, width - _EDGE * scale
         values, texts, exponent = ticks(
-            caption.low, caption.high, int(np.clip(tall / (34 * scale), 2, 7))
+            caption.low, caption.high, min(max(int(tall / (34 * scale)), 2), 7)
         )
         labels = max((painter.text_size(text, size)[0] for text in texts), default=0)
         x = right - labels - 7 * scale - _BAR * scale
@@ -267,7 +270,7 @@ class ColorBar:
         for value, text in self.labels:
             at = self.y + self.height * (value - low) / (high - low)
             beside = self.x + _BAR * scale
-            painter.rectangle(beside, at - hair / 2, 4 * scale, hair, theme.faint_ink)
+            painter.block(beside, at - hair / 2, 4 * scale, hair, theme.faint_ink)
             painter.text(text, right, at, size, theme.ink, RIGHT, MIDDLE)
         if self.heading:
             above = self.y + self.height + 10 * scale

@@ -19,7 +19,7 @@ from vtkmodules.vtkRenderingCore import (
 )
 
 from meshmash_viewer.app.render.colors import rgb
-from meshmash_viewer.app.render.text_layer import Text, TextLayer, text_size
+from meshmash_viewer.app.render.text_layer import Block, Text, TextLayer, text_size
 
 __all__ = ["Painter"]
 
@@ -36,7 +36,7 @@ class _Part:
     points: list[npt.NDArray[np.float32]] = field(default_factory=list)
     sizes: list[npt.NDArray[np.int32]] = field(default_factory=list)
     colors: list[npt.NDArray[np.uint8]] = field(default_factory=list)
-    texts: list[Text] = field(default_factory=list)
+    texts: list[Text | Block] = field(default_factory=list)
 
     def join(self) -> None:
         """Make one array of many, so that this is not done for each frame."""
@@ -48,10 +48,14 @@ class _Part:
     def looks_like(self, other: _Part) -> bool:
         """Whether it has the same shapes as another one; both have some, and have been joined."""
         return self is other or (
-            np.array_equal(self.sizes[0], other.sizes[0])
-            and np.array_equal(self.points[0], other.points[0])
-            and np.array_equal(self.colors[0], other.colors[0])
+            _equal(self.sizes[0], other.sizes[0])
+            and _equal(self.points[0], other.points[0])
+            and _equal(self.colors[0], other.colors[0])
         )
+
+
+def _equal(one: npt.NDArray[np.generic], other: npt.NDArray[np.generic]) -> bool:
+    return one is other or np.array_equal(one, other)  # a lone plate is often the very same
 
 
 @lru_cache(maxsize=256)
@@ -95,8 +99,8 @@ def _plate(
     return corners.reshape(-1, 2).astype(np.float32), rgba.round().astype(np.uint8).reshape(-1, 4)
 
 
-class _Layer:
-    """The shapes of some parts, in an actor that covers those that were made before it."""
+class _Shapes:
+    """The shapes of all parts, in one actor."""
 
     def __init__(self, renderer: vtkRenderer) -> None:
         self._parts: list[_Part] = []
@@ -104,10 +108,10 @@ class _Layer:
         self._corners = np.zeros((0, 3), dtype=np.float32)
         self._rgba = np.zeros((0, 4), dtype=np.uint8)
         self._points = vtkPoints()
-        self._shapes = vtkPolyData()
-        self._shapes.SetPoints(self._points)
+        self._data = vtkPolyData()
+        self._data.SetPoints(self._points)
         mapper = vtkPolyDataMapper2D()
-        mapper.SetInputData(self._shapes)
+        mapper.SetInputData(self._data)
         mapper.SetScalarModeToUsePointData()
         self._actor = vtkActor2D()
         self._actor.SetMapper(mapper)
@@ -133,9 +137,9 @@ class _Layer:
         self._corners[: len(flat), :2] = flat
         self._corners[len(flat) :] = 0.0  # polygons that are not needed have no size
         self._rgba[: len(flat)] = colors
-        for changed in (self._points.GetData(), self._shapes.GetPointData().GetScalars()):
+        for changed in (self._points.GetData(), self._data.GetPointData().GetScalars()):
             changed.Modified()
-        self._shapes.Modified()
+        self._data.Modified()
 
     def _make_room(self, ends: npt.NDArray[np.int32]) -> None:
         """Have memory for polygons that end there: new arrays for VTK take longest of all here."""
@@ -143,29 +147,30 @@ class _Layer:
         self._corners = np.zeros((count, 3), dtype=np.float32)
         self._rgba = np.zeros((count, 4), dtype=np.uint8)
         self._points.SetData(numpy_to_vtk(self._corners))
-        self._shapes.GetPointData().SetScalars(numpy_to_vtk(self._rgba))
+        self._data.GetPointData().SetScalars(numpy_to_vtk(self._rgba))
         cells = vtkCellArray()
         cells.SetData(numpy_to_vtk(ends), numpy_to_vtk(np.arange(count, dtype=np.int32)))
-        self._shapes.SetPolys(cells)
+        self._data.SetPolys(cells)
 
 
 class Painter:
     """Shapes and text in pixels from the lower left of a renderer.
 
     `begin`, then parts, then `end`. A part whose key has not changed is not painted again, and
-    shapes stay on the graphics card while no part of their layer changes; each layer is an actor,
-    because actors take longer to draw than shapes, and so are all texts.
+    shapes stay on the graphics card while none of them changes; all of them are one actor, because
+    actors take longer to draw than shapes, and so are all texts with their blocks.
 
     Parameters
     ----------
     renderer : vtkRenderer
-    layers : sequence of sequence of str
-        Names of all parts, in the order in which they cover one another; text covers them all.
+    names : sequence of str
+        Of all parts, in the order in which they cover one another; text covers them all.
     """
 
-    def __init__(self, renderer: vtkRenderer, layers: Sequence[Sequence[str]]) -> None:
+    def __init__(self, renderer: vtkRenderer, names: Sequence[str]) -> None:
+        self._names = names
         self._parts: dict[str, _Part] = {}
-        self._layers = [(names, _Layer(renderer)) for names in layers]
+        self._shapes = _Shapes(renderer)
         self._part = _Part()
         self._now: list[str] = []
         self._texts = TextLayer(renderer)
@@ -195,8 +200,7 @@ class Painter:
 
     def end(self) -> None:
         """Show what was painted since `begin`."""
-        for names, layer in self._layers:
-            layer.show([self._parts[name] for name in names if name in self._now])
+        self._shapes.show([self._parts[name] for name in self._names if name in self._now])
         self._texts.show([text for name in self._now for text in self._parts[name].texts])
 
     def _add(self, corners: npt.NDArray[np.floating], rgba: npt.NDArray[np.floating]) -> None:
@@ -236,6 +240,11 @@ class Painter:
         x0, y0, x1, y1 = round(x), round(y), round(x + width), round(y + height)
         self.polygon([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], color, opacity)
 
+    def block(self, x: float, y: float, width: float, height: float, color: str) -> None:
+        """A small filled rectangle that is drawn with the text: cheap where it often changes."""
+        sides = round(x), round(y), max(round(width), 1), max(round(height), 1)
+        self._part.texts.append(Block(*sides, color))
+
     def plate(
         self,
         x: float,
@@ -243,17 +252,16 @@ class Painter:
         width: float,
         height: float,
         radius: float,
-        colors: npt.NDArray[np.float64],
+        ends: tuple[tuple[float, ...], ...],
         opacity: float,
     ) -> None:
         """A rectangle with round corners in a vertical gradient.
 
         Parameters
         ----------
-        colors : ndarray, shape (2, 3)
+        ends : pair of (float, float, float)
             Red, green and blue from 0 to 1 at its lower and at its upper edge.
         """
-        ends = tuple(map(tuple, colors.tolist()))
         corners, rgba = _plate(round(y), round(y + height), x, width, radius, ends, opacity)
         self._part.points.append(corners)
         self._part.sizes.append(_sizes(len(corners) // 4, 4))

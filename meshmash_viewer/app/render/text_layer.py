@@ -1,4 +1,4 @@
-"""Lines of text over the render, all in one texture.
+"""Lines of text over the render, and marks beside them, all in one texture.
 
 An actor of VTK's for each line would cost a tenth of a millisecond whenever its text or its place
 changes, and beside a new field nearly all of them do.
@@ -6,6 +6,7 @@ changes, and beside a new field nearly all of them do.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache, lru_cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -29,12 +30,14 @@ from vtkmodules.vtkRenderingCore import (
 
 from meshmash_viewer.app.render.colors import rgb
 
-__all__ = ["Text", "TextLayer", "text_size"]
+__all__ = ["Block", "Text", "TextLayer", "text_size"]
 
 #: The texture's sides are multiples of this, so that its size hardly ever changes.
 _STEP = 64
 #: Lines share its rows up to this width; the whole of it goes to the card whenever one changes.
 _WIDTH = 512
+#: Corners of what an item fills, in the order in which they are joined.
+_UNIT_SQUARE = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], dtype=np.float32)
 
 
 class Text(NamedTuple):
@@ -65,8 +68,26 @@ class Text(NamedTuple):
     opacity: float
 
 
+class Block(NamedTuple):
+    """A rectangle in one colour, such as the mark that a line of text belongs to.
+
+    Parameters
+    ----------
+    x, y : int
+        Lower left corner, in pixels from that of the renderer.
+    width, height : int
+    color : str
+    """
+
+    x: int
+    y: int
+    width: int
+    height: int
+    color: str
+
+
 class TextLayer:
-    """Shows lines of text on a renderer.
+    """Shows lines of text and small blocks on a renderer.
 
     Parameters
     ----------
@@ -88,46 +109,43 @@ class TextLayer:
         self._actor.SetTexture(texture)
         self._actor.SetLayerNumber(1)
         self._actor.VisibilityOff()
-        self._shown: list[Text] = []
-        self._sheet = np.zeros((0, 0, 4), dtype=np.uint8)
-        self._places, self._on_sheet = np.zeros((2, 0, 2), dtype=np.float32)
+        self._shown: list[Text | Block] = []
+        self._sheet, self._size = np.zeros((0, 0, 4), dtype=np.uint8), np.ones(2, dtype=np.float32)
+        self._places, self._on_sheet = np.zeros((2, 0, 4, 2), dtype=np.float32)
         #: VTK's arrays of these three.
         self._memory = [vtkFloatArray() for _ in range(3)]
         renderer.AddViewProp(self._actor)
 
-    def show(self, texts: list[Text]) -> None:
-        """Show these lines and no others."""
-        texts = [text for text in texts if text.text]
-        if texts == self._shown:
+    def show(self, items: Sequence[Text | Block]) -> None:
+        """Show these and no others."""
+        items = [item for item in items if isinstance(item, Block) or item.text]
+        if items == self._shown:
             return
-        self._shown = texts
-        self._actor.SetVisibility(bool(texts))
-        if not texts:
+        self._shown = items
+        self._actor.SetVisibility(bool(items))
+        if not items:
             return
-        images = [_image(t.text, t.size, t.bold, t.color, t.opacity) for t in texts]
+        images, lowest = zip(*map(_drawn, items), strict=True)
         places, width, height = _packed([image.shape[:2] for image in images])
-        self._make_room(len(texts), width, height)
+        self._make_room(len(items), width, height)
         self._sheet[:] = 0
-        corners, on_sheet = [], []
-        for text, image, (row, column) in zip(texts, images, places, strict=True):
+        rows = []
+        for image, at, (row, column) in zip(images, lowest, places, strict=True):
             tall, wide = image.shape[:2]
             self._sheet[row : row + tall, column : column + wide] = image
-            left, below = _offset(text.text, text.size, text.bold, text.across, text.along)
-            left, below = text.x + left, text.y + below
-            right, above = left + wide, below + tall
-            corners += [(left, below), (right, below), (right, above), (left, above)]
-            ends, top = column + wide, row + tall
-            on_sheet += [(column, row), (ends, row), (ends, top), (column, top)]
-        self._places[:] = 0.0  # lines that are not needed have no size
-        self._places[: len(corners), :2] = corners
-        self._on_sheet[: len(corners)] = np.divide(on_sheet, self._sheet.shape[1::-1])
+            rows.append((*at, column, row, wide, tall))
+        boxes = np.array(rows, dtype=np.float32)[:, None]
+        corners = _UNIT_SQUARE * boxes[..., 4:]
+        self._places[: len(boxes), :, :2] = boxes[..., :2] + corners
+        self._places[len(boxes) :] = 0.0  # quadrilaterals that are not needed have no size
+        self._on_sheet[: len(boxes)] = (boxes[..., 2:4] + corners) / self._size
         for changed in self._memory:
             changed.Modified()
         self._image.Modified()
         self._data.Modified()
 
     def _make_room(self, count: int, width: int, height: int) -> None:
-        """Have memory for at least so many lines, and a sheet at least that large.
+        """Have memory for at least so many items, and a sheet at least that large.
 
         It only grows: new arrays for VTK take longer than all else here.
         """
@@ -138,13 +156,17 @@ class TextLayer:
         )
         if self._sheet.shape[:2] != (height, width):
             self._sheet = np.zeros((height, width, 4), dtype=np.uint8)
+            self._size = np.array([width, height], dtype=np.float32)
             pixels = self._memory[0] = numpy_to_vtk(self._sheet.reshape(-1, 4))
             self._image.SetDimensions(width, height, 1)
             self._image.GetPointData().SetScalars(pixels)
-        if len(self._places) < 4 * count:
-            self._places = np.zeros((4 * count, 3), dtype=np.float32)
-            self._on_sheet = np.zeros((4 * count, 2), dtype=np.float32)
-            self._memory[1:] = numpy_to_vtk(self._places), numpy_to_vtk(self._on_sheet)
+        if len(self._places) < count:
+            self._places = np.zeros((count, 4, 3), dtype=np.float32)
+            self._on_sheet = np.zeros((count, 4, 2), dtype=np.float32)
+            self._memory[1:] = (
+                numpy_to_vtk(self._places.reshape(-1, 3)),
+                numpy_to_vtk(self._on_sheet.reshape(-1, 2)),
+            )
             self._points.SetData(self._memory[1])
             self._data.GetPointData().SetTCoords(self._memory[2])
             cells = vtkCellArray()
@@ -218,9 +240,19 @@ def _box(text: str, size: int, bold: bool, across: int, along: int) -> tuple[int
     return tuple(box)
 
 
-def _offset(text: str, size: int, bold: bool, across: int, along: int) -> tuple[int, int]:
-    left, _, bottom, _ = _box(text, size, bold, across, along)
-    return left, bottom
+def _drawn(item: Text | Block) -> tuple[npt.NDArray[np.uint8], tuple[int, int]]:
+    """An item as RGBA of shape (height, width, 4), and where its lower left corner goes."""
+    if isinstance(item, Block):
+        return _block(item.width, item.height, item.color), (item.x, item.y)
+    text, size, bold = item.text, item.size, item.bold
+    left, _, bottom, _ = _box(text, size, bold, item.across, item.along)
+    return _image(text, size, bold, item.color, item.opacity), (item.x + left, item.y + bottom)
+
+
+@lru_cache(maxsize=16)
+def _block(width: int, height: int, color: str) -> npt.NDArray[np.uint8]:
+    pixel = [round(255 * part) for part in (*rgb(color), 1.0)]
+    return np.full((height, width, 4), pixel, dtype=np.uint8)
 
 
 @cache

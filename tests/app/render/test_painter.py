@@ -20,13 +20,13 @@ def paint(painter: Painter, places: list[int]) -> None:
 
 
 def areas(painter: Painter) -> np.ndarray:
-    corners = painter._layers[0][1]._corners.reshape(-1, 4, 3)
+    corners = painter._shapes._corners.reshape(-1, 4, 3)
     across, along = np.ptp(corners[..., 0], axis=1), np.ptp(corners[..., 1], axis=1)
     return across * along
 
 
 def test_fewer_shapes_leave_none_of_those_before() -> None:
-    painter = Painter(vtkRenderer(), [["marks"]])
+    painter = Painter(vtkRenderer(), ["marks"])
     paint(painter, [10, 20, 30, 40])
     np.testing.assert_array_equal(areas(painter), 4 * [8.0])
     paint(painter, [15, 25])
@@ -35,21 +35,21 @@ def test_fewer_shapes_leave_none_of_those_before() -> None:
     np.testing.assert_array_equal(areas(painter), 5 * [8.0])
 
 
-def test_parts_of_a_layer_cover_one_another_in_its_order_and_come_and_go() -> None:
-    painter = Painter(vtkRenderer(), [["below", "above"]])
-    layer = painter._layers[0][1]
+def test_parts_cover_one_another_in_their_order_and_come_and_go() -> None:
+    painter = Painter(vtkRenderer(), ["below", "above"])
+    shapes = painter._shapes
 
     def frame(*parts: tuple[str, int]) -> list[float]:
         painter.begin()
         for name, place in parts:
             painter.part(name, place, lambda at=place: painter.rectangle(at, 0, 4, 2, "#ffffff"))
         painter.end()
-        return layer._corners.reshape(-1, 4, 3)[:, 0, 0].tolist()
+        return shapes._corners.reshape(-1, 4, 3)[:, 0, 0].tolist()
 
     assert frame(("above", 30), ("below", 10)) == [10, 30]
     assert frame(("below", 10), ("above", 50)) == [10, 50]
     assert frame(("below", 10))[:1] == [10]
-    assert layer._actor.GetVisibility()
+    assert shapes._actor.GetVisibility()
     assert frame(("above", 10)) == frame(("below", 10))
     frame()
-    assert not layer._actor.GetVisibility()
+    assert not shapes._actor.GetVisibility()

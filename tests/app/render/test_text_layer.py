@@ -10,7 +10,7 @@ from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow, vtkTextAct
 
 from meshmash_viewer.app.render.colors import rgb
 from meshmash_viewer.app.render.drawing import read_pixels
-from meshmash_viewer.app.render.text_layer import Text, TextLayer, _font_file, text_size
+from meshmash_viewer.app.render.text_layer import Block, Text, TextLayer, _font_file, text_size
 
 WIDTH, HEIGHT = 400, 240
 LINES = [
@@ -90,3 +90,14 @@ def test_wide_and_empty_lines(canvas) -> None:
     layer.show([Text("m" * 300, 10, 10, 12, "#000000", 0, 0, False, 1.0)])
     assert (frame() != empty).any()
     assert text_size("m" * 300, 12, False)[0] > 20 * text_size("mmm", 12, False)[0]
+
+
+def test_blocks_fill_their_pixels_and_no_others(canvas) -> None:
+    renderer, frame = canvas
+    wanted = frame()
+    layer = TextLayer(renderer)
+    layer.show([LINES[0], Block(40, 30, 4, 1, "#123456"), Block(100, 60, 20, 10, "#d1495b")])
+    layer.show([Block(40, 30, 4, 1, "#123456"), Block(100, 60, 20, 10, "#d1495b")])
+    wanted[HEIGHT - 31 : HEIGHT - 30, 40:44] = (0x12, 0x34, 0x56)
+    wanted[HEIGHT - 70 : HEIGHT - 60, 100:120] = (0xD1, 0x49, 0x5B)
+    np.testing.assert_array_equal(frame(), wanted)
