@@ -17,13 +17,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QEventLoop, QPoint, Qt, QTimer
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDialog
 from trimesh.remesh import subdivide
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.canvas import Canvas
+from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
 from meshmash_viewer.io.read import read_mesh
@@ -32,6 +33,13 @@ from meshmash_viewer.samples import sample_path
 
 LEFT = Qt.MouseButton.LeftButton
 PATIENCE = 600.0
+
+
+def pause(milliseconds: int) -> None:
+    """Let the window live; unlike `QTest.qWait`, this leaves Python's lock to its threads."""
+    loop = QEventLoop()
+    QTimer.singleShot(milliseconds, loop.quit)
+    loop.exec()
 
 
 class Tour:
@@ -52,24 +60,26 @@ class Tour:
         while not condition():
             if time.monotonic() > deadline:
                 raise TimeoutError("the window did not get there")
-            QTest.qWait(10)
+            pause(10)
 
     def settle(self) -> None:
         """Wait until what is wanted is on the screen, nodal lines and profiles included."""
-        QTest.qWait(250)
+        pause(250)
         if self.document.spectrum is not None:
             self.wait(lambda: self.window.field_source.idle)
         self.wait(lambda: self.window.scene.at_rest)
-        QTest.qWait(700)
+        pause(700)
 
     def resize(self, width: int, height: int) -> None:
         """Give the window a size; it may have to make room first."""
         for _ in range(2):
             self.window.resize(width, height)
-            QTest.qWait(150)
+            pause(150)
 
     def shoot(self, name: str) -> None:
         """Save what the screen shows of the window, dialogs over it included."""
+        catch_up()
+        pause(60)  # painted, too
         self.number += 1
         window = self.window
         place = window.mapToGlobal(QPoint(0, 0))
@@ -104,7 +114,7 @@ class Tour:
         window.actions_[command].trigger()
         self.wait(lambda: window.findChild(QDialog, name) is not None)
         dialog = window.findChild(QDialog, name)
-        QTest.qWait(200)
+        pause(200)
         centre = window.mapToGlobal(window.rect().center())
         dialog.move(centre - dialog.rect().center())
         self.settle()
@@ -268,7 +278,7 @@ class Tour:
             QTest.mousePress(canvas, LEFT, pos=middle)
             for step in range(1, 9):
                 QTest.mouseMove(canvas, middle + QPoint(6 * step, 2 * step))
-                QTest.qWait(40)
+                pause(40)
             print(f"stand-in while it is turned: {window.scene.shows_stand_in}")
             self.shoot("turning")
             QTest.mouseRelease(canvas, LEFT, pos=middle + QPoint(48, 16))

@@ -140,10 +140,8 @@ def draw_in_steps(
         window.SetSize(width, height)
         window.AddRenderer(drawing.renderer)
         if transparent:
-            # Black and clear: what comes out is colour times opacity, which is then undone.
-            drawing.background.hide()
-            drawing.renderer.SetBackground(0.0, 0.0, 0.0)
-            drawing.renderer.SetBackgroundAlpha(0.0)
+            # What comes out is colour times opacity, which is then undone.
+            drawing.background.leave()
         scale = max(1.0, min(width / 1000, height / 750))
         drawing.prepare(width, height, scale, plates=not transparent)
         yield

@@ -303,7 +303,7 @@ class Scene(QWidget):
         # rest, and where frames are very slow, edges are smoothed afterwards instead.
         quickly = stand_in.software and (stand_in.very_slow or not at_rest)
         window.SetMultiSamples(0 if quickly else 4)
-        drawing.renderer.SetUseFXAA(quickly and at_rest)
+        drawing.smooth_afterwards(quickly and at_rest)
         started = perf_counter()
         drawing.prepare(*self._canvas.pixels())
         window.Render()

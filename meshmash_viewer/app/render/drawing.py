@@ -78,6 +78,11 @@ class Drawing:
 
     # -- what is drawn ----------------------------------------------------------------------
 
+    def smooth_afterwards(self, smooth: bool) -> None:
+        """Smooth edges in the finished frame, where more samples a pixel would take too long."""
+        self.renderer.SetUseFXAA(smooth)
+        self.background.come_first(smooth)
+
     def set_theme(self, dark: bool) -> None:
         """Colours of the background and of all that is not the field."""
         self.dark = dark

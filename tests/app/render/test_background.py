@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
 from meshmash_viewer.app.picture import draw_picture
 from meshmash_viewer.app.render.colors import DARK, LIGHT, RenderTheme, rgb
-from meshmash_viewer.app.render.drawing import Drawing
+from meshmash_viewer.app.render.drawing import Drawing, read_pixels
 from meshmash_viewer.mesh import Mesh
 
 
@@ -38,3 +39,32 @@ def test_the_ground_is_behind_the_mesh_and_goes_with_the_theme(qapp) -> None:
     clear = draw_picture(drawing, (400, 400), transparent=True)
     assert clear[0, 0, 3] == 0
     assert clear[200, 200, 3] == 255
+
+
+@pytest.mark.parametrize("samples", [0, 4])
+def test_edges_blend_into_the_ground(qapp, samples: int) -> None:
+    ways = np.linspace(0.0, 2 * np.pi, 7)[:6] + 0.2
+    corners = np.stack([np.cos(ways), np.sin(ways), 0 * ways], axis=1)
+    plate = Mesh(
+        np.vstack([np.zeros(3), corners]), np.array([[0, k, k % 6 + 1] for k in range(1, 7)])
+    )
+    drawing, window = Drawing(), vtkRenderWindow()
+    drawing.set_mesh(plate, plate.vertex_normals)
+    drawing.surface.actor.GetProperty().SetColor(0.5, 0.5, 0.5)
+    drawing.smooth_afterwards(samples == 0)
+    window.SetOffScreenRendering(True)
+    window.SetMultiSamples(samples)
+    window.SetSize(300, 300)
+    window.AddRenderer(drawing.renderer)
+    drawing._painter.end()
+    drawing.reset_view(300, 300, 1.0)
+    drawing._place_camera(300, 300)
+    window.Render()
+    picture = read_pixels(window, False, 0, 300).astype(int)
+    window.Finalize()
+    ground, surface = picture[:, :1], picture[150, 150]
+    assert (surface < ground - 50).all()
+    # the edge lies between the two, and nothing is darker than the darker one
+    assert (picture >= surface - 3).all()
+    between = (picture > surface + 10) & (picture < ground - 10)
+    assert np.count_nonzero(between.all(axis=2)) > 350
