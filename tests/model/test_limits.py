@@ -66,3 +66,13 @@ def test_percentiles_are_those_of_the_finite_values(outside: tuple[float, ...]) 
     for sample in (None, np.random.default_rng(4).permutation(len(values))):
         found = PercentileLimits(5.0, 90.0).limits(values, sample)
         np.testing.assert_allclose(found, wanted, rtol=1e-12)
+
+
+@pytest.mark.parametrize("sample", [None, np.arange(100)])
+def test_limits_leave_the_values_as_they_are(
+    rng: np.random.Generator, sample: np.ndarray | None
+) -> None:
+    values = rng.normal(size=100)
+    before = values.copy()
+    PercentileLimits().limits(values, sample)
+    np.testing.assert_array_equal(values, before)

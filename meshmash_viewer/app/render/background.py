@@ -79,7 +79,7 @@ class Background:
 
     def leave(self) -> None:
         """Leave nothing behind the mesh, black and clear."""
-        self.come_first(False)
+        self._renderer.GradientBackgroundOff()
         self._actor.VisibilityOff()
         self._renderer.SetBackground(0.0, 0.0, 0.0)
         self._renderer.SetBackgroundAlpha(0.0)

@@ -110,7 +110,7 @@ class TextLayer:
         self._actor.SetLayerNumber(1)
         self._actor.VisibilityOff()
         self._shown: list[Text | Block] = []
-        self._sheet, self._size = np.zeros((0, 0, 4), dtype=np.uint8), np.ones(2, dtype=np.float32)
+        self._sheet = np.zeros((0, 0, 4), dtype=np.uint8)
         self._places, self._on_sheet = np.zeros((2, 0, 4, 2), dtype=np.float32)
         #: VTK's arrays of these three.
         self._memory = [vtkFloatArray() for _ in range(3)]
@@ -138,7 +138,7 @@ class TextLayer:
         corners = _UNIT_SQUARE * boxes[..., 4:]
         self._places[: len(boxes), :, :2] = boxes[..., :2] + corners
         self._places[len(boxes) :] = 0.0  # quadrilaterals that are not needed have no size
-        self._on_sheet[: len(boxes)] = (boxes[..., 2:4] + corners) / self._size
+        self._on_sheet[: len(boxes)] = (boxes[..., 2:4] + corners) / self._sheet.shape[1::-1]
         for changed in self._memory:
             changed.Modified()
         self._image.Modified()
@@ -156,7 +156,6 @@ class TextLayer:
         )
         if self._sheet.shape[:2] != (height, width):
             self._sheet = np.zeros((height, width, 4), dtype=np.uint8)
-            self._size = np.array([width, height], dtype=np.float32)
             pixels = self._memory[0] = numpy_to_vtk(self._sheet.reshape(-1, 4))
             self._image.SetDimensions(width, height, 1)
             self._image.GetPointData().SetScalars(pixels)

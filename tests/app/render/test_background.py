@@ -68,3 +68,13 @@ def test_edges_blend_into_the_ground(qapp, samples: int) -> None:
     assert (picture >= surface - 3).all()
     between = (picture > surface + 10) & (picture < ground - 10)
     assert np.count_nonzero(between.all(axis=2)) > 350
+
+
+def test_plates_have_the_colour_of_the_ground(qapp) -> None:
+    flat = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+    drawing = Drawing()
+    drawing.set_mesh(flat, flat.vertex_normals)
+    drawing.set_field(np.arange(3.0), (0.0, 2.0), "viridis", "Heat kernel signature", "t = 1")
+    picture = draw_picture(drawing, (800, 600))[..., :3].astype(int)
+    # left of the title its plate, and left of that the ground
+    assert np.abs(picture[15:45, 11:15] - picture[15:45, :4]).max() <= 2
