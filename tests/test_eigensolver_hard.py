@@ -5,9 +5,11 @@ from __future__ import annotations
 import gc
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +25,7 @@ from meshmash_viewer.engine.factorization import order_pencil
 from meshmash_viewer.engine.lanczos import Interval, find_pairs
 from meshmash_viewer.engine.pencil import reduce_pencil
 from meshmash_viewer.engine.plan import SpectrumPlan
-from meshmash_viewer.engine.slices import run_slices
+from meshmash_viewer.engine.slices import _find_pairs_alone, _with_rows, run_slices
 from meshmash_viewer.progress import Cancelled
 
 
@@ -182,6 +184,18 @@ def test_slice_of_a_killed_process_is_done_again(monkeypatch: pytest.MonkeyPatch
     assert killed
     for one, two in zip(found, expected, strict=True):
         assert one.rows.tobytes() == two.rows.tobytes()
+
+
+def test_what_a_worker_process_sends_fits_into_a_pipe(tmp_path: Path) -> None:
+    """Else the end of a result never comes where its sender was killed, and all wait for it."""
+    ordered, intervals = slice_of(torus(50, 40, 1.0, 1.3)[0], 20, 240)
+    with threadpool_limits(1):
+        wanted = find_pairs(ordered, intervals[0], 1e-10, np.zeros(1, dtype=np.uint8))
+    sent, file = _find_pairs_alone(ordered, intervals[0], 1e-10, None, str(tmp_path))
+    smallest_pipe = 16_384  # bytes: macOS; Linux has 65 536
+    assert len(pickle.dumps((sent, file))) < smallest_pipe < wanted.rows.nbytes
+    assert _with_rows(sent, file).rows.tobytes() == wanted.rows.tobytes()
+    assert not list(tmp_path.iterdir())
 
 
 def test_slices_on_a_dask_cluster_give_the_same_bits() -> None:

@@ -7,9 +7,13 @@ where it ran or beside what, so the number of workers never changes a bit of it.
 
 from __future__ import annotations
 
+import os
 import queue
+import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -100,6 +104,7 @@ class _Crew:
         prefer = "threads" if ordered.structure is not None else "processes"
         self._backend = get_active_backend(prefer=prefer)[0]
         self._in_threads = bool(getattr(self._backend, "supports_sharedmem", False))
+        self._in_loky = type(self._backend).__name__ == "LokyBackend"
 
     def work(self) -> None:
         """Run everything; results, then None or the fault, go to the queue."""
@@ -135,19 +140,26 @@ class _Crew:
                 # The next one's basis takes the memory of these pairs, once they are written.
                 self.taken.acquire()
             return
-        jobs = (
-            delayed(_find_pairs_alone)(self._ordered, interval, self._tolerance, stop)
-            for interval in pending()
-        )
-        with parallel_config(backend=self._backend):
+        with parallel_config(backend=self._backend), self._make_folder() as folder:
+            jobs = (
+                delayed(_find_pairs_alone)(self._ordered, interval, self._tolerance, stop, folder)
+                for interval in pending()
+            )
             parallel = Parallel(
                 n_jobs=self._n_jobs, return_as="generator", pre_dispatch=self._n_jobs
             )
-            yield from parallel(jobs)
+            for pairs, file in parallel(jobs):
+                yield _with_rows(pairs, file)
+
+    def _make_folder(self) -> AbstractContextManager[str | None]:
+        """A folder for rows, where results would come through a pipe."""
+        if not self._in_loky:
+            return nullcontext()
+        return tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
 
     def abandon(self) -> None:
         """End worker processes at once; threads look at the stop flag."""
-        if not self._in_threads and type(self._backend).__name__ == "LokyBackend":
+        if self._in_loky:
             from joblib.externals.loky import reusable_executor
 
             executor = reusable_executor._executor
@@ -156,15 +168,38 @@ class _Crew:
 
 
 def _find_pairs_alone(
-    ordered: OrderedPencil, interval: Interval, tolerance: float, stop: StopFlag | None
-) -> IntervalPairs:
-    """One slice, with one thread for linear algebra where it has the process to itself."""
+    ordered: OrderedPencil,
+    interval: Interval,
+    tolerance: float,
+    stop: StopFlag | None,
+    folder: str | None,
+) -> tuple[IntervalPairs, str | None]:
+    """One slice, with one thread for linear algebra where it has the process to itself.
+
+    With a folder, the rows are written to a file there and its name is returned beside the rest:
+    loky waits for ever for the end of a result whose process was killed while sending it, unless
+    the result fits into the pipe whole.
+    """
     if stop is not None:
-        return find_pairs(ordered, interval, tolerance, stop)
+        return find_pairs(ordered, interval, tolerance, stop), None
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1):
-        return find_pairs(ordered, interval, tolerance, np.zeros(1, dtype=np.uint8))
+        pairs = find_pairs(ordered, interval, tolerance, np.zeros(1, dtype=np.uint8))
+    if folder is None:
+        return pairs, None
+    with tempfile.NamedTemporaryFile(dir=folder, suffix=".npy", delete=False) as file:
+        np.save(file, pairs.rows)
+    return replace(pairs, rows=pairs.rows[:0].copy()), file.name
+
+
+def _with_rows(pairs: IntervalPairs, file: str | None) -> IntervalPairs:
+    """A slice with the rows that came in a file, which is removed."""
+    if file is None:
+        return pairs
+    rows = np.load(file)
+    os.unlink(file)
+    return replace(pairs, rows=rows)
 
 
 def _is_death_of_worker(fault: BaseException) -> bool:
