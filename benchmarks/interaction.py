@@ -53,6 +53,7 @@ PARTS = ("window", "solve", "peer", "start")
 DRIVERS = ("no-op", "software")
 TICKS = {
     "step": "eigenfunction step",
+    "leap": "leap to any eigenfunction",
     "hks": "HKS tick",
     "band": "band tick",
     "similarity": "similarity tick",

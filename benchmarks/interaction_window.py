@@ -283,7 +283,8 @@ class Session:
         count = 40 if self.result["driver"] == "no-op" else 12
         pairs, vertices = self.order["pairs"], self.order["vertices"]
         kinds = {
-            "step": (FieldKind.EIGENFUNCTION, "index", lambda i: (3 + 7 * i) % pairs),
+            "step": (FieldKind.EIGENFUNCTION, "index", lambda i: (3 + i) % pairs),
+            "leap": (FieldKind.EIGENFUNCTION, "index", lambda i: (3 + 107 * i) % pairs),
             "hks": (FieldKind.HKS, "time", lambda i: time_at(self.document, (i % 37) / 37)),
             "band": (FieldKind.BAND, "band", lambda i: i % 32),
             "similarity": (

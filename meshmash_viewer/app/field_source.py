@@ -7,15 +7,15 @@ a quarter of a millisecond, and has to wake the interface's in turn.
 from __future__ import annotations
 
 import sys
-import threading
-from collections.abc import Callable
 from time import perf_counter
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, Qt, QThread, QTimer, Signal, Slot
 
+from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import first_a_frame
 from meshmash_viewer.app.loading import load_quietly
+from meshmash_viewer.app.look_ahead import LookAhead
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, FieldRequest, compute_field, request_of
@@ -62,7 +62,8 @@ class FieldSource(QObject):
     `field_ready` carries each new `Field`, or None when there is nothing to show; `failed` one
     sentence if a field cannot be computed. One thread answers requests; another builds the
     tables that make the next ones cheap, after which a draft is computed again. From tables that
-    are there, the interface thread computes small fields itself, in the next turn of its loop.
+    are there, the interface thread computes small fields itself, in the next turn of its loop;
+    the next eigenfunction in the direction of scrolling is prepared.
     """
 
     field_ready = Signal(object)
@@ -85,8 +86,11 @@ class FieldSource(QObject):
         queued = Qt.ConnectionType.QueuedConnection
         self._computed.connect(self._take, queued)
         self._prepared.connect(self._improve, queued)
-        self._answers = _LatestThread(self._answer, parent=self)
-        self._tables = _LatestThread(self._build, rest=_REST, parent=self)
+        self._answers = LatestThread(self._answer, parent=self)
+        self._tables = LatestThread(self._build, rest=_REST, parent=self)
+        self._ahead = LookAhead(
+            self._compute, lambda index: index in document.display.flipped, parent=self
+        )
         self._signals = [getattr(document.display.events, name) for name in _WATCHED]
         self._signals += [document.spectrum_changed, document.mesh_changed]
         for signal in self._signals:
@@ -126,16 +130,21 @@ class FieldSource(QObject):
             self._answers.drop()
             self._tables.drop()
             self._live.forget()
+            self._ahead.forget()
             self._took.clear()
             self._field = None
             self.field_ready.emit(None)
         if request is not None:
             first_a_frame()
-            if self._is_prompt(request):
+            if self._is_there(request) or self._is_prompt(request):
                 self._soon.start()
             else:
                 self._soon.stop()
                 self._answers.ask(request)
+
+    def _is_there(self, request: FieldRequest) -> bool:
+        """Whether it has been computed already, and nothing older is on its way."""
+        return not self._answers.working and self._ahead.answer(request) is not None
 
     def _is_prompt(self, request: FieldRequest) -> bool:
         """Whether it is answered faster here than by a thread.
@@ -157,6 +166,7 @@ class FieldSource(QObject):
         self._soon.stop()
         self._answers.close()
         self._tables.close()
+        self._ahead.close()
         if self._threads is not None:
             self._threads.restore_original_limits()
             self._threads = None
@@ -173,15 +183,19 @@ class FieldSource(QObject):
             self._threads = threadpool_limits(1, user_api="blas")
         started = perf_counter()
         try:
-            answer = compute_field(request, self._live)
-            if answer is not None:
-                # Known then, so that nobody waits for them.
-                answer.limits(self._policy)
-                answer.request.spectrum.has_all_vertices  # noqa: B018
+            answer = self._compute(request)
         except Exception as error:  # noqa: BLE001  the window says it
             answer = error
         self._took[request.kind] = perf_counter() - started
         self._computed.emit(request, answer)
+
+    def _compute(self, request: FieldRequest) -> Field | None:
+        field = compute_field(request, self._live)
+        if field is not None:
+            # Known then, so that nobody waits for them.
+            field.limits(self._policy)
+            field.request.spectrum.has_all_vertices  # noqa: B018
+        return field
 
     def _build(self, request: FieldRequest, cancel: CancelCallback) -> None:
         try:
@@ -199,8 +213,16 @@ class FieldSource(QObject):
 
     @Slot()
     def _answer_here(self) -> None:
-        if self._wanted is not None:
-            self._answer(self._wanted, lambda: False)
+        request = self._wanted
+        if request is None:
+            return
+        field = self._ahead.answer(request)
+        if field is not None:
+            self._take(request, field)
+        elif self._is_prompt(request):
+            self._answer(request, lambda: False)
+        else:
+            self._answers.ask(request)
 
     @Slot(object, object)
     def _take(self, request: FieldRequest, answer: Field | Exception | None) -> None:
@@ -209,11 +231,15 @@ class FieldSource(QObject):
         if isinstance(answer, Exception):
             self.failed.emit(f"The field cannot be computed ({type(answer).__name__}): {answer}")
             return
-        if not self._live.prepared(self._wanted):
-            self._tables.ask(self._wanted)
+        wanted, shown = self._wanted, self._field
+        if not self._live.prepared(wanted):
+            self._tables.ask(wanted)
+        if request != wanted and shown is not None and shown.request == wanted:
+            return  # it was overtaken by one that had been prepared
         # What the slider has just left may be shown on the way; another kind of field would flash.
-        if answer is not None and request.kind is self._wanted.kind:
+        if answer is not None and request.kind is wanted.kind:
             self._field = answer
+            self._ahead.follow(request)
             self.field_ready.emit(answer)
 
     @Slot(object)
@@ -229,78 +255,3 @@ class FieldSource(QObject):
 def _same_mesh(one: FieldRequest, other: FieldRequest) -> bool:
     """Whether two spectra are of the same vertices, as far as their number tells."""
     return one.spectrum.rows.shape[1] == other.spectrum.rows.shape[1]
-
-
-class _LatestThread(QThread):
-    """Works on one request at a time; a newer one takes the place of the one that waits.
-
-    Parameters
-    ----------
-    work : callable
-        Called with a request, and with a function that says whether to give up.
-    rest : float
-        Seconds that a request has to stay the latest before it is worked on.
-    """
-
-    def __init__(
-        self,
-        work: Callable[[FieldRequest, CancelCallback], None],
-        rest: float = 0.0,
-        parent: QObject | None = None,
-    ) -> None:
-        super().__init__(parent)
-        self._work = work
-        self._rest = rest
-        self._condition = threading.Condition()
-        self._next: FieldRequest | None = None
-        self._dropped = False
-        self._closing = False
-        self._working = False
-
-    @property
-    def working(self) -> bool:
-        """Whether there is a request that has not been worked on."""
-        return self._working
-
-    def ask(self, request: FieldRequest) -> None:
-        """Take a request in the place of the one that waits."""
-        with self._condition:
-            self._next = request
-            self._working = True
-            self._condition.notify()
-
-    def drop(self) -> None:
-        """Forget the request that waits, and give up the one that is worked on."""
-        with self._condition:
-            self._next = None
-            self._dropped = True
-
-    def close(self) -> None:
-        """Give up, and wait until the thread has ended."""
-        with self._condition:
-            self._closing = True
-            self._condition.notify()
-        self.wait()
-
-    def run(self) -> None:
-        """Wait for requests and work on them."""
-        while (request := self._take()) is not None:
-            self._work(request, self._given_up)
-
-    def _take(self) -> FieldRequest | None:
-        with self._condition:
-            while not self._closing:
-                if self._next is None:
-                    self._working = False
-                    self._condition.wait()
-                    continue
-                latest = self._next
-                if self._rest and self._condition.wait(self._rest):
-                    continue  # a newer one, or the end
-                if self._next is latest:
-                    self._next, self._dropped = None, False
-                    return latest
-            return None
-
-    def _given_up(self) -> bool:
-        return self._dropped or self._closing

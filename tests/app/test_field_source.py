@@ -149,6 +149,43 @@ def test_what_is_quick_is_computed_without_a_thread(
     document.job = None
 
 
+def test_the_next_eigenfunction_is_there_already(
+    qtbot: QtBot,
+    document: Document,
+    source: FieldSource,
+    rectangle: Mesh,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    show(document, rectangle)
+    document.display.index = 7
+    document.display.flipped = frozenset({8})
+    qtbot.waitUntil(lambda: source.idle and source._ahead._field is not None)
+    qtbot.waitUntil(lambda: source._ahead._field.index == 8)
+
+    def fails(*arguments: object) -> None:
+        raise AssertionError("computed although it was there")
+
+    monkeypatch.setattr(source._answers, "ask", fails)
+    with qtbot.waitSignal(source.field_ready):
+        document.display.index = 8
+    assert source.idle
+    expected = -document.spectrum.rows[8]
+    np.testing.assert_allclose(source.field.values, expected, rtol=1e-5, atol=1e-12)
+    assert source.field.title == "Eigenfunction 8"
+
+
+def test_a_prepared_field_is_not_overtaken_by_an_older_one(
+    qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh
+) -> None:
+    show(document, rectangle)
+    qtbot.waitUntil(lambda: source.idle and source._ahead._field is not None)
+    older, newer = source.field, source._ahead._field
+    document.display.index = newer.index
+    qtbot.waitUntil(lambda: source.field is newer)
+    source._take(older.request, older)
+    assert source.field is newer
+
+
 def test_a_fault_in_what_is_quick_is_a_sentence_too(
     qtbot: QtBot,
     document: Document,

@@ -1,0 +1,88 @@
+"""A thread for which only the latest request counts."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from PySide6.QtCore import QObject, QThread
+
+from meshmash_viewer.model.field import FieldRequest
+from meshmash_viewer.progress import CancelCallback
+
+__all__ = ["LatestThread"]
+
+
+class LatestThread(QThread):
+    """Works on one request at a time; a newer one takes the place of the one that waits.
+
+    Parameters
+    ----------
+    work : callable
+        Called with a request, and with a function that says whether to give up.
+    rest : float
+        Seconds that a request has to stay the latest before it is worked on.
+    """
+
+    def __init__(
+        self,
+        work: Callable[[FieldRequest, CancelCallback], None],
+        rest: float = 0.0,
+        parent: QObject | None = None,
+    ) -> None:
+        super().__init__(parent)
+        self._work = work
+        self._rest = rest
+        self._condition = threading.Condition()
+        self._next: FieldRequest | None = None
+        self._dropped = False
+        self._closing = False
+        self._working = False
+
+    @property
+    def working(self) -> bool:
+        """Whether there is a request that has not been worked on."""
+        return self._working
+
+    def ask(self, request: FieldRequest) -> None:
+        """Take a request in the place of the one that waits."""
+        with self._condition:
+            self._next = request
+            self._working = True
+            self._condition.notify()
+
+    def drop(self) -> None:
+        """Forget the request that waits, and give up the one that is worked on."""
+        with self._condition:
+            self._next = None
+            self._dropped = True
+
+    def close(self) -> None:
+        """Give up, and wait until the thread has ended."""
+        with self._condition:
+            self._closing = True
+            self._condition.notify()
+        self.wait()
+
+    def run(self) -> None:
+        """Wait for requests and work on them."""
+        while (request := self._take()) is not None:
+            self._work(request, self._given_up)
+
+    def _take(self) -> FieldRequest | None:
+        with self._condition:
+            while not self._closing:
+                if self._next is None:
+                    self._working = False
+                    self._condition.wait()
+                    continue
+                latest = self._next
+                if self._rest and self._condition.wait(self._rest):
+                    continue  # a newer one, or the end
+                if self._next is latest:
+                    self._next, self._dropped = None, False
+                    return latest
+            return None
+
+    def _given_up(self) -> bool:
+        return self._dropped or self._closing
