@@ -57,32 +57,28 @@ def distances(coordinates, here, step, out, first, last):  # type: ignore[no-unt
 
 
 @numba.njit(
-    "void(float32[:, ::1], float64[::1], float32[::1], float32[::1], int64, int64)",
+    "void(uint16[:, ::1], float32[::1], float32[::1], float64, float32[::1], int64, int64)",
     cache=True,
     nogil=True,
     fastmath={"contract", "reassoc"},
 )
-def combine(columns, weights, base, out, first, last):  # type: ignore[no-untyped-def]
-    """Write ``out[j] = weights @ columns[:, j] + base[j]`` from a first vertex j to a last.
+def combine(columns, weights, base, low, out, first, last):  # type: ignore[no-untyped-def]
+    """Write ``out[j] = weights @ columns[:, j] + base[j] + low`` from a first vertex j to a last.
 
-    Columns have shape (6, n); one base may stand for all vertices. Weights may be large and of
-    opposite signs: the sums are in float64.
+    Columns have shape (4, n); one base may stand for all vertices. It may be thousands of times
+    larger than what varies, so that it is added in float64.
     """
-    c0, c1, c2 = columns[0, first:last], columns[1, first:last], columns[2, first:last]
-    c3, c4, c5 = columns[3, first:last], columns[4, first:last], columns[5, first:last]
-    out = out[first:last]
-    w0, w1, w2, w3, w4, w5 = (
-        weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
+    c0, c1, c2, c3 = (
+        columns[0, first:last], columns[1, first:last],
+        columns[2, first:last], columns[3, first:last],
     )  # fmt: skip
-    if len(base) == 1:
-        same = base[0]
-        for j in range(len(out)):
-            near = w2 * c2[j] + w3 * c3[j]
-            far = (w0 * c0[j] + w1 * c1[j]) + (w4 * c4[j] + w5 * c5[j])
-            out[j] = (near + far) + same
-        return
-    base = base[first:last]
+    w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
+    out = out[first:last]
+    same = np.float64(base[0]) + low
+    many = len(base) > 1
+    if many:
+        base = base[first:last]
     for j in range(len(out)):
-        near = w2 * c2[j] + w3 * c3[j]
-        far = (w0 * c0[j] + w1 * c1[j]) + (w4 * c4[j] + w5 * c5[j])
-        out[j] = (near + far) + base[j]
+        outer = w0 * np.float32(c0[j]) + w3 * np.float32(c3[j])
+        inner = w1 * np.float32(c1[j]) + w2 * np.float32(c2[j])
+        out[j] = np.float64(outer + inner) + (np.float64(base[j]) + low if many else same)

@@ -29,19 +29,19 @@ ColumnArray: TypeAlias = npt.NDArray[np.float32]
 
 #: Numbers read (pairs times vertices) by a direct sum that nobody feels.
 _SMALL = 3_000_000
-#: Columns of a usual heat table, and fields in use at one time: the one drawn, the one before
-#: it, the one being computed, the one that may be asked for next.
-_HEAT_COLUMNS, _FIELDS = 40, 4
+#: Columns of a usual heat table, of 16 bits, and fields in use at one time: the one drawn, the one
+#: before it, the one being computed, the one that may be asked for next.
+_HEAT_COLUMNS, _FIELDS = 58, 4
 
 
 def expected_bytes(n_vertices: int, band_count: int = 32) -> int:
     """Bytes that a window holds for fields and live features of a mesh.
 
-    ``4 n (40 + bands + 32 / 2 + 4)``: heat table, band table, similarity table (at most one
-    column a feature, in half as many bytes), fields. Eigenpairs are mapped from the store and
+    ``4 n (58 / 2 + bands + 32 / 2 + 4)``: heat table in 16 bits, band table, similarity table
+    (at most one column a feature, in 16 bits), fields. Eigenpairs are mapped from the store and
     are not counted.
     """
-    columns = _HEAT_COLUMNS + band_count + (max(band_count, 32) + 1) // 2 + _FIELDS
+    columns = _HEAT_COLUMNS // 2 + band_count + (max(band_count, 32) + 1) // 2 + _FIELDS
     return 4 * n_vertices * columns
 
 

@@ -51,7 +51,7 @@ def test_compressed_hks_is_within_its_bound_of_the_direct_sum(
         wanted = direct(spectrum, np.exp(-spectrum.eigenvalues * time)[None])[:, 0]
         found = table.at(time)
         assert found.dtype == np.float32
-        rounding = 2e-7 * np.nanmax(wanted)
+        rounding = 7e-8 * np.nanmax(wanted)  # of the format
         assert (
             np.nanmax(np.abs(found - wanted)) <= 1e-4 * np.ptp(wanted[~np.isnan(wanted)]) + rounding
         )
@@ -67,6 +67,38 @@ def test_table_grows_with_the_spectrum(rectangle: Mesh) -> None:
     for time in np.geomspace(*times, 9):
         np.testing.assert_allclose(grown.at(time), fresh.at(time), rtol=2e-4)
         assert grown.error(time) <= 1e-4
+
+
+def test_table_is_computed_anew_before_rounding_adds_up(rectangle: Mesh) -> None:
+    whole = spectrum_of(rectangle, 120)
+    times = hks_time_range(whole.eigenvalues)
+    table, rounded = None, []
+    for count in (60, 80, 90, 100, 120):
+        part = Spectrum(whole.eigenvalues[:count], whole.rows, whole.residuals[:count])
+        table = build_heat_table(part, times, table)
+        rounded.append(table.rounded)
+    assert rounded[:2] == [1, 2]
+    assert max(rounded) == 2
+
+
+def test_few_vertices_with_a_huge_signature_cost_the_others_nothing(rectangle: Mesh) -> None:
+    spectrum = spectrum_of(rectangle, 60)
+    rows = np.array(spectrum.rows)
+    specks = [3, 70]
+    rows[:, specks] *= 1e4
+    rows[:, 11] = np.nan
+    spiked = Spectrum(spectrum.eigenvalues, rows, spectrum.residuals)
+    times = hks_time_range(spectrum.eigenvalues)
+    table = build_heat_table(spiked, times)
+    assert set(table.far) == {*specks, 11}
+    others = np.setdiff1d(np.arange(rows.shape[1]), table.far)
+    for time in np.geomspace(*times, 7):
+        wanted = direct(spiked, np.exp(-spectrum.eigenvalues * time)[None])[:, 0]
+        found = table.at(time)
+        np.testing.assert_allclose(found[specks], wanted[specks], rtol=1e-4)
+        assert np.isnan(found[11])
+        calm = wanted[others]
+        assert np.abs(found[others] - calm).max() <= 1e-4 * np.ptp(calm) + 7e-8 * calm.max()
 
 
 def test_scale_makes_no_difference(rectangle: Mesh) -> None:
