@@ -219,10 +219,10 @@ class FieldSource(QObject):
         field = self._ahead.answer(request)
         if field is not None:
             self._take(request, field)
-        elif self._is_prompt(request):
-            self._answer(request, lambda: False)
-        else:
+        elif request.kind is FieldKind.EIGENFUNCTION:  # it was there, and has been forgotten
             self._answers.ask(request)
+        else:
+            self._answer(request, lambda: False)
 
     @Slot(object, object)
     def _take(self, request: FieldRequest, answer: Field | Exception | None) -> None:

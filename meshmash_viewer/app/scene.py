@@ -177,8 +177,8 @@ class Scene(QWidget):
 
     def set_nodal_lines(self, values: npt.NDArray[np.floating] | None) -> None:
         """Draw the zeros of values of shape (n,) as soon as they rest, or none."""
-        self._line_values = values
-        if self._drawing.mesh is None:
+        before, self._line_values = self._line_values, values
+        if self._drawing.mesh is None or (values is None and before is None):
             return
         if values is None:
             self._line_delay.stop()

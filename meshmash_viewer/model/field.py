@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -152,17 +152,10 @@ class Field:
 
 def request_of(document: Document) -> FieldRequest | None:
     """Snapshot of what a document wants on its render; None while there is nothing to show."""
-    request = _wanted(document)
-    if request is None or document.ready is None:
+    spectrum, display, ready = document.spectrum, document.display, document.ready
+    if spectrum is None or len(spectrum) == 0 or ready is None:
         return None
-    return replace(request, sample=document.ready.sample)
-
-
-def _wanted(document: Document) -> FieldRequest | None:
-    spectrum, display = document.spectrum, document.display
-    if spectrum is None or len(spectrum) == 0 or document.mesh is None:
-        return None
-    unit = document.mesh.unit
+    unit, sample = ready.mesh.unit, ready.sample
     if display.kind is FieldKind.HKS:
         return FieldRequest(
             spectrum,
@@ -170,6 +163,7 @@ def _wanted(document: Document) -> FieldRequest | None:
             FieldKind.HKS,
             time=hks_time(spectrum, display),
             times=hks_range(spectrum, display),
+            sample=sample,
         )
     if display.kind is FieldKind.BAND:
         return FieldRequest(
@@ -179,6 +173,7 @@ def _wanted(document: Document) -> FieldRequest | None:
             band=min(max(display.band, 0), display.band_count - 1),
             band_count=display.band_count,
             eigenvalues=band_range(spectrum, display),
+            sample=sample,
         )
     if display.kind is FieldKind.SIMILARITY and display.similarity_vertex is not None:
         vertex = display.similarity_vertex
@@ -190,6 +185,7 @@ def _wanted(document: Document) -> FieldRequest | None:
                 times=hks_range(spectrum, display),
                 scales=display.hks_scales,
                 vertex=vertex,
+                sample=sample,
             )
         return FieldRequest(
             spectrum,
@@ -199,10 +195,13 @@ def _wanted(document: Document) -> FieldRequest | None:
             eigenvalues=band_range(spectrum, display),
             vertex=vertex,
             basis=SimilarityBasis.BANDS,
+            sample=sample,
         )
     index = min(max(display.index, 0), len(spectrum) - 1)
     flipped = index in display.flipped
-    return FieldRequest(spectrum, unit, FieldKind.EIGENFUNCTION, index=index, flipped=flipped)
+    return FieldRequest(
+        spectrum, unit, FieldKind.EIGENFUNCTION, index=index, flipped=flipped, sample=sample
+    )
 
 
 def compute_field(request: FieldRequest, live: LiveFeatures) -> Field | None:

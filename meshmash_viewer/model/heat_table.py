@@ -13,6 +13,7 @@ the few vertices that are too far out.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeAlias
@@ -114,12 +115,19 @@ class HeatTable:
         starts = range(self.n_nodes - _STENCIL + 1)
         return [_fit(self._rates, first + self.step * start, self.step) for start in starts]
 
-    def covers(self, time: float) -> bool:
-        """Whether there are nodes on both sides of a time."""
+    @cached_property
+    def _combine(self) -> Callable[..., None]:
+        """Looked for once: an import inside a function takes long where Qt watches imports."""
+        from meshmash_viewer.model.field_kernels import combine
+
+        return combine
+
+    def covers(self, time: float, last: float | None = None) -> bool:
+        """Whether there are nodes on both sides of a time, or of a range of times."""
         if not time > 0.0:
             return False
-        first = self.end - (self.n_nodes - 1) * self.step
-        return first <= math.log(time) <= self.end
+        first = self.end - (len(self.columns) - 1) * self.step
+        return first <= math.log(time) and math.log(last or time) <= self.end
 
     def at(self, time: float) -> ColumnArray:
         """The signature at one time, shape (n,), in inverse squared length units.
@@ -133,8 +141,7 @@ class HeatTable:
         weights = np.zeros(_STENCIL)
         if self._fits:
             weights = self._fits[start] @ np.exp(-self._rates * time)
-        from meshmash_viewer.model.field_kernels import combine
-
+        combine = self._combine
         values = np.empty(self.columns.shape[1], dtype=np.float32)
         nodes = slice(start, start + _STENCIL)
         stencil = self.columns[nodes]

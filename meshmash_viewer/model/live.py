@@ -115,12 +115,11 @@ class LiveFeatures:
     def prepared(self, request: FieldRequest) -> bool:
         """Whether `prepare` has nothing to do for a request."""
         if request.kind is FieldKind.HKS:
-            heat, (first, last) = self._heat, request.times
+            heat = self._heat
             return (
                 heat is not None
                 and heat.spectrum is request.spectrum
-                and heat.covers(first)
-                and heat.covers(last)
+                and heat.covers(*request.times)
             )
         if request.kind is FieldKind.BAND:
             return self._bands is not None and _same_bands(self._bands[0], request)

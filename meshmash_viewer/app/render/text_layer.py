@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import vtkmodules.vtkRenderingFreeType
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
-from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import VTK_FONT_FILE, vtkFloatArray, vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkImageData, vtkPolyData
 from vtkmodules.vtkRenderingCore import (
@@ -267,5 +267,5 @@ def _image(text: str, size: int, bold: bool, color: str, opacity: float) -> npt.
     properties = _property(size, bold, 0, 0, color, opacity)
     vtkTextRenderer.GetInstance().RenderString(properties, text, image, size_of_text, 72)
     width, height, _ = image.GetDimensions()
-    pixels = vtk_to_numpy(image.GetPointData().GetScalars()).reshape(height, width, 4)
+    pixels = np.frombuffer(image.GetPointData().GetScalars(), np.uint8).reshape(height, width, 4)
     return pixels[: size_of_text[1], : size_of_text[0]].copy()

@@ -56,7 +56,7 @@ def overwrite(
     if pointer.value is None or not buffer.Bind():
         return False
     write = _PROTOTYPE(pointer.value)
-    write(_ARRAY_BUFFER, 0, values.nbytes, values.ctypes.data)
+    write(_ARRAY_BUFFER, 0, values.nbytes, values.__array_interface__["data"][0])
     buffer.Release()
     return True
 
