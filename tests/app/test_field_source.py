@@ -221,6 +221,15 @@ def test_another_mesh_takes_field_and_tables_away(
     assert len(source.field.values) == sphere.n_vertices
 
 
+def test_another_mesh_takes_away_what_was_prepared(
+    qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh, sphere: Mesh
+) -> None:
+    show(document, rectangle)
+    qtbot.waitUntil(lambda: source._ahead._field is not None)
+    document.accept_mesh(MeshReady(sphere, mesh_health(sphere), sphere.vertex_normals))
+    assert source._ahead._field is None
+
+
 def test_field_that_cannot_be_computed_is_a_sentence(
     qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh
 ) -> None:

@@ -46,6 +46,8 @@ def test_compressed_hks_is_within_its_bound_of_the_direct_sum(
     assert table.covers(times[0])
     assert table.covers(times[1])
     assert not table.covers(1e-3 * times[0])
+    assert table.covers(*times)
+    assert not table.covers(times[0], 1e3 * times[1])
     for time in np.geomspace(*times, 47):
         assert table.error(time) <= 1e-4
         wanted = direct(spectrum, np.exp(-spectrum.eigenvalues * time)[None])[:, 0]
@@ -89,7 +91,9 @@ def test_few_vertices_with_a_huge_signature_cost_the_others_nothing(rectangle: M
     rows[:, 11] = np.nan
     spiked = Spectrum(spectrum.eigenvalues, rows, spectrum.residuals)
     times = hks_time_range(spectrum.eigenvalues)
-    table = build_heat_table(spiked, times)
+    part = Spectrum(spiked.eigenvalues[:40], rows, spiked.residuals[:40])
+    table = build_heat_table(spiked, times, build_heat_table(part, times))
+    assert table.rounded == 2, "what was known has been used"
     assert set(table.far) == {*specks, 11}
     others = np.setdiff1d(np.arange(rows.shape[1]), table.far)
     for time in np.geomspace(*times, 7):
