@@ -13,7 +13,6 @@ the few vertices that are too far out.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeAlias
@@ -21,6 +20,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.model.compiled import field_kernels
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.model.squares import add_squares, sum_squares
 from meshmash_viewer.model.stretches import in_stretches
@@ -115,18 +115,11 @@ class HeatTable:
         starts = range(self.n_nodes - _STENCIL + 1)
         return [_fit(self._rates, first + self.step * start, self.step) for start in starts]
 
-    @cached_property
-    def _combine(self) -> Callable[..., None]:
-        """Looked for once: an import inside a function takes long where Qt watches imports."""
-        from meshmash_viewer.model.field_kernels import combine
-
-        return combine
-
     def covers(self, time: float, last: float | None = None) -> bool:
         """Whether there are nodes on both sides of a time, or of a range of times."""
         if not time > 0.0:
             return False
-        first = self.end - (len(self.columns) - 1) * self.step
+        first = self.end - (self.n_nodes - 1) * self.step
         return first <= math.log(time) and math.log(last or time) <= self.end
 
     def at(self, time: float) -> ColumnArray:
@@ -141,7 +134,7 @@ class HeatTable:
         weights = np.zeros(_STENCIL)
         if self._fits:
             weights = self._fits[start] @ np.exp(-self._rates * time)
-        combine = self._combine
+        combine = field_kernels().combine
         values = np.empty(self.columns.shape[1], dtype=np.float32)
         nodes = slice(start, start + _STENCIL)
         stencil = self.columns[nodes]
