@@ -1,0 +1,185 @@
+"""What proves that eigenpairs are right and that none is missing: data, and its sentence."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
+
+from meshmash_viewer.units import power_unit
+
+__all__ = ["Certificate", "Method"]
+
+#: How a number of eigenvalues came to be known: the signs of a factorization (Sylvester's law of
+#: inertia), all of them from the dense matrix, one zero a connected component, or not at all.
+Method = Literal["inertia", "dense", "null space", "none"]
+
+#: Worst residual and orthonormality that pairs may have and still count as proven.
+_TOLERANCES = {"float64": (1e-6, 1e-8), "float32": (1e-3, 1e-4)}
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """How far eigenpairs can be trusted.
+
+    Parameters
+    ----------
+    method : {"inertia", "dense", "null space", "none"}
+        How the number of eigenvalues was found, independently of the iteration.
+    counted : int
+        Number of eigenvalues that there are up to `bound` (from `low`).
+    found : int
+        How many of these were found; the pairs of a decomposition are the lowest of them, or
+        those nearest a shift.
+    bound : float, optional
+        Eigenvalue that the count goes to; None where it has no end.
+    low : float, optional
+        Where the count begins, for pairs around a shift; None for the lowest.
+    residual : float
+        The worst ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``; for zeros, relative to 4π / area.
+    residual_index : int
+        Pair that has it.
+    orthonormality : float
+        Largest entry of ``|ΦᵀMΦ - I|``.
+    precision : {"float64", "float32"}
+        Of the eigenvectors, which decides what can be asked of these two.
+    remark : str
+        What a reader of the numbers has to know besides, such as that the threshold is an
+        eigenvalue; a part of a sentence, without a full stop.
+    """
+
+    method: Method
+    counted: int = 0
+    found: int = 0
+    bound: float | None = None
+    low: float | None = None
+    residual: float = 0.0
+    residual_index: int = 0
+    orthonormality: float = 0.0
+    precision: Literal["float64", "float32"] = "float64"
+    remark: str = ""
+
+    @property
+    def lacks(self) -> tuple[str, ...]:
+        """What keeps the pairs from being proven; empty if nothing does."""
+        residual, orthonormality = _TOLERANCES[self.precision]
+        lacks = []
+        if self.method == "none":
+            lacks.append("no count")
+        elif self.found != self.counted:
+            lacks.append(f"{self.found} found of {self.counted} counted")
+        # Written so that NaN, which is no proof, fails as well.
+        if not self.residual <= residual:
+            lacks.append(
+                f"a residual of {self.residual:.0e} (pair {self.residual_index}) above "
+                f"{residual:.0e}"
+            )
+        if not self.orthonormality <= orthonormality:
+            lacks.append(
+                f"an orthonormality of {self.orthonormality:.0e} above {orthonormality:.0e}"
+            )
+        return tuple(lacks)
+
+    @property
+    def complete(self) -> bool:
+        """Whether the pairs are proven: as many as counted, residuals and products in tolerance."""
+        return not self.lacks
+
+    def count_sentence(self, unit: str = "") -> str:
+        """How many eigenvalues there are, and how that is known.
+
+        Parameters
+        ----------
+        unit : str
+            Length unit of the mesh; "" where it has none.
+        """
+        if self.method == "none":
+            return "no count"
+        if self.method == "dense":
+            return f"all {_eigenvalues(self.counted)} computed"
+        if self.method == "null space":
+            return "one zero for each connected component"
+        written = f" {power_unit(unit, -2)}".rstrip()
+        if self.low is not None:
+            between = f"from {self.low:.4g} to {self.bound:.4g}{written}"
+            return f"{_eigenvalues(self.counted)} counted {between}"
+        return f"{_eigenvalues(self.counted)} counted below {self.bound:.4g}{written}"
+
+    def sentence(self, n_pairs: int, unit: str = "") -> str:
+        """Say in one line how many pairs there are and how well they are proven.
+
+        Parameters
+        ----------
+        n_pairs : int
+            Number of pairs in hand.
+        unit : str
+            Length unit of the mesh; "" where it has none.
+
+        Returns
+        -------
+        str
+            "200 pairs · complete (201 eigenvalues counted below 1.135e-05 nm⁻²) · worst residual
+            3e-10 · orthonormality 3e-13".
+        """
+        state = "complete" if self.complete else f"not proven complete: {', '.join(self.lacks)}"
+        counted = f" ({self.count_sentence(unit)})" if self.method != "none" else ""
+        parts = [
+            f"{n_pairs} pair{'' if n_pairs == 1 else 's'}",
+            state + counted,
+            f"worst residual {self.residual:.0e}",
+            f"orthonormality {self.orthonormality:.0e}",
+        ]
+        return " · ".join([*parts, *([self.remark] if self.remark else [])])
+
+    def as_dict(self, unit: str = "") -> dict[str, Any]:
+        """The certificate with its verdict, for JSON.
+
+        Parameters
+        ----------
+        unit : str
+            Length unit of the mesh; "" where it has none.
+        """
+        verdict = {"complete": self.complete, "lacks": list(self.lacks)}
+        return {**asdict(self), "unit": power_unit(unit, -2), **verdict}
+
+    @classmethod
+    def from_dict(cls, given: dict[str, Any]) -> Certificate:
+        """Read what `as_dict` wrote; the verdict is found anew.
+
+        Raises
+        ------
+        ValueError
+            If something is missing or of another type.
+        """
+        kinds: dict[str, tuple[type, ...]] = {
+            "method": (str,),
+            "counted": (int,),
+            "found": (int,),
+            "bound": (int, float, type(None)),
+            "low": (int, float, type(None)),
+            "residual": (int, float),
+            "residual_index": (int,),
+            "orthonormality": (int, float),
+            "precision": (str,),
+            "remark": (str,),
+        }
+        for name, kind in kinds.items():
+            if name not in given or not isinstance(given[name], kind):
+                raise ValueError(f"a certificate without a proper {name}")
+        if given["method"] not in Method.__args__ or given["precision"] not in _TOLERANCES:  # type: ignore[attr-defined]
+            raise ValueError("a certificate of an unknown method or precision")
+        return cls(**{name: given[name] for name in kinds})
+
+    def with_measures(
+        self, residual: float, residual_index: int, orthonormality: float
+    ) -> Certificate:
+        """The same count with other measured residual and orthonormality."""
+        return replace(
+            self,
+            residual=residual,
+            residual_index=residual_index,
+            orthonormality=orthonormality,
+        )
+
+
+def _eigenvalues(count: int) -> str:
+    return f"{count} eigenvalue{'' if count == 1 else 's'}"
