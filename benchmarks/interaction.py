@@ -46,6 +46,7 @@ from typing import Any
 
 import numpy as np
 
+from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.mesh import Mesh
 
 HERE = Path(__file__).parent
@@ -124,7 +125,8 @@ def prepare_store(mesh: Mesh, n_pairs: int, solved: bool) -> None:
         rows[index] /= np.sqrt((rows[index] ** 2).mean() * mesh.area)
     values = 4.0 * np.pi / mesh.area * np.arange(n_pairs)
     found = Decomposition(
-        values, rows, np.full(n_pairs, 1e-12), 0.1, True, "synthetic rows for timing",
+        values, rows, np.full(n_pairs, 1e-12),
+        Certificate("none", orthonormality=0.1, remark="synthetic rows for timing"),
         mass=np.full(mesh.n_vertices, mesh.area / mesh.n_vertices),
     )  # fmt: skip
     store.append(0, values, found.residuals)

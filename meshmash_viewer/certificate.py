@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 from meshmash_viewer.units import power_unit
@@ -168,17 +168,6 @@ class Certificate:
         if given["method"] not in Method.__args__ or given["precision"] not in _TOLERANCES:  # type: ignore[attr-defined]
             raise ValueError("a certificate of an unknown method or precision")
         return cls(**{name: given[name] for name in kinds})
-
-    def with_measures(
-        self, residual: float, residual_index: int, orthonormality: float
-    ) -> Certificate:
-        """The same count with other measured residual and orthonormality."""
-        return replace(
-            self,
-            residual=residual,
-            residual_index=residual_index,
-            orthonormality=orthonormality,
-        )
 
 
 def _eigenvalues(count: int) -> str:

@@ -18,16 +18,13 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.engine.output import Allocate, PairsCallback
 from meshmash_viewer.engine.request import Request
 from meshmash_viewer.engine.run import Run
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
-from meshmash_viewer.proof import proof_in_unit
 
 __all__ = ["Batch", "Decomposition", "PairsCallback", "estimate_memory", "iterate", "solve"]
-
-#: A residual above this speaks against a pair, whatever the count says.
-_VETO_RESIDUAL = 1e-6
 
 FloatArray: TypeAlias = npt.NDArray[np.floating[Any]]
 
@@ -45,12 +42,8 @@ class Decomposition:
         magnitude is positive.
     residuals : ndarray of float64, shape (k,)
         ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``; for the null space, relative to Weyl's spacing 4π / area.
-    orthonormality : float
-        Largest entry of ``|ΦᵀMΦ - I|``.
-    complete : bool
-        Whether a count of eigenvalues proves that none is missing.
-    certificate : str
-        That proof in one sentence.
+    certificate : Certificate
+        What proves that none is missing, with the worst residual and the orthonormality.
     timings : dict of float
         Seconds by stage.
     mass : ndarray of float64, shape (n,)
@@ -60,9 +53,7 @@ class Decomposition:
     eigenvalues: npt.NDArray[np.float64]
     rows: FloatArray
     residuals: npt.NDArray[np.float64]
-    orthonormality: float
-    complete: bool
-    certificate: str
+    certificate: Certificate
     timings: dict[str, float] = field(default_factory=dict)
     mass: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
 
@@ -76,6 +67,16 @@ class Decomposition:
         """Number of pairs."""
         return len(self.eigenvalues)
 
+    @property
+    def complete(self) -> bool:
+        """Whether the certificate proves the pairs: all there are, and each within tolerance."""
+        return self.certificate.complete
+
+    @property
+    def orthonormality(self) -> float:
+        """Largest entry of ``|ΦᵀMΦ - I|``."""
+        return self.certificate.orthonormality
+
     def proof(self, unit: str = "") -> str:
         """Say in one line how many pairs there are and how well they are proven.
 
@@ -84,12 +85,7 @@ class Decomposition:
         unit : str
             Length unit of the mesh, for the eigenvalue that the count goes to.
         """
-        state = "complete" if self.complete else "not proven complete"
-        return (
-            f"{self.n_components} pairs · {state} ({proof_in_unit(self.certificate, unit)}) · "
-            f"worst residual {self.residuals.max(initial=0.0):.0e} · "
-            f"orthonormality {self.orthonormality:.0e}"
-        )
+        return self.certificate.sentence(self.n_components, unit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,18 +279,11 @@ def _decomposition(run: Run) -> Decomposition:
     mass = np.zeros(run.pencil.n_all)
     mass[run.pencil.active] = run.pencil.root_mass**2
     timings = {**run.timings, "total": time.perf_counter() - run.began}
-    complete, certificate = run.complete, run.certificate
-    # A count proves nothing of pairs that are none. Rows in float32 carry its rounding, whatever
-    # the pairs they were written from.
-    if output.rows.dtype == np.float64 and output.residuals.max(initial=0.0) > _VETO_RESIDUAL:
-        complete, certificate = False, f"{certificate}, but a residual above {_VETO_RESIDUAL:g}"
     return Decomposition(
         eigenvalues=output.eigenvalues,
         rows=output.rows,
         residuals=output.residuals,
-        orthonormality=output.orthonormality,
-        complete=complete,
-        certificate=certificate,
+        certificate=run.certificate,
         timings=timings,
         mass=mass,
     )

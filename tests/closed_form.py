@@ -9,6 +9,7 @@ from PySide6.QtGui import QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit, QWidget
 
+from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
@@ -45,7 +46,8 @@ def rectangle_spectrum(
         eigenvalues[twins] = eigenvalues[twins.start]
     k = n_pairs if converged is None else converged
     residuals = np.full(k, 3e-12)
-    return Spectrum(eigenvalues[:k], rows, residuals, n_pairs, complete=converged is None)
+    certificate = Certificate("dense", n_pairs, n_pairs) if converged is None else None
+    return Spectrum(eigenvalues[:k], rows, residuals, n_pairs, certificate)
 
 
 def turn_wheel(

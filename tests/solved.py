@@ -19,6 +19,5 @@ def spectrum_of(mesh: Mesh, n_pairs: int) -> Spectrum:
         found.rows,
         found.residuals,
         total=n_pairs,
-        complete=True,
-        proof=found.proof(),
+        certificate=found.certificate,
     )

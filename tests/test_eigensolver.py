@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
 import threading
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,10 +14,10 @@ import pytest
 import scipy.linalg
 import scipy.sparse as sp
 
+from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.eigensolver import Decomposition, estimate_memory, iterate, solve
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import Cancelled, Progress
-from meshmash_viewer.proof import proof_in_unit
 
 Matrices = tuple[Any, Any]
 N_POINTS = 800
@@ -321,28 +323,31 @@ def test_the_bound_of_the_count_carries_the_unit_of_the_mesh() -> None:
     assert re.search(r"below [-+.0-9e]+ mm⁻²\)", result.proof("mm"))
 
 
-@pytest.mark.parametrize(
-    ("said", "written"),
-    [
-        ("inertia 30 from -0.5 to 1.2e-08", "inertia 30 from -0.5 to 1.2e-08 nm⁻²"),
-        ("the first 3 of 10: inertia 10 below 0.5", "the first 3 of 10: inertia 10 below 0.5 nm⁻²"),
-        ("below 7.5, but a residual above 1e-06", "below 7.5 nm⁻², but a residual above 1e-06"),
-        ("all 12 eigenvalues computed", "all 12 eigenvalues computed"),
-    ],
-)
-def test_nothing_else_in_a_proof_is_given_a_unit(said: str, written: str) -> None:
-    assert proof_in_unit(said, "nm") == written
-    assert proof_in_unit(said, "") == said
+def test_a_certificate_says_what_it_lacks() -> None:
+    proven = solve(*random_mesh(0), 5).certificate
+    assert proven.complete
+    assert proven.lacks == ()
+    for change, said in (
+        ({"residual": 1e-3, "residual_index": 2}, "residual of 1e-03 (pair 2) above"),
+        ({"orthonormality": 0.3}, "orthonormality of 3e-01 above"),
+        ({"orthonormality": np.nan}, "orthonormality of nan above"),
+        ({"method": "inertia", "found": proven.counted - 1, "bound": 1.0}, "found of"),
+        ({"method": "none"}, "no count"),
+    ):
+        wanting = replace(proven, **change)
+        assert not wanting.complete
+        assert said in wanting.lacks[0]
+        assert f"not proven complete: {wanting.lacks[0]}" in wanting.sentence(5)
 
 
-def test_a_large_residual_vetoes_the_count(monkeypatch: pytest.MonkeyPatch) -> None:
-    stiffness, mass = random_mesh(0)
-    assert solve(stiffness, mass, 5).complete
-    monkeypatch.setattr("meshmash_viewer.eigensolver._VETO_RESIDUAL", 1e-30)
-    result = solve(stiffness, mass, 5)
-    assert not result.complete
-    assert "not proven complete" in result.proof()
-    assert "residual above" in result.proof()
+def test_a_certificate_goes_through_json() -> None:
+    certificate = solve(*random_mesh(16), 30).certificate
+    written = json.loads(json.dumps(certificate.as_dict("mm")))
+    assert (written["complete"], written["lacks"], written["unit"]) == (True, [], "mm⁻²")
+    assert Certificate.from_dict(written) == certificate
+    for name, value in (("counted", "30"), ("residual", None), ("method", "hope")):
+        with pytest.raises(ValueError, match="certificate"):
+            Certificate.from_dict({**written, name: value})
 
 
 def test_rows_in_float32_take_smaller_slices_and_less_memory() -> None:

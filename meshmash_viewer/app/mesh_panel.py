@@ -31,7 +31,6 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model import cost
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.live import expected_bytes
-from meshmash_viewer.proof import proof_in_unit
 from meshmash_viewer.units import LENGTH_UNITS, format_quantity, power_unit
 
 __all__ = ["MeshPanel"]
@@ -327,8 +326,8 @@ class MeshPanel(QWidget):
     def _refresh_proof(self) -> None:
         spectrum, state = self._document.spectrum, self._document.job
         text, role = "", "muted"
-        if spectrum is not None and spectrum.proof:
-            text = proof_in_unit(spectrum.proof, self._document.mesh.unit)
+        if spectrum is not None and spectrum.certificate is not None:
+            text = spectrum.certificate.sentence(len(spectrum), self._document.mesh.unit)
             role = "proof" if spectrum.complete else "warning"
         elif spectrum is not None and state is None and spectrum.preview and not spectrum.n_exact:
             text = f"A preview of {len(spectrum):,} pairs: Compute makes them exact."

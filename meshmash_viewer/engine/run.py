@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.engine.arnoldi import pairs_of_inverse
 from meshmash_viewer.engine.dissection import DissectionCrew
 from meshmash_viewer.engine.factorization import OrderedPencil, order_pencil
@@ -42,9 +44,8 @@ class Run:
     ----------
     output : Output
         What has come out so far.
-    complete : bool
-        Whether all that is in `output` in the end is proven to be all there is.
-    certificate : str
+    certificate : Certificate
+        What proves that `output` holds all there is, once it is written.
     timings : dict of float
     """
 
@@ -57,12 +58,24 @@ class Run:
         crew = DissectionCrew(max(np.shape(stiffness), default=0))
         self.pencil = reduce_pencil(stiffness, mass)
         self._crew = crew
-        self.complete = False
-        self.certificate = "no count"
+        self._count = Certificate("none")
         self.timings: dict[str, float] = {"matrices": time.perf_counter() - self.began}
         self._stop = np.zeros(1, dtype=np.uint8)
         self._heard = 0.0
         self._jobs = 1
+
+    @property
+    def certificate(self) -> Certificate:
+        """What proves that `output` holds all there is, with what was measured of its pairs."""
+        output = self.output
+        worst = int(np.argmax(output.residuals)) if output.total else 0
+        return replace(
+            self._count,
+            residual=float(output.residuals[worst]) if output.total else 0.0,
+            residual_index=worst,
+            orthonormality=output.orthonormality,
+            precision="float32" if self.request.lean else "float64",
+        )
 
     def batches(self) -> Iterator[slice]:
         """Find everything; yields the places of rows that have just become final."""
@@ -135,10 +148,11 @@ class Run:
                 low = known[0]
                 yield self._write(*known[1:])
             yield from self._slices(ordered, plan, low, top)
-        self.complete = self.output.written == wanted
-        counted = f"inertia {plan.count(top)} below {top * pencil.unit:.4g}"
-        only_null = f"null space of {pencil.n_null} components"
-        self.certificate = counted if wanted > pencil.n_null else only_null
+        if wanted > pencil.n_null:
+            counted = plan.count(top)
+            self._count = Certificate("inertia", counted, counted, top * pencil.unit)
+        else:
+            self._count = Certificate("null space", pencil.n_null, pencil.n_null)
 
     def _workers(self, ordered: OrderedPencil, pairs: int) -> int:
         return worker_count(ordered, self.request.n_jobs, pairs, self.request.lean)
@@ -217,9 +231,8 @@ class Run:
         values, residuals = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
         rows = np.concatenate([part[2] for part in parts])
         chosen = np.sort(np.argsort(np.abs(values - sigma), kind="stable")[:wanted])
-        self.complete = True
         unit = pencil.unit
-        self.certificate = f"inertia {inside} from {low * unit:.4g} to {high * unit:.4g}"
+        self._count = Certificate("inertia", inside, len(values), high * unit, low * unit)
         rows = rows[chosen]
         orthonormalise(rows)
         yield from self._write_all(values[chosen], residuals[chosen], rows)
@@ -252,8 +265,7 @@ class Run:
         defect = (rows @ pencil.matrix - values[chosen, None] * rows) * weight
         residuals = np.linalg.norm(defect, axis=1) / np.linalg.norm(rows * weight, axis=1)
         self._spend("dense", started)
-        self.complete = True
-        self.certificate = f"all {pencil.n} eigenvalues computed"
+        self._count = Certificate("dense", pencil.n, pencil.n)
         yield from self._write_all(values[chosen], residuals, rows)
 
     def _through_given_inverse(
@@ -280,8 +292,7 @@ class Run:
         rows = np.concatenate([pencil.null_rows(), rows])[chosen]
         orthonormalise(rows)
         residuals = measure_pairs(ordered, rows)[1]
-        self.complete = True
-        self.certificate = f"inertia {counted} below {high * pencil.unit:.4g}"
+        self._count = Certificate("inertia", counted, counted, high * pencil.unit)
         return values[chosen], residuals, rows
 
     # What comes out ------------------------------------------------------------------------------

@@ -47,7 +47,7 @@ __all__ = ["EigenpairStore", "StoreBusy", "StoredSpectrum"]
 FloatArray = npt.NDArray[np.float64]
 
 #: Raised whenever the files change their meaning, so that old ones are not found.
-_FORMAT = 1
+_FORMAT = 2
 _PROBLEM = "problem.json"
 
 
@@ -291,9 +291,7 @@ class EigenpairStore:
             meta = {
                 "format": _FORMAT,
                 "n_pairs": k,
-                "complete": bool(decomposition.complete),
-                "certificate": decomposition.certificate,
-                "orthonormality": float(decomposition.orthonormality),
+                "certificate": decomposition.certificate.as_dict(),
                 "timings": {key: float(value) for key, value in decomposition.timings.items()},
                 "max_eigenvalue": max_eigenvalue,
                 "mass_checksum": zlib.crc32(mass.tobytes()),

@@ -81,7 +81,7 @@ class StoredSpectrum:
     @property
     def complete(self) -> bool:
         """Whether all of them are proven, with none missing in between."""
-        return self.n_proven == self.n_converged and bool(self.meta.get("complete", False))
+        return self.n_proven == self.n_converged and self.decomposition().complete
 
     @property
     def proof(self) -> str:
@@ -117,21 +117,18 @@ class StoredSpectrum:
         count : int, optional
             None for all that have converged, as `known` of a run that goes on from there.
         """
+        from meshmash_viewer.certificate import Certificate
         from meshmash_viewer.eigensolver import Decomposition
 
         k = self.n_converged if count is None else count
         proven = 0 < k <= self.n_proven
-        certificate = "interrupted before the count"
+        certificate = Certificate("none")
         if proven:
-            certificate = str(self.meta.get("certificate", ""))
-            if k < self.n_proven:
-                certificate = f"the first {k} of {self.n_proven}: {certificate}"
+            certificate = Certificate.from_dict(self.meta["certificate"])
         return Decomposition(
             eigenvalues=self.eigenvalues[:k],
             rows=self.rows[:k],
             residuals=self.residuals[:k],
-            orthonormality=float(self.meta.get("orthonormality", np.nan)) if proven else np.nan,
-            complete=proven and bool(self.meta.get("complete", False)),
             certificate=certificate,
             timings=dict(self.meta.get("timings", {})) if proven else {},
             mass=np.zeros(0) if self.mass is None else self.mass,

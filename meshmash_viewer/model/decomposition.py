@@ -282,8 +282,7 @@ def _grown(
         np.array(decomposition.eigenvalues),
         np.array(decomposition.residuals),
         total=decomposition.n_components if ended else 0,
-        complete=ended and decomposition.complete,
-        proof=decomposition.proof() if ended else "",
+        certificate=decomposition.certificate if ended else None,
         operator=operator,
         alignment=alignment,
     )

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.health import Health
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
@@ -29,7 +30,7 @@ class SpectrumGrew:
         ``.npy`` file of shape (>= k, n); only the first k rows are to be read.
     eigenvalues, residuals : ndarray of float64, shape (k,)
         Approximate ones included, whose residuals are NaN.
-    total, complete, proof, operator
+    total, certificate, operator
         See `Spectrum`.
     preview_path : Path, optional
         ``.npy`` file with approximate rows, of which those after the exact ones count.
@@ -47,8 +48,7 @@ class SpectrumGrew:
     eigenvalues: npt.NDArray[np.float64]
     residuals: npt.NDArray[np.float64]
     total: int = 0
-    complete: bool = False
-    proof: str = ""
+    certificate: Certificate | None = None
     operator: OperatorOptions | None = None
     preview_path: Path | None = None
     n_exact: int = 0
@@ -81,8 +81,7 @@ class SpectrumGrew:
             rows,
             self.residuals,
             total=self.total,
-            complete=self.complete,
-            proof=self.proof,
+            certificate=self.certificate,
             preview=preview is not None,
             operator=self.operator,
             n_exact=self.n_exact,

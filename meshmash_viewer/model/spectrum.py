@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.filters import hks_time_range
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model.alignment import ShownRows
@@ -39,11 +40,8 @@ class Spectrum:
         Relative residuals ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``.
     total : int
         Number of pairs that the solve owes; 0 while unknown.
-    complete : bool
-        Whether the solve has ended with every owed pair and the count certified.
-    proof : str
-        The proof line without the unit of the mesh, which may be corrected; empty until the
-        solve has ended.
+    certificate : Certificate, optional
+        What proves them; None until the solve has ended.
     preview : bool
         Whether some are coarse approximations that exact ones will replace.
     operator : OperatorOptions, optional
@@ -60,8 +58,7 @@ class Spectrum:
     rows: npt.NDArray[np.floating] | ShownRows
     residuals: npt.NDArray[np.float64]
     total: int = 0
-    complete: bool = False
-    proof: str = ""
+    certificate: Certificate | None = None
     preview: bool = False
     operator: OperatorOptions | None = None
     n_exact: int = 0
@@ -70,6 +67,11 @@ class Spectrum:
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
+
+    @property
+    def complete(self) -> bool:
+        """Whether the solve has ended and its certificate proves the pairs."""
+        return self.certificate is not None and self.certificate.complete
 
     @property
     def shown_rows(self) -> npt.NDArray[np.floating] | ShownRows:

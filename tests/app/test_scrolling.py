@@ -17,6 +17,7 @@ from meshmash_viewer.app.canvas import Canvas
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
+from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.model.limits import SymmetricLimits
 from meshmash_viewer.model.spectrum import Spectrum
 
@@ -43,7 +44,8 @@ def window(qtbot: QtBot) -> Iterator[MainWindow]:
     )
     rows = np.random.default_rng(0).standard_normal((PAIRS, mesh.n_vertices))
     values = np.arange(PAIRS, dtype=np.float64)
-    window.document.accept_spectrum(Spectrum(values, rows, np.zeros(PAIRS), complete=True))
+    proven = Certificate("dense", PAIRS, PAIRS)
+    window.document.accept_spectrum(Spectrum(values, rows, np.zeros(PAIRS), certificate=proven))
     qtbot.waitUntil(lambda: window.field_source.idle, timeout=PATIENCE)
     yield window
     window.close()

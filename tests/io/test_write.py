@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.eigensolver import Decomposition
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features import Features
@@ -153,9 +154,7 @@ def test_eigenpairs_come_back(
         np.arange(k, dtype=np.float64),
         rng.normal(size=(k, n)),
         np.full(k, 1e-12),
-        1e-15,
-        True,
-        "a count",
+        Certificate("inertia", k, k, float(k), orthonormality=1e-15),
         mass=np.ones(n),
     )
     path = tmp_path / f"pairs{ending}"
@@ -173,7 +172,7 @@ def test_eigenpairs_come_back(
         np.testing.assert_array_equal(poly.point_data["phi_002"], pairs.rows[2])
         np.testing.assert_array_equal(poly.field_data["eigenvalues"], pairs.eigenvalues)
         meta = json.loads(poly.field_data["meshmash-viewer"][0])
-    assert meta["options"]["proof"] == pairs.proof()
+    assert meta["options"]["proof"] == pairs.proof(mesh.unit)
     assert meta["options"]["count"] == k
 
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.ranges import hks_range
@@ -14,7 +15,10 @@ from meshmash_viewer.model.stepping import advance, go_to_end, go_to_start, step
 def document() -> Document:
     document = Document()
     eigenvalues = np.array([0.0, 1.0, 2.0, 4.0, 5.0, 8.0])
-    document.accept_spectrum(Spectrum(eigenvalues, np.zeros((6, 3)), np.zeros(6), complete=True))
+    proven = Certificate("dense", 6, 6)
+    document.accept_spectrum(
+        Spectrum(eigenvalues, np.zeros((6, 3)), np.zeros(6), certificate=proven)
+    )
     return document
 
 
