@@ -7,6 +7,7 @@ import pytest
 import shapes
 from solved import spectrum_of
 
+from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.features import accumulate_features
 from meshmash_viewer.filters import bspline_bank, heat_kernel_bank, hks_time_range, hks_times
 from meshmash_viewer.mesh import Mesh
@@ -244,7 +245,7 @@ def test_tables_outlast_the_proof_of_the_same_pairs(rectangle: Mesh) -> None:
     spectrum = spectrum_of(rectangle, 60)
     live = LiveFeatures()
     live.prepare(band_request(spectrum, 0))
-    proven = replace(spectrum, proof="proven now")
+    proven = replace(spectrum, certificate=Certificate("dense", len(spectrum), len(spectrum)))
     assert live.prepared(band_request(proven, 1))
     live.band(band_request(proven, 1))
     other = replace(spectrum, eigenvalues=spectrum.eigenvalues[:59])
