@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["ConstantFeaturesWarning", "InputError"]
+__all__ = ["ConstantFeaturesWarning", "InputError", "UnprovenError"]
 
 
 class InputError(ValueError):
@@ -11,6 +11,10 @@ class InputError(ValueError):
     The command line prints the sentence and exits with status 2; the window shows it in its
     message bar. Any other exception is a defect of the program and is reported as such.
     """
+
+
+class UnprovenError(InputError):
+    """The eigenpairs of this matrix cannot be found, or not proven, in floating-point numbers."""
 
 
 class ConstantFeaturesWarning(UserWarning):

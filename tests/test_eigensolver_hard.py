@@ -141,18 +141,6 @@ def test_bits_do_not_depend_on_the_number_of_workers() -> None:
         assert run.residuals.tobytes() == runs[0].residuals.tobytes()
 
 
-def without_numba(monkeypatch: pytest.MonkeyPatch) -> None:
-    import sys
-
-    monkeypatch.setitem(sys.modules, "meshmash_viewer.engine.symbolic", None)
-
-
-def test_without_numba_the_pairs_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    matrices, exact = torus(45, 40, 1.0, 1.2)
-    without_numba(monkeypatch)
-    check(solve(*matrices, 80, n_jobs=1), exact[:80])
-
-
 def slice_of(matrices: Matrices, low: int, high: int) -> tuple[Any, list[Interval]]:
     """The problem in elimination order, and its slices between two counts."""
     ordered = order_pencil(reduce_pencil(*matrices))

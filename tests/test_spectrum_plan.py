@@ -29,7 +29,7 @@ class Spectrum:
         """What is counted at a shift."""
         self.counted.append(shift)
         count = self.n_null + int(self.scale * shift**self.power)
-        return SimpleNamespace(shift=shift, count_below=count)
+        return SimpleNamespace(shift=shift, count_below=count, blur=0.0)
 
 
 @pytest.mark.parametrize("power", [0.45, 0.6, 1.0, 1.2])
@@ -60,7 +60,7 @@ def test_slices_have_their_shifts_where_was_counted() -> None:
 @pytest.mark.parametrize("n_jobs", [1, 2])
 def test_no_factor_is_made_twice(monkeypatch: pytest.MonkeyPatch, n_jobs: int) -> None:
     shifts: list[float] = []
-    kind: Any = factorization._CompiledFactor
+    kind: Any = factorization.Factor
     make = kind.__init__
 
     def note(self: Any, ordered: Any, shift: float, stop: Any) -> None:

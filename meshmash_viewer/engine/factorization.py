@@ -1,19 +1,14 @@
-"""Factors of shifted copies of a symmetric matrix, and eigenvalue counts from their inertia.
-
-Two kinds behind one face: compiled multifrontal factors that keep only L and release the
-interpreter lock, and SuperLU's where numba is not installed.
-"""
+"""Factors of shifted copies of a symmetric matrix, and eigenvalue counts from their inertia."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
 
 from meshmash_viewer.engine.dissection import DissectionCrew
 from meshmash_viewer.engine.pencil import Pencil
@@ -30,26 +25,12 @@ StopFlag = npt.NDArray[np.uint8]
 _PROBE_TOLERANCE = 1e-9
 #: Used arrays that are kept for the next slice.
 _SPARE = 4
+#: Parts of a nudge by which a shift is moved, as powers of ten.
+_POWERS = (-6, -4, -2, -1, 0)
 
 
 class FactorizationError(RuntimeError):
     """No usable factor near the wanted shift."""
-
-
-class Factor(Protocol):
-    """``A - shift I = L D Lᵀ`` without pivoting.
-
-    Sylvester's law of inertia: the number of negative pivots in D is the number of eigenvalues
-    of A below the shift.
-    """
-
-    shift: float
-    count_below: int
-    #: Backward error of a probe solve: it grows with every pivot that is nearly zero.
-    error: float
-
-    def solve(self, block: FloatArray) -> None:
-        """Solve ``(A - shift I) X = block`` in place, shape (n, 8), C order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +41,8 @@ class OrderedPencil:
     ----------
     pencil : Pencil
         Its vertices are in elimination order.
-    structure : Structure or None
-        Blocks of the compiled factor; None where SuperLU factors.
+    structure : Structure
+        Blocks of the factor.
     spare, lock
         Memory of bases that are done, and who may take from it.
     kept : dict
@@ -75,7 +56,17 @@ class OrderedPencil:
     kept: dict[float, Factor] = field(default_factory=dict, repr=False)
 
     def factor(self, shift: float, nudge: float, stop: StopFlag) -> Factor:
-        """Factor near a shift, moving it by `nudge` at most five times until it is sound.
+        """Factor at a shift or, where a pivot vanishes, beside it.
+
+        Any shift may meet a pivot that is nearly zero, though no eigenvalue is near. It is then
+        moved to both sides, by a nudge at most, the least first: 1e-6 of it, 1e-5 and so on.
+
+        Parameters
+        ----------
+        shift : float
+        nudge : float
+            How far it may be moved.
+        stop : ndarray of uint8, shape (1,)
 
         Raises
         ------
@@ -87,32 +78,32 @@ class OrderedPencil:
         kept = self.kept.pop(shift, None)
         if kept is not None:
             return kept
-        kind = _SuperFactor if self.structure is None else _CompiledFactor
-        for attempt in range(6):
+        moves = [0.0, *(side * nudge * 10.0**power for power in _POWERS for side in (1.0, -1.0))]
+        for move in moves:
             if stop[0]:
                 raise Cancelled("stopped before a factorization")
-            try:
-                factor: Factor = kind(self, shift + attempt * nudge, stop)
-            except FactorizationError:
-                continue
-            factor.error = _probe(self.pencil, factor)
-            if factor.error < _PROBE_TOLERANCE:
+            factor = self.factor_at(shift + move, stop)
+            if factor is not None:
                 return factor
         raise FactorizationError(f"no stable factor near shift {shift:.6g}")
 
+    def factor_at(self, shift: float, stop: StopFlag) -> Factor | None:
+        """Factor at this shift and no other; None if a pivot vanishes or nearly does."""
+        try:
+            factor = Factor(self, shift, stop)
+        except FactorizationError:
+            return None
+        return factor if factor.error < _PROBE_TOLERANCE else None
+
     def multiply(self, block: FloatArray, exactly: bool = False) -> FloatArray:
         """Return ``A @ block`` for shape (n, 8), if wanted with sums in twice the precision."""
-        matrix = self.pencil.matrix
-        if self.structure is None:
-            if exactly:
-                return np.asarray(matrix.astype(np.longdouble) @ block, dtype=np.float64)
-            return np.asarray(matrix @ block)
         from meshmash_viewer.engine import kernels
 
         multiply = kernels.multiply_block_exactly if exactly else kernels.multiply_block
         start, index = self.structure.matrix_start, self.structure.matrix_index
         result = np.empty_like(block)
-        multiply(start, index, matrix.data, block.reshape(-1), result.reshape(-1))
+        data = self.pencil.matrix.data
+        multiply(start, index, data, block.reshape(-1), result.reshape(-1))
         return result
 
     def borrow(self, shape: tuple[int, int]) -> FloatArray:
@@ -142,16 +133,10 @@ class OrderedPencil:
 
     def quotients(self, block: FloatArray, images: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Rayleigh quotients of normalised columns (n, 8), and residuals in the norm of M."""
-        weight = self.pencil.root_mass
-        if self.structure is None:
-            values = np.einsum("ij,ij->j", block, images)
-            defect = (images - block * values) * weight[:, None]
-            sizes = np.linalg.norm(block * weight[:, None], axis=0)
-            return values, np.linalg.norm(defect, axis=0) / np.where(sizes > 0.0, sizes, 1.0)
         from meshmash_viewer.engine.kernels import quotients_block
 
         values, residuals = np.zeros(8), np.zeros(8)
-        quotients_block(block, images, weight, values, residuals)
+        quotients_block(block, images, self.pencil.root_mass, values, residuals)
         return values, residuals
 
     def subtract(
@@ -164,10 +149,6 @@ class OrderedPencil:
 
         In place, for rows of shape (8, n): at most two sources, (weights, rows), and two sets.
         """
-        if self.structure is None:
-            for weights, rows in sources:
-                target -= weights @ rows
-            return [np.asarray(target @ rows.T) for rows in against]
         from meshmash_viewer.engine.kernels import subtract_rows
 
         nothing = np.zeros((len(target), 0)), target[:0]
@@ -180,43 +161,30 @@ class OrderedPencil:
 
     def turn(self, target: FloatArray, lower: FloatArray) -> None:
         """target = lower · target for rows of shape (8, n), in place."""
-        if self.structure is None:
-            target[:] = lower @ target
-            return
         from meshmash_viewer.engine.kernels import turn_rows
 
         turn_rows(target, np.ascontiguousarray(lower))
 
     def fill_columns(self, rows: FloatArray, columns: FloatArray) -> None:
         """Write rows of shape (8, n) into a block of shape (n, 8)."""
-        if self.structure is None:
-            columns[:] = rows.T
-        else:
-            from meshmash_viewer.engine.kernels import spread_rows
+        from meshmash_viewer.engine.kernels import spread_rows
 
-            spread_rows(rows, columns)
+        spread_rows(rows, columns)
 
     def fill_rows(self, columns: FloatArray, rows: FloatArray) -> None:
         """Write a block of shape (n, 8) into rows of shape (8, n)."""
-        if self.structure is None:
-            rows[:] = columns.T
-        else:
-            from meshmash_viewer.engine.kernels import collect_rows
+        from meshmash_viewer.engine.kernels import collect_rows
 
-            collect_rows(columns, rows)
+        collect_rows(columns, rows)
 
     def remove_null(self, block: FloatArray) -> None:
         """Project the null space out of a block of shape (n, 8), in place."""
-        pencil = self.pencil
-        if pencil.n_null == 0:
-            return
-        if self.structure is None:
-            pencil.remove_null(block)
-            return
         from meshmash_viewer.engine.kernels import remove_null_block
 
-        sums = np.zeros((pencil.n_null, block.shape[1]))
-        remove_null_block(pencil.labels, pencil.null_direction, sums, block)
+        pencil = self.pencil
+        if pencil.n_null:
+            sums = np.zeros((pencil.n_null, block.shape[1]))
+            remove_null_block(pencil.labels, pencil.null_direction, sums, block)
 
 
 def order_pencil(
@@ -229,18 +197,45 @@ def order_pencil(
     `poll` is called several times a second while that takes long; what it raises ends it. A crew
     that was started early saves its start; it is closed.
     """
-    try:
-        from meshmash_viewer.engine.symbolic import analyse, elimination_order
-    except ImportError:  # without numba SuperLU orders and factors
-        return OrderedPencil(pencil, None)
+    from meshmash_viewer.engine.symbolic import analyse, elimination_order
+
     ordered = pencil.permuted(elimination_order(pencil.matrix, poll, crew))
     return OrderedPencil(ordered, analyse(ordered.matrix))
 
 
-class _CompiledFactor:
-    """Supernodal LDLᵀ by the kernels."""
+class Factor:
+    """``A - shift I = L D Lᵀ`` without pivoting, in blocks [1]_.
 
-    error = np.inf
+    Sylvester's law of inertia: the number of negative pivots in D is the number of eigenvalues
+    of A below the shift.
+
+    Parameters
+    ----------
+    ordered : OrderedPencil
+    shift : float
+    stop : ndarray of uint8, shape (1,)
+
+    Attributes
+    ----------
+    count_below : int
+        Number of eigenvalues below the shift.
+    error : float
+        Backward error of a probe solve: it grows with every pivot that is nearly zero.
+    blur : float
+        How far that moves eigenvalues near the shift: the probe's defect by its answer's size.
+
+    Raises
+    ------
+    FactorizationError
+        If a pivot vanished.
+    Cancelled
+        If `stop` was set.
+
+    References
+    ----------
+    .. [1] Duff, I. S. and Reid, J. K. (1983). "The Multifrontal Solution of Indefinite Sparse
+       Symmetric Linear Equations." ACM Transactions on Mathematical Software 9(3).
+    """
 
     def __init__(self, ordered: OrderedPencil, shift: float, stop: StopFlag) -> None:
         from meshmash_viewer.engine.multifrontal import factor_numeric
@@ -272,50 +267,26 @@ class _CompiledFactor:
         if outcome < 0:
             raise FactorizationError(f"a pivot vanished at shift {shift:.6g}")
         self.count_below = int(outcome)
+        self.error, self.blur = self._probe(ordered.pencil)
 
     def solve(self, block: FloatArray) -> None:
+        """Solve ``(A - shift I) X = block`` in place, shape (n, 8), C order."""
         from meshmash_viewer.engine.multifrontal import solve_block
 
         structure = self._structure.unsigned
         solve_block(*structure, self._blocks, self._inverse, block.reshape(-1))
 
-
-class _SuperFactor:
-    """SuperLU's factor in symmetric mode."""
-
-    error = np.inf
-
-    def __init__(self, ordered: OrderedPencil, shift: float, stop: StopFlag) -> None:
-        from scipy.sparse.linalg import splu
-
-        matrix = ordered.pencil.matrix
-        self.shift = shift
-        shifted = sp.csc_array(matrix - shift * sp.eye_array(matrix.shape[0], format="csc"))
-        try:
-            self._lu = splu(
-                shifted,
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
-            )
-        except RuntimeError as fault:  # an exactly zero pivot
-            raise FactorizationError(str(fault)) from fault
-        if not np.array_equal(self._lu.perm_r, self._lu.perm_c):
-            raise FactorizationError(f"the factor at shift {shift:.6g} was pivoted")
-        self.count_below = int(np.count_nonzero(self._lu.U.diagonal() < 0.0))
-
-    def solve(self, block: FloatArray) -> None:
-        block[:] = self._lu.solve(block)
-
-
-def _probe(pencil: Pencil, factor: Factor) -> float:
-    """Backward error of a solve with a fixed right-hand side."""
-    n = pencil.n
-    block = np.zeros((n, 8))
-    block[:, 0] = probe = np.cos(np.arange(n, dtype=np.float64))
-    factor.solve(block)
-    answer = block[:, 0].copy()
-    defect = pencil.matrix @ answer - factor.shift * answer - probe
-    size = abs(answer)
-    scale = pencil.magnitudes @ size + abs(factor.shift) * size + abs(probe)
-    return float(np.linalg.norm(defect) / np.linalg.norm(scale))
+    def _probe(self, pencil: Pencil) -> tuple[float, float]:
+        """Error and blur of a solve with a fixed right-hand side."""
+        n = pencil.n
+        block = np.zeros((n, 8))
+        block[:, 0] = probe = np.cos(np.arange(n, dtype=np.float64))
+        # A useless factor may overflow here; its error is then no number, and below no bound.
+        with np.errstate(over="ignore", invalid="ignore"):
+            self.solve(block)
+            answer = block[:, 0].copy()
+            defect = pencil.matrix @ answer - self.shift * answer - probe
+            size = abs(answer)
+            scale = pencil.magnitudes @ size + abs(self.shift) * size + abs(probe)
+            missed = np.linalg.norm(defect)
+            return float(missed / np.linalg.norm(scale)), float(missed / np.linalg.norm(answer))

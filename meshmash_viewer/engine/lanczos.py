@@ -22,7 +22,7 @@ from meshmash_viewer.engine.orthogonality import (
     project_out,
 )
 
-__all__ = ["Interval", "IntervalPairs", "find_pairs", "measure_pairs"]
+__all__ = ["Interval", "IntervalPairs", "UnclearBorder", "find_pairs", "measure_pairs"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -53,13 +53,15 @@ class Interval:
     index : int
         Number of the slice, lowest first.
     low, high : float
-        Ends, in the reduced problem; neither is an eigenvalue.
+        Ends, in the reduced problem.
     first : int
         Number of eigenvalues below `low`, null space included.
     owed : int
         Number of eigenvalues inside, the null space not counted.
     shift : float
         Somewhere in the middle.
+    clearance : float
+        The count below `high` is in doubt if an eigenvalue lies nearer to it than this.
     """
 
     index: int
@@ -68,6 +70,11 @@ class Interval:
     first: int
     owed: int
     shift: float
+    clearance: float = 0.0
+
+
+class UnclearBorder(ArithmeticError):
+    """An eigenvalue lies on the border of a slice, so how many it holds is in doubt."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +120,8 @@ def find_pairs(
 
     Raises
     ------
+    UnclearBorder
+        If the upper end lies on an eigenvalue.
     ArithmeticError
         If the pairs stay out of reach.
     """
@@ -132,12 +141,16 @@ def find_pairs(
             break
         # A copy that was missed may lie at an end of the interval, and cost as much as the rest.
         free = n - ordered.pencil.n_null - len(found)
-        capacity = min(4 * owed + 20 * BLOCK, BLOCK * max(free // BLOCK, 1))
+        # Nor does a basis converge that ends before pairs close to an end of it are told apart.
+        capacity = (4 * owed + 20 * BLOCK) * 2**fruitless
+        capacity = min(capacity, BLOCK * max(free // BLOCK, 1))
         seed = (interval.first, owed, attempt)
         basis = KrylovBasis(ordered, factor, found, capacity, seed, stop, careful)
         try:
             values, rows, room = _converge(basis, interval, missing, factor.shift, tolerance)
             values, defect = rotate_to_pairs(ordered, rows, room)
+        except UnclearBorder:
+            raise
         except ArithmeticError:
             # The basis lost its orthogonality and gave a pair twice.
             values, rows, defect = np.zeros(0), nothing, 0.0
@@ -187,6 +200,8 @@ def find_pairs(
         orthonormality = max(orthonormality, _fit_in(rows, gained))
         values, residuals = measure_pairs(ordered, rows)
         values[gained], residuals[gained] = measure_pairs(ordered, rows[gained], exactly=True)
+    if np.any(np.abs(values - interval.high) < interval.clearance):
+        raise UnclearBorder(f"an eigenvalue lies on the border {interval.high:.6g}")
     return IntervalPairs(interval, values, residuals, rows, orthonormality, solved)
 
 
@@ -288,7 +303,10 @@ def _converge(
         wanted = tolerance * np.clip(np.abs(theta), 1e-3, width)
         floor = 1e-15 * np.linalg.norm(pairs.coupling) / pairs.mu**2
         ratio = pairs.errors / pairs.mu**2 / np.maximum(wanted, floor)
-        n_inside, good = int(inside.sum()), int((inside & (ratio <= 1.0)).sum())
+        converged = ratio <= 1.0
+        if np.any(converged & (np.abs(theta - interval.high) < interval.clearance)):
+            raise UnclearBorder(f"an eigenvalue lies on the border {interval.high:.6g}")
+        n_inside, good = int(inside.sum()), int((inside & converged).sum())
         stagnant = stagnant + 1 if (n_inside, good) == before else 0
         before = (n_inside, good)
         # All that is inside has converged, yet fewer than owed: other copies of multiple
@@ -297,7 +315,7 @@ def _converge(
         if good > missing:
             raise ArithmeticError("more pairs converged than there are")
         if good == missing or full or copies_left:
-            chosen = np.flatnonzero(inside & (ratio <= 1.0))
+            chosen = np.flatnonzero(inside & converged)
             chosen = chosen[np.argsort(theta[chosen], kind="stable")]
             if len(chosen) == 0:
                 return np.zeros(0), basis.rows[:0], basis.rows[:0]

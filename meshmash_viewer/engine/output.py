@@ -25,6 +25,8 @@ PairsCallback: TypeAlias = Callable[[int, FloatArray, FloatArray], None]
 
 #: Inner products of neighbouring slices below this stay as they are.
 _TOUCHING = 1e-11
+#: Residuals of reduced eigenvalues below this are relative to 4π / area.
+_ZERO = 1e-9
 #: Random sums of all rows but the newest.
 _MIXTURES = 8
 #: Vertices that a product works on at once.
@@ -110,7 +112,7 @@ class Output:
         if self.ceiling is not None:
             eigenvalues = np.minimum(eigenvalues, self.ceiling)
         self.eigenvalues[place] = eigenvalues
-        self.residuals[place] = residuals / np.where(values > pencil.noise, values, 1.0)
+        self.residuals[place] = residuals / np.where(values > _ZERO, values, 1.0)
         written = self.rows[place]
 
         def finish(i: int) -> None:

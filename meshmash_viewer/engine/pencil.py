@@ -22,8 +22,12 @@ __all__ = ["Pencil", "reduce_pencil"]
 
 FloatArray = npt.NDArray[np.float64]
 
-#: A component's constant is taken as a null vector below this, relative to its diagonal.
-_NULL_TOLERANCE = 1e-8
+#: Row sums that are no more than this many roundings of their own row are zero.
+_ROUNDINGS = 64.0 * float(np.finfo(np.float64).eps)
+#: A component's constant is a null vector too where this is its residual, relative to 4π / area.
+_NULL_RESIDUAL = 1e-11
+#: Entries across the diagonal may differ by this share of the diagonal ones beside them.
+_ASYMMETRY = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +48,8 @@ class Pencil:
         Number of rows of L, vertices without mass included.
     labels : ndarray of int, shape (n,)
         Component of each active vertex if its constant is in the null space, else -1.
-    n_null : int
-        Dimension of the null space that is known exactly.
+    null_residuals : ndarray, shape (n_null,)
+        ``‖Lφ‖ / ‖Mφ‖`` of these constants, in the reduced unit: measured, like all others.
     """
 
     matrix: Any
@@ -54,7 +58,12 @@ class Pencil:
     active: npt.NDArray[np.int64]
     n_all: int
     labels: npt.NDArray[np.int64]
-    n_null: int
+    null_residuals: FloatArray
+
+    @property
+    def n_null(self) -> int:
+        """Dimension of the null space that is known exactly."""
+        return len(self.null_residuals)
 
     @property
     def n(self) -> int:
@@ -73,8 +82,8 @@ class Pencil:
 
     @cached_property
     def noise(self) -> float:
-        """Eigenvalues of the reduced matrix below this can't be told from zero."""
-        return 64.0 * float(np.finfo(np.float64).eps) * self.norm
+        """What rounding may make of an eigenvalue of the reduced matrix."""
+        return _ROUNDINGS * self.norm
 
     @cached_property
     def null_norms(self) -> FloatArray:
@@ -106,10 +115,11 @@ class Pencil:
             labels=self.labels[order],
         )
 
-    def null_rows(self) -> FloatArray:
-        """Orthonormal basis of the null space of the reduced matrix, shape (n_null, n)."""
-        rows = np.zeros((self.n_null, self.n))
-        used = np.flatnonzero(self.labels >= 0)
+    def null_rows(self, count: int | None = None) -> FloatArray:
+        """Orthonormal null vectors of the reduced matrix, the first `count` or all, (count, n)."""
+        count = self.n_null if count is None else min(count, self.n_null)
+        rows = np.zeros((count, self.n))
+        used = np.flatnonzero((self.labels >= 0) & (self.labels < count))
         labels = self.labels[used]
         rows[labels, used] = self.root_mass[used] / self.null_norms[labels]
         return rows
@@ -159,19 +169,8 @@ def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:
             "degenerate faces make it so, use robust=True."
         )
     laplacian.sum_duplicates()
-    asymmetry = abs(laplacian - laplacian.T)
-    largest = abs(laplacian).max() if laplacian.nnz else 0.0
-    if asymmetry.nnz and asymmetry.max() > 1e-9 * largest:
-        raise InputError("The Laplacian is not symmetric; its eigenpairs would not be real.")
-    if asymmetry.nnz and asymmetry.max() > 0.0:
-        laplacian = sp.csr_array((laplacian + laplacian.T) * 0.5)
-    laplacian.eliminate_zeros()
-    negative = np.flatnonzero(laplacian.diagonal() < -1e-9 * largest)
-    if len(negative):
-        raise InputError(
-            f"The diagonal of the Laplacian is negative at vertex {negative[0]}: give L with a "
-            "positive diagonal, -L if it is of the other sign."
-        )
+    laplacian = _symmetric(laplacian)
+    _refuse_negative_diagonal(laplacian)
 
     used = diagonal > 0.0
     tied = ~used & (np.diff(laplacian.indptr) > 0)
@@ -186,35 +185,94 @@ def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:
         raise InputError("The mass matrix is zero: the mesh has no face with area.")
     if len(active) < n_all:
         laplacian = sp.csr_array(laplacian[active][:, active])
+    laplacian = _with_whole_diagonal(laplacian)
     masses = diagonal[active]
     root_mass = np.sqrt(masses)
     # A power of two keeps the reduced problem the same, bit for bit, when the mesh is scaled by
     # one; the scaling of L needs none in two dimensions.
-    unit = 2.0 ** float(np.round(np.log2(4.0 * np.pi / masses.sum())))
+    largest = float(masses.max())
+    log_area = np.log2(largest) + np.log2((masses / largest).sum())
+    unit = float(np.exp2(np.round(np.log2(4.0 * np.pi) - log_area)))
     # Symmetric to the last bit, and so the same by rows and by columns.
-    inverse = 1.0 / root_mass
-    both = np.repeat(inverse, np.diff(laplacian.indptr)) * inverse[laplacian.indices]
-    entries = laplacian.data * both / unit
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        inverse = 1.0 / root_mass
+        both = np.repeat(inverse, np.diff(laplacian.indptr)) * inverse[laplacian.indices]
+        entries = laplacian.data * both / unit
+    if not (np.isfinite(entries).all() and 0.0 < unit < np.inf):
+        raise InputError(
+            f"Entries of the Laplacian up to {abs(laplacian.data).max():.3g} and masses from "
+            f"{masses.min():.3g} to {masses.max():.3g} are more than the range of floating-point "
+            "numbers can hold together: scale the mesh, or drop the vertices without area."
+        )
     matrix: Any = sp.csc_array((entries, laplacian.indices, laplacian.indptr), laplacian.shape)
     matrix.sort_indices()
+    labels, null_residuals = _null_space(laplacian, masses, unit)
+    return Pencil(matrix, root_mass, unit, active, n_all, labels, null_residuals)
 
-    count, labels = connected_components(laplacian, directed=False)
-    row_sums = np.abs(laplacian @ np.ones(len(active)))
-    worst = np.zeros(count)
-    np.maximum.at(worst, labels, row_sums)
-    strength = np.zeros(count)
-    np.maximum.at(strength, labels, np.abs(laplacian.diagonal()))
-    is_null = worst <= _NULL_TOLERANCE * np.maximum(strength, 0.0)
+
+def _symmetric(laplacian: Any) -> Any:
+    """L symmetric to the last bit, without stored zeros, shape (n, n)."""
+    strength = np.abs(laplacian.diagonal())
+    across = sp.coo_array(abs(laplacian - laplacian.T))
+    allowed = _ASYMMETRY * np.sqrt(strength[across.row]) * np.sqrt(strength[across.col])
+    wrong = np.flatnonzero(across.data > allowed)
+    if len(wrong):
+        i, j = int(across.row[wrong[0]]), int(across.col[wrong[0]])
+        raise InputError(
+            f"The Laplacian is not symmetric (vertices {i} and {j} differ by "
+            f"{across.data[wrong[0]]:.3g}); its eigenpairs would not be real."
+        )
+    if across.nnz and across.data.max() > 0.0:
+        laplacian = sp.csr_array((laplacian + laplacian.T) * 0.5)
+    laplacian.eliminate_zeros()
+    return laplacian
+
+
+def _with_whole_diagonal(laplacian: Any) -> Any:
+    """L with every diagonal entry stored: a vertex that L leaves alone has a pivot too."""
+    n = laplacian.shape[0]
+    stored = np.repeat(np.arange(n), np.diff(laplacian.indptr)) == laplacian.indices
+    if np.count_nonzero(stored) == n:
+        return laplacian
+    entries, every = sp.coo_array(laplacian), np.arange(n)
+    rows, columns = np.append(entries.row, every), np.append(entries.col, every)
+    data = np.append(entries.data, np.zeros(n))
+    return sp.csr_array((data, (rows, columns)), shape=(n, n))
+
+
+def _refuse_negative_diagonal(laplacian: Any) -> None:
+    diagonal = laplacian.diagonal()
+    size = np.asarray(abs(laplacian).sum(axis=1)).ravel()
+    negative = np.flatnonzero(diagonal < -_ROUNDINGS * size)
+    if len(negative):
+        raise InputError(
+            f"The diagonal of the Laplacian is negative at vertex {negative[0]}: give L with a "
+            "positive diagonal, -L if it is of the other sign."
+        )
+
+
+def _null_space(
+    laplacian: Any, masses: FloatArray, unit: float
+) -> tuple[npt.NDArray[np.int64], FloatArray]:
+    """Components whose constant is a null vector: labels, shape (n,), and residuals.
+
+    Each row is held against its own entries, so that one stiff edge does not hide a spring
+    elsewhere; or the component as a whole against 4π / area, for matrices whose rows were summed
+    with less care.
+    """
+    count, component = connected_components(laplacian, directed=False)
+    sums = np.asarray(laplacian.sum(axis=1)).ravel()
+    size = np.asarray(abs(laplacian).sum(axis=1)).ravel()
+    loose = np.bincount(component, weights=np.abs(sums) > _ROUNDINGS * size, minlength=count)
+    # Scaled by the largest, so that squares neither overflow nor vanish.
+    largest_sum, largest_mass = max(float(np.abs(sums).max()), 1e-300), float(masses.max())
+    forces = np.bincount(component, weights=(sums / largest_sum) ** 2, minlength=count)
+    weights = np.bincount(component, weights=(masses / largest_mass) ** 2, minlength=count)
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        residuals = np.sqrt(forces / weights) * (largest_sum / largest_mass / unit)
+    is_null = (loose == 0) | (residuals <= _NULL_RESIDUAL)
     numbers = np.where(is_null, np.cumsum(is_null) - 1, -1)
-    return Pencil(
-        matrix=matrix,
-        root_mass=root_mass,
-        unit=unit,
-        active=active,
-        n_all=n_all,
-        labels=numbers[labels].astype(np.int64),
-        n_null=int(is_null.sum()),
-    )
+    return numbers[component].astype(np.int64), residuals[is_null]
 
 
 def _real_matrix(stiffness: Any) -> Any:

@@ -1,7 +1,8 @@
 """Cutting the spectrum into slices of about equal content, by counting eigenvalues.
 
 Weyl's law says where to look first; it is off by a factor of two on a neuron, so every count
-corrects it. Counts are exact (Sylvester's law of inertia), so each slice owes a known number.
+corrects it. Counts are exact (Sylvester's law of inertia), so each slice has a known number to
+find; where a border lies next to an eigenvalue, the count is proved by counts on both sides.
 """
 
 from __future__ import annotations
@@ -10,13 +11,16 @@ from bisect import bisect_left, bisect_right, insort
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from math import log
+from typing import TypeVar
 
-from meshmash_viewer.engine.factorization import OrderedPencil, StopFlag
+from meshmash_viewer.engine.factorization import FactorizationError, OrderedPencil, StopFlag
 from meshmash_viewer.engine.lanczos import Interval
 from meshmash_viewer.engine.waiting import wait_for
 from meshmash_viewer.engine.workers import slice_count
 
 __all__ = ["SpectrumPlan"]
+
+T = TypeVar("T")
 
 #: A border may lie this far, in parts of a slice, from where it was meant to be: where counting
 #: again would be waited for, and where it goes on beside another count.
@@ -25,6 +29,14 @@ _SLACK, _SLACK_BESIDE = 0.2, 0.05
 #: more steps are needed than a factor costs. In the lowest slice, whose far end is sparse, it
 #: matters less.
 _ASIDE, _ASIDE_LOWEST = 0.06, 0.25
+#: Distances, relative to a value, at which it is counted on both sides.
+_RUNGS = tuple(1e-9 * 8.0**i for i in range(10))
+#: A count speaks of eigenvalues farther away than so many times the blur of its factor.
+_BLURS = 16.0
+#: An eigenvalue nearer to a border than this, relative to it, makes its count doubtful.
+_CLEARANCE = 1e-10
+#: A shift that meets a vanishing pivot is moved by this share of itself at most.
+_MOVE = 1e-2
 
 
 class SpectrumPlan:
@@ -43,6 +55,11 @@ class SpectrumPlan:
         Counts at a time, where several are known to be needed.
     lean : bool
         Small slices.
+
+    Attributes
+    ----------
+    top : float
+        A value above the whole spectrum.
     """
 
     def __init__(
@@ -59,42 +76,108 @@ class SpectrumPlan:
         self._stop = stop
         self._n_jobs = n_jobs
         pencil = ordered.pencil
-        top = 1.01 * pencil.norm + 1.0
-        self._counts = {0.0: pencil.n_null, top: pencil.n}
-        self._knots = [0.0, top]
+        self.top = 1.01 * pencil.norm + 1.0
+        self._counts = {0.0: pencil.n_null, self.top: pencil.n}
+        self._knots = [0.0, self.top]
         self._shifts: set[float] = set()
+        # How near an eigenvalue may lie to a knot before its count is in doubt.
+        self._clearance = {0.0: 0.0, self.top: 0.0}
+        self._settled = {0.0, self.top}
 
-    def count(self, value: float) -> int:
-        """Eigenvalues below a value (or a hair above it, should it be one)."""
-        if value >= self._knots[-1]:
-            return self._ordered.pencil.n
-        self._count_all([value])
-        return self._counts[value]
+    def count(self, knot: float) -> int:
+        """Eigenvalues below a value that was counted at: what `find` and `settle` return."""
+        return self._counts[knot]
 
-    def _count_all(self, values: Sequence[float]) -> None:
-        """Count below several values, side by side."""
-        unknown = sorted(set(values) - self._counts.keys())
+    def negative(self) -> int:
+        """Number of eigenvalues that are below zero by more than rounding."""
+        below = -max(1e-6, 1e-9 * self.top)
+        return self._each([below], lambda v: self._ordered.factor(v, -v, self._stop).count_below)[0]
 
-        def factor() -> list[int]:
-            if len(unknown) == 1 or self._n_jobs == 1:
-                return [self._count_below(value) for value in unknown]
+    def settle(self, value: float, outward: float = 1.0) -> float:
+        """A border at a value, or as little beyond as it takes to be clear of all eigenvalues.
+
+        Counts on both sides that agree prove that nothing lies between them, wherever in between
+        a pivot vanishes. Where they differ, the value is an eigenvalue or next to one, and counts
+        at larger and larger distances find the gap behind it.
+
+        Parameters
+        ----------
+        value : float
+        outward : {1.0, -1.0}
+            The side on which the border may lie.
+
+        Returns
+        -------
+        float
+            The value itself where it is clear.
+
+        Raises
+        ------
+        FactorizationError
+            If there is no gap within a hundredth of the value.
+        """
+        if value in self._settled:
+            return value
+        scale = max(abs(value), 1.0)
+        places = [value + outward * scale * rung for rung in (-_RUNGS[0], *_RUNGS)]
+        before: tuple[float, int] | None = None
+        # Two sides are always needed, so they are counted side by side.
+        for group in (places[:2], *([place] for place in places[2:])):
+            for place, counted in zip(group, self._each(group, self._count_at), strict=True):
+                if counted is None or _BLURS * counted[1] > abs(place - value):
+                    continue
+                inside = min(max(place, 0.0), self.top)
+                if before is None or before[1] != counted[0]:
+                    before = inside, counted[0]
+                    continue
+                first = place is places[1]
+                border = value if first else 0.5 * (before[0] + inside)
+                if inside in (0.0, self.top):
+                    border = inside
+                self._note(border, counted[0], 0.5 * abs(inside - before[0]))
+                self._settled.add(border)
+                return border
+        raise FactorizationError(f"no gap in the spectrum near {value:.6g}")
+
+    def _count_at(self, place: float) -> tuple[int, float] | None:
+        """Eigenvalues below a place and the blur of that count, or None if a pivot vanishes."""
+        if place <= 0.0:
+            return self._counts[0.0], 0.0
+        if place >= self.top:
+            return self._counts[self.top], 0.0
+        factor = self._ordered.factor_at(place, self._stop)
+        return None if factor is None else (factor.count_below, factor.blur)
+
+    def _each(self, values: Sequence[float], work: Callable[[float], T]) -> list[T]:
+        """Work that factors, for several values side by side, while `poll` is asked."""
+
+        def factor() -> list[T]:
+            if len(values) == 1 or self._n_jobs == 1:
+                return [work(value) for value in values]
             with ThreadPoolExecutor(self._n_jobs, "count") as threads:
-                return list(threads.map(self._count_below, unknown))
+                return list(threads.map(work, values))
 
         def abandon() -> None:
             self._stop[0] = 1
 
-        counts = wait_for(factor, self._poll, abandon) if unknown else []
-        for value, count in zip(unknown, counts, strict=True):
-            self._counts[value] = count
-            insort(self._knots, value)
+        return wait_for(factor, self._poll, abandon)
 
-    def _count_below(self, value: float) -> int:
-        nudge = 1e-11 * max(value, 1e-3)
-        factor = self._ordered.factor(value, nudge, self._stop)
-        if value in self._shifts and factor.shift == value:
-            self._ordered.kept[value] = factor
-        return factor.count_below
+    def _count_all(self, values: Sequence[float]) -> None:
+        """Count below several values, or next to them, side by side."""
+        unknown = sorted(set(values) - self._counts.keys())
+        for shift, count, blur in self._each(unknown, self._count_near) if unknown else []:
+            self._note(shift, count, max(_BLURS * blur, _CLEARANCE * max(shift, 1.0)))
+
+    def _count_near(self, value: float) -> tuple[float, int, float]:
+        factor = self._ordered.factor(value, _MOVE * max(value, 1e-3), self._stop)
+        if value in self._shifts:
+            self._ordered.kept[factor.shift] = factor
+        return factor.shift, factor.count_below, factor.blur
+
+    def _note(self, knot: float, count: int, clearance: float) -> None:
+        if knot not in self._counts:
+            insort(self._knots, knot)
+        self._counts[knot], self._clearance[knot] = count, clearance
 
     def find_top(self, least: int, most: int) -> float:
         """A value with `least` to `most` eigenvalues below it, and knots that slices will need.
@@ -115,22 +198,22 @@ class SpectrumPlan:
         self._count_all(values)
         for turn in range(3):
             steps = [self._step(*window, turn) for window in ((least, most), *borders[: parts - 1])]
-            values = [value for value, settled in steps if not settled]
+            values = [value for value, found in steps if not found]
             if steps[0][1]:
                 break
             self._count_all(values)
         return self.find(least, most)
 
     def find(self, least: int, most: int) -> float:
-        """A value with `least` to `most` eigenvalues below it.
+        """A knot with `least` to `most` eigenvalues below it.
 
-        Where a multiple eigenvalue leaves no such value, the one just above it.
+        Where a multiple eigenvalue leaves no such place, one clear above it.
         """
         for turn in range(80):
-            value, settled = self._step(least, most, turn)
-            if settled:
+            value, found = self._step(least, most, turn)
+            if found:
                 return value
-            self.count(value)
+            self._count_all([value])
         raise ArithmeticError(f"no border between {least} and {most} eigenvalues")
 
     def _step(self, least: int, most: int, turn: int) -> tuple[float, bool]:
@@ -142,7 +225,7 @@ class SpectrumPlan:
             return min(fitting, key=lambda knot: abs(self._counts[knot] - middle)), True
         low, high = self._knots[i - 1], self._knots[i]
         if high - low < 1e-6 * high:
-            return high, True
+            return self.settle(high), True
         value = self._between(low, high, 0.5 * (least + most), last=i == len(self._knots) - 1)
         if turn % 2 and turn > 3:  # a multiple eigenvalue makes the count jump
             value = 0.5 * (low + high)
@@ -171,26 +254,71 @@ class SpectrumPlan:
         margin = (0.05 if low > 0.0 else 0.01) * (high - low)
         return min(max(value, low + margin), high - margin)
 
-    def slices(self, low: float, high: float) -> Iterator[Interval]:
-        """Slices from low to high, lowest first; borders are counted as they are reached."""
+    def around(self, value: float, wanted: int) -> tuple[float, float]:
+        """Borders around a value with at least `wanted` eigenvalues between, and few more.
+
+        Both are at the same distance, so those nearest the value are among them.
+        """
+        enough, too_few = 2.0 * self.top, 0.0
+        radius = 0.5 * wanted
+        for _ in range(60):
+            low, high = max(value - radius, 0.0), min(value + radius, self.top)
+            (below, above) = self._each([low, high], self._below)
+            inside = above - (below if low > 0.0 else 0)
+            if inside >= wanted:
+                enough = radius
+                if inside <= 1.5 * wanted + 10:
+                    break
+            else:
+                too_few = radius
+            if enough - too_few < 1e-6 * enough:
+                break
+            radius *= float(min(max((1.2 * wanted + 3.0) / max(inside, 1), 0.3), 4.0))
+            if not too_few < radius < enough:
+                radius = 0.5 * (too_few + enough)
+        low, high = value - enough, value + enough
+        low = self.settle(low, -1.0) if low > 0.0 else 0.0
+        return low, self.settle(high) if high < self.top else self.top
+
+    def _below(self, value: float) -> int:
+        """Eigenvalues below a value or next to it."""
+        if value <= 0.0 or value >= self.top:
+            return self._counts[self.top if value > 0.0 else 0.0]
+        return self._count_near(value)[1]
+
+    def slices(self, low: float, high: float, settled: bool = False) -> Iterator[Interval]:
+        """Slices from low to high, lowest first; borders are counted as they are reached.
+
+        Parameters
+        ----------
+        low, high : float
+            Knots.
+        settled : bool
+            Whether every border is counted on both sides: twice the counts, needed only where a
+            slice has shown that one lies on an eigenvalue.
+        """
         first, last = self.count(low), self.count(high)
         parts = slice_count(last - first, self._lean)
         for knot in [knot for knot in self._ordered.kept if not low < knot < high]:
             del self._ordered.kept[knot]
         start, index = low, 0
         for part in range(1, parts + 1):
-            if part == parts:
-                end = high
-            else:
+            end = high
+            if part < parts:
                 end = self.find(*_window(first, last, part, parts))
-                if end >= high:
-                    end = high
-            owed = self.count(end) - self.count(start)
-            if owed > 0:
+                end = min(self.settle(end) if settled else end, high)
+            if self.count(end) > self.count(start):
                 # The null space is deflated; what rounding leaves of it is below zero.
-                inner = start if start > 0.0 else -0.02 * end
-                shift = self._shift(start, end, inner)
-                yield Interval(index, inner, end, self.count(start), owed, shift)
+                inner = start - 0.5 * self._clearance[start] if start > 0.0 else -0.02 * end
+                yield Interval(
+                    index,
+                    inner,
+                    end,
+                    self.count(start),
+                    self.count(end) - self.count(start),
+                    self._shift(start, end, inner),
+                    self._clearance[end],
+                )
                 index += 1
             start = end
 

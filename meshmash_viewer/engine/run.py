@@ -12,8 +12,9 @@ import numpy.typing as npt
 
 from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.engine.arnoldi import pairs_of_inverse
+from meshmash_viewer.engine.blas_threads import one_blas_thread
 from meshmash_viewer.engine.dissection import DissectionCrew
-from meshmash_viewer.engine.factorization import OrderedPencil, order_pencil
+from meshmash_viewer.engine.factorization import FactorizationError, OrderedPencil, order_pencil
 from meshmash_viewer.engine.lanczos import measure_pairs
 from meshmash_viewer.engine.orthogonality import orthonormalise
 from meshmash_viewer.engine.output import Output
@@ -22,6 +23,7 @@ from meshmash_viewer.engine.plan import SpectrumPlan
 from meshmash_viewer.engine.request import Request
 from meshmash_viewer.engine.slices import run_slices
 from meshmash_viewer.engine.workers import is_dense, worker_count
+from meshmash_viewer.errors import InputError, UnprovenError
 from meshmash_viewer.progress import Cancelled, Progress
 
 __all__ = ["Run"]
@@ -30,6 +32,10 @@ FloatArray = npt.NDArray[np.float64]
 
 #: A threshold keeps eigenvalues up to this relative distance above it: rounding.
 _THRESHOLD_MARGIN = 1e-11
+#: So many more pairs than asked for are borne with where a multiple eigenvalue ends the count.
+_MOST_COPIES = 1000
+#: Pairs beyond those asked for that a given inverse is asked for.
+_EXTRA = 6
 #: What is said of stages in which no pairs are counted yet.
 _MESSAGES = {
     "matrices": "Preparing the solver (the first run after an installation compiles it)",
@@ -61,6 +67,7 @@ class Run:
         self._count = Certificate("none")
         self.timings: dict[str, float] = {"matrices": time.perf_counter() - self.began}
         self._stop = np.zeros(1, dtype=np.uint8)
+        self._plan: SpectrumPlan | None = None
         self._heard = 0.0
         self._jobs = 1
 
@@ -79,19 +86,24 @@ class Run:
 
     def batches(self) -> Iterator[slice]:
         """Find everything; yields the places of rows that have just become final."""
-        from threadpoolctl import threadpool_limits
-
         self._report("matrices")
-        # Several BLAS threads make products this thin slower, not faster.
-        with threadpool_limits(1, user_api="blas"):
+        with one_blas_thread():
             try:
                 yield from self._found()
+            except (ArithmeticError, FactorizationError) as fault:
+                if self._plan is not None:
+                    self._refuse_negative(self._plan)
+                raise UnprovenError(
+                    f"The eigenpairs of this matrix cannot be proven ({fault}): its entries may "
+                    "differ too much in size; try robust=True, repair the mesh, or ask for "
+                    "another number of pairs."
+                ) from fault
             finally:
                 if hasattr(self, "output"):
                     self.output.close()
 
     def _found(self) -> Iterator[slice]:
-        if self._is_dense(self.request.n_components or 0):
+        if self.request.op_inv is None and self._is_dense(self.request.n_components or 0):
             yield from self._dense()
             return
         ordered = self._order()
@@ -99,6 +111,9 @@ class Run:
             pairs = self._through_given_inverse(ordered)
             if pairs is not None:
                 yield from self._write_all(*pairs)
+                return
+            if self._is_dense(self.request.n_components or 0):
+                yield from self._dense()
                 return
         yield from self._sliced(ordered)
 
@@ -119,40 +134,89 @@ class Run:
         pencil, request = self.pencil, self.request
         self._jobs = self._workers(ordered, request.n_components or 0)
         plan = SpectrumPlan(ordered, self._stop, self._poll, self._jobs, request.lean)
+        self._plan = plan
         started = time.perf_counter()
         if request.target is not None:
             yield from self._nearest(ordered, plan, request.target / pencil.unit)
             return
         if request.max_eigenvalue is not None:
-            top = request.max_eigenvalue / pencil.unit * (1.0 + _THRESHOLD_MARGIN)
-            top = max(top, pencil.noise)
-            # The null space is at or below any threshold, whatever rounding makes of it.
-            wanted = max(plan.count(top), pencil.n_null)
+            top, wanted = self._threshold(ordered, plan, request.max_eigenvalue / pencil.unit)
         else:
             assert request.n_components is not None
             wanted = min(request.n_components, pencil.n)
             top = 0.0
             if wanted > pencil.n_null:
                 top = plan.find_top(wanted, wanted + max(4, wanted // 40))
+        counted = plan.count(top)
         self._spend("count", started)
         if self._is_dense(wanted):
             yield from self._dense()
             return
+        if top > 0.0 and counted > _MOST_COPIES + 2 * wanted:
+            raise UnprovenError(
+                f"{counted - wanted} more eigenvalues than the {wanted} asked for are equal to "
+                f"{top * pencil.unit:.4g}: ask for fewer pairs, or for all of them."
+            )
         self._open(wanted)
-        none = np.zeros(min(pencil.n_null, wanted))
-        yield self._write(none, none, pencil.null_rows()[:wanted])
-        low = 0.0
-        if wanted > pencil.n_null:
-            known = self._known(ordered, plan, top)
-            if known is not None:
-                low = known[0]
-                yield self._write(*known[1:])
-            yield from self._slices(ordered, plan, low, top)
-        if wanted > pencil.n_null:
-            counted = plan.count(top)
-            self._count = Certificate("inertia", counted, counted, top * pencil.unit)
-        else:
+        null = min(pencil.n_null, wanted)
+        yield self._write(np.zeros(null), pencil.null_residuals[:null], pencil.null_rows(null))
+        if wanted <= pencil.n_null:
+            self._refuse_negative(plan)
             self._count = Certificate("null space", pencil.n_null, pencil.n_null)
+            return
+        low = 0.0
+        known = self._known(ordered, plan, top)
+        if known is not None:
+            low = known[0]
+            yield self._write(*known[1:])
+        yield from self._slices(ordered, plan, low, top)
+        self._count = replace(
+            self._count, method="inertia", counted=counted, found=counted, bound=top * pencil.unit
+        )
+
+    def _threshold(
+        self, ordered: OrderedPencil, plan: SpectrumPlan, value: float
+    ) -> tuple[float, int]:
+        """A border above a threshold, clear of eigenvalues, and how many pairs are kept.
+
+        Where eigenvalues lie on the threshold, up to rounding, they are computed, and all copies
+        of one are kept or none.
+        """
+        pencil = self.pencil
+        if value >= plan.top:
+            return plan.top, pencil.n
+        top = plan.settle(value)
+        if top == value:
+            return top, plan.count(top)
+        low = plan.settle(value, -1.0)
+        near = [np.zeros(pencil.n_null if low == 0.0 else 0)]
+        intervals = plan.slices(low, top)
+        for pairs in run_slices(
+            ordered, intervals, self.request.tolerance, 1, self._stop, self._poll
+        ):
+            near.append(pairs.values)
+            ordered.give_back(pairs.rows)
+        self._stop[0] = 0
+        values = np.sort(np.concatenate(near))
+        rounding = max(_THRESHOLD_MARGIN * value, pencil.noise)
+        kept = int(np.searchsorted(values, value + rounding, side="right"))
+        while 0 < kept < len(values) and values[kept] - values[kept - 1] <= rounding:
+            kept += 1
+        copies = int(np.count_nonzero(np.abs(values - value) <= rounding))
+        if copies:
+            state = "copies are" if copies > 1 else "copy is"
+            self._count = Certificate(
+                "none", remark=f"the threshold is an eigenvalue, whose {copies} {state} included"
+            )
+        return top, plan.count(low) + kept
+
+    def _refuse_negative(self, plan: SpectrumPlan) -> None:
+        negative = plan.negative()
+        if negative:
+            raise InputError(
+                f"The Laplacian has {negative} negative eigenvalue{'s' if negative > 1 else ''}: "
+                "it must be positive semidefinite, as that of every mesh is."
+            )
 
     def _workers(self, ordered: OrderedPencil, pairs: int) -> int:
         return worker_count(ordered, self.request.n_jobs, pairs, self.request.lean)
@@ -160,18 +224,34 @@ class Run:
     def _slices(
         self, ordered: OrderedPencil, plan: SpectrumPlan, low: float, high: float
     ) -> Iterator[slice]:
+        """Write the pairs from low to high; where a border proves doubtful, go on from there.
+
+        That a border lies on an eigenvalue is seen when its slice is found. The slices below it
+        stay; all further borders are then counted on both sides.
+        """
         started = time.perf_counter()
         jobs = self._workers(ordered, plan.count(high))
-        for pairs in run_slices(
-            ordered,
-            plan.slices(low, high),
-            self.request.tolerance,
-            jobs,
-            self._stop,
-            self._poll,
-        ):
-            yield self._write(pairs.values, pairs.residuals, pairs.rows, pairs.orthonormality)
-            ordered.give_back(pairs.rows)
+        for settled in (False, True):
+            try:
+                for pairs in run_slices(
+                    ordered,
+                    plan.slices(low, high, settled),
+                    self.request.tolerance,
+                    jobs,
+                    self._stop,
+                    self._poll,
+                ):
+                    yield self._write(
+                        pairs.values, pairs.residuals, pairs.rows, pairs.orthonormality
+                    )
+                    low = pairs.interval.high
+                    ordered.give_back(pairs.rows)
+                break
+            except (ArithmeticError, FactorizationError):
+                self._stop[0] = 0
+                if settled:
+                    raise
+                high = plan.settle(high)
         self._spend("slices", started)
 
     def _known(
@@ -194,8 +274,11 @@ class Run:
         # The border goes into the widest gap near the end, where no multiple eigenvalue is cut.
         tail = max(1, len(values) - 16)
         cut = tail + int(np.argmax(np.diff(values[tail - 1 :])))
-        border = 0.5 * float(values[cut - 1] + values[cut])
-        if plan.count(border) != pencil.n_null + cut:
+        try:
+            border = plan.settle(0.5 * float(values[cut - 1] + values[cut]))
+        except FactorizationError:
+            return None
+        if border >= values[cut] or plan.count(border) != pencil.n_null + cut:
             return None
         try:
             orthonormalise(rows[:cut])
@@ -208,31 +291,28 @@ class Run:
         pencil = self.pencil
         assert self.request.n_components is not None
         wanted = min(self.request.n_components, pencil.n)
-        radius = 0.5 * wanted
-        reach = max(pencil.norm, sigma) * 1.1
-        for _ in range(60):
-            low, high = max(sigma - radius, 0.0), min(sigma + radius, reach)
-            below = plan.count(low) if low > 0.0 else 0
-            inside = plan.count(high) - below
-            if wanted <= inside and (inside <= 1.5 * wanted + 10 or high - low < 1e-9 * sigma):
-                break
-            if high - low > 2.0 * reach:
-                break
-            radius *= float(np.clip((1.2 * wanted + 3.0) / max(inside, 1), 0.3, 4.0))
+        sigma = min(sigma, plan.top)
+        low, high = plan.around(sigma, wanted)
+        inside = plan.count(high) - (plan.count(low) if low > 0.0 else 0)
         parts = []
         if low == 0.0:
-            n_null = pencil.n_null
-            parts.append((np.zeros(n_null), np.zeros(n_null), pencil.null_rows()))
+            null = min(pencil.n_null, wanted)
+            parts.append((np.zeros(null), pencil.null_residuals[:null], pencil.null_rows(null)))
         jobs = self._workers(ordered, inside)
         for pairs in run_slices(
-            ordered, plan.slices(low, high), self.request.tolerance, jobs, self._stop, self._poll
+            ordered,
+            plan.slices(low, high, settled=True),
+            self.request.tolerance,
+            jobs,
+            self._stop,
+            self._poll,
         ):
             parts.append((pairs.values, pairs.residuals, pairs.rows))
         values, residuals = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
         rows = np.concatenate([part[2] for part in parts])
         chosen = np.sort(np.argsort(np.abs(values - sigma), kind="stable")[:wanted])
         unit = pencil.unit
-        self._count = Certificate("inertia", inside, len(values), high * unit, low * unit)
+        self._count = Certificate("inertia", inside, inside, high * unit, low * unit)
         rows = rows[chosen]
         orthonormalise(rows)
         yield from self._write_all(values[chosen], residuals[chosen], rows)
@@ -240,27 +320,34 @@ class Run:
     # Other ways ----------------------------------------------------------------------------------
 
     def _dense(self) -> Iterator[slice]:
-        """All that is asked for, from the dense matrix."""
+        """All that is asked for, from the dense matrix of the vertices that L ties to something."""
         from scipy.linalg import eigh
 
         started = time.perf_counter()
-        pencil, request = self.pencil, self.request
+        pencil = self.pencil
         self._poll()
-        values, columns = eigh(pencil.matrix.toarray(), driver="evd")
-        # The known null space stands for what the dense solution has of it.
-        values[: pencil.n_null] = 0.0
-        columns[:, : pencil.n_null] = pencil.null_rows().T
-        pencil.remove_null(columns[:, pencil.n_null :])
-        if request.max_eigenvalue is not None:
-            threshold = request.max_eigenvalue / pencil.unit * (1.0 + _THRESHOLD_MARGIN)
-            chosen = np.flatnonzero(values <= max(threshold, pencil.noise))
-        else:
-            distance = np.abs(values - (request.target or 0.0) / pencil.unit)
-            order = np.arange(pencil.n)
-            if request.target is not None:
-                order = np.argsort(distance, kind="stable")
-            chosen = np.sort(order[: request.n_components])
-        rows = np.ascontiguousarray(columns[:, chosen].T)
+        tied = np.flatnonzero(pencil.magnitudes.sum(axis=0) > 0.0)
+        null = pencil.null_rows()[:, tied] if len(tied) < pencil.n else pencil.null_rows()
+        null = null[null.any(axis=1)]
+        # Lifted above all others, the known null space does not mix with small eigenvalues.
+        matrix = pencil.matrix[tied][:, tied].toarray() + 1.1 * pencil.norm * (null.T @ null)
+        found, columns = eigh(matrix, driver="evd")
+        n_rest = len(tied) - len(null)
+        if n_rest and found[0] < -max(1e-6, 1e-9 * pencil.norm):
+            raise InputError(
+                f"The Laplacian has {np.count_nonzero(found < 0.0)} negative eigenvalues, the "
+                f"lowest {found[0] * pencil.unit:.4g}: it must be positive semidefinite, as that "
+                "of every mesh is."
+            )
+        values = np.concatenate([np.zeros(pencil.n_null), found[:n_rest]])
+        chosen = self._chosen(values)
+        n_null = int(np.searchsorted(chosen, pencil.n_null))
+        rest = columns[:, chosen[n_null:] - pencil.n_null]
+        rows = np.zeros((len(chosen), pencil.n))
+        rows[:n_null] = pencil.null_rows(int(chosen[n_null - 1]) + 1 if n_null else 0)[
+            chosen[:n_null]
+        ]
+        rows[n_null:, tied] = rest.T
         weight = pencil.root_mass
         defect = (rows @ pencil.matrix - values[chosen, None] * rows) * weight
         residuals = np.linalg.norm(defect, axis=1) / np.linalg.norm(rows * weight, axis=1)
@@ -268,31 +355,62 @@ class Run:
         self._count = Certificate("dense", pencil.n, pencil.n)
         yield from self._write_all(values[chosen], residuals, rows)
 
+    def _chosen(self, values: FloatArray) -> npt.NDArray[np.intp]:
+        """Indices of the pairs that are asked for, of all eigenvalues in ascending order."""
+        pencil, request = self.pencil, self.request
+        if request.max_eigenvalue is not None:
+            threshold = request.max_eigenvalue / pencil.unit
+            rounding = max(_THRESHOLD_MARGIN * threshold, pencil.noise)
+            kept = int(np.searchsorted(values, threshold + rounding, side="right"))
+            while 0 < kept < len(values) and values[kept] - values[kept - 1] <= rounding:
+                kept += 1
+            return np.arange(kept)
+        if request.target is None:
+            return np.arange(min(request.n_components or 0, len(values)))
+        distance = np.abs(values - request.target / pencil.unit)
+        return np.sort(np.argsort(distance, kind="stable")[: request.n_components])
+
     def _through_given_inverse(
         self, ordered: OrderedPencil
     ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Pairs through `op_inv`; None if a count shows that it missed some."""
+        """Pairs through `op_inv`; None if a count shows that it missed some.
+
+        A few more than asked for are found, so that the count can end in the widest gap behind
+        the last one.
+        """
         pencil, request = self.pencil, self.request
-        if request.n_components is None:
-            return None
+        assert request.n_components is not None
         started = time.perf_counter()
-        wanted = min(request.n_components, pencil.n - 1)
-        null = np.zeros(pencil.n_null)
-        found, rows = pairs_of_inverse(pencil, request.op_inv, wanted, request.ncv, self._poll)
-        values = np.concatenate([null, found])
+        wanted, n_rest = request.n_components, pencil.n - pencil.n_null
+        asked = min(wanted + _EXTRA, n_rest - 1)
+        if asked < 1 or wanted >= pencil.n_null + asked:
+            return None
+        found, rows = pairs_of_inverse(pencil, request.op_inv, asked, request.ncv, self._poll)
+        values = np.concatenate([np.zeros(pencil.n_null), found])
         sigma = (request.target or 0.0) / pencil.unit
-        chosen = np.sort(np.argsort(np.abs(values - sigma), kind="stable")[:wanted])
+        distance = np.abs(values - sigma)
+        order = np.argsort(distance, kind="stable")
+        away = distance[order]
+        last = wanted - 1 + int(np.argmax(np.diff(away[wanted - 1 :])))
+        radius = 0.5 * float(away[last] + away[last + 1])
         plan = SpectrumPlan(ordered, self._stop, self._poll)
-        radius = float(np.abs(values[chosen] - sigma).max()) * (1.0 - 1e-9)
-        low, high = sigma - radius, sigma + radius
+        low = plan.settle(sigma - radius) if sigma > radius else 0.0
+        high = plan.settle(sigma + radius)
         counted = plan.count(high) - (plan.count(low) if low > 0.0 else 0)
         self._spend("given inverse", started)
-        if counted != int(np.count_nonzero((values > low) & (values < high))):
+        if counted != last + 1:
             return None
-        rows = np.concatenate([pencil.null_rows(), rows])[chosen]
+        chosen = np.sort(order[:wanted])
+        n_null = int(np.searchsorted(chosen, pencil.n_null))
+        rows = np.concatenate(
+            [pencil.null_rows(wanted)[chosen[:n_null]], rows[chosen[n_null:] - pencil.n_null]]
+        )
         orthonormalise(rows)
         residuals = measure_pairs(ordered, rows)[1]
-        self._count = Certificate("inertia", counted, counted, high * pencil.unit)
+        unit = pencil.unit
+        self._count = Certificate(
+            "inertia", counted, last + 1, high * unit, low * unit if low > 0.0 else None
+        )
         return values[chosen], residuals, rows
 
     # What comes out ------------------------------------------------------------------------------

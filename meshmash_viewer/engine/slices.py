@@ -101,8 +101,7 @@ class _Crew:
         self._intervals = iter(intervals)
         self._handed_out: list[Interval] = []
         # Thread-local in joblib, so it is asked for here, where the caller set it.
-        prefer = "threads" if ordered.structure is not None else "processes"
-        self._backend = get_active_backend(prefer=prefer)[0]
+        self._backend = get_active_backend(prefer="threads")[0]
         self._in_threads = bool(getattr(self._backend, "supports_sharedmem", False))
         self._in_loky = type(self._backend).__name__ == "LokyBackend"
 

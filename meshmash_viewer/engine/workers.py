@@ -61,7 +61,7 @@ def worker_count(ordered: OrderedPencil, asked: int | None, pairs: int, lean: bo
 
     pencil = ordered.pencil
     nnz, n_null = int(pencil.matrix.nnz), pencil.n_null
-    entries = ordered.structure.n_entries if ordered.structure is not None else None
+    entries = ordered.structure.n_entries
     room = 0.8 * psutil.virtual_memory().available
     for workers in range(int(cpu_count()), 1, -1):
         if memory_of_run(pencil.n, nnz, pairs, workers, n_null, entries, lean) <= room:
