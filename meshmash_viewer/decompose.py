@@ -74,14 +74,16 @@ def decompose_laplacian(
     n_components : int
         Number of eigenpairs; all n of them if it exceeds n.
     op_inv : LinearOperator, optional
-        ``(L - sigma M)^-1``, used in place of a factorization.
+        ``(L - sigma M)^-1``, by which the pairs are then found (with ARPACK). One factorization
+        still counts them; if some are missing, the solver finds all of them itself.
     sigma : float
         Shift, per squared unit of the mesh. The default, and any other up to zero, gives the
         lowest pairs; a shift inside the spectrum gives the pairs nearest to it.
     tol : float
         Residual to reach, relative to λ.
     ncv : int, optional
-        Number of Lanczos vectors.
+        Number of Lanczos vectors that ARPACK keeps; with `op_inv` only, since the solver's own
+        bases grow as they need to.
     prefactor : {None, "lu"}
         Both factor the shifted matrix beforehand; accepted for compatibility.
     progress, cancel : callable, optional

@@ -87,6 +87,34 @@ class Decomposition:
         """
         return self.certificate.sentence(self.n_components, unit)
 
+    def verify(self, stiffness: Any, mass: Any) -> Certificate:
+        """Recompute the certificate independently of the solver.
+
+        Residuals and all inner products are computed anew, and eigenvalues are counted from
+        another factorization, up to the bound of the certificate or, where not all pairs below
+        that are in hand, to the highest gap between them.
+
+        Parameters
+        ----------
+        stiffness : sparse matrix or array, shape (n, n)
+            The L that was decomposed.
+        mass : sparse matrix or array, shape (n, n), or ndarray, shape (n,)
+            Its M.
+
+        Returns
+        -------
+        Certificate
+            Its `complete` says whether these pairs stand; the numbers are those measured here.
+
+        Raises
+        ------
+        InputError
+            If the matrices are of another size.
+        """
+        from meshmash_viewer.verification import verify_decomposition
+
+        return verify_decomposition(self, stiffness, mass)
+
 
 @dataclass(frozen=True, eq=False)
 class Batch:
@@ -161,9 +189,12 @@ def solve(
     progress, cancel : callable, optional
         Reports, and a question asked often; `Cancelled` is raised after it returns True.
     op_inv : LinearOperator or array, optional
-        ``(L - sigma M)^-1`` to use in place of a factorization; needs `n_components`.
+        ``(L - sigma M)^-1``, by which the pairs are then found (with ARPACK); needs
+        `n_components`. One factorization still counts them; if some are missing, the solver finds
+        all of them itself.
     ncv : int, optional
-        Size of the Krylov basis; the default is almost always best.
+        Number of Lanczos vectors that ARPACK keeps; with `op_inv` only, since the solver's own
+        bases grow as they need to.
 
     Raises
     ------

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.engine.orthogonality import orthonormalise
 from meshmash_viewer.engine.pencil import Pencil
+from meshmash_viewer.errors import InputError
 
 __all__ = ["pairs_of_inverse"]
 
@@ -19,7 +20,7 @@ FloatArray = npt.NDArray[np.float64]
 def pairs_of_inverse(
     pencil: Pencil, inverse: Any, k: int, ncv: int | None, poll: Callable[[], None]
 ) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues (k,), ascending, and rows (k, n) beyond the null space.
+    """Eigenvalues (k,), ascending, and rows (k, n) beyond the null space; fewer if some fail.
 
     Parameters
     ----------
@@ -32,9 +33,14 @@ def pairs_of_inverse(
     poll : callable
         Called before each application.
     """
-    from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
+    from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator, eigsh
 
     n = pencil.n
+    if np.shape(inverse) != (pencil.n_all, pencil.n_all):
+        raise InputError(
+            f"op_inv has shape {np.shape(inverse)}: give an operator of shape "
+            f"({pencil.n_all}, {pencil.n_all}), like the Laplacian."
+        )
 
     def apply(column: FloatArray) -> FloatArray:
         poll()
@@ -57,7 +63,11 @@ def pairs_of_inverse(
         _, columns = eigsh(operator, k=k, which="LM", v0=start, ncv=basis, tol=1e-13)
     except ArpackNoConvergence as fault:
         columns = fault.eigenvectors
+    except ArpackError:
+        columns = np.zeros((n, 0))
     rows = np.ascontiguousarray(columns.T)
+    if not np.isfinite(rows).all():
+        rows = rows[:0]
     orthonormalise(rows)
     small = rows @ (pencil.matrix @ rows.T)
     values, turn = np.linalg.eigh(0.5 * (small + small.T))

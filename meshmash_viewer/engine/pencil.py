@@ -192,9 +192,9 @@ def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:
     # one; the scaling of L needs none in two dimensions.
     largest = float(masses.max())
     log_area = np.log2(largest) + np.log2((masses / largest).sum())
-    unit = float(np.exp2(np.round(np.log2(4.0 * np.pi) - log_area)))
     # Symmetric to the last bit, and so the same by rows and by columns.
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+    with np.errstate(all="ignore"):
+        unit = float(np.exp2(np.round(np.log2(4.0 * np.pi) - log_area)))
         inverse = 1.0 / root_mass
         both = np.repeat(inverse, np.diff(laplacian.indptr)) * inverse[laplacian.indices]
         entries = laplacian.data * both / unit

@@ -52,6 +52,8 @@ class Request:
             raise InputError(f"The shift sigma is {self.sigma}: give a finite number or None.")
         if not self.tol >= 0.0:
             raise InputError(f"The tolerance must not be negative: {self.tol}.")
+        if self.op_inv is not None and self.n_components is None:
+            raise InputError("An inverse op_inv is of use for a number of eigenpairs only.")
         if self.n_jobs is not None and self.n_jobs < 1:
             raise InputError(f"At least one process must work, not {self.n_jobs}.")
 

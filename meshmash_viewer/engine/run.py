@@ -64,7 +64,7 @@ class Run:
         crew = DissectionCrew(max(np.shape(stiffness), default=0))
         self.pencil = reduce_pencil(stiffness, mass)
         self._crew = crew
-        self._count = Certificate("none")
+        self._count, self._remark = Certificate("none"), ""
         self.timings: dict[str, float] = {"matrices": time.perf_counter() - self.began}
         self._stop = np.zeros(1, dtype=np.uint8)
         self._plan: SpectrumPlan | None = None
@@ -82,6 +82,7 @@ class Run:
             residual_index=worst,
             orthonormality=output.orthonormality,
             precision="float32" if self.request.lean else "float64",
+            remark=self._remark,
         )
 
     def batches(self) -> Iterator[slice]:
@@ -170,9 +171,7 @@ class Run:
             low = known[0]
             yield self._write(*known[1:])
         yield from self._slices(ordered, plan, low, top)
-        self._count = replace(
-            self._count, method="inertia", counted=counted, found=counted, bound=top * pencil.unit
-        )
+        self._count = Certificate("inertia", counted, counted, top * pencil.unit)
 
     def _threshold(
         self, ordered: OrderedPencil, plan: SpectrumPlan, value: float
@@ -197,18 +196,20 @@ class Run:
             near.append(pairs.values)
             ordered.give_back(pairs.rows)
         self._stop[0] = 0
-        values = np.sort(np.concatenate(near))
-        rounding = max(_THRESHOLD_MARGIN * value, pencil.noise)
-        kept = int(np.searchsorted(values, value + rounding, side="right"))
+        kept = self._kept(np.sort(np.concatenate(near)), value)
+        return top, plan.count(low) + kept - (pencil.n_null if low == 0.0 else 0)
+
+    def _kept(self, values: FloatArray, threshold: float) -> int:
+        """How many of ascending eigenvalues a threshold keeps: all copies of one, or none."""
+        rounding = max(_THRESHOLD_MARGIN * threshold, self.pencil.noise)
+        kept = int(np.searchsorted(values, threshold + rounding, side="right"))
         while 0 < kept < len(values) and values[kept] - values[kept - 1] <= rounding:
             kept += 1
-        copies = int(np.count_nonzero(np.abs(values - value) <= rounding))
-        if copies:
-            state = "copies are" if copies > 1 else "copy is"
-            self._count = Certificate(
-                "none", remark=f"the threshold is an eigenvalue, whose {copies} {state} included"
-            )
-        return top, plan.count(low) + kept
+        copies = int(np.count_nonzero(np.abs(values - threshold) <= rounding))
+        if copies and threshold > rounding:
+            number = "which is" if copies == 1 else f"whose {copies} copies are"
+            self._remark = f"the threshold is an eigenvalue, {number} included"
+        return kept
 
     def _refuse_negative(self, plan: SpectrumPlan) -> None:
         negative = plan.negative()
@@ -359,12 +360,7 @@ class Run:
         """Indices of the pairs that are asked for, of all eigenvalues in ascending order."""
         pencil, request = self.pencil, self.request
         if request.max_eigenvalue is not None:
-            threshold = request.max_eigenvalue / pencil.unit
-            rounding = max(_THRESHOLD_MARGIN * threshold, pencil.noise)
-            kept = int(np.searchsorted(values, threshold + rounding, side="right"))
-            while 0 < kept < len(values) and values[kept] - values[kept - 1] <= rounding:
-                kept += 1
-            return np.arange(kept)
+            return np.arange(self._kept(values, request.max_eigenvalue / pencil.unit))
         if request.target is None:
             return np.arange(min(request.n_components or 0, len(values)))
         distance = np.abs(values - request.target / pencil.unit)
@@ -387,6 +383,8 @@ class Run:
             return None
         found, rows = pairs_of_inverse(pencil, request.op_inv, asked, request.ncv, self._poll)
         values = np.concatenate([np.zeros(pencil.n_null), found])
+        if len(values) <= wanted:
+            return None
         sigma = (request.target or 0.0) / pencil.unit
         distance = np.abs(values - sigma)
         order = np.argsort(distance, kind="stable")
