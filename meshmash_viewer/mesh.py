@@ -31,6 +31,10 @@ _NAMED_OFFENDERS = 5
 _FLAT = 1e-12
 
 
+#: Largest coordinate, whose fourth power and its inverse are still numbers.
+_LARGEST = 1e75
+
+
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """A triangle mesh; neither array is changed after construction.
@@ -356,6 +360,13 @@ def _checked_vertices(given: Any) -> FloatArray:
         raise InputError(
             f"The coordinates of some vertices are NaN or infinite (vertex {_offenders(bad)}): "
             "remove or mend them first."
+        )
+    largest = float(np.abs(vertices).max(initial=0.0))
+    if largest > _LARGEST or 0.0 < largest < 1.0 / _LARGEST:
+        raise InputError(
+            f"Coordinates of size {largest:.3g} leave no room for areas and eigenvalues in "
+            f"floating-point numbers: scale them to between {1.0 / _LARGEST:.0g} and "
+            f"{_LARGEST:.0g}."
         )
     return vertices
 

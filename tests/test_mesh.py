@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import shapes
 
+from meshmash_viewer.decompose import decompose_mesh
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.mesh import Mesh, as_mesh, mesh_to_poly
@@ -206,3 +207,18 @@ def test_values_are_kept_on_the_surface_alone(neuron):
     np.testing.assert_array_equal(np.isnan(seen), neuron.referenced)
     assert np.isnan(values).all(), "what came is not changed"
     assert len(neuron.unreferenced)
+
+
+@pytest.mark.parametrize("scale", [1e76, 1e150, 1e200, 1e-76, 1e-200])
+def test_coordinates_beyond_the_range_of_areas_are_refused(scale: float) -> None:
+    one = shapes.icosphere(1)
+    with pytest.raises(InputError, match="leave no room for areas"):
+        Mesh(one.vertices * scale, one.faces)
+
+
+@pytest.mark.parametrize("scale", [2.0**240, 2.0**-240])
+def test_coordinates_at_the_ends_of_the_range_are_decomposed(scale: float) -> None:
+    one = shapes.icosphere(2)
+    far = Mesh(one.vertices * scale, one.faces)
+    values = decompose_mesh(far, 6)[0] * scale * scale
+    np.testing.assert_allclose(values, decompose_mesh(one, 6)[0], rtol=1e-12)
