@@ -1,0 +1,568 @@
+"""Solves a hard problem and judges the answer against the reference.
+
+An answer is *right* if its eigenvalues are those asked for, none lost or doubled, and what it says
+of its own residuals and products is what is measured here; *refused* if it is the package's own
+sentence, or eigenpairs that say themselves that they are not proven; *wrong* otherwise: any other
+exception, a warning that leaked, a proof of what is not so, no answer in time.
+"""
+
+from __future__ import annotations
+
+import re
+import signal
+import threading
+import time
+import tracemalloc
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import scipy.linalg
+import scipy.sparse as sp
+from hard_reference import EPS, Scaled, Spectrum, scale_pencil, spectrum_of
+from hard_requests import Request, make_request
+from hard_spectra import Problem, make_problem
+
+from meshmash_viewer import errors
+from meshmash_viewer.decompose import compute_hks, decompose_laplacian_by_bands
+from meshmash_viewer.eigensolver import solve
+from meshmash_viewer.engine import run, workers
+from meshmash_viewer.laplacian import cotangent_laplacian
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.progress import Cancelled
+
+__all__ = ["Verdict", "judge", "judge_seed", "through"]
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Seconds that an answer may take.
+LIMIT = 30.0
+#: A proof's own tolerances: worst residual relative to λ, and product of two eigenvectors.
+_RESIDUAL = {"float64": 1e-6, "float32": 1e-3}
+_ORTHONORMALITY = {"float64": 1e-8, "float32": 1e-4}
+#: Relative errors of eigenvalues that the solver's tolerance allows.
+_RELATIVE = {"float64": 1e-9, "float32": 3e-7}
+#: A threshold keeps eigenvalues up to so little above it, relatively.
+_MARGIN = 2e-11
+
+
+class _OutOfTime(BaseException):
+    """No answer within the limit."""
+
+
+class _NotRight(Exception):
+    """What is wrong with an answer."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of a request.
+
+    Parameters
+    ----------
+    state : {"right", "refused", "wrong"}
+    sentence : str
+        What was refused, or what is wrong.
+    needed : bool
+        Whether a refusal has a reason that is known here.
+    seconds : float
+        Time of the solver alone.
+    problem, request
+    """
+
+    state: Literal["right", "refused", "wrong"]
+    sentence: str
+    needed: bool
+    seconds: float
+    problem: Problem
+    request: Request
+
+    @property
+    def kind(self) -> str:
+        """The sentence without its numbers, to count equal ones."""
+        return re.sub(r"[-+]?(\d[\d,]*\.?\d*(e[-+]?\d+)?|inf|nan)\b", "#", self.sentence)
+
+
+@dataclass
+class _Answer:
+    """Eigenpairs as they came back."""
+
+    eigenvalues: FloatArray
+    rows: npt.NDArray[np.floating[Any]]
+    residuals: FloatArray | None = None
+    orthonormality: float | None = None
+    proven: bool | None = None
+    sentence: str = ""
+
+
+# Asking ----------------------------------------------------------------------------------------
+
+
+@contextmanager
+def through(path: str) -> Iterator[None]:
+    """Send problems through slices of the spectrum that dense `eigh` would do faster.
+
+    "sliced" does so for all that leave the Lanczos iteration room: the package itself is that way
+    above some 700 vertices. "thin slices" makes slices of a few pairs as well, so that a small
+    spectrum has many borders. "as built" changes nothing.
+    """
+    if path == "as built":
+        yield
+        return
+
+    def is_dense(n: int, n_null: int, wanted: int) -> bool:
+        free, owed = n - n_null, max(wanted - n_null, 0)
+        return free < 80 or 2.3 * owed + 72.0 > free
+
+    changed: list[tuple[Any, str, Any]] = [
+        (run, "is_dense", is_dense),
+        (workers, "is_dense", is_dense),
+    ]
+    if path == "thin slices":
+        changed += [
+            (workers, "_INDIVISIBLE", 8),
+            (workers, "_SLICE_PAIRS", 12),
+            (workers, "_LEAN_SLICE_PAIRS", 6),
+        ]
+    before = [(module, name, getattr(module, name)) for module, name, _ in changed]
+    try:
+        for module, name, value in changed:
+            setattr(module, name, value)
+        yield
+    finally:
+        for module, name, value in before:
+            setattr(module, name, value)
+
+
+@contextmanager
+def _alarm(seconds: float) -> Iterator[None]:
+    """Raise `_OutOfTime` here if this takes longer, where the system can."""
+    here = threading.current_thread() is threading.main_thread()
+    if not (here and hasattr(signal, "setitimer")):
+        yield
+        return
+
+    def ring(*_: object) -> None:
+        raise _OutOfTime
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@contextmanager
+def _memory(most: float) -> Iterator[None]:
+    """Complain if arrays take more bytes than this at a time."""
+    if most == np.inf:
+        yield
+        return
+    tracemalloc.start()
+    try:
+        yield
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    if peak > most:
+        raise _NotRight(f"{peak / 1e6:.0f} MB, allowed are {most / 1e6:.0f}")
+
+
+def _matrices(problem: Problem) -> tuple[Any, Any]:
+    if problem.mesh is None:
+        return problem.stiffness, problem.mass
+    return cotangent_laplacian(Mesh(*problem.mesh), robust=problem.robust)
+
+
+def _ask(problem: Problem, request: Request, limit: float) -> tuple[Request, _Answer | FloatArray]:
+    """The answer, and the request with the threshold that it came to be."""
+    end = time.perf_counter() + limit
+
+    def cancel() -> bool:
+        return time.perf_counter() > end
+
+    stiffness, mass = _matrices(problem)
+    dtype = np.float32 if request.single else np.float64
+    count, threshold = request.count, request.threshold
+    if request.own_threshold:
+        first = solve(stiffness, mass, count, n_jobs=request.jobs, cancel=cancel)
+        threshold, count = float(first.eigenvalues[-1]), None
+        request = Request(request.kind, threshold=threshold, single=request.single)
+    if request.entry == "hks":
+        assert threshold is not None
+        pencil = (sp.csc_array(stiffness), mass if sp.issparse(mass) else sp.diags_array(mass))
+        times = _hks_times(threshold)
+        return request, compute_hks(
+            pencil,
+            threshold,
+            *times[::-1],
+            n_components=3,
+            decomposition_dtype=dtype,
+            cancel=cancel,
+        )
+    if request.entry == "bands":
+        assert threshold is not None
+        found = decompose_laplacian_by_bands(
+            stiffness,
+            mass if sp.issparse(mass) else sp.diags_array(mass),
+            max_eigenvalue=threshold,
+            cancel=cancel,
+        )
+        return request, _Answer(found[0], found[1].T)
+    result = solve(
+        stiffness,
+        mass,
+        count,
+        max_eigenvalue=threshold,
+        sigma=request.sigma,
+        dtype=dtype,
+        n_jobs=request.jobs,
+        cancel=cancel,
+    )
+    proof = result.proof()
+    return request, _Answer(
+        result.eigenvalues,
+        result.rows,
+        result.residuals,
+        result.orthonormality,
+        bool(result.complete),
+        proof,
+    )
+
+
+def _hks_times(threshold: float) -> tuple[float, float]:
+    """Shortest and longest time at which HKS is asked for."""
+    scale = min(max(threshold, 1e-200), 1e200)
+    return 0.5 / scale, 20.0 / scale
+
+
+# Judging ---------------------------------------------------------------------------------------
+
+
+def judge_seed(seed: int, limit: float = LIMIT) -> Verdict:
+    """Make, solve and judge the problem of a seed."""
+    problem = make_problem(seed)
+    pencil = scale_pencil(problem.stiffness, problem.mass)
+    spectrum = spectrum_of(pencil)
+    return judge(problem, make_request(problem, spectrum), pencil, spectrum, limit)
+
+
+def judge(
+    problem: Problem,
+    request: Request,
+    pencil: Scaled | None = None,
+    spectrum: Spectrum | None = None,
+    limit: float = LIMIT,
+) -> Verdict:
+    """Solve a problem and judge the answer."""
+    if pencil is None or spectrum is None:
+        pencil = scale_pencil(problem.stiffness, problem.mass)
+        spectrum = spectrum_of(pencil)
+    began = time.perf_counter()
+    state: Literal["right", "refused", "wrong"] = "right"
+    sentence = ""
+    asked, answer = request, None
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            with through(problem.path), _alarm(2.0 * limit), _memory(request.most_memory):
+                asked, answer = _ask(problem, request, limit)
+        except _NotRight as fault:
+            state, sentence = "wrong", str(fault)
+        except (Cancelled, _OutOfTime):
+            state, sentence = "wrong", f"no answer in {limit:g} s"
+        except Exception as fault:  # noqa: BLE001 - to be judged, whatever it is
+            own = type(fault).__module__ == errors.__name__
+            state = "refused" if own else "wrong"
+            sentence = str(fault) if own else f"{type(fault).__name__}: {fault}"
+    seconds = time.perf_counter() - began
+    leaked = [w for w in caught if not w.category.__module__.startswith("meshmash_viewer.")]
+    if leaked and state != "wrong":
+        state = "wrong"
+        sentence = f"leaked {leaked[0].category.__name__}: {leaked[0].message}"
+    elif answer is not None and state != "wrong":
+        try:
+            sentence = _fault_or_doubt(problem, asked, answer, pencil, spectrum)
+            state = "refused" if sentence else "right"
+        except _NotRight as fault:
+            state, sentence = "wrong", str(fault)
+    needed = state == "refused" and bool(_excuse(problem, asked, pencil, spectrum))
+    return Verdict(state, sentence, needed, seconds, problem, asked)
+
+
+def _excuse(problem: Problem, request: Request, pencil: Scaled, spectrum: Spectrum) -> str:
+    """Why a refusal may be, or nothing."""
+    if problem.refusal:
+        return "the problem has no answer that float64 can hold"
+    values = np.abs(spectrum.values)
+    norm = float(values.max(initial=0.0))
+    count = len(values) if request.count is None or request.sigma is not None else request.count
+    small = values[:count][values[:count] > spectrum.copies[:count]]
+    if len(small) and EPS * norm > 1e-8 * float(small.min()):
+        return "the smallest and the largest eigenvalue leave no digits between them"
+    area = _largest_spacing(pencil)
+    if EPS * norm > 1e-8 * np.ldexp(area, pencil.exponent):
+        return "zeros cannot be told from noise"
+    if request.threshold is not None and request.threshold < spectrum.low[0]:
+        return "nothing lies below the threshold"
+    return ""
+
+
+def _spacings(pencil: Scaled) -> FloatArray:
+    """Weyl's spacing 4π / area of each component."""
+    return np.asarray(4.0 * np.pi / np.bincount(pencil.labels, weights=pencil.mass))
+
+
+def _largest_spacing(pencil: Scaled) -> float:
+    return float(_spacings(pencil).min(initial=np.inf))
+
+
+def _fault_or_doubt(
+    problem: Problem,
+    request: Request,
+    answer: _Answer | FloatArray,
+    pencil: Scaled,
+    spectrum: Spectrum,
+) -> str:
+    """Raise `_NotRight`, or give what the answer says against itself, or nothing."""
+    if problem.refusal == "must":
+        raise _NotRight("accepted what has no answer")
+    if not isinstance(answer, _Answer):
+        _check_hks(problem, request, answer, pencil, spectrum)
+        return ""
+    _check_shapes(request, answer, pencil, len(problem.mass))
+    measures = _Measures(answer, pencil)
+    precision = "float32" if request.single else "float64"
+    if answer.residuals is not None:
+        _check_reports(answer, measures, precision)
+        if not answer.proven:
+            return answer.sentence
+    if measures.orthonormality > 2.0 * _ORTHONORMALITY[precision]:
+        raise _NotRight(f"orthonormality {measures.orthonormality:.0e}, and not a word of it")
+    allowed = np.full(len(answer.eigenvalues), 2.0 * _RESIDUAL[precision])
+    if request.single:
+        allowed += measures.floor
+    if not answer.proven:
+        # Nothing was claimed: as good as any backward stable computation will do.
+        allowed = np.maximum(allowed, measures.backward)
+    bad = measures.residuals > allowed
+    if bad.any():
+        worst = float(measures.residuals[bad].max())
+        raise _NotRight(f"a residual of {worst:.0e}, and not a word of it")
+    _check_eigenvalues(request, answer, measures, pencil, spectrum)
+    descent = -np.diff(answer.eigenvalues, append=np.inf).min(initial=0.0)
+    if descent > 0.0:
+        raise _NotRight(f"eigenvalues that do not ascend, by {descent:.0e}")
+    return ""
+
+
+def _check_shapes(request: Request, answer: _Answer, pencil: Scaled, n_all: int) -> None:
+    k = len(answer.eigenvalues)
+    if answer.rows.shape != (k, n_all):
+        raise _NotRight(f"rows of shape {answer.rows.shape} for {k} eigenvalues")
+    if answer.rows.dtype != (np.float32 if request.single else np.float64):
+        raise _NotRight(f"rows of {answer.rows.dtype}")
+    if not np.isfinite(answer.eigenvalues).all():
+        raise _NotRight("an eigenvalue that is not finite")
+    idle = np.ones(n_all, dtype=np.bool_)
+    idle[pencil.active] = False
+    if not (np.isnan(answer.rows[:, idle]).all() and np.isfinite(answer.rows[:, ~idle]).all()):
+        raise _NotRight("NaN at vertices with mass, or none at vertices without")
+    rows = answer.rows[:, pencil.active]
+    if k and (rows.max(axis=1) < (1.0 - 1e-5) * np.abs(rows).max(axis=1)).any():
+        raise _NotRight("an eigenvector whose largest entry is negative")
+
+
+class _Measures:
+    """Residuals and products of an answer, measured again.
+
+    Attributes
+    ----------
+    residuals : ndarray, shape (k,)
+        ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``, for values next to zero relative to 4π / area.
+    floor : ndarray, shape (k,)
+        What the rounding of φ alone makes of it.
+    backward : ndarray, shape (k,)
+        What it may be after a computation that is exact for a matrix next to L.
+    errors : ndarray, shape (k,)
+        The residual in the norm that bounds the error of λ, absolute, in the unit of the problem.
+    orthonormality : float
+    """
+
+    def __init__(self, answer: _Answer, pencil: Scaled) -> None:
+        rows = answer.rows[:, pencil.active].astype(np.float64)
+        rows = np.ldexp(rows, pencil.mass_exponent // 2)
+        values = np.ldexp(answer.eigenvalues, -pencil.exponent)
+        columns = rows.T.astype(np.longdouble)
+        mass = pencil.mass.astype(np.longdouble)[:, None]
+        matrix: Any = pencil.stiffness.astype(np.longdouble)
+        weighted = mass * columns
+        defect = matrix @ columns - values * weighted
+        sizes = abs(matrix) @ np.abs(columns) + np.abs(values) * np.abs(weighted)
+        length = _norms(weighted)
+        spacing = _spacings(pencil)
+        share = np.zeros((len(spacing), len(values)))
+        np.add.at(share, pencil.labels, (rows.T**2) * pencil.mass[:, None])
+        near_zero = np.where(share > 1e-6, spacing[:, None], 0.0).max(axis=0, initial=0.0)
+        norm = float(abs(pencil.stiffness / pencil.mass[:, None]).sum(axis=1).max(initial=0.0))
+        null = (values <= 1e-8 * near_zero) | (values <= 256.0 * EPS * norm)
+        unit = np.where(null, np.maximum(values, near_zero), values)
+        self.residuals = (_norms(defect) / (unit * length)).astype(np.float64)
+        self.floor = (EPS_OF[answer.rows.dtype] * _norms(sizes) / (unit * length)).astype(
+            np.float64
+        )
+        self.floor *= 4.0
+        self.backward = 64.0 * EPS * norm / np.asarray(unit, dtype=np.float64)
+        root = np.sqrt(mass)
+        errors = _norms(defect / root) / _norms(columns * root)
+        self.errors = np.ldexp(errors.astype(np.float64), pencil.exponent)
+        gram = (rows * pencil.mass) @ rows.T
+        self.orthonormality = float(np.abs(gram - np.eye(len(rows))).max(initial=0.0))
+
+
+EPS_OF = {np.dtype(kind): float(np.finfo(kind).eps) for kind in (np.float32, np.float64)}
+
+
+def _norms(columns: Any) -> Any:
+    return np.sqrt((columns * columns).sum(axis=0))
+
+
+def _check_reports(answer: _Answer, measures: _Measures, precision: str) -> None:
+    """What the solver says of its residuals and products against what is measured here."""
+    assert answer.residuals is not None
+    assert answer.orthonormality is not None
+    said = np.asarray(answer.residuals, dtype=np.float64)
+    if said.shape != measures.residuals.shape:
+        raise _NotRight(f"{said.shape} residuals for {measures.residuals.shape} pairs")
+    # What is far below the tolerance of the solver need not be known to a digit.
+    hidden = ~(said >= 0.4 * measures.residuals - 1.5 * measures.floor - 1e-11)
+    if hidden.any():
+        i = int(np.argmax(np.where(hidden, measures.residuals, 0.0)))
+        raise _NotRight(
+            f"residual {measures.residuals[i]:.0e} (pair {i}), reported as {said[i]:.0e}"
+        )
+    noise = 1e-12 if precision == "float64" else 1e-5
+    if not answer.orthonormality >= measures.orthonormality / 5.0 - noise:
+        raise _NotRight(
+            f"orthonormality {measures.orthonormality:.0e}, reported as {answer.orthonormality:.0e}"
+        )
+
+
+def _check_eigenvalues(
+    request: Request, answer: _Answer, measures: _Measures, pencil: Scaled, spectrum: Spectrum
+) -> None:
+    """The eigenvalues asked for, all of them and no others."""
+    found = np.sort(answer.eigenvalues)
+    k = len(found)
+    precision = "float32" if request.single else "float64"
+    # Who reports a residual has promised an error no smaller than that.
+    size = np.maximum(np.abs(found), 0.0)
+    room = np.maximum(
+        _RELATIVE[precision] * size, np.minimum(measures.errors, _RESIDUAL[precision] * size)
+    )
+    if request.threshold is not None:
+        noise = min(float(measures.errors.max(initial=0.0)), 16.0 * EPS * spectrum.values[-1])
+        _check_threshold(request.threshold, found, noise, spectrum)
+        _check_run(found, room, spectrum, 0)
+        return
+    assert request.count is not None
+    if k != min(request.count, spectrum.n):
+        raise _NotRight(f"{k} pairs, not {min(request.count, spectrum.n)}")
+    if request.sigma is None or request.sigma <= 0.0:
+        _check_run(found, room, spectrum, 0)
+        return
+    _check_nearest(request.sigma, found, room, spectrum)
+
+
+def _check_run(found: FloatArray, room: FloatArray, spectrum: Spectrum, start: int) -> None:
+    """Found eigenvalues against those of the reference from some index on."""
+    k = len(found)
+    low, high = spectrum.low[start : start + k], spectrum.high[start : start + k]
+    off = (found < low - room) | (found > high + room)
+    if off.any():
+        i = int(np.argmax(off))
+        wanted = spectrum.values[start + i]
+        lost = k - i > 1 and found[i] > high[i] + room[i]
+        raise _NotRight(
+            f"eigenvalue {i} is {found[i]:.17g}, should be {wanted:.17g}"
+            f"{' (one before it may be lost)' if lost else ''}"
+        )
+
+
+def _check_threshold(threshold: float, found: FloatArray, noise: float, spectrum: Spectrum) -> None:
+    """As many pairs as there are eigenvalues up to a threshold, multiple ones whole.
+
+    Those within `noise` of it may count on either side.
+    """
+    k = len(found)
+    if k and found[-1] > threshold:
+        raise _NotRight(f"eigenvalue {found[-1]!r} above the threshold {threshold!r}")
+    margin = _MARGIN * threshold + noise
+    least = int(np.searchsorted(spectrum.high, threshold - margin))
+    most = int(np.searchsorted(spectrum.low, threshold + margin, side="right"))
+    if not least <= k <= most:
+        between = f"{least} to {most}" if most > least else str(least)
+        raise _NotRight(f"{k} pairs below {threshold:.17g}, should be {between}")
+    if 0 < k < spectrum.n:
+        gap = spectrum.values[k] - spectrum.values[k - 1]
+        copies = max(spectrum.copies[k], spectrum.copies[k - 1])
+        if gap <= copies < 1e-9 * spectrum.values[k]:
+            same = np.abs(spectrum.values - spectrum.values[k - 1]) <= 2.0 * copies
+            raise _NotRight(
+                f"{k} pairs cut a multiple eigenvalue ({int(same.sum())} copies of "
+                f"{spectrum.values[k]:.17g})"
+            )
+
+
+def _check_nearest(sigma: float, found: FloatArray, room: FloatArray, spectrum: Spectrum) -> None:
+    k = len(found)
+    distance = np.abs(spectrum.values - sigma)
+    slack = 0.5 * (spectrum.high - spectrum.low).max(initial=0.0)
+    reach = np.sort(distance)[k - 1]
+    reach += 2.0 * (room.max(initial=0.0) + slack) + 4.0 * EPS * sigma
+    fault: _NotRight | None = None
+    for start in range(spectrum.n - k + 1):
+        if max(distance[start], distance[start + k - 1]) > reach:
+            continue
+        try:
+            _check_run(found, room, spectrum, start)
+        except _NotRight as misfit:
+            fault = fault or misfit
+        else:
+            return
+    raise _NotRight(f"not the {k} nearest {sigma!r}: {fault}")
+
+
+def _check_hks(
+    problem: Problem, request: Request, found: FloatArray, pencil: Scaled, spectrum: Spectrum
+) -> None:
+    """Heat kernel signatures against those of the dense solution, where these can be had."""
+    assert request.threshold is not None
+    times = np.geomspace(*_hks_times(request.threshold), 3)
+    n_all = len(problem.mass)
+    if found.shape != (n_all, 3):
+        raise _NotRight(f"features of shape {found.shape}")
+    found = found[pencil.active].astype(np.float64)
+    margin = _MARGIN * request.threshold
+    least = int(np.searchsorted(spectrum.high, request.threshold - margin))
+    most = int(np.searchsorted(spectrum.low, request.threshold + margin, side="right"))
+    if not np.isfinite(found).all():
+        raise _NotRight("features that are not finite")
+    root = np.sqrt(pencil.mass)
+    dense = pencil.stiffness.toarray() / root[:, None] / root
+    values, vectors = scipy.linalg.eigh(dense)
+    values = np.ldexp(np.where(values > 64.0 * EPS * values[-1], values, 0.0), pencil.exponent)
+    squares = (vectors / root[:, None]) ** 2 * 2.0 ** -float(pencil.mass_exponent)
+    relative = 1e-2 if request.single else 1e-5
+    for k in {least, most}:
+        wanted = squares[:, :k] @ np.exp(-np.outer(values[:k], times))
+        if np.allclose(found, wanted, rtol=relative, atol=1e-9 * float(wanted.max(initial=0.0))):
+            return
+    off = float(np.abs(found / np.maximum(wanted, 1e-300) - 1.0).max())
+    raise _NotRight(f"HKS off by {off:.0e}")
