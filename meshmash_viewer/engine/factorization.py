@@ -106,6 +106,16 @@ class OrderedPencil:
         multiply(start, index, data, block.reshape(-1), result.reshape(-1))
         return result
 
+    def multiply_magnitudes(self, block: FloatArray) -> FloatArray:
+        """Return ``|A| @ block`` for shape (n, 8)."""
+        from meshmash_viewer.engine.kernels import multiply_block
+
+        start, index = self.structure.matrix_start, self.structure.matrix_index
+        result = np.empty_like(block)
+        data = self.pencil.magnitudes.data
+        multiply_block(start, index, data, block.reshape(-1), result.reshape(-1))
+        return result
+
     def borrow(self, shape: tuple[int, int]) -> FloatArray:
         """An array for a basis, used before if there is one: fresh memory is slow to touch."""
         size = shape[0] * shape[1]

@@ -108,10 +108,13 @@ class Output:
         count = min(len(values), self.total - self.written)
         values, residuals, rows = values[:count], residuals[:count], rows[:count]
         place = slice(self.written, self.written + count)
-        eigenvalues = values * pencil.unit
+        # Equal eigenvalues come in any order of their roundings; told, they ascend.
+        before = self.eigenvalues[self.written - 1] if self.written else -np.inf
+        eigenvalues = np.maximum(np.maximum.accumulate(values * pencil.unit), before)
         if self.ceiling is not None:
             eigenvalues = np.minimum(eigenvalues, self.ceiling)
         self.eigenvalues[place] = eigenvalues
+        residuals = residuals + np.abs(eigenvalues / pencil.unit - values)
         self.residuals[place] = residuals / np.where(values > _ZERO, values, 1.0)
         written = self.rows[place]
 

@@ -22,10 +22,7 @@ __all__ = ["Pencil", "reduce_pencil"]
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Row sums that are no more than this many roundings of their own row are zero.
-_ROUNDINGS = 64.0 * float(np.finfo(np.float64).eps)
-#: A component's constant is a null vector too where this is its residual, relative to 4π / area.
-_NULL_RESIDUAL = 1e-11
+_EPSILON = float(np.finfo(np.float64).eps)
 #: Entries across the diagonal may differ by this share of the diagonal ones beside them.
 _ASYMMETRY = 1e-9
 
@@ -83,7 +80,7 @@ class Pencil:
     @cached_property
     def noise(self) -> float:
         """What rounding may make of an eigenvalue of the reduced matrix."""
-        return _ROUNDINGS * self.norm
+        return 2.0 * _EPSILON * self.norm
 
     @cached_property
     def null_norms(self) -> FloatArray:
@@ -243,7 +240,7 @@ def _with_whole_diagonal(laplacian: Any) -> Any:
 def _refuse_negative_diagonal(laplacian: Any) -> None:
     diagonal = laplacian.diagonal()
     size = np.asarray(abs(laplacian).sum(axis=1)).ravel()
-    negative = np.flatnonzero(diagonal < -_ROUNDINGS * size)
+    negative = np.flatnonzero(diagonal < -_EPSILON * size)
     if len(negative):
         raise InputError(
             f"The diagonal of the Laplacian is negative at vertex {negative[0]}: give L with a "
@@ -256,23 +253,23 @@ def _null_space(
 ) -> tuple[npt.NDArray[np.int64], FloatArray]:
     """Components whose constant is a null vector: labels, shape (n,), and residuals.
 
-    Each row is held against its own entries, so that one stiff edge does not hide a spring
-    elsewhere; or the component as a whole against 4π / area, for matrices whose rows were summed
-    with less care.
+    Each row is held against what rounding can make of its own sum, so that one stiff edge does
+    not hide a spring elsewhere.
     """
     count, component = connected_components(laplacian, directed=False)
     sums = np.asarray(laplacian.sum(axis=1)).ravel()
     size = np.asarray(abs(laplacian).sum(axis=1)).ravel()
-    loose = np.bincount(component, weights=np.abs(sums) > _ROUNDINGS * size, minlength=count)
+    rounding = 2.0 * _EPSILON * np.diff(laplacian.indptr) * size
+    loose = np.bincount(component, weights=np.abs(sums) > rounding, minlength=count)
     # Scaled by the largest, so that squares neither overflow nor vanish.
     largest_sum, largest_mass = max(float(np.abs(sums).max()), 1e-300), float(masses.max())
     forces = np.bincount(component, weights=(sums / largest_sum) ** 2, minlength=count)
     weights = np.bincount(component, weights=(masses / largest_mass) ** 2, minlength=count)
+    is_null = loose == 0
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        residuals = np.sqrt(forces / weights) * (largest_sum / largest_mass / unit)
-    is_null = (loose == 0) | (residuals <= _NULL_RESIDUAL)
+        residuals = np.sqrt(forces / weights)[is_null] * (largest_sum / largest_mass / unit)
     numbers = np.where(is_null, np.cumsum(is_null) - 1, -1)
-    return numbers[component].astype(np.int64), residuals[is_null]
+    return numbers[component].astype(np.int64), residuals
 
 
 def _real_matrix(stiffness: Any) -> Any:

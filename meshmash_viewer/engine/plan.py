@@ -308,19 +308,17 @@ class SpectrumPlan:
                 end = self.find(*_window(first, last, part, parts))
                 end = min(self.settle(end) if settled else end, high)
             if self.count(end) > self.count(start):
-                # The null space is deflated; what rounding leaves of it is below zero.
-                inner = start - 0.5 * self._clearance[start] if start > 0.0 else -0.02 * end
-                yield Interval(
-                    index,
-                    inner,
-                    end,
-                    self.count(start),
-                    self.count(end) - self.count(start),
-                    self._shift(start, end, inner),
-                    self._clearance[end],
-                )
+                yield self.interval(start, end, index)
                 index += 1
             start = end
+
+    def interval(self, start: float, end: float, index: int = 0) -> Interval:
+        """The slice between two knots."""
+        # The null space is deflated; what rounding leaves of it is below zero.
+        inner = start - 0.5 * self._clearance[start] if start > 0.0 else -0.02 * end
+        first, shift = self.count(start), self._shift(start, end, inner)
+        owed = self.count(end) - first
+        return Interval(index, inner, end, first, owed, shift, self._clearance[end])
 
     def _shift(self, start: float, end: float, inner: float) -> float:
         """A knot with about as many eigenvalues of a slice on either side, or its middle."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -15,10 +15,10 @@ from meshmash_viewer.engine.arnoldi import pairs_of_inverse
 from meshmash_viewer.engine.blas_threads import one_blas_thread
 from meshmash_viewer.engine.dissection import DissectionCrew
 from meshmash_viewer.engine.factorization import FactorizationError, OrderedPencil, order_pencil
-from meshmash_viewer.engine.lanczos import measure_pairs
+from meshmash_viewer.engine.lanczos import IntervalPairs, measure_pairs
 from meshmash_viewer.engine.orthogonality import orthonormalise
 from meshmash_viewer.engine.output import Output
-from meshmash_viewer.engine.pencil import reduce_pencil
+from meshmash_viewer.engine.pencil import Pencil, reduce_pencil
 from meshmash_viewer.engine.plan import SpectrumPlan
 from meshmash_viewer.engine.request import Request
 from meshmash_viewer.engine.slices import run_slices
@@ -34,6 +34,8 @@ FloatArray = npt.NDArray[np.float64]
 _THRESHOLD_MARGIN = 1e-11
 #: So many more pairs than asked for are borne with where a multiple eigenvalue ends the count.
 _MOST_COPIES = 1000
+#: Pairs of the slice below a threshold that is an eigenvalue.
+_LAST_SLICE = 80
 #: Pairs beyond those asked for that a given inverse is asked for.
 _EXTRA = 6
 #: What is said of stages in which no pairs are counted yet.
@@ -93,6 +95,7 @@ class Run:
                 yield from self._found()
             except (ArithmeticError, FactorizationError) as fault:
                 if self._plan is not None:
+                    self._stop[0] = 0
                     self._refuse_negative(self._plan)
                 raise UnprovenError(
                     f"The eigenpairs of this matrix cannot be proven ({fault}): its entries may "
@@ -140,8 +143,14 @@ class Run:
         if request.target is not None:
             yield from self._nearest(ordered, plan, request.target / pencil.unit)
             return
+        below, held = 0.0, None
         if request.max_eigenvalue is not None:
-            top, wanted = self._threshold(ordered, plan, request.max_eigenvalue / pencil.unit)
+            threshold = request.max_eigenvalue / pencil.unit
+            top = plan.settle(min(threshold, plan.top))
+            wanted = plan.count(top)
+            if wanted > plan.count(plan.settle(threshold, -1.0)):
+                below, held = self._around_threshold(ordered, plan, threshold, top)
+                wanted = held.interval.first + len(held.values)
         else:
             assert request.n_components is not None
             wanted = min(request.n_components, pencil.n)
@@ -163,41 +172,60 @@ class Run:
         yield self._write(np.zeros(null), pencil.null_residuals[:null], pencil.null_rows(null))
         if wanted <= pencil.n_null:
             self._refuse_negative(plan)
-            self._count = Certificate("null space", pencil.n_null, pencil.n_null)
+            self._count = Certificate("inertia", counted, counted, top * pencil.unit)
+            if pencil.n_null:
+                self._count = Certificate("null space", pencil.n_null, pencil.n_null)
             return
         low = 0.0
-        known = self._known(ordered, plan, top)
+        known = self._known(ordered, plan, top if held is None else below)
         if known is not None:
             low = known[0]
             yield self._write(*known[1:])
-        yield from self._slices(ordered, plan, low, top)
+        yield from self._slices(ordered, plan, low, top if held is None else below)
+        if held is not None:
+            yield self._write(held.values, held.residuals, held.rows, held.orthonormality)
         self._count = Certificate("inertia", counted, counted, top * pencil.unit)
 
-    def _threshold(
-        self, ordered: OrderedPencil, plan: SpectrumPlan, value: float
-    ) -> tuple[float, int]:
-        """A border above a threshold, clear of eigenvalues, and how many pairs are kept.
+    def _around_threshold(
+        self, ordered: OrderedPencil, plan: SpectrumPlan, threshold: float, top: float
+    ) -> tuple[float, IntervalPairs]:
+        """Where the last slice begins, and its pairs up to a threshold that is an eigenvalue.
 
-        Where eigenvalues lie on the threshold, up to rounding, they are computed, and all copies
-        of one are kept or none.
+        It is found first, since its values decide how many pairs there are to be.
         """
-        pencil = self.pencil
-        if value >= plan.top:
-            return plan.top, pencil.n
-        top = plan.settle(value)
-        if top == value:
-            return top, plan.count(top)
-        low = plan.settle(value, -1.0)
-        near = [np.zeros(pencil.n_null if low == 0.0 else 0)]
-        intervals = plan.slices(low, top)
-        for pairs in run_slices(
-            ordered, intervals, self.request.tolerance, 1, self._stop, self._poll
-        ):
-            near.append(pairs.values)
-            ordered.give_back(pairs.rows)
+        less = plan.count(plan.settle(threshold, -1.0)) - _LAST_SLICE
+        below = (
+            plan.settle(plan.find(less, less + _LAST_SLICE // 2))
+            if less > self.pencil.n_null
+            else 0.0
+        )
+        held = next(
+            run_slices(
+                ordered,
+                [plan.interval(below, top)],
+                self.request.tolerance,
+                1,
+                self._stop,
+                self._poll,
+            )
+        )
         self._stop[0] = 0
-        kept = self._kept(np.sort(np.concatenate(near)), value)
-        return top, plan.count(low) + kept - (pencil.n_null if low == 0.0 else 0)
+        null = np.zeros(self.pencil.n_null if below == 0.0 else 0)
+        kept = self._kept(np.concatenate([null, held.values]), threshold) - len(null)
+        pairs = replace(
+            held,
+            values=held.values[:kept],
+            residuals=held.residuals[:kept],
+            rows=held.rows[:kept],
+        )
+        return below, pairs
+
+    def _refuse_negative(self, plan: SpectrumPlan) -> None:
+        if negative := plan.negative():
+            raise InputError(
+                f"The Laplacian has negative eigenvalues, {negative} of {self.pencil.n}: it must "
+                "be positive semidefinite, as that of every mesh is."
+            )
 
     def _kept(self, values: FloatArray, threshold: float) -> int:
         """How many of ascending eigenvalues a threshold keeps: all copies of one, or none."""
@@ -210,14 +238,6 @@ class Run:
             number = "which is" if copies == 1 else f"whose {copies} copies are"
             self._remark = f"the threshold is an eigenvalue, {number} included"
         return kept
-
-    def _refuse_negative(self, plan: SpectrumPlan) -> None:
-        negative = plan.negative()
-        if negative:
-            raise InputError(
-                f"The Laplacian has {negative} negative eigenvalue{'s' if negative > 1 else ''}: "
-                "it must be positive semidefinite, as that of every mesh is."
-            )
 
     def _workers(self, ordered: OrderedPencil, pairs: int) -> int:
         return worker_count(ordered, self.request.n_jobs, pairs, self.request.lean)
@@ -321,40 +341,34 @@ class Run:
     # Other ways ----------------------------------------------------------------------------------
 
     def _dense(self) -> Iterator[slice]:
-        """All that is asked for, from the dense matrix of the vertices that L ties to something."""
-        from scipy.linalg import eigh
-
+        """All that is asked for, from the dense matrix of each component."""
         started = time.perf_counter()
         pencil = self.pencil
-        self._poll()
-        tied = np.flatnonzero(pencil.magnitudes.sum(axis=0) > 0.0)
-        null = pencil.null_rows()[:, tied] if len(tied) < pencil.n else pencil.null_rows()
-        null = null[null.any(axis=1)]
-        # Lifted above all others, the known null space does not mix with small eigenvalues.
-        matrix = pencil.matrix[tied][:, tied].toarray() + 1.1 * pencil.norm * (null.T @ null)
-        found, columns = eigh(matrix, driver="evd")
-        n_rest = len(tied) - len(null)
-        if n_rest and found[0] < -max(1e-6, 1e-9 * pencil.norm):
+        values, columns = _dense_pairs(pencil, self._poll)
+        lowest = float(values.min(initial=0.0))
+        if lowest < -max(1e-6, 1e-9 * pencil.norm):
             raise InputError(
-                f"The Laplacian has {np.count_nonzero(found < 0.0)} negative eigenvalues, the "
-                f"lowest {found[0] * pencil.unit:.4g}: it must be positive semidefinite, as that "
-                "of every mesh is."
+                f"The Laplacian has a negative eigenvalue, {lowest * pencil.unit:.4g}: it must "
+                "be positive semidefinite, as that of every mesh is."
             )
-        values = np.concatenate([np.zeros(pencil.n_null), found[:n_rest]])
-        chosen = self._chosen(values)
-        n_null = int(np.searchsorted(chosen, pencil.n_null))
-        rest = columns[:, chosen[n_null:] - pencil.n_null]
-        rows = np.zeros((len(chosen), pencil.n))
-        rows[:n_null] = pencil.null_rows(int(chosen[n_null - 1]) + 1 if n_null else 0)[
-            chosen[:n_null]
-        ]
-        rows[n_null:, tied] = rest.T
+        n_null = pencil.n_null
+        chosen = self._chosen(np.concatenate([np.zeros(n_null), values]))
+        null = chosen[chosen < n_null]
+        rows = np.concatenate(
+            [
+                pencil.null_rows(len(null) and int(null[-1]) + 1)[null],
+                columns[:, chosen[len(null) :] - n_null].toarray().T,
+            ]
+        )
+        values = np.concatenate([np.zeros(len(null)), values[chosen[len(null) :] - n_null]])
         weight = pencil.root_mass
-        defect = (rows @ pencil.matrix - values[chosen, None] * rows) * weight
+        # Sums in more digits, where the platform has them: what is measured is not their rounding.
+        image = (pencil.matrix.astype(np.longdouble) @ rows.T.astype(np.longdouble)).T
+        defect = np.asarray(image - values[:, None] * rows, dtype=np.float64) * weight
         residuals = np.linalg.norm(defect, axis=1) / np.linalg.norm(rows * weight, axis=1)
         self._spend("dense", started)
         self._count = Certificate("dense", pencil.n, pencil.n)
-        yield from self._write_all(values[chosen], residuals, rows)
+        yield from self._write_all(values, residuals, rows)
 
     def _chosen(self, values: FloatArray) -> npt.NDArray[np.intp]:
         """Indices of the pairs that are asked for, of all eigenvalues in ascending order."""
@@ -472,3 +486,43 @@ class Run:
                 total=total,
             )
         )
+
+
+def _dense_pairs(pencil: Pencil, poll: Callable[[], None]) -> tuple[FloatArray, Any]:
+    """All pairs beyond the known null space: ascending values, shape (r,), and sparse columns.
+
+    Component by component, since one may be a million times as stiff as another.
+    """
+    from scipy import sparse
+    from scipy.linalg import eigh
+    from scipy.sparse.csgraph import connected_components
+
+    count, component = connected_components(pencil.matrix, directed=False)
+    places = np.split(
+        np.argsort(component, kind="stable"),
+        np.cumsum(np.bincount(component, minlength=count))[:-1],
+    )
+    values, columns, rows, starts = [], [], [], [0]
+    for place in places:
+        is_null = pencil.labels[place[0]] >= 0
+        if is_null and len(place) == 1:
+            continue
+        poll()
+        matrix = pencil.matrix[place][:, place].toarray()
+        if is_null:
+            # Lifted above all others, the constant does not mix with small eigenvalues.
+            constant = pencil.null_direction[place]
+            matrix += 1.1 * np.abs(matrix).sum(axis=0).max() * np.outer(constant, constant)
+        found, vectors = eigh(matrix, driver="evd")
+        kept = len(place) - int(is_null)
+        values.append(found[:kept])
+        columns.append(vectors[:, :kept].T.ravel())
+        rows.append(np.tile(place, kept))
+        starts.extend(starts[-1] + len(place) * np.arange(1, kept + 1))
+    if not values:
+        return np.zeros(0), sparse.csc_array((pencil.n, 0))
+    every = np.concatenate(values)
+    parts = (np.concatenate(columns), np.concatenate(rows), np.array(starts))
+    matrix = sparse.csc_array(parts, shape=(pencil.n, len(every)))
+    order = np.argsort(every, kind="stable")
+    return every[order], matrix[:, order]
