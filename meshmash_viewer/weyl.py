@@ -89,10 +89,11 @@ class Target:
             return None
         return self.value if self.kind == "max_eigenvalue" else wavelength_eigenvalue(self.value)
 
-    def estimated_count(self, area: float) -> float:
-        """Number of pairs, by Weyl's law where it is not given."""
+    def estimated_count(self, area: float, n_vertices: float = math.inf) -> float:
+        """Number of pairs, by Weyl's law where it is not given; at most one a vertex."""
         bound = self.max_eigenvalue
-        return float(self.value) if bound is None else weyl_count(area, bound)
+        count = float(self.value) if bound is None else weyl_count(area, bound)
+        return min(count, float(n_vertices))
 
     def estimated_eigenvalue(self, area: float) -> float:
         """Largest eigenvalue, per squared unit, by Weyl's law where it is not given."""
