@@ -38,8 +38,9 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.truncation import (
     Truncation,
-    beyond_mesh,
     farther_target,
+    mesh_limit,
+    required_eigenvalue,
     sufficient_target,
 )
 from meshmash_viewer.weyl import weyl_eigenvalue
@@ -387,8 +388,8 @@ class _Sums:
                 if truncation is None or not len(truncation.flagged):
                     break
                 target = farther_target(target, area, n)
-        if result.n_components == n:
-            warnings.warn(beyond_mesh(time, area, n), TruncationWarning, stacklevel=3)
+        if result.n_components == n and result.eigenvalues[-1] < required_eigenvalue(time):
+            warnings.warn(mesh_limit(time, area, n), TruncationWarning, stacklevel=3)
         return values, truncation
 
     def _summed(

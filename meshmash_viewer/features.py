@@ -20,11 +20,14 @@ from meshmash_viewer.units import power_unit
 if TYPE_CHECKING:
     from meshmash_viewer.eigensolver import Decomposition
     from meshmash_viewer.filters import FilterBank
+    from meshmash_viewer.mesh import Mesh
 
 __all__ = ["Features", "accumulate_features", "compute_features"]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
+#: A vertex whose values are this many times the typical one is not worth comparing with others.
+_STRANGE = 1000.0
 #: Pairs and vertices squared at a time: 4 MB, so that squares are still in cache when summed.
 _ROWS, _VERTICES = 32, 16384
 
@@ -84,7 +87,48 @@ class Features:
                 "the last eigenvalue."
             )
         remainder = self.truncation.remainder
-        return remainder.estimate(self.values), remainder.bound(self.values)
+        values = self.values[:, : len(self.truncation.columns)]
+        return remainder.estimate(values), remainder.bound(values)
+
+    def with_components(self, mesh: Mesh) -> Features:
+        """The same with a last column "component": the connected component of each vertex.
+
+        Parameters
+        ----------
+        mesh : Mesh
+            The mesh of these n vertices; see its `component_labels`.
+        """
+        labels = mesh.component_labels[:, np.newaxis].astype(self.values.dtype)
+        values = np.concatenate([self.values, labels], axis=1)
+        return replace(self, values=values, columns=(*self.columns, "component"))
+
+    def remarks(self, mesh: Mesh) -> list[str]:
+        """What of the state of a mesh shows in its features, as sentences.
+
+        Vertices that no face uses, and tiny components: what integrates to one over a speck is
+        thousands of times larger on it than elsewhere, and the same all over it.
+        """
+        said = []
+        if count := len(mesh.unreferenced):
+            said.append(
+                f"{count:,} vertices that no face uses have rows of NaN: the repair "
+                "drop_unreferenced_vertices leaves them out."
+            )
+        labels = mesh.component_labels
+        sizes = np.bincount(labels[labels >= 0])
+        on_largest = labels == int(sizes.argmax())
+        typical = np.median(np.abs(self.values[on_largest]), axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            times = np.where(typical > 0.0, np.abs(self.values) / typical, 0.0).max(axis=1)
+        strange = (times > _STRANGE) & ~on_largest & (labels >= 0)
+        if strange.any():
+            specks = np.unique(labels[strange])
+            said.append(
+                f"{len(specks):,} tiny components ({int(sizes[specks].sum()):,} vertices) carry "
+                f"values up to {times[strange].max():,.0f} times those of the largest one: "
+                "the repair keep_largest_component leaves them out."
+            )
+        return said
 
 
 def compute_features(

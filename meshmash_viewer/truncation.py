@@ -22,7 +22,13 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.units import format_quantity
-from meshmash_viewer.weyl import Target, wavelength, weyl_count, weyl_eigenvalue
+from meshmash_viewer.weyl import (
+    Target,
+    wavelength,
+    wavelength_eigenvalue,
+    weyl_count,
+    weyl_eigenvalue,
+)
 
 if TYPE_CHECKING:
     from meshmash_viewer.filter_responses import TailedResponse
@@ -32,10 +38,10 @@ __all__ = [
     "TOLERANCE",
     "Remainder",
     "Truncation",
-    "beyond_mesh",
     "farther_target",
     "mean_shares",
     "measure_truncation",
+    "mesh_limit",
     "required_eigenvalue",
     "resolved_time",
     "sufficient_target",
@@ -209,6 +215,7 @@ class Truncation:
             "known_to": self.known_to,
             "n_left_out": self.n_left,
             "tolerance": TOLERANCE,
+            "columns": list(self.columns),
             "flagged": [self.columns[at] for at in self.flagged],
             "estimate": self.estimate.tolist(),
             "largest_estimate": self.largest_estimate.tolist(),
@@ -390,31 +397,40 @@ def farther_target(target: Target, area: float, n_vertices: int) -> Target:
     return Target("max_eigenvalue", 1.5 * eigenvalue)
 
 
-def beyond_mesh(
+def mesh_limit(
     time: float, area: float, n_vertices: int, unit: str = "", median_edge: float | None = None
 ) -> str:
-    """Say that a time needs shorter waves than the mesh has, though all its pairs are there.
+    """Say what a time needs beside what a mesh can resolve at all.
 
     Parameters
     ----------
     time, area : float
         In squared unit.
     n_vertices : int
-        Number of pairs, all of which took part.
+        Number of pairs that the mesh has.
     unit : str
         Length unit of the mesh; "" where it has none.
     median_edge : float, optional
-        Median length of its edges, in unit.
+        Median length of its edges, in unit; two of them are its shortest wave. None: that of
+        Weyl's law for `n_vertices` pairs.
+
+    Returns
+    -------
+    str
+        A sentence with its full stop.
     """
-    eigenvalue = required_eigenvalue(time)
-    edge = "" if median_edge is None else f", whose median edge is {_length(median_edge, unit)}"
+    eigenvalue, has = required_eigenvalue(time), f"this mesh has {n_vertices:,} in all"
+    if median_edge is None:
+        limit = weyl_eigenvalue(area, n_vertices)
+    else:
+        limit = wavelength_eigenvalue(2.0 * median_edge)
+        has += f", and a median edge of {_length(median_edge, unit)}"
     return (
         f"The shortest time, {format_quantity(time, unit, 2, 3)}, needs waves down to "
         f"{_length(wavelength(eigenvalue), unit)}, about "
-        f"{weyl_count(area, eigenvalue):,.0f} eigenpairs by Weyl's law: all {n_vertices:,} of this "
-        f"mesh{edge} took part, and below a time of about "
-        f"{format_quantity(resolved_time(weyl_eigenvalue(area, n_vertices)), unit, 2, 3)} "
-        "the features are those of its triangles rather than of the surface."
+        f"{weyl_count(area, eigenvalue):,.0f} eigenpairs by Weyl's law; {has}, so below a time of "
+        f"about {format_quantity(resolved_time(limit), unit, 2, 3)} features are those of its "
+        "triangles rather than of the surface."
     )
 
 

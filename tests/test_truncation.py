@@ -188,7 +188,7 @@ def test_a_pair_dropped_on_purpose_is_not_missing(wholes):
 def test_copies_of_the_last_eigenvalue_may_be_left_out(wholes):
     # the icosahedron's symmetry makes these two equal; a band that ends there holds both
     whole = wholes["sphere"]
-    count = 13
+    count = 11
     ends = whole.eigenvalues[count - 1 : count + 1]
     assert ends[1] == pytest.approx(ends[0], rel=1e-9)
     bank = bspline_bank(0.0, float(ends.max()), 4)
@@ -301,7 +301,7 @@ def test_auto_takes_as_many_pairs_as_the_shortest_time_needs(sphere, wholes):
 
 def test_auto_takes_all_pairs_at_most_and_says_where_the_mesh_ends():
     mesh = shapes.icosphere(2)
-    with pytest.warns(TruncationWarning, match="all 162 of this mesh took part"):
+    with pytest.warns(TruncationWarning, match="this mesh has 162 in all"):
         features = compute_hks(mesh, t_min=1e-4, t_max=1.0, count="auto")
     expected = compute_hks(mesh, 1e9, t_min=1e-4, t_max=1.0)
     np.testing.assert_allclose(features, expected, rtol=1e-8)
