@@ -19,7 +19,7 @@ import numpy as np
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.weyl import Target, wavelength
+from meshmash_viewer.weyl import Target, required_eigenvalue, wavelength
 
 if TYPE_CHECKING:
     from meshmash_viewer.eigensolver import Decomposition
@@ -269,7 +269,6 @@ def write_kind(
     from meshmash_viewer.truncation import (
         farther_target,
         mesh_limit,
-        required_eigenvalue,
         sufficient_target,
     )
 

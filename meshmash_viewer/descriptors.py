@@ -40,10 +40,9 @@ from meshmash_viewer.truncation import (
     Truncation,
     farther_target,
     mesh_limit,
-    required_eigenvalue,
     sufficient_target,
 )
-from meshmash_viewer.weyl import weyl_eigenvalue
+from meshmash_viewer.weyl import required_eigenvalue, weyl_eigenvalue
 
 if TYPE_CHECKING:
     from meshmash_viewer.eigensolver import Decomposition

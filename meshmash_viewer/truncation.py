@@ -23,7 +23,10 @@ import numpy.typing as npt
 
 from meshmash_viewer.units import format_quantity
 from meshmash_viewer.weyl import (
+    TOLERANCE,
     Target,
+    required_eigenvalue,
+    resolved_time,
     wavelength,
     wavelength_eigenvalue,
     weyl_count,
@@ -35,28 +38,23 @@ if TYPE_CHECKING:
     from meshmash_viewer.filters import FilterBank
 
 __all__ = [
-    "TOLERANCE",
     "Remainder",
     "Truncation",
     "farther_target",
     "mean_shares",
     "measure_truncation",
     "mesh_limit",
-    "required_eigenvalue",
-    "resolved_time",
+    "missing_sentence",
+    "percent",
     "sufficient_target",
 ]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
-#: Share of a column that may be missing before it is flagged.
-TOLERANCE = 0.01
 #: Copies of the last eigenvalue, equal to rounding, may be among what is left out.
 _COPIES = 1e-9
 #: Error of ``m_v Σ φ_k(v)²``, which is at most 1, in units of the precision of eigenvectors.
 _ROUNDINGS = 64.0
-#: Margin of the eigenvalue that is predicted to be enough: columns differ from their mean.
-_MARGIN = 1.1
 #: Vertices looked at together: 32 columns of them take 4 MB.
 _VERTICES = 16384
 
@@ -197,17 +195,7 @@ class Truncation:
         str
             "7 of 32 columns miss more than 1 % for want of eigenpairs, hks_t=5.00e+04 about 95 %".
         """
-        flagged = self.flagged
-        if not len(flagged):
-            return ""
-        worst = int(self.estimate.argmax())
-        verb = "are by more than 1 % an estimate" if self.added else "miss more than 1 %"
-        one = "is by more than 1 % an estimate" if self.added else "misses more than 1 %"
-        return (
-            f"{len(flagged)} of {len(self.columns)} columns "
-            f"{one if len(flagged) == 1 else verb} for want of eigenpairs, "
-            f"{self.columns[worst]} about {percent(float(self.estimate[worst]))}"
-        )
+        return missing_sentence(self.columns, self.estimate, added=self.added)
 
     def as_dict(self) -> dict[str, Any]:
         """All but the vertices, for JSON; shares of each column."""
@@ -353,19 +341,6 @@ def mean_shares(
     return shares
 
 
-def resolved_time(eigenvalue: float) -> float:
-    """Diffusion time from which pairs up to an eigenvalue miss less than `TOLERANCE` of HKS.
-
-    Where the surface looks flat HKS is ``1 / 4πt``, of which ``exp(-λ t)`` is missing.
-    """
-    return -_MARGIN * math.log(TOLERANCE) / eigenvalue if eigenvalue > 0.0 else math.inf
-
-
-def required_eigenvalue(time: float) -> float:
-    """Largest eigenvalue that has to be known for a time: the inverse of `resolved_time`."""
-    return -_MARGIN * math.log(TOLERANCE) / time
-
-
 def sufficient_target(time: float, area: float, n_vertices: int) -> Target:
     """How much of a spectrum the HKS from a time on takes.
 
@@ -436,6 +411,19 @@ def mesh_limit(
 
 def _length(length: float, unit: str) -> str:
     return format_quantity(length, unit, 1, 3)
+
+
+def missing_sentence(columns: tuple[str, ...], shares: FloatArray, *, added: bool = False) -> str:
+    """Say of which columns more than `TOLERANCE` is missing; see `Truncation.sentence`."""
+    count, worst = int((shares > TOLERANCE).sum()), int(shares.argmax())
+    if not count:
+        return ""
+    several = "are by more than 1 % an estimate" if added else "miss more than 1 %"
+    single = "is by more than 1 % an estimate" if added else "misses more than 1 %"
+    return (
+        f"{count} of {len(columns)} columns {single if count == 1 else several} for want of "
+        f"eigenpairs, {columns[worst]} about {percent(float(shares[worst]))}"
+    )
 
 
 def percent(share: float) -> str:

@@ -123,7 +123,7 @@ def test_what_truncation_costs_is_said_everywhere(
     truncation = report["truncation"]
     assert truncation["flagged"] == truncation["columns"][:2]
     assert 0.3 < truncation["estimate"][0] < truncation["bound"][0]
-    assert report["max_eigenvalue"] == pytest.approx(56, rel=0.05)
+    assert report["max_eigenvalue"] == pytest.approx(56, rel=0.1)
     assert report["wavelength"] == pytest.approx(2 * np.pi / report["max_eigenvalue"] ** 0.5)
     with np.load(out) as archive:
         plain = archive["features"]

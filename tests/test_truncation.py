@@ -31,7 +31,8 @@ from meshmash_viewer.filters import (
     wave_kernel_bank,
 )
 from meshmash_viewer.laplacian import cotangent_laplacian
-from meshmash_viewer.truncation import mean_shares, required_eigenvalue, resolved_time
+from meshmash_viewer.truncation import mean_shares
+from meshmash_viewer.weyl import required_eigenvalue, resolved_time
 
 SHARES = (0.05, 0.2, 0.6)
 

@@ -1,4 +1,4 @@
-"""Count, largest eigenvalue and wavelength, each in terms of the others.
+"""Count, largest eigenvalue, wavelength and time, each in terms of the others.
 
 Where eigenpairs are known the answer is exact; beyond them Weyl's law goes on from the last one,
 with its slope but not its error so far, which along thin branches is a factor of ten, and to no
@@ -13,7 +13,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.weyl import Target, wavelength, weyl_count, weyl_eigenvalue
+from meshmash_viewer.weyl import (
+    Target,
+    resolved_time,
+    wavelength,
+    weyl_count,
+    weyl_eigenvalue,
+)
 
 __all__ = ["Translation"]
 
@@ -55,6 +61,13 @@ class Translation:
             return float(target.value), True
         eigenvalue, exact = self.eigenvalue(target)
         return wavelength(eigenvalue), exact
+
+    def time(self, target: Target) -> tuple[float, bool]:
+        """Shortest time of a heat kernel signature that a target resolves, and if that is exact."""
+        if target.kind == "time":
+            return float(target.value), True
+        eigenvalue, exact = self.eigenvalue(target)
+        return resolved_time(eigenvalue), exact
 
     def count(self, target: Target) -> tuple[int, bool]:
         """Number of eigenpairs that a target asks for, and whether that is exact."""
