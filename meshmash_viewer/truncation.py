@@ -285,6 +285,8 @@ def measure_truncation(
         for error in (medians[0], largest[0], medians[1], largest[1])
     ]
     estimate, largest_estimate, bound, largest_bound = shares
+    # A column without a pair in its filter is missing as a whole, unless nothing can be there.
+    estimate[(typical == 0.0) & (bound > 0.0)] = 1.0
     return Truncation(
         bank.columns,
         estimate,

@@ -10,6 +10,7 @@ from closed_form import give, rectangle_document, rectangle_spectrum, turn_wheel
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QWidget
+from scipy.linalg import eigh
 
 from meshmash_viewer.app.field_panel import FieldPanel
 from meshmash_viewer.laplacian import cotangent_laplacian
@@ -178,8 +179,12 @@ def test_short_times_are_hatched_and_what_they_need_is_said(panel: FieldPanel, d
     assert stated == pytest.approx(expected, rel=0.2)
     needed = required_eigenvalue(2e5)
     assert f"{needed:.2g} nm⁻²" in said
+    assert f"all {document.mesh.n_vertices} pairs that the mesh has" in said
+    display.time = 6e5
+    needed = required_eigenvalue(6e5)
     more = document.mesh.area * (needed - document.spectrum.eigenvalues[-1]) / (4 * math.pi)
-    assert f"about {120 + more:,.0f} pairs" in said
+    said = part(panel, "hks_missing_label").text()
+    assert f"about {120 + more:,.0f} pairs in all" in said
     check = part(panel, "hks_automatic_check")
     QTest.mouseClick(check, LEFT, pos=QPoint(8, check.height() // 2))
     assert display.hks_automatic
