@@ -180,8 +180,8 @@ def test_short_times_are_hatched_and_what_they_need_is_said(panel: FieldPanel, d
     needed = required_eigenvalue(2e5)
     assert f"{needed:.2g} nm⁻²" in said
     assert f"all {document.mesh.n_vertices} pairs that the mesh has" in said
-    display.time = 6e5
-    needed = required_eigenvalue(6e5)
+    display.time = 1e6
+    needed = required_eigenvalue(1e6)
     more = document.mesh.area * (needed - document.spectrum.eigenvalues[-1]) / (4 * math.pi)
     said = part(panel, "hks_missing_label").text()
     assert f"about {120 + more:,.0f} pairs in all" in said
