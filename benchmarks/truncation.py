@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
+from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.eigensolver import Decomposition
 from meshmash_viewer.features import truncated_features
 from meshmash_viewer.filters import (
@@ -51,7 +52,8 @@ def whole_spectrum(mesh: Any, robust: bool) -> Decomposition:
     values, vectors = scipy.linalg.eigh(dense, overwrite_a=True, driver="evd")
     values = np.maximum(values, 0.0)
     rows = np.ascontiguousarray((vectors / root[:, np.newaxis]).T)
-    return Decomposition(values, rows, np.zeros(len(values)), 0.0, True, "", mass=diagonal)
+    proof = Certificate("dense", len(values), len(values))
+    return Decomposition(values, rows, np.zeros(len(values)), proof, mass=diagonal)
 
 
 def banks_of(eigenvalues: np.ndarray) -> dict[str, FilterBank]:

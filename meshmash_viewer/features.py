@@ -50,7 +50,7 @@ class Features:
         How they were made; JSON-able.
     truncation : Truncation, optional
         What the pairs that were not computed would add; None where the filters do not tell what
-        they do beyond the last eigenvalue.
+        they do beyond the last eigenvalue, and for pairs around a shift.
     """
 
     values: npt.NDArray[np.floating[Any]]
@@ -84,7 +84,7 @@ class Features:
         if self.truncation is None:
             raise InputError(
                 "The truncation error is not known: these filters do not tell what they do beyond "
-                "the last eigenvalue."
+                "the last eigenvalue, or the pairs are not the lowest."
             )
         remainder = self.truncation.remainder
         values = self.values[:, : len(self.truncation.columns)]
@@ -161,7 +161,7 @@ def compute_features(
         `meshmash_viewer.truncation`.
     known_to : float, optional
         Eigenvalue up to which the pairs are proven to be all there are, such as the threshold they
-        were computed to; None: the largest of them.
+        were computed to; None: what the certificate says, at least the largest of them.
 
     Returns
     -------
@@ -210,16 +210,21 @@ def truncated_features(
     if drop_first:  # left out on purpose, so it is no part of what is missing
         np.square(rows[0], out=density, dtype=np.float64)
     values = accumulate_features(eigenvalues[start:], rows[start:], coefficients, density=density)
-    truncation = measure_truncation(
-        values,
-        bank,
-        eigenvalues,
-        density,
-        decomposition.mass,
-        precision=rows.dtype,
-        drop_first=drop_first,
-        known_to=known_to,
-    )
+    certificate = decomposition.certificate
+    if known_to is None and certificate.complete and certificate.counted == len(eigenvalues):
+        known_to = certificate.bound
+    truncation = None
+    if certificate.low is None:  # of pairs around a shift, those below are missing as well
+        truncation = measure_truncation(
+            values,
+            bank,
+            eigenvalues,
+            density,
+            decomposition.mass,
+            precision=rows.dtype,
+            drop_first=drop_first,
+            known_to=known_to,
+        )
     if tail is not None and truncation is not None:
         values += truncation.remainder.estimate(values)
         truncation = replace(truncation, added=True)

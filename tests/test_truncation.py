@@ -13,12 +13,13 @@ import pytest
 import scipy.integrate
 import shapes
 
+from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.decompose import (
     compute_geometry_vectors,
     compute_hks,
     spectral_geometry_filter,
 )
-from meshmash_viewer.eigensolver import Decomposition
+from meshmash_viewer.eigensolver import Decomposition, solve
 from meshmash_viewer.errors import InputError, TruncationWarning
 from meshmash_viewer.features import compute_features, truncated_features
 from meshmash_viewer.filters import (
@@ -48,7 +49,8 @@ def whole_spectrum(mesh) -> Decomposition:
     rows = np.full((len(used), len(diagonal)), np.nan)
     rows[:, used] = vectors.T / root
     values = np.maximum(values, 0.0)
-    return Decomposition(values, rows, np.zeros(len(used)), 0.0, True, "", mass=diagonal)
+    proof = Certificate("dense", len(values), len(values))
+    return Decomposition(values, rows, np.zeros(len(used)), proof, mass=diagonal)
 
 
 def lowest(whole: Decomposition, count: int, dtype=np.float64) -> Decomposition:
@@ -214,6 +216,12 @@ def test_filters_that_say_nothing_of_their_tail_have_no_truncation(wholes):
     assert features.meta["truncation"] is None
     with pytest.raises(InputError, match="not known"):
         features.truncation_at_vertices()
+
+
+def test_pairs_around_a_shift_have_none_either(sphere):
+    pairs = solve(*cotangent_laplacian(sphere), 9, sigma=12.0)
+    assert pairs.eigenvalues[0] > 1.0
+    assert compute_features(pairs, heat_kernel_bank([0.1])).truncation is None
 
 
 # What the filters say of themselves --------------------------------------------------------------
