@@ -142,7 +142,8 @@ class BandTab(FieldStepper):
         if high <= known * (1.0 + 1e-9) or 0 < spectrum.n_vertices <= len(spectrum):
             show_note(self.missing_note, "")
             return
-        pairs = f", {estimated_pairs(self._document.translation(), high)}"
+        mesh = self._document.mesh
+        pairs = f", {estimated_pairs(spectrum, mesh.area, high)}" if mesh is not None else ""
         show_note(
             self.missing_note,
             f"Bands above λ = {format_quantity(known, unit, -2, 3)} need more eigenpairs{pairs}.",

@@ -8,6 +8,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.model.translation import Translation
 from meshmash_viewer.units import format_quantity
 from meshmash_viewer.weyl import Target, wavelength
@@ -28,8 +29,11 @@ def format_wavelength(eigenvalue: float, unit: str) -> str:
     return format_quantity(length, unit) if math.isfinite(length) else "∞"
 
 
-def estimated_pairs(translation: Translation, eigenvalue: float) -> str:
+def estimated_pairs(spectrum: Spectrum, area: float, eigenvalue: float) -> str:
     """Say about how many pairs reach up to an eigenvalue, and if that is all there are."""
+    translation = Translation(
+        area, spectrum.eigenvalues, spectrum.n_vertices, known_to=spectrum.known_to
+    )
     count, exact = translation.count(Target("max_eigenvalue", eigenvalue))
     if count >= translation.n_vertices:
         return f"all {count:,} pairs that the mesh has"

@@ -169,5 +169,5 @@ class HksTab(FieldStepper):
             self.missing_note,
             f"{what} misses {upto}about {percent(missing)} of the signature for want of "
             f"eigenpairs. It takes those up to λ = {format_quantity(needed, mesh.unit, -2, 2)}, "
-            f"{estimated_pairs(self._document.translation(), needed)}.",
+            f"{estimated_pairs(spectrum, mesh.area, needed)}.",
         )
