@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.eigensolver import iterate as iterate
     from meshmash_viewer.eigensolver import solve as solve
     from meshmash_viewer.errors import InputError as InputError
+    from meshmash_viewer.errors import TruncationWarning as TruncationWarning
     from meshmash_viewer.features import Features as Features
     from meshmash_viewer.features import compute_features as compute_features
     from meshmash_viewer.filters import FilterBank as FilterBank
@@ -45,7 +46,9 @@ if TYPE_CHECKING:
     from meshmash_viewer.filters import hks_times as hks_times
     from meshmash_viewer.filters import low_pass_bank as low_pass_bank
     from meshmash_viewer.filters import wave_kernel_bank as wave_kernel_bank
+    from meshmash_viewer.health import largest_component as largest_component
     from meshmash_viewer.health import mesh_health as mesh_health
+    from meshmash_viewer.health import repair_mesh as repair_mesh
     from meshmash_viewer.io.read import read_mesh as read_mesh
     from meshmash_viewer.io.write import write_eigenpairs as write_eigenpairs
     from meshmash_viewer.io.write import write_features as write_features
@@ -57,8 +60,11 @@ if TYPE_CHECKING:
     from meshmash_viewer.shape import feature_distance as feature_distance
     from meshmash_viewer.shape import low_pass_vertices as low_pass_vertices
     from meshmash_viewer.shape import match_features as match_features
+    from meshmash_viewer.shape import reconstruct as reconstruct
+    from meshmash_viewer.shape import spectral_coefficients as spectral_coefficients
     from meshmash_viewer.shape import spectral_distance as spectral_distance
     from meshmash_viewer.split import MeshStitcher as MeshStitcher
+    from meshmash_viewer.truncation import Truncation as Truncation
     from meshmash_viewer.weyl import weyl_count as weyl_count
     from meshmash_viewer.weyl import weyl_eigenvalue as weyl_eigenvalue
 
@@ -68,10 +74,10 @@ __version__ = "0.1.0"
 _CONTENTS = {
     # Meshes: what they are, what is wrong with them, files
     "mesh": ("Mesh", "mesh_to_poly"),
-    "health": ("mesh_health",),
+    "health": ("largest_component", "mesh_health", "repair_mesh"),
     "io.read": ("read_mesh",),
     "io.write": ("write_eigenpairs", "write_features"),
-    "errors": ("InputError",),
+    "errors": ("InputError", "TruncationWarning"),
     # Operators
     "laplacian": ("area_matrix", "compute_vertex_areas", "cotangent_laplacian"),
     # Eigenpairs
@@ -101,8 +107,16 @@ _CONTENTS = {
         "wave_kernel_bank",
     ),
     "features": ("Features", "compute_features"),
+    "truncation": ("Truncation",),
     # Comparing shapes
-    "shape": ("feature_distance", "low_pass_vertices", "match_features", "spectral_distance"),
+    "shape": (
+        "feature_distance",
+        "low_pass_vertices",
+        "match_features",
+        "reconstruct",
+        "spectral_coefficients",
+        "spectral_distance",
+    ),
     # Meshes too large for one go
     "split": ("MeshStitcher",),
     # The window

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = [
     "FAULT",
     "PROGRAM",
+    "check_repairs",
     "check_times",
     "chosen_operator",
     "chosen_target",
@@ -66,15 +67,15 @@ def command_parser() -> argparse.ArgumentParser:
 
     info = commands.add_parser("info", help="say what a mesh is like")
     info.add_argument("mesh", nargs="+", type=Path)
-    _add_unit(info)
+    _add_mesh(info)
     _add_target(info)
     _add_json(info)
 
     features = commands.add_parser("features", help="compute features of meshes")
     features.add_argument("mesh", nargs="+", type=Path)
     features.add_argument("--kind", choices=tuple(KINDS), default="hks", help="default: hks")
-    _add_unit(features)
-    _add_target(features)
+    _add_mesh(features)
+    _add_target(features, automatic=True)
     features.add_argument(
         "--n-components",
         type=_positive,
@@ -90,6 +91,16 @@ def command_parser() -> argparse.ArgumentParser:
         " where columns of many meshes are to agree",
     )
     features.add_argument("--t-max", type=float, metavar="T", help="longest diffusion time (unit²)")
+    features.add_argument(
+        "--tail",
+        choices=("weyl",),
+        help="add to the HKS what Weyl's law expects of the eigenpairs that are not computed",
+    )
+    features.add_argument(
+        "--component-column",
+        action="store_true",
+        help="a last column with the connected component of each vertex, from 0",
+    )
     features.add_argument("--drop-first", action="store_true", help="leave out the first eigenpair")
     _add_solver(features)
     features.add_argument(
@@ -116,7 +127,7 @@ def command_parser() -> argparse.ArgumentParser:
     render.add_argument(
         "--n-components", type=_positive, default=32, metavar="N", help="number of bands"
     )
-    _add_unit(render)
+    _add_mesh(render)
     _add_target(render)
     _add_solver(render)
     render.add_argument("-o", "--output", required=True, type=Path, metavar="OUT.png")
@@ -133,10 +144,33 @@ def _add_unit(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--unit", metavar="U", help=f"of coordinates: {UNIT_FORMS}")
 
 
-def _add_target(parser: argparse.ArgumentParser) -> None:
+def _add_mesh(parser: argparse.ArgumentParser) -> None:
+    """What is done to each mesh after it was read."""
+    _add_unit(parser)
+    parser.add_argument(
+        "--repair",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="repair the mesh first, in the order given; `info` counts what each would mend",
+    )
+    parser.add_argument(
+        "--largest-component",
+        dest="repair",
+        action="append_const",
+        const="keep_largest_component",
+        help="leave out all but the largest connected component",
+    )
+
+
+def _add_target(parser: argparse.ArgumentParser, *, automatic: bool = False) -> None:
     target = parser.add_mutually_exclusive_group()
     target.add_argument(
-        "--count", type=int, metavar="K", help=f"number of eigenpairs, default {_DEFAULT_COUNT}"
+        "--count",
+        type=_count,
+        metavar="K",
+        help=f"number of eigenpairs, default {_DEFAULT_COUNT}"
+        + ("; auto: as many as --t-min needs" if automatic else ""),
     )
     target.add_argument(
         "--max-eigenvalue", type=float, metavar="X", help="all eigenvalues up to X (per unit²)"
@@ -174,6 +208,15 @@ def _size(text: str) -> tuple[int, int]:
     return size
 
 
+def _count(text: str) -> int | str:
+    if text == "auto":
+        return text
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither a whole number nor auto") from None
+
+
 def _positive(text: str) -> int:
     if not (text.isdecimal() and int(text) >= 1):
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1")
@@ -188,7 +231,23 @@ def chosen_target(options: argparse.Namespace) -> Target:
         return Target("max_eigenvalue", options.max_eigenvalue)
     if options.wavelength is not None:
         return Target("wavelength", options.wavelength)
+    if options.count == "auto":
+        if getattr(options, "kind", "") != "hks" or options.t_min is None:
+            raise InputError(
+                "--count auto takes as many eigenpairs as the shortest time of --kind hks needs:"
+                " give --t-min, or a number."
+            )
+        return Target("count", _DEFAULT_COUNT)  # until the mesh is known
     return Target("count", _DEFAULT_COUNT if options.count is None else options.count)
+
+
+def check_repairs(options: argparse.Namespace) -> None:
+    """Complain of repairs that there are none of, before the first mesh is read."""
+    from meshmash_viewer.health import REPAIRS
+
+    for name in options.repair:
+        if name not in REPAIRS:
+            raise InputError(f"There is no repair {name}; the repairs are {', '.join(REPAIRS)}.")
 
 
 def chosen_operator(options: argparse.Namespace) -> OperatorOptions:
@@ -210,3 +269,5 @@ def check_times(options: argparse.Namespace) -> None:
         get_hks_filter(options.t_max, options.t_min)
     elif options.t_min is not None or options.t_max is not None:
         raise InputError(f"--t-min and --t-max are of --kind hks; {options.kind} has no times.")
+    elif options.tail is not None:
+        raise InputError(f"--tail is of --kind hks, not of {options.kind}.")

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from meshmash_viewer.arguments import (
     FAULT,
     PROGRAM,
+    check_repairs,
     check_times,
     chosen_operator,
     chosen_target,
@@ -143,13 +144,17 @@ def _features(options: argparse.Namespace) -> int:
                 t_min=options.t_min,
                 t_max=options.t_max,
                 drop_first=options.drop_first,
+                tail=options.tail,
+                automatic=options.count == "auto",
+                component_column=options.component_column,
+                repairs=tuple(options.repair),
             )
-        if "warning" in report:
-            _say(f"{options.mesh[index]}: {report['warning']}")
+        for remark in report["remarks"]:
+            _say(f"{options.mesh[index]}: {remark}")
         if options.json:
             print(json.dumps(report), flush=True)
         else:
-            print(f"{report['output']}: {report['proof']}", flush=True)
+            print(f"{report['output']}: {report['proof']} · {_reach(report, mesh)}", flush=True)
 
     return _for_each(options, work)
 
@@ -177,8 +182,12 @@ def _render(options: argparse.Namespace) -> int:
                 transparent=options.transparent,
                 dark=options.dark,
             )
+        for remark in report.get("remarks", ()):
+            _say(f"{options.mesh[index]}: {remark}")
         if options.json:
             print(json.dumps(report), flush=True)
+        elif "max_eigenvalue" in report:
+            print(f"{report['output']}: {_reach(report, mesh)}", flush=True)
         else:
             print(report["output"], flush=True)
 
@@ -186,17 +195,29 @@ def _render(options: argparse.Namespace) -> int:
     return _for_each(options, work)
 
 
+def _reach(report: dict[str, Any], mesh: Mesh) -> str:
+    """How far up the spectrum a run went, for people."""
+    from meshmash_viewer.units import format_quantity
+
+    reached = f"up to λ = {format_quantity(report['max_eigenvalue'], mesh.unit, -2)}"
+    if report["wavelength"] is None:
+        return reached
+    return f"{reached}, waves of {format_quantity(report['wavelength'], mesh.unit)}"
+
+
 def _for_each(options: argparse.Namespace, work: Any) -> int:
     """Do the work for every mesh; one that cannot be done does not hold up the others."""
+    from meshmash_viewer.health import repair_mesh
     from meshmash_viewer.io.read import read_mesh
     from meshmash_viewer.units import parse_unit
 
+    check_repairs(options)
     if options.unit is not None:
         parse_unit(options.unit)  # wrong for all meshes is said once
     status = 0
     for index, path in enumerate(options.mesh):
         try:
-            work(index, read_mesh(path, options.unit))
+            work(index, repair_mesh(read_mesh(path, options.unit), *options.repair))
         except InputError as fault:
             name = "" if str(path) in str(fault) else f"{path}: "
             _say(f"{name}{fault}")
@@ -285,8 +306,7 @@ def _described(about: dict[str, Any]) -> str:
     unit, weyl = about["unit"], about["weyl"]
     extent = [high - low for low, high in zip(*about["bounds"], strict=True)]
     sizes = " × ".join(f"{side:.4g}" for side in extent)
-    by_count = weyl["target"] == "count"
-    count_sign, bound_sign = ("", "≈ ") if by_count else ("≈ ", "")
+    signs = {name: "" if name in weyl["exact"] else "≈ " for name in weyl}
     rows = [
         ("vertices", f"{about['n_vertices']:,}"),
         ("triangles", f"{about['n_faces']:,}"),
@@ -300,14 +320,15 @@ def _described(about: dict[str, Any]) -> str:
         ("duplicate triangles", f"{about['duplicate_faces']:,}"),
         ("unreferenced vertices", f"{about['unreferenced_vertices']:,}"),
         ("coincident vertices", f"{about['coincident_vertices']:,}"),
-        ("eigenpairs", f"{count_sign}{weyl['n_eigenpairs']:,.0f}"),
+        ("median edge", format_quantity(about["median_edge"], unit)),
+        ("eigenpairs", f"{signs['n_eigenpairs']}{weyl['n_eigenpairs']:,.0f}"),
         (
             "  up to eigenvalue",
-            bound_sign + format_quantity(weyl["max_eigenvalue"], unit, -2),
+            signs["max_eigenvalue"] + format_quantity(weyl["max_eigenvalue"], unit, -2),
         ),
         (
             "  down to wavelength",
-            bound_sign + format_quantity(weyl["wavelength"], unit),
+            signs["wavelength"] + format_quantity(weyl["wavelength"], unit),
         ),
     ]
     width = max(len(name) for name, _ in rows)

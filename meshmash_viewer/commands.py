@@ -6,19 +6,20 @@ script as well.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.weyl import Target
+from meshmash_viewer.weyl import Target, required_eigenvalue, wavelength
 
 if TYPE_CHECKING:
     from meshmash_viewer.eigensolver import Decomposition
@@ -120,12 +121,27 @@ def describe(mesh: Mesh, target: Target) -> dict[str, Any]:
     -------
     dict
         JSON-able. Lengths are in ``unit``, eigenvalues in its inverse square; the entries of
-        ``weyl`` are estimates by Weyl's law, except the one that was asked for.
+        ``weyl`` are estimates by Weyl's law, except those that its ``exact`` names: what was asked
+        for, and what the store of eigenpairs knows of the default Laplacian.
     """
-    from meshmash_viewer.health import mesh_health
+    from meshmash_viewer.health import median_edge_length, mesh_health
+    from meshmash_viewer.io.spectrum import find_spectrum
+    from meshmash_viewer.io.store import EigenpairStore
+    from meshmash_viewer.model.translation import Translation
 
     health = mesh_health(mesh)
     low, high = mesh.bounds
+    n = health.n_vertices - health.unreferenced_vertices
+    translation = Translation(health.area, n_vertices=n)
+    found = find_spectrum(EigenpairStore.open_or_create(mesh, OperatorOptions()), target)
+    if found is not None:
+        bound = target.max_eigenvalue or 0.0
+        translation = replace(translation, eigenvalues=found.eigenvalues, known_to=bound)
+    reach = {
+        "n_eigenpairs": translation.count(target),
+        "max_eigenvalue": translation.eigenvalue(target),
+        "wavelength": translation.wavelength(target),
+    }
     return {
         "name": mesh.name,
         "unit": mesh.unit,
@@ -133,13 +149,18 @@ def describe(mesh: Mesh, target: Target) -> dict[str, Any]:
         "hash": mesh.content_hash,
         **asdict(health),
         "bounds": [low.tolist(), high.tolist()],
+        "median_edge": median_edge_length(mesh),
         "weyl": {
             "target": target.kind,
-            "n_eigenpairs": target.estimated_count(health.area),
-            "max_eigenvalue": target.estimated_eigenvalue(health.area),
-            "wavelength": target.estimated_wavelength(health.area),
+            **{name: _finite(value) for name, (value, _) in reach.items()},
+            "exact": [name for name, (_, exact) in reach.items() if exact],
         },
     }
+
+
+def _finite(value: float) -> float | None:
+    """A number as JSON has it: the wavelength of a constant is none."""
+    return value if math.isfinite(value) else None
 
 
 def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> list[Path]:
@@ -207,6 +228,10 @@ def write_kind(
     t_min: float | None = None,
     t_max: float | None = None,
     drop_first: bool = False,
+    tail: Literal["weyl"] | None = None,
+    automatic: bool = False,
+    component_column: bool = False,
+    repairs: tuple[str, ...] = (),
 ) -> dict[str, Any]:
     """Compute one kind of features, or the eigenpairs, and write them.
 
@@ -224,46 +249,116 @@ def write_kind(
         Range of diffusion times in squared unit; None takes that of Sun et al. 2009.
     drop_first : bool
         Whether to leave out the first pair.
+    tail : {None, "weyl"}
+        See `meshmash_viewer.features.compute_features`.
+    automatic : bool
+        Whether to take as many pairs as `t_min` needs, in place of the solver's target.
+    component_column : bool
+        Whether to add the connected component of each vertex as a column.
+    repairs : tuple of str
+        What has been done to the mesh, for the file to say.
 
     Returns
     -------
     dict
         JSON-able report.
     """
-    from meshmash_viewer.features import compute_features
+    from meshmash_viewer.features import truncated_features
+    from meshmash_viewer.health import median_edge_length
     from meshmash_viewer.io.write import write_eigenpairs, write_features
+    from meshmash_viewer.truncation import (
+        farther_target,
+        mesh_limit,
+        sufficient_target,
+    )
 
     began = time.perf_counter()
-    pairs = solver(mesh)
-    solved = time.perf_counter()
+    n = mesh.n_vertices - len(mesh.unreferenced)
+    remarks: list[str] = []
+    features: Features | None = None
+    if automatic:
+        assert t_min is not None
+        solver.target = sufficient_target(t_min, mesh.area, n)
+    while True:
+        try:
+            pairs = solver(mesh)
+        except InputError as fault:
+            if not automatic or t_min is None:
+                raise
+            reach = mesh_limit(t_min, mesh.area, n, mesh.unit, median_edge_length(mesh))
+            raise InputError(f"{fault} {reach}") from fault
+        solved = time.perf_counter()
+        if kind == "eigenpairs":
+            break
+        bank = _bank(mesh, kind, pairs.eigenvalues, solver.target, n_components, t_min, t_max)
+        features = truncated_features(
+            pairs,
+            bank,
+            unit=mesh.unit,
+            drop_first=drop_first,
+            tail=tail,
+            known_to=solver.target.max_eigenvalue if pairs.complete else None,
+        )
+        missing = features.truncation
+        if not automatic or missing is None or not len(missing.flagged):
+            break
+        solver.target = farther_target(solver.target, mesh.area, n)
+
     options = {**solver.options(), "proof": pairs.proof(mesh.unit)}
+    if repairs:
+        options["repairs"] = list(repairs)
+    largest = float(pairs.eigenvalues[-1])
     report: dict[str, Any] = {
         "mesh": mesh.name,
         "output": str(path),
         "kind": kind,
         "n_vertices": mesh.n_vertices,
         "n_eigenpairs": pairs.n_components,
+        "max_eigenvalue": largest,
+        "wavelength": _finite(wavelength(largest)),
         "complete": pairs.complete,
         "worst_residual": float(pairs.residuals.max(initial=0.0)),
         "orthonormality": float(pairs.orthonormality),
         "proof": pairs.proof(mesh.unit),
         "seconds_eigenpairs": round(solved - began, 3),
+        "remarks": remarks,
     }
-    if kind == "eigenpairs":
+    wanted = solver.target.n_components
+    if automatic and t_min is not None:
+        edge = median_edge_length(mesh)
+        if wavelength(required_eigenvalue(t_min)) < 2.0 * edge:
+            remarks.append(mesh_limit(t_min, mesh.area, n, mesh.unit, edge))
+    elif wanted is not None and wanted > n:
+        remarks.append(
+            f"{wanted:,} eigenpairs were asked for; the mesh has {n:,}, and all of them are used."
+        )
+    if features is None:
         write_eigenpairs(path, pairs, mesh, options)
     else:
         if kind != "wks" and not (pairs.eigenvalues > 0.0).any():
-            report["warning"] = (
+            remarks.append(
                 f"all {pairs.n_components} eigenvalues are zero, one for each connected component,"
                 " so the features are the same all over a component: go further up the spectrum"
                 " (a larger --count or --max-eigenvalue, a shorter --wavelength)."
             )
-        bank = _bank(mesh, kind, pairs.eigenvalues, solver.target, n_components, t_min, t_max)
-        features: Features = compute_features(pairs, bank, unit=mesh.unit, drop_first=drop_first)
+        missing = features.truncation
+        report["truncation"] = None if missing is None else missing.as_dict()
+        if missing is not None and len(missing.flagged):
+            remarks.append(f"{missing.sentence()}{_more_pairs(kind, t_min)}.")
+        remarks += features.remarks(mesh)
+        if component_column:
+            features = features.with_components(mesh)
         report["n_features"] = len(features.columns)
         write_features(path, features, mesh, eigenvalues=pairs.eigenvalues, meta=options)
     report["seconds"] = round(time.perf_counter() - began, 3)
     return report
+
+
+def _more_pairs(kind: str, t_min: float | None) -> str:
+    """The way out of a truncated column."""
+    if kind == "hks" and t_min is not None:
+        return ": --count auto takes as many as it needs"
+    return ": take more of them (--count, --max-eigenvalue, --wavelength)"
 
 
 def _bank(
@@ -336,7 +431,7 @@ def write_render(
         JSON-able report.
     """
     from meshmash_viewer.app.picture import render_picture
-    from meshmash_viewer.features import compute_features
+    from meshmash_viewer.features import truncated_features
     from meshmash_viewer.filters import bspline_bank, heat_kernel_bank, hks_times
     from meshmash_viewer.model.limits import PercentileLimits
     from meshmash_viewer.units import format_quantity, power_unit
@@ -349,6 +444,8 @@ def write_render(
         pairs = solver(mesh)
         report["proof"] = pairs.proof(mesh.unit)
         spectrum = pairs.eigenvalues
+        report["max_eigenvalue"] = float(spectrum[-1])
+        report["wavelength"] = _finite(wavelength(float(spectrum[-1])))
         if field == "eigenfunction":
             if index is None:
                 zeros = int(np.count_nonzero(spectrum <= 1e-10 * spectrum[-1]))
@@ -374,9 +471,11 @@ def write_render(
             bank = bspline_bank(0.0, float(spectrum[-1]), n_components)
             quantity = f"band {index} of {n_components}"
         if values is None:
-            features = compute_features(pairs, bank, unit=mesh.unit)
+            features = truncated_features(pairs, bank, unit=mesh.unit)
             values = features.values[:, index if field == "band" and index is not None else 0]
             unit = features.unit
+            if features.truncation is not None and (said := features.truncation.sentence()):
+                report["remarks"] = [f"{said}{_more_pairs(field, None)}."]
             colormap = colormap or "viridis"
             # A few tips of the surface would otherwise take the whole colour bar.
             limits = limits or PercentileLimits().limits(values, mesh.area_sample())

@@ -4,8 +4,9 @@ Eigenvalues are per squared unit of the mesh (1e-8 is a wavelength of 63 µm for
 nm, and below every eigenvalue but zero for a mesh of size 1), times are in squared unit, and all
 features of this module have the unit of φ², one over squared unit.
 
-To project a function `f` on the eigenvectors, weigh it by the mass matrix:
-``coefficients = eigenvectors.T @ (M @ f)``; they are orthonormal with respect to `M`.
+The eigenvectors are orthonormal with respect to `M`, so a function `f` is projected on them by
+``eigenvectors.T @ (M @ f)``. `meshmash_viewer.shape.spectral_coefficients` does so where vertices
+that no face uses are NaN, too, and `reconstruct` goes back.
 """
 
 from __future__ import annotations

@@ -8,19 +8,41 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeAlias
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.eigenpairs import check_bands, find_eigenpairs, scratch_rows, whole_number
-from meshmash_viewer.errors import ConstantFeaturesWarning, InputError
-from meshmash_viewer.features import accumulate_features
-from meshmash_viewer.filters import bspline_bank, get_hks_filter
+from meshmash_viewer.eigenpairs import (
+    DEFAULT_MAX_EIGENVALUE,
+    check_bands,
+    chosen_extent,
+    find_eigenpairs,
+    refuse_two_extents,
+    scratch_rows,
+    whole_number,
+)
+from meshmash_viewer.errors import ConstantFeaturesWarning, InputError, TruncationWarning
+from meshmash_viewer.features import (
+    accumulate_features,
+    check_tail,
+    truncated_features,
+    warn_of_truncation,
+)
+from meshmash_viewer.filter_parameters import check_times, hks_times
+from meshmash_viewer.filters import FilterBank, bspline_bank, get_hks_filter, heat_kernel_bank
 from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
-from meshmash_viewer.weyl import weyl_eigenvalue
+from meshmash_viewer.truncation import (
+    Truncation,
+    farther_target,
+    mesh_limit,
+    sufficient_target,
+)
+from meshmash_viewer.weyl import required_eigenvalue, weyl_eigenvalue
 
 if TYPE_CHECKING:
     from meshmash_viewer.eigensolver import Decomposition
@@ -32,6 +54,8 @@ Array: TypeAlias = npt.NDArray[np.floating[Any]]
 MeshOrMatrices: TypeAlias = Any
 Filter: TypeAlias = Callable[[npt.NDArray[np.float64]], npt.ArrayLike]
 
+#: Residual relative to λ that these functions document for float64; float32 loosens it.
+_TOLERANCE = 1e-12
 #: What a message proposes as a useful number of eigenpairs.
 _USEFUL_COUNT = 100
 
@@ -65,8 +89,9 @@ def spectral_geometry_filter(
     drop_first : bool
         Leave out the first pair, exactly one, however many zero eigenvalues there are.
     decomposition_dtype : dtype
-        float32 halves the memory of eigenvectors and loosens tolerances to 1e-7; the result has
-        the same dtype. None is float64.
+        float64: eigenpairs converge to residuals of 1e-12, or what rounding allows. float32 halves
+        the memory of eigenvectors and loosens that to 1e-7; the result has the same dtype. None
+        is float64.
     robust, mollify_factor
         See `meshmash_viewer.laplacian.cotangent_laplacian`.
     verbose : int
@@ -91,6 +116,10 @@ def spectral_geometry_filter(
     ConstantFeaturesWarning
         If only zero eigenvalues lie below the threshold, as when it is meant for another unit:
         the features are then right, but tell no two vertices of a component apart.
+    TruncationWarning
+        If the filter is a `FilterBank` and more than 1 % of a column is missing, by the estimate
+        of `meshmash_viewer.truncation`. What a plain function does beyond the threshold is not
+        known, and nothing is said of it.
 
     Notes
     -----
@@ -98,37 +127,14 @@ def spectral_geometry_filter(
     file (in ``TMPDIR``), and are read back once, a few rows at a time.
     """
     check_bands(max_eigenvalue, band_size)
-    dtype = np.dtype(np.float64 if decomposition_dtype is None else decomposition_dtype)
-    stiffness, mass = _matrices(mesh, robust, mollify_factor)
-    start = 1 if drop_first else 0
-
-    def solve(allocate: Callable[[int, int], Array] | None) -> Decomposition:
-        return find_eigenpairs(
-            stiffness,
-            mass,
-            max_eigenvalue=max_eigenvalue,
-            dtype=dtype,
-            allocate=allocate,
-            verbose=verbose,
-            unit=mesh.unit if isinstance(mesh, Mesh) else "",
-            progress=progress,
-            cancel=cancel,
-        )
-
+    sums = _Sums(mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose)
+    sums = replace(sums, progress=progress, cancel=cancel)
     if filter is None:
-        result = solve(None)
-        return result.eigenvalues[start:], result.eigenvectors[:, start:]
-    with scratch_rows(dtype) as allocate:
-        result = solve(allocate)
-        eigenvalues, rows = result.eigenvalues[start:], result.rows[start:]
-        if not eigenvalues.any():
-            _warn_of_zeros(max_eigenvalue, result)
-        returned = filter(eigenvalues.copy())
-        coefficients = _checked_coefficients(returned, eigenvalues)
-        features = accumulate_features(eigenvalues, rows, coefficients)
-        features[result.mass == 0.0] = np.nan
-        del rows, result
-    return features.astype(dtype, copy=False)
+        result = sums.solve(None, max_eigenvalue, None)
+        return result.eigenvalues[sums.start :], result.eigenvectors[:, sums.start :]
+    values, truncation = sums.features(None, max_eigenvalue, lambda _: filter)
+    warn_of_truncation(truncation)
+    return values
 
 
 def compute_hks(
@@ -145,6 +151,9 @@ def compute_hks(
     decomposition_dtype: npt.DTypeLike | None = np.float64,
     verbose: int = False,
     *,
+    count: int | Literal["auto"] | None = None,
+    wavelength: float | None = None,
+    tail: Literal["weyl"] | None = None,
     progress: ProgressCallback | None = None,
     cancel: CancelCallback | None = None,
 ) -> Array:
@@ -155,7 +164,7 @@ def compute_hks(
     mesh : MeshLike or pair of sparse matrices
         The mesh, n vertices, or its (L, M).
     max_eigenvalue : float
-        Largest eigenvalue to take part. Times much below ``1 / max_eigenvalue`` need more.
+        Largest eigenvalue to take part. Times below ``5 / max_eigenvalue`` need more.
     t_max, t_min : float, optional
         Longest and shortest time, in squared unit of the mesh; None: from the spectrum, see
         `meshmash_viewer.filters.hks_time_range`.
@@ -163,6 +172,14 @@ def compute_hks(
         Number of times, evenly spaced in log t.
     band_size, truncate_extra, drop_first, robust, mollify_factor, decomposition_dtype, verbose
         See `spectral_geometry_filter`.
+    count : int or "auto", optional
+        Number of eigenpairs, in place of `max_eigenvalue`; at most one a vertex. "auto" takes as
+        many as `t_min`, which has then to be given, needs for less than 1 % of any column to be
+        missing, by the estimate.
+    wavelength : float, optional
+        Shortest wavelength ``2π / √λ`` to take part, in unit, in place of `max_eigenvalue`.
+    tail : {None, "weyl"}
+        "weyl" adds the estimate of what is missing, see `meshmash_viewer.truncation`.
     progress, cancel : callable, optional
         See `meshmash_viewer.progress`.
 
@@ -176,28 +193,42 @@ def compute_hks(
     InputError
         If an argument makes no sense.
 
+    Warns
+    -----
+    TruncationWarning
+        If more than 1 % of a column is missing, by the estimate; or if "auto" took all pairs of
+        the mesh, which ends before the times do.
+
     References
     ----------
     .. [1] Sun, J., Ovsjanikov, M. and Guibas, L. (2009). "A Concise and Provably Informative
        Multi-Scale Signature Based on Heat Diffusion." Computer Graphics Forum 28(5).
     """
-    features: Array = spectral_geometry_filter(
-        mesh,
-        get_hks_filter(
-            t_max=t_max, t_min=t_min, n_scales=whole_number(n_components, "n_components")
-        ),
-        max_eigenvalue=max_eigenvalue,
-        band_size=band_size,
-        truncate_extra=truncate_extra,
-        drop_first=drop_first,
-        decomposition_dtype=decomposition_dtype,
-        robust=robust,
-        mollify_factor=mollify_factor,
-        verbose=verbose,
-        progress=progress,
-        cancel=cancel,
-    )
-    return features
+    n_scales = whole_number(n_components, "n_components")
+    check_times(t_min, t_max)
+    check_tail(tail, "hks")
+    check_bands(max_eigenvalue, band_size)
+    sums = _Sums(mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose)
+    sums = replace(sums, progress=progress, cancel=cancel, tail=tail)
+
+    def bank(eigenvalues: npt.NDArray[np.float64]) -> FilterBank | Filter:
+        if not (eigenvalues > 0.0).any() and (t_min is None or t_max is None):
+            return get_hks_filter(t_max, t_min, n_scales)
+        return heat_kernel_bank(hks_times(eigenvalues, t_min, t_max, n_scales))
+
+    if count == "auto":
+        if t_min is None:
+            raise InputError(
+                'count="auto" takes as many eigenpairs as the shortest time needs: give t_min '
+                "(times chosen from the spectrum follow the pairs, so that any number is enough)."
+            )
+        refuse_two_extents(max_eigenvalue, count, wavelength)
+        values, truncation = sums.features_from(t_min, bank)
+    else:
+        extent = chosen_extent(max_eigenvalue, count, wavelength)
+        values, truncation = sums.features(*extent, bank)
+    warn_of_truncation(truncation)
+    return values
 
 
 def compute_geometry_vectors(
@@ -212,6 +243,8 @@ def compute_geometry_vectors(
     decomposition_dtype: npt.DTypeLike | None = np.float64,
     verbose: int = False,
     *,
+    count: int | Literal["auto"] | None = None,
+    wavelength: float | None = None,
     progress: ProgressCallback | None = None,
     cancel: CancelCallback | None = None,
 ) -> Array:
@@ -227,6 +260,12 @@ def compute_geometry_vectors(
         Number of bands.
     band_size, truncate_extra, drop_first, robust, mollify_factor, decomposition_dtype, verbose
         See `spectral_geometry_filter`.
+    count : int or "auto", optional
+        Number of eigenpairs, of which the largest eigenvalue takes the place of `max_eigenvalue`;
+        at most one a vertex. "auto" is all up to `max_eigenvalue`, as without it: bands that end
+        there miss nothing.
+    wavelength : float, optional
+        Shortest wavelength ``2π / √λ``, in unit, in place of `max_eigenvalue`.
     progress, cancel : callable, optional
         See `meshmash_viewer.progress`.
 
@@ -245,21 +284,136 @@ def compute_geometry_vectors(
     .. [1] Litman, R. and Bronstein, A. M. (2014). "Learning Spectral Descriptors for Deformable
        Shape Correspondence." IEEE TPAMI 36(1).
     """
-    features: Array = spectral_geometry_filter(
-        mesh,
-        bspline_bank(0.0, max_eigenvalue, whole_number(n_components, "n_components")),
-        max_eigenvalue=max_eigenvalue,
-        band_size=band_size,
-        truncate_extra=truncate_extra,
-        drop_first=drop_first,
-        decomposition_dtype=decomposition_dtype,
-        robust=robust,
-        mollify_factor=mollify_factor,
-        verbose=verbose,
-        progress=progress,
-        cancel=cancel,
-    )
-    return features
+    n_bands = whole_number(n_components, "n_components")
+    check_bands(max_eigenvalue, band_size)
+    if count == "auto":
+        refuse_two_extents(DEFAULT_MAX_EIGENVALUE, count, wavelength)
+        count = None
+    n_pairs, bound = chosen_extent(max_eigenvalue, count, wavelength)
+    if bound is not None:
+        bspline_bank(0.0, bound, n_bands)  # complains now, not after the decomposition
+    sums = _Sums(mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose)
+    sums = replace(sums, progress=progress, cancel=cancel)
+
+    def bank(eigenvalues: npt.NDArray[np.float64]) -> FilterBank:
+        last = float(eigenvalues[-1]) if len(eigenvalues) else 0.0
+        return bspline_bank(0.0, last if bound is None else bound, n_bands)
+
+    values, truncation = sums.features(n_pairs, bound, bank)
+    warn_of_truncation(truncation)
+    return values
+
+
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """What all functions of this module do with their mesh and their options."""
+
+    mesh: MeshOrMatrices
+    precision: npt.DTypeLike | None
+    drop_first: bool
+    robust: bool
+    mollify_factor: float
+    verbose: int
+    progress: ProgressCallback | None = None
+    cancel: CancelCallback | None = None
+    tail: Literal["weyl"] | None = None
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of eigenvectors and features."""
+        return np.dtype(np.float64 if self.precision is None else self.precision)
+
+    @property
+    def start(self) -> int:
+        """First pair that takes part."""
+        return 1 if self.drop_first else 0
+
+    @cached_property
+    def matrices(self) -> tuple[SparseMatrix, SparseMatrix]:
+        """L and M."""
+        return _matrices(self.mesh, self.robust, self.mollify_factor)
+
+    def solve(
+        self,
+        n_components: int | None,
+        max_eigenvalue: float | None,
+        allocate: Callable[[int, int], Array] | None,
+        known: Decomposition | None = None,
+    ) -> Decomposition:
+        """Eigenpairs by their number or up to a threshold."""
+        stiffness, mass = self.matrices
+        return find_eigenpairs(
+            stiffness,
+            mass,
+            n_components=n_components,
+            max_eigenvalue=max_eigenvalue,
+            tol=_TOLERANCE,
+            dtype=self.dtype,
+            allocate=allocate,
+            known=known,
+            verbose=self.verbose,
+            unit=self.mesh.unit if isinstance(self.mesh, Mesh) else "",
+            progress=self.progress,
+            cancel=self.cancel,
+        )
+
+    def features(
+        self,
+        n_components: int | None,
+        max_eigenvalue: float | None,
+        make: Callable[[npt.NDArray[np.float64]], FilterBank | Filter],
+    ) -> tuple[Array, Truncation | None]:
+        """Features of shape (n, f), and what they miss where that is known."""
+        with scratch_rows(self.dtype) as allocate:
+            result = self.solve(n_components, max_eigenvalue, allocate)
+            if not result.eigenvalues[self.start :].any():
+                _warn_of_zeros(max_eigenvalue, result)
+            return self._summed(result, max_eigenvalue, make)
+
+    def features_from(
+        self, time: float, make: Callable[[npt.NDArray[np.float64]], FilterBank | Filter]
+    ) -> tuple[Array, Truncation | None]:
+        """The same from as many pairs as the HKS from a time on takes."""
+        mass = np.asarray(self.matrices[1].diagonal(), dtype=np.float64)
+        area, n = float(mass.sum()), int(np.count_nonzero(mass))
+        target = sufficient_target(time, area, n)
+        with scratch_rows(self.dtype) as allocate:
+            result: Decomposition | None = None
+            while True:
+                result = self.solve(
+                    target.n_components, target.max_eigenvalue, allocate, known=result
+                )
+                values, truncation = self._summed(result, target.max_eigenvalue, make)
+                if truncation is None or not len(truncation.flagged):
+                    break
+                target = farther_target(target, area, n)
+        if result.n_components == n and result.eigenvalues[-1] < required_eigenvalue(time):
+            warnings.warn(mesh_limit(time, area, n), TruncationWarning, stacklevel=3)
+        return values, truncation
+
+    def _summed(
+        self,
+        result: Decomposition,
+        max_eigenvalue: float | None,
+        make: Callable[[npt.NDArray[np.float64]], FilterBank | Filter],
+    ) -> tuple[Array, Truncation | None]:
+        eigenvalues = result.eigenvalues[self.start :]
+        made = make(eigenvalues)
+        if isinstance(made, FilterBank) and made.tail is not None and len(eigenvalues):
+            features = truncated_features(
+                result,
+                made,
+                drop_first=self.drop_first,
+                dtype=self.dtype,
+                tail=self.tail,
+                known_to=max_eigenvalue if result.complete else None,
+            )
+            features.values[result.mass == 0.0] = np.nan
+            return features.values, features.truncation
+        coefficients = _checked_coefficients(made(eigenvalues.copy()), eigenvalues)
+        values = accumulate_features(eigenvalues, result.rows[self.start :], coefficients)
+        values[result.mass == 0.0] = np.nan
+        return values.astype(self.dtype, copy=False), None
 
 
 def _matrices(
@@ -299,12 +453,17 @@ def _described(returned: object, given: npt.NDArray[Any]) -> str:
     return f"values of type {given.dtype}" if given.shape else repr(returned)[:60]
 
 
-def _warn_of_zeros(max_eigenvalue: float, result: Decomposition) -> None:
+def _warn_of_zeros(max_eigenvalue: float | None, result: Decomposition) -> None:
     useful = weyl_eigenvalue(float(result.mass.sum()), _USEFUL_COUNT)
+    within = (
+        f"are among the {result.n_components} eigenpairs asked for"
+        if max_eigenvalue is None
+        else f"lie below max_eigenvalue ({max_eigenvalue:.4g})"
+    )
     warnings.warn(
-        "Only zero eigenvalues, one for each connected component, lie below max_eigenvalue "
-        f"({max_eigenvalue:.4g}), so the features are constant on each: about {_USEFUL_COUNT} "
-        f"eigenpairs of this mesh lie below {useful:.2g} per squared unit of its coordinates.",
+        f"Only zero eigenvalues, one for each connected component, {within}, so the features are "
+        f"constant on each: about {_USEFUL_COUNT} eigenpairs of this mesh lie below {useful:.2g} "
+        "per squared unit of its coordinates.",
         ConstantFeaturesWarning,
-        stacklevel=3,
+        stacklevel=4,
     )

@@ -15,14 +15,25 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.laplacian import SparseMatrix
 from meshmash_viewer.progress import Progress, ProgressCallback
+from meshmash_viewer.weyl import Target
 
 if TYPE_CHECKING:
     from meshmash_viewer.eigensolver import Decomposition
 
-__all__ = ["check_bands", "find_eigenpairs", "scratch_rows", "whole_number"]
+__all__ = [
+    "DEFAULT_MAX_EIGENVALUE",
+    "check_bands",
+    "chosen_extent",
+    "find_eigenpairs",
+    "refuse_two_extents",
+    "scratch_rows",
+    "whole_number",
+]
 
 Array: TypeAlias = npt.NDArray[np.floating[Any]]
 
+#: The documented default of the descriptors' `max_eigenvalue`.
+DEFAULT_MAX_EIGENVALUE = 1e-8
 #: Share of the free memory that eigenvectors may take before they go to a temporary file.
 _MEMORY_SHARE = 0.25
 
@@ -91,6 +102,40 @@ def check_bands(max_eigenvalue: float, band_size: int) -> None:
             "give a positive number."
         )
     whole_number(band_size, "band_size")
+
+
+def chosen_extent(
+    max_eigenvalue: float, count: int | str | None, wavelength: float | None
+) -> tuple[int | None, float | None]:
+    """Number of pairs or threshold, whichever is asked for.
+
+    Raises
+    ------
+    InputError
+        If more than one of the three is given, or a value makes no sense.
+    """
+    refuse_two_extents(max_eigenvalue, count, wavelength)
+    if count is not None:
+        if isinstance(count, str):
+            raise InputError(f'count is {count!r}: give a whole number from 1, or "auto".')
+        return whole_number(count, "count"), None
+    if wavelength is not None:
+        return None, Target("wavelength", wavelength).max_eigenvalue
+    return None, max_eigenvalue
+
+
+def refuse_two_extents(
+    max_eigenvalue: float, count: int | str | None, wavelength: float | None
+) -> None:
+    """Complain if more than one of the three ways to limit a spectrum is given."""
+    given = {
+        "max_eigenvalue": max_eigenvalue != DEFAULT_MAX_EIGENVALUE,
+        "count": count is not None,
+        "wavelength": wavelength is not None,
+    }
+    names = [name for name, there in given.items() if there]
+    if len(names) > 1:
+        raise InputError(f"{' and '.join(names)} are given: give only one of them.")
 
 
 def whole_number(count: int, name: str) -> int:

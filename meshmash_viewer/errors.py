@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["ConstantFeaturesWarning", "InputError", "UnprovenError"]
+__all__ = ["ConstantFeaturesWarning", "InputError", "TruncationWarning", "UnprovenError"]
 
 
 class InputError(ValueError):
@@ -22,4 +22,11 @@ class ConstantFeaturesWarning(UserWarning):
 
     Only zero eigenvalues lie below the threshold: usual for a speck of membrane, but for a whole
     mesh a sign of a threshold that was meant for another unit.
+    """
+
+
+class TruncationWarning(UserWarning):
+    """More than 1 % of a feature column is missing, because too few eigenpairs took part.
+
+    By the estimate of `meshmash_viewer.truncation`; the features carry it with its bound.
     """

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -27,9 +27,13 @@ from meshmash_viewer.filter_parameters import (
     hks_times,
     short_text,
 )
-
-if TYPE_CHECKING:
-    from scipy.interpolate import BSpline
+from meshmash_viewer.filter_responses import (
+    HeatResponse,
+    LogGaussianResponse,
+    SplineResponse,
+    StepResponse,
+    TailedResponse,
+)
 
 __all__ = [
     "FilterBank",
@@ -69,7 +73,12 @@ class FilterBank:
     parameter_power : int
         Its unit as a power of the mesh's unit: 2 for a time, -2 for an eigenvalue.
     response : callable
-        ``(k,) -> (f, k)``.
+        ``(k,) -> (f, k)``. One that also has the two methods of
+        `meshmash_viewer.filter_responses.TailedResponse`, as all ready filters have, tells what it
+        does beyond an eigenvalue; of any other callable nothing is known where it has not been
+        asked, and neither is what truncation costs its features.
+    normalised : bool
+        Whether each filter is divided by its sum over the eigenvalues that the bank is called with.
     """
 
     kind: str
@@ -78,6 +87,7 @@ class FilterBank:
     parameter_name: str
     parameter_power: int
     response: SpectralFilter
+    normalised: bool = False
 
     @property
     def n_filters(self) -> int:
@@ -86,7 +96,20 @@ class FilterBank:
 
     def __call__(self, eigenvalues: npt.ArrayLike) -> FloatArray:
         """Coefficients of shape (f, k) for k eigenvalues, a 1-D array."""
-        return self.response(as_spectrum(eigenvalues))
+        values = self.response(as_spectrum(eigenvalues))
+        if self.normalised:
+            totals = self.totals(values)[:, np.newaxis]
+            np.divide(values, totals, out=values, where=totals > 0.0)
+        return values
+
+    def totals(self, values: FloatArray) -> FloatArray:
+        """What the values of `response`, shape (f, k), are divided by, shape (f,)."""
+        return values.sum(axis=1) if self.normalised else np.ones(len(values))
+
+    @property
+    def tail(self) -> TailedResponse | None:
+        """The response where it knows what it does beyond an eigenvalue, else None."""
+        return self.response if isinstance(self.response, TailedResponse) else None
 
 
 def heat_kernel_bank(times: npt.ArrayLike) -> FilterBank:
@@ -109,7 +132,7 @@ def heat_kernel_bank(times: npt.ArrayLike) -> FilterBank:
     """
     scales = as_parameters(times, "diffusion time")
     columns = tuple(f"hks_t={short_text(scales, i)}" for i in range(len(scales)))
-    return FilterBank("hks", columns, scales, "t", 2, partial(_heat_response, scales))
+    return FilterBank("hks", columns, scales, "t", 2, HeatResponse(scales))
 
 
 def wave_kernel_bank(
@@ -151,8 +174,8 @@ def wave_kernel_bank(
     step = (high - low) / (n_energies - 1 + 4.0 * width)
     energies = np.asarray(low + step * (2.0 * width + np.arange(n_energies)), dtype=np.float64)
     columns = tuple(f"wks_λ={short_text(np.exp(energies), i)}" for i in range(n_energies))
-    response = partial(_wave_response, energies, width * step, 0.5 * first)
-    return FilterBank("wks", columns, np.exp(energies), "λ", -2, response)
+    response = LogGaussianResponse(energies, width * step, 0.5 * first)
+    return FilterBank("wks", columns, np.exp(energies), "λ", -2, response, normalised=True)
 
 
 def bspline_bank(e_min: float, e_max: float, n_components: int) -> FilterBank:
@@ -185,16 +208,16 @@ def bspline_bank(e_min: float, e_max: float, n_components: int) -> FilterBank:
         centres = np.array([knots[i + 1 : i + degree + 1].mean() for i in range(len(bases))])
     else:
         centres = np.array([0.5 * (e_min + e_max)])
-    return FilterBank(
-        "geometry-vectors", columns, centres, "λ", -2, partial(_spline_response, bases)
-    )
+    response = SplineResponse(bases, float(e_min), float(e_max))
+    return FilterBank("geometry-vectors", columns, centres, "λ", -2, response)
 
 
 def low_pass_bank(cutoff: float) -> FilterBank:
     """One column with all eigenvalues below `cutoff` (per squared unit), weight 1."""
     bound = as_parameters([cutoff], "cutoff")
     columns = (f"low_pass_λ<{short_text(bound, 0)}",)
-    return FilterBank("low-pass", columns, bound, "λ", -2, partial(_low_pass_response, bound[0]))
+    response = StepResponse(-np.inf, bound[0], closed=False)
+    return FilterBank("low-pass", columns, bound, "λ", -2, response)
 
 
 def band_pass_bank(low: float, high: float) -> FilterBank:
@@ -204,7 +227,7 @@ def band_pass_bank(low: float, high: float) -> FilterBank:
         raise InputError(f"The band from {low:g} to {high:g} is empty: swap its bounds.")
     columns = (f"band_pass_λ={short_text(bounds, 0)}..{short_text(bounds, 1)}",)
     centre = np.array([bounds.mean()])
-    response = partial(_band_pass_response, bounds[0], bounds[1])
+    response = StepResponse(bounds[0], bounds[1], closed=True)
     return FilterBank("band-pass", columns, centre, "λ", -2, response)
 
 
@@ -218,7 +241,7 @@ def gaussian_pyramid_bank(scales: npt.ArrayLike) -> FilterBank:
     """
     variances = as_parameters(scales, "scale")
     columns = tuple(f"gaussian_s={short_text(variances, i)}" for i in range(len(variances)))
-    response = partial(_heat_response, variances)
+    response = HeatResponse(variances)
     return FilterBank("gaussian-pyramid", columns, variances, "s", 2, response)
 
 
@@ -265,10 +288,6 @@ def construct_bspline_filter(
     return bspline_bank(e_min, e_max, n_components)
 
 
-def _heat_response(times: FloatArray, eigenvalues: FloatArray) -> FloatArray:
-    return np.asarray(np.exp(-np.outer(times, eigenvalues)))
-
-
 def _automatic_heat_response(
     t_min: float | None,
     t_max: float | None,
@@ -280,28 +299,4 @@ def _automatic_heat_response(
     if not (spectrum > 0.0).any():
         # Of constants nothing decays: whatever the times, the coefficients are 1.
         return np.ones((n_scales, len(spectrum)), dtype=dtype)
-    return _heat_response(hks_times(spectrum, t_min, t_max, n_scales), spectrum).astype(dtype)
-
-
-def _wave_response(
-    energies: FloatArray, deviation: float, floor: float, eigenvalues: FloatArray
-) -> FloatArray:
-    positive = eigenvalues > floor
-    bands = np.zeros((len(energies), len(eigenvalues)))
-    distance = (energies[:, None] - np.log(eigenvalues[positive])) / deviation
-    bands[:, positive] = np.exp(-0.5 * np.square(distance))
-    total = bands.sum(axis=1, keepdims=True)
-    np.divide(bands, total, out=bands, where=total > 0.0)
-    return bands
-
-
-def _spline_response(bases: tuple[BSpline[Any], ...], eigenvalues: FloatArray) -> FloatArray:
-    return np.stack([np.asarray(basis(eigenvalues)) for basis in bases])
-
-
-def _low_pass_response(cutoff: float, eigenvalues: FloatArray) -> FloatArray:
-    return (eigenvalues < cutoff).astype(np.float64)[np.newaxis]
-
-
-def _band_pass_response(low: float, high: float, eigenvalues: FloatArray) -> FloatArray:
-    return ((eigenvalues >= low) & (eigenvalues <= high)).astype(np.float64)[np.newaxis]
+    return HeatResponse(hks_times(spectrum, t_min, t_max, n_scales))(spectrum).astype(dtype)

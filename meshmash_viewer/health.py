@@ -11,7 +11,16 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import IntArray, Mesh, MeshLike, as_mesh
 
-__all__ = ["REPAIRS", "Health", "Repair", "duplicate_faces", "mesh_health"]
+__all__ = [
+    "REPAIRS",
+    "Health",
+    "Repair",
+    "duplicate_faces",
+    "largest_component",
+    "median_edge_length",
+    "mesh_health",
+    "repair_mesh",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +119,49 @@ def mesh_health(mesh: MeshLike) -> Health:
         coincident_vertices=int((_first_at_place(mesh) != np.arange(mesh.n_vertices)).sum()),
         area=mesh.area,
     )
+
+
+def repair_mesh(mesh: MeshLike, *names: str) -> Mesh:
+    """Mend a mesh.
+
+    Parameters
+    ----------
+    mesh : MeshLike
+        The mesh.
+    *names : str
+        Keys of `REPAIRS`, applied in this order.
+
+    Returns
+    -------
+    Mesh
+        The mended one; vertices that are left keep their order.
+
+    Raises
+    ------
+    InputError
+        If there is no such repair, or it would leave no face.
+    """
+    mended = as_mesh(mesh)
+    for name in names:
+        if name not in REPAIRS:
+            raise InputError(f"There is no repair {name!r}: the repairs are {', '.join(REPAIRS)}.")
+        mended = REPAIRS[name].apply(mended)
+    return mended
+
+
+def largest_component(mesh: MeshLike) -> Mesh:
+    """The connected component of a mesh that has the most vertices, as a mesh of its own."""
+    return repair_mesh(mesh, "keep_largest_component")
+
+
+def median_edge_length(mesh: MeshLike) -> float:
+    """Median length of the edges of the triangles, in unit of the mesh.
+
+    Waves shorter than two edges cannot be on a mesh: it has no vertices between.
+    """
+    mesh = as_mesh(mesh)
+    corners = mesh.vertices[mesh.faces[mesh.distinct_corners]]
+    return float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
 
 
 def duplicate_faces(mesh: Mesh) -> npt.NDArray[np.bool_]:

@@ -57,7 +57,9 @@ def cotangent_laplacian(
     Returns
     -------
     L : scipy.sparse.csc_array of float64, shape (n, n)
-        Symmetric, positive semi-definite up to obtuse non-Delaunay edges, rows sum to zero.
+        Symmetric, rows sum to zero, and positive semi-definite whatever the triangles: ``fᵀ L f``
+        is the Dirichlet energy ``∫ |∇f|²`` of the piecewise linear function f. (Across an edge
+        that is not Delaunay two vertices have a negative weight, which alters none of that.)
     M : scipy.sparse.dia_array of float64, shape (n, n)
         Diagonal, in squared unit of the mesh. Unreferenced vertices have empty rows in both.
 

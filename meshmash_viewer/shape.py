@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features import Features
-from meshmash_viewer.laplacian import compute_vertex_areas, cotangent_laplacian
+from meshmash_viewer.laplacian import SparseMatrix, compute_vertex_areas, cotangent_laplacian
 from meshmash_viewer.mesh import MeshLike, as_mesh
 
 if TYPE_CHECKING:
@@ -57,53 +57,98 @@ class Matches:
     quantile: float
 
 
-def spectral_coefficients(decomposition: Decomposition, function: npt.ArrayLike) -> FloatArray:
+def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) -> FloatArray:
     """Project functions on the eigenvectors, ``Φᵀ M f``.
 
     Parameters
     ----------
-    decomposition : Decomposition
-        k eigenpairs of n vertices.
-    function : array_like, shape (n,) or (n, d)
-        One or d functions; what they are at unreferenced vertices is not looked at.
+    eigenvectors : array_like, shape (n, k)
+        M-orthonormal columns.
+    M : sparse matrix or array, shape (n, n), or array_like, shape (n,)
+        Diagonal mass matrix, or its diagonal.
+    f : array_like, shape (n,) or (n, d)
+        One or d functions; what they are at vertices without mass is not looked at.
 
     Returns
     -------
     ndarray of float64, shape (k,) or (k, d)
         Their unit is that of the function times the unit of the mesh.
+
+    Raises
+    ------
+    InputError
+        If the shapes do not agree, or M is not diagonal.
     """
-    values = np.asarray(function, dtype=np.float64)
-    n = decomposition.rows.shape[1]
+    columns = _eigenvectors(eigenvectors)
+    values = np.asarray(f, dtype=np.float64)
+    n = len(columns)
     if values.ndim not in (1, 2) or len(values) != n:
         raise InputError(f"A function has one value a vertex: shape ({n},), not {values.shape}.")
-    used = decomposition.mass > 0.0
-    weighted = (decomposition.mass[used] * values[used].T).T
-    rows = decomposition.rows if used.all() else decomposition.rows[:, used]
+    mass = _diagonal(M, n)
+    used = mass > 0.0
+    weighted = (mass[used] * values[used].T).T
+    # Transposed first, for rows are what lies together in memory.
+    rows = columns.T if used.all() else columns.T[:, used]
     return np.asarray(rows @ weighted, dtype=np.float64)
 
 
-def reconstruct(decomposition: Decomposition, coefficients: npt.ArrayLike) -> FloatArray:
+def reconstruct(eigenvectors: Any, coefficients: npt.ArrayLike) -> FloatArray:
     """Sum eigenvectors with coefficients, lowest first: ``Σ_k c_k φ_k``.
 
     Parameters
     ----------
-    decomposition : Decomposition
-        Eigenpairs of n vertices.
-    coefficients : array_like, shape (k,) or (k, d)
-        For the first k of them.
+    eigenvectors : array_like, shape (n, k)
+        As columns.
+    coefficients : array_like, shape (j,) or (j, d)
+        For the first j ≤ k of them.
 
     Returns
     -------
     ndarray of float64, shape (n,) or (n, d)
-        NaN at unreferenced vertices.
+        NaN at vertices without mass, where the eigenvectors are.
+
+    Raises
+    ------
+    InputError
+        If there are more coefficients than eigenvectors.
     """
+    columns = _eigenvectors(eigenvectors)
     weights = np.asarray(coefficients, dtype=np.float64)
-    if weights.ndim not in (1, 2) or len(weights) > decomposition.n_components:
+    if weights.ndim not in (1, 2) or len(weights) > columns.shape[1]:
         raise InputError(
-            f"Coefficients of shape {weights.shape} do not go with "
-            f"{decomposition.n_components} eigenpairs."
+            f"Coefficients of shape {weights.shape} do not go with {columns.shape[1]} eigenvectors."
         )
-    return np.asarray(decomposition.rows[: len(weights)].T @ weights, dtype=np.float64)
+    return np.asarray(columns[:, : len(weights)] @ weights, dtype=np.float64)
+
+
+def _eigenvectors(given: Any) -> npt.NDArray[np.floating[Any]]:
+    columns = np.asarray(given)
+    if columns.ndim != 2 or columns.dtype.kind not in "iuf":
+        raise InputError(
+            f"Eigenvectors are the columns of a matrix of shape (n, k), not {columns.shape} of "
+            f"type {columns.dtype}."
+        )
+    return columns
+
+
+def _diagonal(given: Any, n: int) -> FloatArray:
+    """Diagonal of a mass matrix of n vertices."""
+    from scipy import sparse
+
+    if sparse.issparse(given):
+        matrix: SparseMatrix = given
+        entries = matrix.tocoo()
+        if (entries.data[entries.row != entries.col] != 0.0).any():
+            raise InputError("M is not diagonal: give the lumped mass matrix (`area_matrix`).")
+        mass = np.asarray(entries.diagonal(), dtype=np.float64)
+    else:
+        mass = np.asarray(given, dtype=np.float64)
+    if mass.shape != (n,):
+        raise InputError(
+            f"M has shape {np.shape(given)}: {n} vertices need a sparse matrix of shape "
+            f"({n}, {n}), or its diagonal."
+        )
+    return mass
 
 
 def low_pass_vertices(mesh: MeshLike, decomposition: Decomposition, n: int) -> FloatArray:
@@ -154,7 +199,9 @@ def low_pass_vertices(mesh: MeshLike, decomposition: Decomposition, n: int) -> F
     # no digits lost to an origin far away.
     offsets = np.zeros_like(mesh.vertices)
     offsets[used] = mesh.vertices[used] - centres[labels]
-    smooth = reconstruct(decomposition, spectral_coefficients(decomposition, offsets)[:n])
+    eigenvectors = decomposition.eigenvectors[:, :n]
+    coefficients = spectral_coefficients(eigenvectors, decomposition.mass, offsets)
+    smooth = reconstruct(eigenvectors, coefficients)
     result: FloatArray = mesh.vertices.copy()
     result[used] = smooth[used] + centres[labels]
     return result

@@ -15,12 +15,20 @@ from typing import Literal
 from meshmash_viewer.errors import InputError
 
 __all__ = [
+    "TOLERANCE",
     "Target",
+    "required_eigenvalue",
+    "resolved_time",
     "wavelength",
     "wavelength_eigenvalue",
     "weyl_count",
     "weyl_eigenvalue",
 ]
+
+#: Share of a feature that may be missing for want of eigenpairs before it is flagged.
+TOLERANCE = 0.01
+#: Margin of the eigenvalue that is predicted to be enough: columns differ from their mean.
+_MARGIN = 1.1
 
 
 def weyl_count(area: float, eigenvalue: float) -> float:
@@ -43,15 +51,29 @@ def wavelength_eigenvalue(length: float) -> float:
     return (2.0 * math.pi / length) ** 2
 
 
+def resolved_time(eigenvalue: float) -> float:
+    """Diffusion time from which pairs up to an eigenvalue miss less than `TOLERANCE` of HKS.
+
+    Where the surface looks flat HKS is ``1 / 4πt``, of which ``exp(-λ t)`` is missing.
+    """
+    return -_MARGIN * math.log(TOLERANCE) / eigenvalue if eigenvalue > 0.0 else math.inf
+
+
+def required_eigenvalue(time: float) -> float:
+    """Largest eigenvalue that has to be known for a time: the inverse of `resolved_time`."""
+    return -_MARGIN * math.log(TOLERANCE) / time
+
+
 @dataclass(frozen=True, slots=True)
 class Target:
     """How much of the spectrum is asked for.
 
     Parameters
     ----------
-    kind : "count", "max_eigenvalue" or "wavelength"
+    kind : "count", "max_eigenvalue", "wavelength" or "time"
         What `value` is: a number of eigenpairs, the largest eigenvalue to include (per squared
-        unit), or the shortest wavelength to include (unit).
+        unit), the shortest wavelength to include (unit), or the shortest time of which the heat
+        kernel signature is to miss less than `TOLERANCE` (squared unit).
     value : float
         Positive; a whole number for a count.
 
@@ -61,16 +83,19 @@ class Target:
         If the value is not positive and finite, or a count is not a whole number.
     """
 
-    kind: Literal["count", "max_eigenvalue", "wavelength"] = "count"
+    kind: Literal["count", "max_eigenvalue", "wavelength", "time"] = "count"
     value: float = 100
 
     def __post_init__(self) -> None:
-        if self.kind not in ("count", "max_eigenvalue", "wavelength"):
-            raise InputError(f"A target is a count, a max_eigenvalue or a wavelength: {self.kind}.")
+        if self.kind not in ("count", "max_eigenvalue", "wavelength", "time"):
+            raise InputError(
+                f"A target is a count, a max_eigenvalue, a wavelength or a time: {self.kind}."
+            )
         name = {
             "count": "The number of eigenpairs",
             "max_eigenvalue": "The largest eigenvalue",
             "wavelength": "The shortest wavelength",
+            "time": "The shortest time",
         }[self.kind]
         if not (math.isfinite(self.value) and self.value > 0.0):
             raise InputError(f"{name} is {self.value:g}: give a positive number.")
@@ -87,12 +112,15 @@ class Target:
         """Largest eigenvalue asked for, per squared unit, or None where a count bounds them."""
         if self.kind == "count":
             return None
+        if self.kind == "time":
+            return required_eigenvalue(self.value)
         return self.value if self.kind == "max_eigenvalue" else wavelength_eigenvalue(self.value)
 
-    def estimated_count(self, area: float) -> float:
-        """Number of pairs, by Weyl's law where it is not given."""
+    def estimated_count(self, area: float, n_vertices: float = math.inf) -> float:
+        """Number of pairs, by Weyl's law where it is not given; at most one a vertex."""
         bound = self.max_eigenvalue
-        return float(self.value) if bound is None else weyl_count(area, bound)
+        count = float(self.value) if bound is None else weyl_count(area, bound)
+        return min(count, float(n_vertices))
 
     def estimated_eigenvalue(self, area: float) -> float:
         """Largest eigenvalue, per squared unit, by Weyl's law where it is not given."""

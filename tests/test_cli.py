@@ -93,7 +93,101 @@ def test_info_for_machines(capsys: pytest.CaptureFixture[str], ball: Path, sheet
     assert (second["boundary_edges"] > 0, first["boundary_edges"]) == (True, 0)
     # λ = (2π / 1)², and A λ / 4π of them
     assert second["weyl"]["max_eigenvalue"] == pytest.approx(4 * np.pi**2)
-    assert second["weyl"]["n_eigenpairs"] == pytest.approx(3 * np.pi)
+    assert second["weyl"]["n_eigenpairs"] == round(3 * np.pi)
+    assert second["weyl"]["exact"] == ["max_eigenvalue", "wavelength"]
+    assert first["median_edge"] == pytest.approx(0.15, rel=0.1)
+
+
+def test_info_never_counts_more_pairs_than_vertices_and_knows_what_is_stored(
+    capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
+) -> None:
+    out = run(capsys, "info", ball, "--wavelength", 0.01)[1]
+    assert re.search(r"eigenpairs +≈ 642\n", out)
+    assert re.search(r"eigenpairs +642\n", run(capsys, "info", ball, "--count", 10**6)[1])
+    # λ = l (l + 1) ≤ 30, 2 l + 1 times each: 36, and some are a little lower on the mesh
+    threshold = ("--max-eigenvalue", 30.5)
+    assert "≈ 30" in run(capsys, "info", ball, *threshold)[1]
+    run(capsys, "features", ball, *threshold, "-o", tmp_path / "out.npz")
+    assert re.search(r"eigenpairs +36\n", run(capsys, "info", ball, *threshold)[1])
+
+
+def test_what_truncation_costs_is_said_everywhere(
+    capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out.npz"
+    arguments = ("--count", 60, "--t-min", 0.01, "--t-max", 1, "--n-components", 4, "-o", out)
+    status, text, err = run(capsys, "features", ball, *arguments, "--json")
+    assert status == 0
+    assert re.search(r"ball.npz: 2 of 4 columns miss more than 1 %.*about \d\d %", err)
+    report = json.loads(text)
+    truncation = report["truncation"]
+    assert truncation["flagged"] == truncation["columns"][:2]
+    assert 0.3 < truncation["estimate"][0] < truncation["bound"][0]
+    assert report["max_eigenvalue"] == pytest.approx(56, rel=0.1)
+    assert report["wavelength"] == pytest.approx(2 * np.pi / report["max_eigenvalue"] ** 0.5)
+    with np.load(out) as archive:
+        plain = archive["features"]
+        assert json.loads(str(archive["meta"]))["options"]["truncation"] == truncation
+    _, _, err = run(capsys, "features", ball, *arguments, "--tail", "weyl")
+    assert "are by more than 1 % an estimate" in err
+    with np.load(out) as archive:
+        added = archive["features"]
+    assert (added[:, 0] > 1.3 * plain[:, 0]).all()
+    status, text, err = run(capsys, "features", ball, "--count", 60, "-o", out)
+    assert (status, err) == (0, "")
+    assert "· up to λ = " in text
+    assert ", waves of " in text
+
+
+def test_count_auto(capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.npz"
+    arguments = ("--count", "auto", "--t-max", 1, "-o", out, "--json")
+    status, text, err = run(capsys, "features", ball, "--t-min", 0.05, *arguments)
+    assert (status, err) == (0, "")
+    report = json.loads(text)
+    assert 80 < report["n_eigenpairs"] < 200
+    assert report["truncation"]["flagged"] == []
+    status, text, err = run(capsys, "features", ball, "--t-min", 1e-4, *arguments)
+    assert status == 0
+    assert "this mesh has 642 in all, and a median edge of 0.1" in err
+    assert json.loads(text)["n_eigenpairs"] == 642
+    for wrong in ((), ("--kind", "wks")):
+        status, _, err = run(capsys, "features", ball, "--count", "auto", *wrong, "-o", out)
+        assert (status, err.count("\n")) == (2, 1)
+        assert "give --t-min" in err
+    status, _, err = run(capsys, "features", ball, "--count", 1000, "-o", out)
+    assert "1,000 eigenpairs were asked for; the mesh has 642" in err
+
+
+def test_repairs_components_and_what_they_do_to_features(
+    capsys: pytest.CaptureFixture[str], sphere: Mesh, tmp_path: Path
+) -> None:
+    speck = shapes.icosphere(0, 1e-3)
+    loose = np.array([[9.0, 9.0, 9.0]])
+    n = sphere.n_vertices
+    vertices = np.concatenate([sphere.vertices, speck.vertices + 5.0, loose])
+    path = save(Mesh(vertices, np.concatenate([sphere.faces, speck.faces + n])), tmp_path / "a.npz")
+    out = tmp_path / "out.npz"
+    basic = ("features", path, "--count", 20, "--n-components", 3, "-o", out)
+    status, _, err = run(capsys, *basic, "--component-column")
+    assert status == 0
+    assert "1 vertices that no face uses have rows of NaN" in err
+    assert "1 tiny components (12 vertices) carry values up to" in err
+    with np.load(out) as archive:
+        assert archive["columns"][-1] == "component"
+        labels = archive["features"][:, -1]
+    np.testing.assert_array_equal(labels, np.repeat([0.0, 1.0, -1.0], [n, 12, 1]))
+    status, _, err = run(capsys, *basic, "--largest-component")
+    assert (status, err) == (0, "")
+    with np.load(out) as archive:
+        assert archive["features"].shape == (n, 3)
+        repairs = json.loads(str(archive["meta"]))["options"]["repairs"]
+    assert repairs == ["keep_largest_component"]
+    text = run(capsys, "info", path, "--repair", "drop_unreferenced_vertices")[1]
+    assert re.search(r"vertices +654\n", text)
+    status, _, err = run(capsys, "info", path, "--repair", "polish")
+    assert (status, err.count("\n")) == (2, 1)
+    assert "no repair polish; the repairs are merge_coincident_vertices" in err
 
 
 def test_features_are_those_of_the_library(
@@ -339,7 +433,8 @@ def test_render_draws(
     out = tmp_path / "out.png"
     options = ("--field", field, "--count", 30, "--size", "320x240", "--transparent")
     status, text, err = run(capsys, "render", ball, *options, "-o", out)
-    assert (status, text, err) == (0, f"{out}\n", "")
+    assert (status, err) == (0, "")
+    assert text.startswith(f"{out}: up to λ = " if field != "none" else f"{out}\n")
     with Image.open(out) as image:
         pixels = np.asarray(image.convert("RGBA"))
     assert pixels.shape == (240, 320, 4)

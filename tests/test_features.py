@@ -64,12 +64,12 @@ def test_coefficients_of_a_wrong_shape_are_refused(shape):
 
 
 def test_columns_and_units_follow_bank_and_mesh(decomposition):
-    bank = heat_kernel_bank([0.1, 0.5])
+    bank = heat_kernel_bank([0.2, 0.5])
     features = compute_features(decomposition, bank, unit="nm")
     assert features.columns == bank.columns
     assert (features.unit, features.kind) == ("nm⁻²", "hks")
     assert features.meta["parameter_unit"] == "nm²"
-    assert features.meta["parameters"] == [0.1, 0.5]
+    assert features.meta["parameters"] == [0.2, 0.5]
     json.dumps(features.meta)
     direct = decomposition.eigenvectors**2 @ bank(decomposition.eigenvalues).T
     np.testing.assert_allclose(features.values, direct, rtol=1e-12)

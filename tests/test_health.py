@@ -10,7 +10,13 @@ import pytest
 import shapes
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.health import REPAIRS, mesh_health
+from meshmash_viewer.health import (
+    REPAIRS,
+    largest_component,
+    median_edge_length,
+    mesh_health,
+    repair_mesh,
+)
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 
@@ -123,3 +129,21 @@ def test_a_flat_face_far_from_the_origin_is_still_flat():
     far = np.array([250_000.0, 180_000.0, 90_000.0])
     mesh = Mesh(vertices + far, [[0, 1, 2], [0, 1, 3]])
     np.testing.assert_array_equal(mesh.degenerate_faces, [True, False])
+
+
+def test_repairs_by_name_and_the_largest_component(neuron):
+    largest = largest_component(neuron)
+    assert mesh_health(largest).n_components == 1
+    assert largest.n_vertices == mesh_health(neuron).largest_component
+    mended = repair_mesh(neuron, "drop_unreferenced_vertices", "drop_duplicate_faces")
+    health = mesh_health(mended)
+    assert (health.unreferenced_vertices, health.duplicate_faces) == (0, 0)
+    assert repair_mesh(neuron) is neuron
+    with pytest.raises(InputError, match="no repair 'polish': the repairs are merge_coincident"):
+        repair_mesh(neuron, "polish")
+
+
+def test_the_median_edge():
+    # sides of 1, 1 and √2 in each of the two triangles
+    square = ([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3], [0, 0, 1]])
+    assert median_edge_length(square) == pytest.approx(1.0)

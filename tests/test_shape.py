@@ -33,13 +33,29 @@ def test_all_eigenvectors_rebuild_every_function(neuron, whole_neuron, rng):
     used = neuron.referenced
     functions = rng.standard_normal((neuron.n_vertices, 2))
     functions[~used] = np.nan
-    coefficients = spectral_coefficients(whole_neuron, functions)
-    rebuilt = reconstruct(whole_neuron, coefficients)
+    mass = cotangent_laplacian(neuron, robust=True)[1]
+    coefficients = spectral_coefficients(whole_neuron.eigenvectors, mass, functions)
+    rebuilt = reconstruct(whole_neuron.eigenvectors, coefficients)
     np.testing.assert_allclose(rebuilt[used], functions[used], atol=1e-9)
     assert np.isnan(rebuilt[~used]).all()
     # Parseval: the squared integral is the sum of squared coefficients
     integral = (whole_neuron.mass[used] * functions[used, 0] ** 2).sum()
     assert (coefficients[:, 0] ** 2).sum() == pytest.approx(integral, rel=1e-10)
+
+
+def test_projections_of_a_wrong_shape_are_refused(neuron, whole_neuron):
+    vectors, mass = whole_neuron.eigenvectors, whole_neuron.mass
+    n, k = vectors.shape
+    with pytest.raises(InputError, match="one value a vertex"):
+        spectral_coefficients(vectors, mass, np.ones(n - 1))
+    with pytest.raises(InputError, match="or its diagonal"):
+        spectral_coefficients(vectors, mass[:-1], np.ones(n))
+    with pytest.raises(InputError, match="not diagonal"):
+        spectral_coefficients(vectors, cotangent_laplacian(neuron, robust=True)[0], np.ones(n))
+    with pytest.raises(InputError, match="do not go with"):
+        reconstruct(vectors, np.ones(k + 1))
+    with pytest.raises(InputError, match="columns of a matrix"):
+        reconstruct(vectors[0], np.ones(1))
 
 
 def test_the_best_approximation_is_the_one_weighed_by_area(neuron, whole_neuron):
@@ -48,7 +64,7 @@ def test_the_best_approximation_is_the_one_weighed_by_area(neuron, whole_neuron)
     basis = whole_neuron.rows[:40, used].T
     root = np.sqrt(whole_neuron.mass[used])
     best = np.linalg.lstsq(root[:, None] * basis, root * function[used], rcond=None)[0]
-    ours = spectral_coefficients(whole_neuron, function)[:40]
+    ours = spectral_coefficients(whole_neuron.eigenvectors[:, :40], whole_neuron.mass, function)
     np.testing.assert_allclose(ours, best, atol=1e-8 * np.abs(best).max())
     unweighted = basis.T @ function[used]
     assert np.abs(unweighted / np.linalg.norm(best)).max() < 0.1  # what the copied formula gives

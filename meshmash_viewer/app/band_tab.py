@@ -138,8 +138,8 @@ class BandTab(FieldStepper):
         self._mark_missing(spectrum, high, unit)
 
     def _mark_missing(self, spectrum: Spectrum, high: float, unit: str) -> None:
-        known = float(spectrum.eigenvalues[-1])
-        if high <= known * (1.0 + 1e-9):
+        known = max(float(spectrum.eigenvalues[-1]), spectrum.known_to)
+        if high <= known * (1.0 + 1e-9) or 0 < spectrum.n_vertices <= len(spectrum):
             show_note(self.missing_note, "")
             return
         mesh = self._document.mesh

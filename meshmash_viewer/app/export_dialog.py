@@ -33,8 +33,9 @@ from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.export import export_bank
 from meshmash_viewer.model.jobs import ExportJob
-from meshmash_viewer.model.ranges import band_range, hks_range
+from meshmash_viewer.model.ranges import band_range, hks_range, missing_shares
 from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.truncation import missing_sentence
 from meshmash_viewer.units import format_quantity, power_unit
 
 __all__ = ["FORMATS", "ExportDialog", "Format"]
@@ -83,6 +84,7 @@ class ExportDialog(QDialog):
         self._mesh = document.mesh
         self._spectrum = document.spectrum
         self._possible = True
+        self._missing = ""
 
         self.kind_combo = QComboBox(objectName="export_kind_combo")
         self.kind_combo.setAccessibleName("What to export")
@@ -205,6 +207,7 @@ class ExportDialog(QDialog):
             spectrum,
             eigenvalues=spectrum.eigenvalues[:count],
             residuals=spectrum.residuals[:count],
+            known_to=spectrum.known_to if count == len(spectrum) else 0.0,
         )
 
     # -- building and refreshing ----------------------------------------------------------
@@ -299,6 +302,7 @@ class ExportDialog(QDialog):
     def _columns(self) -> tuple[list[str], str]:
         """Names of the columns as they will be written, and a sentence on them."""
         used, unit = self._used(), self._mesh.unit
+        self._missing = ""
         per_area = power_unit(unit, -2)
         density = f" Values in {per_area}." if per_area else ""
         if self.kind == "eigenpairs":
@@ -308,6 +312,9 @@ class ExportDialog(QDialog):
             return [f"eigenvector_{at}" for at in range(len(used))], about
         chosen = self._parameters()
         bank = export_bank(self.kind, used.eigenvalues, chosen)
+        shares = missing_shares(used, bank, self._mesh.area)
+        if sentence := missing_sentence(bank.columns, shares):
+            self._missing = f"{sentence}: the file will say so."
         if self.kind == "hks":
             t_min, t_max = chosen["t_min"], chosen["t_max"]
             about = (
@@ -324,7 +331,7 @@ class ExportDialog(QDialog):
         return list(bank.columns), about + density
 
     def _refresh_remark(self) -> None:
-        parts = []
+        parts = [self._missing] if self._missing else []
         spectrum = self._spectrum
         if not spectrum.complete:
             parts.append("The decomposition is not complete: the file will say so.")

@@ -9,8 +9,9 @@ from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.model.translation import Translation
 from meshmash_viewer.units import format_quantity
-from meshmash_viewer.weyl import wavelength, weyl_count
+from meshmash_viewer.weyl import Target, wavelength
 
 __all__ = ["Facts", "estimated_pairs", "format_wavelength", "note", "show_note", "subscript"]
 
@@ -29,13 +30,14 @@ def format_wavelength(eigenvalue: float, unit: str) -> str:
 
 
 def estimated_pairs(spectrum: Spectrum, area: float, eigenvalue: float) -> str:
-    """Say about how many pairs reach up to an eigenvalue beyond the last one known.
-
-    Weyl's law may be far off for the pairs at hand (a neuron's long waves), so it only counts those
-    that come on top of them.
-    """
-    more = weyl_count(area, max(eigenvalue - float(spectrum.eigenvalues[-1]), 0.0))
-    return f"about {len(spectrum) + more:,.0f} pairs in all"
+    """Say about how many pairs reach up to an eigenvalue, and if that is all there are."""
+    translation = Translation(
+        area, spectrum.eigenvalues, spectrum.n_vertices, known_to=spectrum.known_to
+    )
+    count, exact = translation.count(Target("max_eigenvalue", eigenvalue))
+    if count >= translation.n_vertices:
+        return f"all {count:,} pairs that the mesh has"
+    return f"{count:,} pairs in all" if exact else f"about {count:,} pairs in all"
 
 
 def note(name: str, role: str = "muted", parent: QWidget | None = None) -> QLabel:

@@ -16,16 +16,19 @@ from meshmash_viewer.app.field_stepper import FieldStepper
 from meshmash_viewer.app.play_button import PlayButton
 from meshmash_viewer.app.range_box import RangeBox
 from meshmash_viewer.app.scale_marks import decade_marks
+from meshmash_viewer.filters import heat_kernel_bank
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.ranges import (
     first_nonzero,
     hks_range,
     hks_time,
-    required_eigenvalue,
+    missing_shares,
     resolved_from,
 )
 from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.truncation import percent
 from meshmash_viewer.units import format_quantity, power_unit
+from meshmash_viewer.weyl import required_eigenvalue
 
 __all__ = ["HksTab"]
 
@@ -156,12 +159,15 @@ class HksTab(FieldStepper):
         share = min(math.log(resolved / low) / math.log(high / low), 1.0)
         self.slider.set_hatched((0.0, share))
         mesh = self._document.mesh
-        unit = mesh.unit if mesh is not None else ""
+        if mesh is None:
+            return
         wanted, what = (time, "This time") if time < resolved else (low, "The hatched part")
+        missing = float(missing_shares(spectrum, heat_kernel_bank([wanted]), mesh.area)[0])
+        upto = "" if wanted == time else "up to "
         needed = required_eigenvalue(wanted)
-        pairs = f", {estimated_pairs(spectrum, mesh.area, needed)}" if mesh is not None else ""
         show_note(
             self.missing_note,
-            f"{what} needs more eigenpairs: "
-            f"up to λ = {format_quantity(needed, unit, -2, 2)}{pairs}.",
+            f"{what} misses {upto}about {percent(missing)} of the signature for want of "
+            f"eigenpairs. It takes those up to λ = {format_quantity(needed, mesh.unit, -2, 2)}, "
+            f"{estimated_pairs(spectrum, mesh.area, needed)}.",
         )

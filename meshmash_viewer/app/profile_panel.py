@@ -232,7 +232,9 @@ class ProfilePanel(QWidget):
         if not self._marker.moving:
             self._marker.setValue(at)
         self._missing.setVisible(missing is not None)
-        self.missing_label.setText("" if missing is None else "Hatched: needs more eigenpairs")
+        self.missing_label.setText(
+            "" if missing is None else "Hatched: misses more than 1 %, for want of eigenpairs"
+        )
         self.head.fit()
         if missing is not None:
             self._missing.setRegion(missing)

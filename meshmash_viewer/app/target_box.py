@@ -1,4 +1,4 @@
-"""How much of the spectrum to compute: by count, by eigenvalue or by wavelength."""
+"""How much of the spectrum to compute: by count, eigenvalue, wavelength, or time of the HKS."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MOST = 100_000
 
 
 class TargetBox(QWidget):
-    """Three ways to say one thing; what is typed in one is translated live into the others.
+    """Four ways to say one thing; what is typed in one is translated live into the others.
 
     The way that was edited last is the target, the others are estimates by Weyl's law.
     """
@@ -47,6 +47,9 @@ class TargetBox(QWidget):
         self.wavelength_spin = QuantityBox()
         self.wavelength_spin.setObjectName("target_wavelength_spin")
         self.wavelength_spin.setAccessibleName("Shortest wavelength")
+        self.time_spin = QuantityBox()
+        self.time_spin.setObjectName("target_time_spin")
+        self.time_spin.setAccessibleName("Shortest time of the heat kernel signature")
         rows: dict[str, tuple[str, str, QAbstractSpinBox]] = {
             "count": ("Eigenpairs", "That many of the lowest eigenpairs", self.count_spin),
             "max_eigenvalue": (
@@ -59,6 +62,12 @@ class TargetBox(QWidget):
                 "Every eigenfunction with at least this wavelength 2π/√λ: "
                 "the smallest detail that is told apart",
                 self.wavelength_spin,
+            ),
+            "time": (
+                "Shortest time",
+                "As many eigenpairs as heat kernel signatures from this time on take, "
+                "so that less than 1 % of them is missing",
+                self.time_spin,
             ),
         }
         self._boxes = {kind: row[2] for kind, row in rows.items()}
@@ -96,23 +105,26 @@ class TargetBox(QWidget):
         self._radios[target.kind].setChecked(True)
         self.setEnabled(ready is not None)
         unit = ready.mesh.unit if ready else ""
-        for box, power in ((self.eigenvalue_spin, -2), (self.wavelength_spin, 1)):
+        powers = ((self.eigenvalue_spin, -2), (self.wavelength_spin, 1), (self.time_spin, 2))
+        for box, power in powers:
             written = power_unit(unit, power)
             box.setSuffix(f" {written}" if written else "")
         if ready is None or not ready.health.area > 0.0:
             self._show_count(target.estimated_count(1.0))
-            self.eigenvalue_spin.show_nothing()
-            self.wavelength_spin.show_nothing()
-            self.note.setText("The three say the same thing: each is translated into the others.")
+            for box, _ in powers:
+                box.show_nothing()
+            self.note.setText("All four say the same thing: each is translated into the others.")
             return
         translation = self._document.translation()
         count, counted = translation.count(target)
         eigenvalue, bounded = translation.eigenvalue(target)
         length, measured = translation.wavelength(target)
+        time, resolved = translation.time(target)
         for kind, exact in (
             ("count", counted),
             ("max_eigenvalue", bounded),
             ("wavelength", measured),
+            ("time", resolved),
         ):
             self._boxes[kind].setPrefix("" if exact else "≈ ")
         # the box being typed in is left alone, so that the text under the cursor stays
@@ -122,9 +134,13 @@ class TargetBox(QWidget):
             self.eigenvalue_spin.show_quantity(eigenvalue)
         if target.kind != "wavelength" or not self.wavelength_spin.hasFocus():
             self.wavelength_spin.show_quantity(length)
+        if target.kind != "time" or not self.time_spin.hasFocus():
+            self.time_spin.show_quantity(time)
         zeros = ready.health.n_components
         parts = [f"{zeros:,} of them are zero, one for each component."] if zeros > 1 else []
-        if not (counted and bounded and measured):
+        if count >= translation.n_vertices:
+            parts.append("The mesh has no more eigenpairs: shorter waves are not on it.")
+        if not (counted and bounded and measured and resolved):
             parts.append(
                 "≈ by Weyl's law, onwards from the last known eigenvalue."
                 if len(translation.eigenvalues)

@@ -137,7 +137,11 @@ class Tasks(QObject):
                 self._queue.append(PreviewJob(result.mesh, self._document.operator))
             self._end(Notice(result.remark, Severity.WARNING) if result.remark else None)
         elif isinstance(result, Written):
-            self._end(Notice(f"{result.description} written to {result.path}."))
+            written = f"{result.description} written to {result.path}."
+            if result.remark:
+                self._end(Notice(f"{written} {result.remark}.", Severity.WARNING))
+            else:
+                self._end(Notice(written))
         else:
             self._on_sent(result)
             self._end()

@@ -367,7 +367,9 @@ class Run:
         defect = np.asarray(image - values[:, None] * rows, dtype=np.float64) * weight
         residuals = np.linalg.norm(defect, axis=1) / np.linalg.norm(rows * weight, axis=1)
         self._spend("dense", started)
-        self._count = Certificate("dense", pencil.n, pencil.n)
+        # Pairs around a shift say where they begin, as those that were counted do.
+        low = float(values[0]) * pencil.unit if len(chosen) and chosen[0] > 0 else None
+        self._count = Certificate("dense", pencil.n, pencil.n, low=low)
         yield from self._write_all(values, residuals, rows)
 
     def _chosen(self, values: FloatArray) -> npt.NDArray[np.intp]:

@@ -41,7 +41,10 @@ def find_known(mesh: Mesh, operator: OperatorOptions) -> tuple[SpectrumGrew | No
     """
     store = EigenpairStore.open_or_create(mesh, operator)
     stored = store.load()
-    known = None if stored is None else _grown(store, operator, stored.decomposition())
+    known = None
+    if stored is not None:
+        bound = stored.meta.get("max_eigenvalue") or 0.0
+        known = _grown(store, operator, stored.decomposition(), known_to=float(bound))
     return known, store.notice
 
 
@@ -84,7 +87,8 @@ def decompose(
     stored = store.load()
     remark = store.notice
     if stored is not None and (count := stored.covers(target)) is not None:
-        return _grown(store, operator, stored.decomposition(count))
+        bound = target.max_eigenvalue or 0.0
+        return _grown(store, operator, stored.decomposition(count), known_to=bound)
     store, unwritable = _locked(store, mesh, operator, channel)
     with store:
         channel.report(Progress("operator", message="Building the Laplacian"))
@@ -126,7 +130,8 @@ def decompose(
             raise
         store.finish(decomposition, target.max_eigenvalue)
         alignment = growth.align(decomposition.rows, decomposition.eigenvalues)
-        return _grown(store, operator, decomposition, alignment=alignment)
+        bound = target.max_eigenvalue or 0.0
+        return _grown(store, operator, decomposition, alignment=alignment, known_to=bound)
 
 
 def free_memory() -> int:
@@ -276,6 +281,7 @@ def _grown(
     *,
     ended: bool = True,
     alignment: Alignment | None = None,
+    known_to: float = 0.0,
 ) -> SpectrumGrew:
     return SpectrumGrew(
         store.folder / ROWS,
@@ -285,4 +291,5 @@ def _grown(
         certificate=decomposition.certificate if ended else None,
         operator=operator,
         alignment=alignment,
+        known_to=known_to if ended and decomposition.complete else 0.0,
     )

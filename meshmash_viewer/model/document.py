@@ -27,6 +27,7 @@ from meshmash_viewer.model.jobs import (
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.model.translation import Translation
 from meshmash_viewer.progress import Progress
+from meshmash_viewer.truncation import sufficient_target
 from meshmash_viewer.units import Voxel, parse_unit, written_unit
 from meshmash_viewer.weyl import Target
 
@@ -223,10 +224,13 @@ class Document:
         """What a target comes to on the open mesh; on the unit of area if there is none."""
         if self.ready is None:
             return Translation(1.0)
-        spectrum, area = self.spectrum, self.ready.health.area
+        spectrum, health = self.spectrum, self.ready.health
+        n_vertices = health.n_vertices - health.unreferenced_vertices
         if spectrum is None or spectrum.preview or spectrum.operator != self._operator:
-            return Translation(area)
-        return Translation(area, spectrum.eigenvalues)
+            return Translation(health.area, n_vertices=n_vertices)
+        return Translation(
+            health.area, spectrum.eigenvalues, n_vertices, known_to=spectrum.known_to
+        )
 
     @property
     def can_compute(self) -> bool:
@@ -238,7 +242,12 @@ class Document:
     def compute(self) -> None:
         """Ask for the decomposition of the open mesh."""
         if self.ready is not None:
-            self._request(DecomposeJob(self.ready.mesh, self.operator, self.target))
+            target = self.target
+            if target.kind == "time":
+                # beyond what the mesh has, all of it
+                n_vertices = int(self.translation().n_vertices)
+                target = sufficient_target(target.value, self.ready.health.area, n_vertices)
+            self._request(DecomposeJob(self.ready.mesh, self.operator, target))
 
     def accept_spectrum(self, spectrum: Spectrum) -> None:
         """Take a spectrum that has grown, or one found in the store."""

@@ -62,7 +62,7 @@ def export(job: ExportJob, channel: Channel) -> Written:
         If the kind is unknown, the eigenpairs are no longer in the store, or the file cannot be
         written.
     """
-    from meshmash_viewer.features import compute_features
+    from meshmash_viewer.features import truncated_features
     from meshmash_viewer.io.write import provenance, write_eigenpairs, write_features
     from meshmash_viewer.model.decomposition import open_store
 
@@ -91,7 +91,16 @@ def export(job: ExportJob, channel: Channel) -> Written:
     values = decomposition.eigenvalues
     bank = export_bank(job.kind, values, job.parameters)
     channel.report(Progress("features", message="Computing features"))
-    features = compute_features(decomposition, bank, unit=job.mesh.unit)
+    # The threshold that the pairs were computed to says more than the last of them.
+    bound = stored.meta.get("max_eigenvalue")
+    all_of_them = decomposition.complete and job.n_pairs == len(stored.eigenvalues)
+    features = truncated_features(
+        decomposition,
+        bank,
+        unit=job.mesh.unit,
+        known_to=float(bound) if bound is not None and all_of_them else None,
+    )
     channel.report(Progress("writing", message=job.label))
     write_features(job.path, features, job.mesh, eigenvalues=values, meta=meta)
-    return Written(job.path, f"{KINDS[job.kind]}, {bank.n_filters} columns,")
+    said = "" if features.truncation is None else features.truncation.sentence()
+    return Written(job.path, f"{KINDS[job.kind]}, {bank.n_filters} columns,", said)

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.truncation import FloatArray, mean_shares
+from meshmash_viewer.weyl import resolved_time
+
+if TYPE_CHECKING:
+    from meshmash_viewer.filters import FilterBank
 
 __all__ = [
     "band_range",
     "first_nonzero",
     "hks_range",
     "hks_time",
-    "required_eigenvalue",
+    "missing_shares",
     "resolved_from",
 ]
 
@@ -57,18 +63,29 @@ def hks_time(spectrum: Spectrum, display: Display) -> float:
 
 
 def resolved_from(spectrum: Spectrum) -> float:
-    """Time from which the known pairs tell the whole HKS: ``exp(-λ_max t) <= 1e-4``.
+    """Time from which the known pairs tell the HKS but for 1 %; 0 where these are all there are.
 
-    Weyl's law spreads λ evenly, so that is the share of the heat trace which the pairs beyond the
-    last one hold. The automatic range begins here.
+    See `meshmash_viewer.weyl.resolved_time`. The automatic range begins above it.
     """
-    largest = float(spectrum.eigenvalues[-1])
-    return 4.0 * math.log(10.0) / largest if largest > 0.0 else math.inf
+    if 0 < spectrum.n_vertices <= len(spectrum):
+        return 0.0
+    return resolved_time(max(float(spectrum.eigenvalues[-1]), spectrum.known_to))
 
 
-def required_eigenvalue(time: float) -> float:
-    """Largest eigenvalue that has to be known for a time to be told whole (`resolved_from`)."""
-    return 4.0 * math.log(10.0) / time
+def missing_shares(spectrum: Spectrum, bank: FilterBank, area: float) -> FloatArray:
+    """Estimate what is missing of each column for want of eigenpairs, shape (f,).
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+        With at least one pair.
+    bank : FilterBank
+    area : float
+        Of the surface, in squared length units.
+    """
+    return mean_shares(
+        bank, spectrum.eigenvalues, area, spectrum.n_vertices, spectrum.known_to or None
+    )
 
 
 def band_range(spectrum: Spectrum, display: Display) -> tuple[float, float]:

@@ -30,7 +30,7 @@ class SpectrumGrew:
         ``.npy`` file of shape (>= k, n); only the first k rows are to be read.
     eigenvalues, residuals : ndarray of float64, shape (k,)
         Approximate ones included, whose residuals are NaN.
-    total, certificate, operator
+    total, certificate, operator, known_to
         See `Spectrum`.
     preview_path : Path, optional
         ``.npy`` file with approximate rows, of which those after the exact ones count.
@@ -55,6 +55,7 @@ class SpectrumGrew:
     error: float = 0.0
     alignment: Alignment | None = None
     remark: str = ""
+    known_to: float = 0.0
 
     @cached_property
     def spectrum(self) -> Spectrum:
@@ -87,6 +88,7 @@ class SpectrumGrew:
             n_exact=self.n_exact,
             error=self.error,
             shown=shown,
+            known_to=self.known_to,
         )
 
 
@@ -126,7 +128,8 @@ class MeshReady:
 
 @dataclass(frozen=True)
 class Written:
-    """A file that was exported."""
+    """A file that was exported, and what there is to say of what is in it."""
 
     path: Path
     description: str
+    remark: str = ""

@@ -52,6 +52,8 @@ class Spectrum:
         Expected relative error of approximate eigenvalues.
     shown : ShownRows, optional
         The rows as they are drawn, where that differs from `rows` by signs and rotations.
+    known_to : float
+        Eigenvalue up to which these are proven to be all; 0 where no threshold was asked for.
     """
 
     eigenvalues: npt.NDArray[np.float64]
@@ -64,6 +66,7 @@ class Spectrum:
     n_exact: int = 0
     error: float = 0.0
     shown: ShownRows | None = None
+    known_to: float = 0.0
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
@@ -82,6 +85,11 @@ class Spectrum:
     def has_all_vertices(self) -> bool:
         """Whether the eigenvectors have a value at every vertex: where one has none, none has."""
         return not np.isnan(np.min(self.rows[0], initial=np.inf))
+
+    @cached_property
+    def n_vertices(self) -> int:
+        """Number of vertices of the surface, and of pairs that it has in all."""
+        return int(np.count_nonzero(~np.isnan(self.rows[0]))) if len(self) else 0
 
     @cached_property
     def time_range(self) -> tuple[float, float]:

@@ -1,21 +1,26 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from closed_form import give, rectangle_document, rectangle_spectrum, turn_wheel
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QWidget
+from scipy.linalg import eigh
 
 from meshmash_viewer.app.field_panel import FieldPanel
+from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.model.display import FieldKind, SimilarityBasis
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import compute_field, request_of
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, PercentileLimits
 from meshmash_viewer.model.live import LiveFeatures
-from meshmash_viewer.model.ranges import hks_range, required_eigenvalue, resolved_from
+from meshmash_viewer.model.ranges import hks_range, resolved_from
+from meshmash_viewer.weyl import required_eigenvalue
 
 LEFT = Qt.MouseButton.LeftButton
 pytestmark = pytest.mark.usefixtures("shown_at_once")
@@ -167,10 +172,19 @@ def test_short_times_are_hatched_and_what_they_need_is_said(panel: FieldPanel, d
     assert part(panel, "hks_time_slider").hatched == pytest.approx((0.0, share))
     display.time = 2e5
     said = part(panel, "hks_missing_label").text()
+    stiffness, mass = cotangent_laplacian(document.mesh, robust=True)
+    whole = np.exp(-eigh(stiffness.toarray(), mass.toarray(), eigvals_only=True) * 2e5)
+    expected = 100 * (1 - whole[:120].sum() / whole.sum())
+    stated = float(re.search(r"This time misses about (\d+) %", said).group(1))
+    assert stated == pytest.approx(expected, rel=0.2)
     needed = required_eigenvalue(2e5)
     assert f"{needed:.2g} nm⁻²" in said
+    assert f"all {document.mesh.n_vertices} pairs that the mesh has" in said
+    display.time = 1e6
+    needed = required_eigenvalue(1e6)
     more = document.mesh.area * (needed - document.spectrum.eigenvalues[-1]) / (4 * math.pi)
-    assert f"about {120 + more:,.0f} pairs" in said
+    said = part(panel, "hks_missing_label").text()
+    assert f"about {120 + more:,.0f} pairs in all" in said
     check = part(panel, "hks_automatic_check")
     QTest.mouseClick(check, LEFT, pos=QPoint(8, check.height() // 2))
     assert display.hks_automatic

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import json
+import re
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import fields
@@ -42,7 +44,7 @@ from meshmash_viewer.model.display import Display, FieldKind
 from meshmash_viewer.model.document import Notice, Severity
 from meshmash_viewer.model.limits import LockedLimits
 from meshmash_viewer.units import power_unit
-from meshmash_viewer.weyl import Target, weyl_eigenvalue
+from meshmash_viewer.weyl import Target, required_eigenvalue, weyl_eigenvalue
 
 LEFT = Qt.MouseButton.LeftButton
 PATIENCE = 60_000
@@ -313,7 +315,43 @@ def test_faults_are_repaired_with_one_click_and_undone_with_another(
     assert repair.isVisible()
 
 
-def test_the_three_targets_are_translated_into_each_other(
+def test_as_many_pairs_as_the_shortest_time_takes(
+    qtbot: QtBot, window: MainWindow, sphere_file: Path
+) -> None:
+    open_file(window, sphere_file)
+    box, document = window.mesh_panel.target_box, window.document
+    area = document.ready.health.area
+    time = area / 100.0
+    box.time_spin.setFocus()
+    box.time_spin.selectAll()
+    QTest.keyClicks(box.time_spin, f"{time:.6g}")
+    catch_up()
+    assert document.target.kind == "time"
+    assert box.eigenvalue_spin.value() == pytest.approx(required_eigenvalue(time), rel=1e-4)
+    assert box.count_spin.prefix() == "≈ "
+    QTest.mouseClick(window.mesh_panel.compute_button, LEFT)
+    qtbot.waitUntil(
+        lambda: document.job is None and document.spectrum is not None, timeout=PATIENCE
+    )
+    catch_up()
+    spectrum = document.spectrum
+    # exact now, though the last of them lies below what was asked for
+    assert (box.count_spin.prefix(), box.count_spin.value()) == ("", len(spectrum))
+    assert spectrum.eigenvalues[-1] < spectrum.known_to
+    assert spectrum.known_to == pytest.approx(required_eigenvalue(time), rel=1e-4)
+    # a time that the mesh cannot resolve asks for all that it has
+    document.target = Target("time", area * 1e-6)
+    catch_up()
+    assert box.count_spin.value() == document.mesh.n_vertices
+    assert "no more eigenpairs" in box.note.text()
+    asked = []
+    document.job_requested.disconnect()
+    document.job_requested.connect(asked.append)
+    document.compute()
+    assert asked[0].target == Target("count", document.mesh.n_vertices)
+
+
+def test_the_targets_are_translated_into_each_other(
     qtbot: QtBot, window: MainWindow, sphere_file: Path
 ) -> None:
     open_file(window, sphere_file)
@@ -580,6 +618,34 @@ def test_nothing_is_cut_off_at_either_size(
 
 
 # -- pictures, exports and sessions ------------------------------------------------------------
+
+
+def test_exports_say_what_they_miss_before_and_after(
+    qtbot: QtBot, ball: MainWindow, tmp_path: Path
+) -> None:
+    document = ball.document
+    display, last = document.display, float(document.spectrum.eigenvalues[-1])
+    dialog = ExportDialog(document, tmp_path, ball)
+    assert "miss" not in dialog.remark_label.text()
+    dialog.deleteLater()
+    display.hks_t_min, display.hks_t_max, display.hks_automatic = 1 / last, 1e3 / last, False
+    dialog = ExportDialog(document, tmp_path, ball)
+    said = dialog.remark_label.text()
+    assert re.match(r"\d+ of 32 columns miss more than 1 %.* about [34]\d %: the file", said)
+    dialog.energies_spin.setValue(12)
+    dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("eigenpairs"))
+    assert "miss" not in dialog.remark_label.text()
+    dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("hks"))
+    document.export(dialog.job())
+    qtbot.waitUntil(lambda: (tmp_path / "ball_hks.npz").exists(), timeout=PATIENCE)
+    qtbot.waitUntil(lambda: ball.stage.message_bar.notice is not None, timeout=PATIENCE)
+    notice = ball.stage.message_bar.notice
+    assert notice.severity is Severity.WARNING
+    assert "columns miss more than 1 %" in notice.text
+    with np.load(tmp_path / "ball_hks.npz") as archive:
+        truncation = json.loads(str(archive["meta"]))["options"]["truncation"]
+    assert truncation["flagged"][0] == truncation["columns"][0]
+    dialog.deleteLater()
 
 
 def test_the_export_dialog_says_what_the_file_will_contain(

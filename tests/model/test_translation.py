@@ -47,3 +47,22 @@ def test_zeros_have_no_wavelength_and_rounding_no_sign() -> None:
     translation = Translation(AREA, np.array([-1e-19, 2.0]))
     assert translation.eigenvalue(Target("count", 1)) == (0.0, True)
     assert translation.wavelength(Target("count", 1)) == (np.inf, True)
+
+
+def test_no_more_pairs_than_vertices() -> None:
+    translation = Translation(AREA, n_vertices=40)
+    assert translation.count(Target("max_eigenvalue", 1e6)) == (40, False)
+    assert translation.count(Target("count", 7000)) == (40, True)
+    assert translation.eigenvalue(Target("count", 7000)) == (weyl_eigenvalue(AREA, 40), False)
+    whole = Translation(AREA, shapes.sphere_eigenvalues(36), n_vertices=36)
+    assert whole.count(Target("max_eigenvalue", 1e6)) == (36, True)
+    assert whole.eigenvalue(Target("count", 7000)) == (30.0, True)
+
+
+def test_up_to_a_proven_threshold_the_count_is_exact() -> None:
+    known = shapes.sphere_eigenvalues(36)
+    translation = Translation(AREA, known, known_to=35.0)
+    assert translation.count(Target("max_eigenvalue", 35.0)) == (36, True)
+    assert translation.count(Target("max_eigenvalue", 31.0)) == (36, True)
+    # beyond, Weyl's law goes on from there
+    assert translation.count(Target("max_eigenvalue", 40.0)) == (41, False)

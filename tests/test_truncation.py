@@ -1,0 +1,350 @@
+"""What a truncated sum leaves out: the bound and the estimate against full dense spectra."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import pickle
+import warnings
+
+import numpy as np
+import pytest
+import scipy.integrate
+import shapes
+
+from meshmash_viewer.certificate import Certificate
+from meshmash_viewer.decompose import (
+    compute_geometry_vectors,
+    compute_hks,
+    spectral_geometry_filter,
+)
+from meshmash_viewer.eigensolver import Decomposition, solve
+from meshmash_viewer.errors import InputError, TruncationWarning
+from meshmash_viewer.features import compute_features, truncated_features
+from meshmash_viewer.filters import (
+    FilterBank,
+    band_pass_bank,
+    bspline_bank,
+    gaussian_pyramid_bank,
+    heat_kernel_bank,
+    low_pass_bank,
+    wave_kernel_bank,
+)
+from meshmash_viewer.laplacian import cotangent_laplacian
+from meshmash_viewer.truncation import mean_shares
+from meshmash_viewer.weyl import required_eigenvalue, resolved_time
+
+SHARES = (0.05, 0.2, 0.6)
+
+
+def whole_spectrum(mesh) -> Decomposition:
+    """All pairs, by a dense solution that shares nothing with the package's own."""
+    stiffness, mass = cotangent_laplacian(mesh, robust=True)
+    diagonal = mass.diagonal()
+    used = np.flatnonzero(diagonal)
+    root = np.sqrt(diagonal[used])
+    dense = stiffness.toarray()[np.ix_(used, used)] / np.outer(root, root)
+    values, vectors = np.linalg.eigh(dense)
+    rows = np.full((len(used), len(diagonal)), np.nan)
+    rows[:, used] = vectors.T / root
+    values = np.maximum(values, 0.0)
+    proof = Certificate("dense", len(values), len(values))
+    return Decomposition(values, rows, np.zeros(len(used)), proof, mass=diagonal)
+
+
+def lowest(whole: Decomposition, count: int, dtype=np.float64) -> Decomposition:
+    rows = whole.rows[:count].astype(dtype)
+    return dataclasses.replace(whole, eigenvalues=whole.eigenvalues[:count], rows=rows)
+
+
+@pytest.fixture(scope="module")
+def wholes(sphere, rectangle, neuron) -> dict[str, Decomposition]:
+    """Round with multiplets, flat with a boundary, and dirty with unreferenced vertices."""
+    meshes = {"sphere": sphere, "rectangle": rectangle, "neuron": neuron}
+    return {name: whole_spectrum(mesh) for name, mesh in meshes.items()}
+
+
+def banks_at(eigenvalues: np.ndarray) -> dict[str, FilterBank]:
+    """Filters of every kind that reach beyond the last eigenvalue."""
+    last = float(eigenvalues[-1])
+    return {
+        "hks": heat_kernel_bank(np.geomspace(0.3, 9.0, 8) / last),
+        "wks": wave_kernel_bank(eigenvalues, 12),
+        "geometry vectors": bspline_bank(0.0, 2.0 * last, 8),
+        "two bands": bspline_bank(0.0, 2.0 * last, 2),
+        "step": low_pass_bank(1.5 * last),
+        "band": band_pass_bank(0.5 * last, 1.3 * last),
+        "pyramid": gaussian_pyramid_bank([0.0, 1.0 / last]),
+    }
+
+
+def estimates_and_errors(whole: Decomposition, count: int, bank: FilterBank):
+    features = truncated_features(lowest(whole, count), bank)
+    used = whole.mass > 0.0
+    error = np.abs(truncated_features(whole, bank).values - features.values)[used]
+    estimate, bound = features.truncation_at_vertices()
+    assert np.isnan(estimate[~used]).all()
+    return features, estimate[used], bound[used], error
+
+
+# The two of them against the truth ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("share", SHARES)
+@pytest.mark.parametrize("name", ["sphere", "rectangle", "neuron"])
+def test_the_bound_is_above_the_error_and_the_estimate_at_every_vertex(wholes, name, share):
+    whole = wholes[name]
+    count = int(share * whole.n_components)
+    for bank in banks_at(whole.eigenvalues[:count]).values():
+        _, estimate, bound, error = estimates_and_errors(whole, count, bank)
+        rounding = 1e-12 * error.max(initial=1e-300)
+        assert (bound >= error - rounding).all(), bank.kind
+        assert (bound >= estimate * (1.0 - 1e-9)).all(), bank.kind
+        assert estimate.max() > 0.0
+
+
+@pytest.mark.parametrize("share", [0.05, 0.2])
+@pytest.mark.parametrize("name", ["sphere", "rectangle", "neuron"])
+def test_the_estimate_meets_the_median_error_of_heat_and_steps(wholes, name, share):
+    whole = wholes[name]
+    count = int(share * whole.n_components)
+    for kind in ("hks", "step"):
+        bank = banks_at(whole.eigenvalues[:count])[kind]
+        _, estimate, _, error = estimates_and_errors(whole, count, bank)
+        ratio = np.median(estimate, axis=0) / np.median(error, axis=0)
+        assert (ratio > 1 / 3).all(), kind
+        assert (ratio < 3).all(), kind
+
+
+def test_the_law_ends_where_the_mesh_does(wholes):
+    # of 60 % of the pairs the plain law, 1 / 4πt exp(-λt), expects far more than there is
+    whole = wholes["neuron"]
+    count = int(0.6 * whole.n_components)
+    time = 0.6 / whole.eigenvalues[count - 1]
+    _, estimate, _, error = estimates_and_errors(whole, count, heat_kernel_bank([time]))
+    plain = math.exp(-0.6) / (4.0 * math.pi * time)
+    assert plain > 2.0 * np.median(error)
+    assert 0.8 < np.median(estimate) / np.median(error) < 1.25
+
+
+def test_adding_the_tail_leaves_less(wholes):
+    for whole in wholes.values():
+        count = int(0.1 * whole.n_components)
+        bank = heat_kernel_bank(np.array([0.5, 1.0, 3.0]) / whole.eigenvalues[count - 1])
+        with pytest.warns(TruncationWarning, match="are by more than 1 % an estimate"):
+            added = compute_features(lowest(whole, count), bank, tail="weyl")
+        features, estimate, _, error = estimates_and_errors(whole, count, bank)
+        used = whole.mass > 0.0
+        np.testing.assert_allclose(added.values[used], (features.values[used] + estimate))
+        left = np.abs(truncated_features(whole, bank).values - added.values)[used]
+        assert (np.median(left, axis=0) < 0.5 * np.median(error, axis=0)).all()
+        assert added.meta["truncation"]["estimate_added"] is True
+
+
+# Columns -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_columns_tell_the_median_and_the_largest_of_their_vertices(wholes, dtype):
+    whole = wholes["neuron"]
+    used = whole.mass > 0.0
+    part = lowest(whole, 200, dtype)
+    for bank in banks_at(part.eigenvalues).values():
+        features = truncated_features(part, bank)
+        truncation = features.truncation
+        estimate, bound = (each[used] for each in features.truncation_at_vertices())
+        whole_size = np.median(np.abs(features.values[used]), axis=0) + np.median(estimate, axis=0)
+        for actual, expected in (
+            (truncation.estimate, np.median(estimate, axis=0)),
+            (truncation.largest_estimate, estimate.max(axis=0)),
+            (truncation.bound, np.median(bound, axis=0)),
+            (truncation.largest_bound, bound.max(axis=0)),
+        ):
+            np.testing.assert_allclose(actual, expected / whole_size, rtol=2e-3, atol=1e-12)
+        assert truncation.flagged.tolist() == np.flatnonzero(truncation.estimate > 0.01).tolist()
+        said = json.loads(json.dumps(features.meta["truncation"]))
+        assert said["flagged"] == [bank.columns[at] for at in truncation.flagged]
+        assert said["n_left_out"] == used.sum() - 200
+
+
+def test_of_all_pairs_nothing_is_left_out(wholes):
+    whole = wholes["rectangle"]
+    for bank in banks_at(whole.eigenvalues[:100]).values():
+        truncation = truncated_features(whole, bank).truncation
+        for error in (truncation.estimate, truncation.largest_bound):
+            assert (error == 0.0).all(), bank.kind
+        assert truncation.sentence() == ""
+
+
+def test_a_pair_dropped_on_purpose_is_not_missing(wholes):
+    part = lowest(wholes["sphere"], 100)
+    bank = heat_kernel_bank([0.05])
+    kept, dropped = (
+        truncated_features(part, bank, drop_first=drop).truncation.remainder
+        for drop in (False, True)
+    )
+    np.testing.assert_allclose(dropped.left, kept.left)
+    assert dropped.n_left == kept.n_left
+
+
+def test_copies_of_the_last_eigenvalue_may_be_left_out(wholes):
+    # the icosahedron's symmetry makes these two equal; a band that ends there holds both
+    whole = wholes["sphere"]
+    count = 11
+    ends = whole.eigenvalues[count - 1 : count + 1]
+    assert ends[1] == pytest.approx(ends[0], rel=1e-9)
+    bank = bspline_bank(0.0, float(ends.max()), 4)
+    _, estimate, bound, error = estimates_and_errors(whole, count, bank)
+    assert error[:, -1].max() > 0.01
+    assert (bound >= error * (1.0 - 1e-9)).all()
+    assert estimate[:, -1].max() < 1e-3 * error[:, -1].max()
+
+
+def test_a_proven_threshold_says_that_bands_up_to_it_are_whole(sphere):
+    stiffness, mass = cotangent_laplacian(sphere)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        compute_geometry_vectors((stiffness, mass), 30.0, 8)
+        spectral_geometry_filter((stiffness, mass), low_pass_bank(25.0), 25.0)
+
+
+def test_filters_that_say_nothing_of_their_tail_have_no_truncation(wholes):
+    bank = FilterBank("own", ("a",), np.ones(1), "t", 2, lambda x: np.exp(-1e-9 * x)[None])
+    features = compute_features(lowest(wholes["sphere"], 30), bank)
+    assert features.truncation is None
+    assert features.meta["truncation"] is None
+    with pytest.raises(InputError, match="not known"):
+        features.truncation_at_vertices()
+
+
+def test_pairs_around_a_shift_have_none_either(sphere):
+    pairs = solve(*cotangent_laplacian(sphere), 9, sigma=12.0)
+    assert pairs.eigenvalues[0] > 1.0
+    assert compute_features(pairs, heat_kernel_bank([0.1])).truncation is None
+
+
+# What the filters say of themselves --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("start", [0.0, 0.7, 2.0, 5.9, 6.1, 40.0])
+def test_suprema_and_integrals_are_those_of_the_filters(start):
+    spectrum = np.linspace(0.0, 6.0, 60)
+    for bank in banks_at(spectrum).values():
+        tail = pickle.loads(pickle.dumps(bank)).tail
+        fine = np.linspace(np.nextafter(start, 99.0), 80.0, 40_001)
+        values = bank.response(fine)
+        supremum = tail.supremum(start)
+        assert (supremum >= values.max(axis=1) - 1e-12).all(), bank.kind
+        np.testing.assert_allclose(supremum, values.max(axis=1), rtol=1e-3, atol=5e-3)
+        ends = np.array([start, start + 1.0, 80.0])
+        for at, end in enumerate(ends):
+            inside = fine <= end
+            expected = scipy.integrate.trapezoid(values[:, inside], fine[inside], axis=1)
+            np.testing.assert_allclose(tail.integral(start, ends)[at], expected, atol=0.01)
+
+
+def test_the_mean_over_the_surface_needs_no_eigenvectors(wholes):
+    whole = wholes["rectangle"]
+    part, area = lowest(whole, 120), whole.mass.sum()
+    for kind in ("hks", "geometry vectors", "step"):
+        bank = banks_at(part.eigenvalues)[kind]
+        features = truncated_features(part, bank)
+        estimate, _ = features.truncation_at_vertices()
+        missing, there = (whole.mass @ each for each in (estimate, features.values))
+        shares = mean_shares(bank, part.eigenvalues, area, whole.n_components)
+        np.testing.assert_allclose(shares, missing / (missing + there), atol=0.03)
+        assert (mean_shares(bank, whole.eigenvalues, area, whole.n_components) == 0.0).all()
+
+
+def test_required_eigenvalues_and_resolved_times():
+    assert resolved_time(required_eigenvalue(7.0)) == pytest.approx(7.0)
+    # exp(-λ t) of 1 / 4πt is missing, a little less than 1 %
+    assert 0.005 < math.exp(-required_eigenvalue(7.0) * 7.0) < 0.01
+    assert resolved_time(0.0) == math.inf
+
+
+# As many pairs as it takes -----------------------------------------------------------------------
+
+
+def test_a_column_that_misses_much_is_said(sphere):
+    with pytest.warns(TruncationWarning, match=r"columns miss.*hks_t=5.00e-03 about 6. %"):
+        compute_hks(sphere, 80.0, t_min=5e-3, t_max=1.0, n_components=4)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        compute_hks(sphere, 80.0, n_components=4)  # times chosen from the spectrum miss nothing
+
+
+def test_count_and_wavelength_take_the_place_of_the_threshold(sphere):
+    expected = compute_hks(sphere, 40.0, t_min=0.2, t_max=1.0)
+    found = spectral_geometry_filter(sphere, max_eigenvalue=40.0, drop_first=False)[0]
+    by_count = compute_hks(sphere, t_min=0.2, t_max=1.0, count=len(found))
+    by_length = compute_hks(sphere, t_min=0.2, t_max=1.0, wavelength=2.0 * math.pi / math.sqrt(40))
+    np.testing.assert_allclose(by_count, expected, rtol=1e-8)
+    np.testing.assert_allclose(by_length, expected, rtol=1e-8)
+    bands = compute_geometry_vectors(sphere, 40.0, 6)
+    np.testing.assert_allclose(
+        compute_geometry_vectors(sphere, n_components=6, wavelength=2.0 * math.pi / math.sqrt(40)),
+        bands,
+        rtol=1e-8,
+        atol=1e-12,
+    )
+    counted = compute_geometry_vectors(sphere, n_components=6, count=25)
+    top = float(found[24])
+    np.testing.assert_allclose(
+        counted, compute_geometry_vectors(sphere, top, 6, count="auto"), rtol=1e-6, atol=1e-9
+    )
+    # more than there are: all
+    assert compute_hks(shapes.icosphere(1), count=10**6).shape == (42, 32)
+
+
+def test_auto_takes_as_many_pairs_as_the_shortest_time_needs(sphere, wholes):
+    times = np.geomspace(0.03, 1.0, 5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        features = compute_hks(sphere, t_min=0.03, t_max=1.0, n_components=5, count="auto")
+    expected = truncated_features(wholes["sphere"], heat_kernel_bank(times)).values
+    np.testing.assert_allclose(np.median(features / expected, axis=0), 1.0, atol=0.02)
+    assert not np.allclose(features, expected, rtol=1e-6)  # not all pairs, only those it takes
+
+
+def test_auto_takes_all_pairs_at_most_and_says_where_the_mesh_ends():
+    mesh = shapes.icosphere(2)
+    with pytest.warns(TruncationWarning, match="this mesh has 162 in all"):
+        features = compute_hks(mesh, t_min=1e-4, t_max=1.0, count="auto")
+    expected = compute_hks(mesh, 1e9, t_min=1e-4, t_max=1.0)
+    np.testing.assert_allclose(features, expected, rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"count": "auto"}, "give t_min"),
+        ({"count": "all"}, "whole number"),
+        ({"count": 0}, "whole number"),
+        ({"count": 5, "wavelength": 1.0}, "count and wavelength"),
+        ({"count": 5, "max_eigenvalue": 2.0}, "max_eigenvalue and count"),
+        ({"count": "auto", "t_min": 1.0, "max_eigenvalue": 2.0}, "max_eigenvalue and count"),
+        ({"wavelength": -1.0}, "positive"),
+        ({"tail": "gauss"}, "tail is 'gauss'"),
+    ],
+)
+def test_extents_that_make_no_sense_are_refused(sphere, options, words):
+    with pytest.raises(InputError, match=words):
+        compute_hks(sphere, **options)
+
+
+def test_the_tail_is_that_of_heat_kernel_signatures(wholes):
+    with pytest.raises(InputError, match="not for geometry-vectors"):
+        compute_features(lowest(wholes["sphere"], 9), bspline_bank(0.0, 9.0, 4), tail="weyl")
+
+
+def test_the_tail_brings_hks_nearer(sphere, wholes):
+    expected = truncated_features(wholes["sphere"], heat_kernel_bank([0.02, 1.0])).values
+    options = {"t_min": 0.02, "t_max": 1.0, "n_components": 2, "count": 100}
+    with pytest.warns(TruncationWarning):
+        plain = compute_hks(sphere, **options)
+    with pytest.warns(TruncationWarning):
+        added = compute_hks(sphere, tail="weyl", **options)
+    errors = [np.median(np.abs(each - expected)[:, 0]) for each in (plain, added)]
+    assert errors[1] < 0.5 * errors[0]
