@@ -376,22 +376,34 @@ def test_truncated_ply_says_how_much_is_there(tmp_path: Path) -> None:
     [
         (
             "v 0 0 0\nv 1 0 0\nv 0 nan 0\nf 1 2 3\n",
-            "1 vertex with a coordinate that is not finite",
+            "1 vertex with a coordinate that is not finite, in line 3;",
         ),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 7\n", "index 6 of 3 vertices"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 7\n", "1 face with a vertex index out of range"),
+        (
+            "v 0 0 0\nv 1 0 0\nf 1 2 3\nv 0 1 0\nf 1 2 7\nf 9 1 2\n",
+            "2 faces with a vertex index out of range, the first being vertex 7 of 3, in line 5;",
+        ),
         ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "is no usable mesh: the faces have no area"),
         ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "those of a surface."),
         ("hello\n", "check that it is an OBJ mesh, or"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "index 0"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf -4 1 2\n", "before the first vertex"),
+        (
+            "v 0 0 0\nv 1 0 0\nv 0 1 0\n# no\nf 0 1 2\n",
+            "index 0, though OBJ counts from 1, in line 5;",
+        ),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf -4 1 2\n", "before the first vertex, in line 5;"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", "no faces"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\nf 1 2\n", "no faces"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 1 2\n", "three different corners"),
-        ("v 0 0 0\nv 1 0\nv 0 1 0\nf 1 2 3\n", "fewer than three coordinates"),
-        ("v 0 0 0\nv \nv 0 1 0\nf 1 2 3\n", "fewer than three coordinates"),
-        ("v 0 0 0\nv 1 0 zero\nv 0 1 0\nf 1 2 3\n", "'zero' where a number should be"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3.5\n", "'3.5' where a number should be"),
+        ("v 0 0 0\nv 1 0\nv 0 1 0\nf 1 2 3\n", "fewer than three coordinates, in line 2;"),
+        ("v 0 0 0\nv \nv 0 1 0\nf 1 2 3\n", "fewer than three coordinates, in line 2;"),
+        ("v 0 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf \n", "face line without corners, in line 5;"),
+        (
+            "v 0 0 0\nvn 1 1 x\nv 1 0 zero\nv 0 1 0\nf 1 2 3\n",
+            "'zero' where a number should be, in line 3;",
+        ),
+        (
+            "v 0 \\\n0 \\\r\n0\nv 1 0 0\nv 0 1 0\nf 1 \\\n2 3.5\n",
+            "'3.5' where a number should be, in line 6;",
+        ),
     ],
 )
 def test_faulty_obj(content: str, clause: str, tmp_path: Path) -> None:
@@ -419,11 +431,9 @@ def test_a_reader_that_ends_its_process(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # As VTK does on some broken files, by a segmentation fault or for want of memory.
-    monkeypatch.setattr(
-        "meshmash_viewer.io.formats.vtk._CHILD", "import os; os.kill(os.getpid(), 9)"
-    )
+    monkeypatch.setattr("meshmash_viewer.io.guarded._CHILD", "import os; os.kill(os.getpid(), 9)")
     write_vtk(tmp_path / name)
-    assert "VTK's reader ends on it" in fault_of(tmp_path / name)
+    assert "the library that reads it ends on it" in fault_of(tmp_path / name)
 
 
 def test_no_triangle_left_after_merging(tmp_path: Path) -> None:
