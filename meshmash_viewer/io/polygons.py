@@ -24,6 +24,11 @@ __all__ = [
 ]
 
 
+#: Residues come in twos and threes; where one stray coordinate makes all places the same, the
+#: pairs to be joined would fill the memory. So many vertices are asked, and that many may answer.
+_SAMPLE, _MOST_NEIGHBOURS = 1000, 64.0
+
+
 @dataclass(frozen=True)
 class RawMesh:
     """What a file holds, before any check.
@@ -182,7 +187,7 @@ def merge_equal_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatAr
     Raises
     ------
     InputError
-        If a coordinate is not finite.
+        If a coordinate is not finite, or so large that there would be no end of vertices to join.
     """
     if not len(vertices):
         return vertices, faces
@@ -210,8 +215,16 @@ def _join_near(points: FloatArray, distinct: IntArray) -> IntArray:
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    tolerance = float(np.abs(points).max()) * 2.0**-25
-    pairs = cKDTree(points[distinct]).query_pairs(tolerance, output_type="ndarray")
+    largest = float(np.abs(points).max())
+    tolerance = largest * 2.0**-25
+    tree = cKDTree(points[distinct])
+    sample = tree.data[:: len(distinct) // _SAMPLE + 1]
+    if tree.query_ball_point(sample, tolerance, return_length=True).mean() > _MOST_NEIGHBOURS:
+        raise InputError(
+            f"has a coordinate as large as {largest:.3g}, beside which the others are so small that"
+            " float32 cannot tell them apart"
+        )
+    pairs = tree.query_pairs(tolerance, output_type="ndarray")
     if not len(pairs):
         return distinct
     links = coo_array(

@@ -12,6 +12,7 @@ import json
 import random
 import re
 import struct
+import warnings
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -157,7 +158,7 @@ def _in_zip(rng: random.Random, data: bytes, mutator: Mutator) -> bytes:
     chosen = rng.randrange(len(members)) if members else -1
     file = io.BytesIO()
     kind = rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))
-    with zipfile.ZipFile(file, "w", kind) as archive:
+    with warnings.catch_warnings(action="ignore"), zipfile.ZipFile(file, "w", kind) as archive:
         for index, (name, content) in enumerate(members):
             if index == chosen and content and rng.random() < 0.9:
                 # The header of an array is where the lies are.

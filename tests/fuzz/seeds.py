@@ -200,7 +200,7 @@ def _vtp(vertices: np.ndarray, faces: np.ndarray) -> list[Seed]:
             writer = vtkXMLPolyDataWriter()
             writer.SetFileName(str(path))
             writer.SetInputData(poly)
-            writer.SetCompressorTypeToZLib() if name == "packed" else writer.SetCompressorTypeToNone()
+            getattr(writer, f"SetCompressorTypeTo{'ZLib' if name == 'packed' else 'None'}")()
             mode = {"text": "Ascii", "inline": "Binary"}.get(name, "Appended")
             getattr(writer, f"SetDataModeTo{mode}")()
             writer.SetEncodeAppendedData(name == "appended")

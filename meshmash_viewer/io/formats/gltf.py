@@ -6,7 +6,7 @@ import json
 import struct
 import urllib.parse
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -95,9 +95,8 @@ def _scene_description(path: Path) -> dict[str, Any]:
                 raise InputError(f"is of version {version}, of which only 2 can be read")
             if kind != b"JSON":
                 raise InputError("does not begin with the description of a scene")
+            _check_chunks(file, path.stat().st_size)
             text = file.read(length)
-            if len(text) < length:
-                raise InputError("ends within the description of its scene, so it was cut short")
         else:
             text = file.read()
     try:
@@ -107,6 +106,21 @@ def _scene_description(path: Path) -> dict[str, Any]:
     if not isinstance(scene, dict):
         raise InputError("does not hold the JSON that a glTF scene begins with")
     return scene
+
+
+def _check_chunks(file: BinaryIO, size: int) -> None:
+    """Refuse a chunk that promises more than is there, for which room would be made."""
+    begin = file.tell()
+    place = 12
+    while place + 8 <= size:
+        file.seek(place)
+        length = int.from_bytes(file.read(4), "little")
+        place += 8 + length
+        if place > size:
+            raise InputError(
+                f"has a part that promises {length} bytes but ends before, so it was cut short"
+            )
+    file.seek(begin)
 
 
 def _check_files(scene: dict[str, Any], folder: Path) -> int:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.faults import printable
 from meshmash_viewer.io.polygons import (
     NotANumber,
     RawMesh,
@@ -155,7 +156,9 @@ def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
                 case _:
                     raise ValueError
         except (ValueError, KeyError, IndexError):
-            raise InputError(f"has a header line that PLY does not know, {line[:60]!r}") from None
+            raise InputError(
+                f"has a header line that PLY does not know, {printable(line, 60)!r}"
+            ) from None
     if byte_order is None:
         raise InputError("has a header without a format line")
     return byte_order, elements, newline + 1
@@ -277,6 +280,7 @@ def _read_uneven(
 
 def _cut_short(element: _Element, available: int) -> InputError:
     return InputError(
-        f"promises {element.count} of its element {element.name!r} but ends after {available},"
+        f"promises {element.count} of its element {printable(element.name, 40)!r} but ends after"
+        f" {available},"
         " so it was cut short"
     )
