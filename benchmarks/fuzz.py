@@ -33,6 +33,7 @@ SILENT = 120.0
 
 
 def main() -> int:
+    """Try what is asked for; 1 if there was a fault."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--inputs", type=int, default=10_000)
     parser.add_argument("--first", type=int, default=0)
@@ -68,6 +69,7 @@ def main() -> int:
 
 
 def recorded(record: Path | None) -> dict[int, dict[str, Any]]:
+    """What earlier runs have tried, by chunk."""
     if record is None or not record.exists():
         return {}
     reports = [json.loads(line) for line in record.read_text().splitlines()]
@@ -119,6 +121,7 @@ def watched(worker: subprocess.Popen[bytes], place: Path) -> str:
 
 
 def memory_folder() -> str | None:
+    """Where files cost least, None for the usual place."""
     return "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
 
 
@@ -153,6 +156,7 @@ def work(chunk: int, folder: Path, skip: list[int]) -> None:
 
 
 def show(number: int) -> None:
+    """Try one input, say what came of it and keep it."""
     from tests.fuzz.trials import forking, input_of, try_input
 
     kind, (name, content) = input_of(number)

@@ -13,7 +13,7 @@ __all__ = ["RAISE_LIMITS", "LimitExceeded", "ReadLimits"]
 #: The environment variable by whose value every limit is multiplied.
 RAISE_LIMITS = "MESHMASH_READ_LIMITS"
 
-_SECONDS, _SECONDS_PER_MEGABYTE = 12.0, 0.5
+_SECONDS, _SECONDS_PER_MEGABYTE = 8.0, 0.5
 _BYTES, _BYTES_PER_BYTE = 640e6, 40.0
 #: Text of the most regular meshes shrinks thirty-fold by gzip, binary files far less.
 _HONEST_RATIO = 40.0
