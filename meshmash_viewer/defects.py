@@ -13,15 +13,7 @@ from pathlib import Path
 
 __all__ = ["defect_details", "report_defect"]
 
-_PACKAGES = (
-    "meshmash-viewer",
-    "numpy",
-    "scipy",
-    "numba",
-    "robust_laplacian",
-    "vtk",
-    "PySide6-Essentials",
-)
+_PACKAGES = ("meshmash-viewer", "numpy", "scipy", "numba", "vtk", "PySide6-Essentials")
 
 
 def defect_details(fault: BaseException) -> str:

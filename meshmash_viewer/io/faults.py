@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import logging
 import warnings
 from collections.abc import Iterator
 
@@ -42,6 +41,8 @@ def reading_in_silence() -> Iterator[None]:
     What it finds wrong reaches the user in the one sentence of `InputError`; a file that reads
     well is checked by `meshmash_viewer.io.read` whatever a library thought of it.
     """
+    import logging  # which a process that reads one file and ends can do without
+
     loggers = [logging.getLogger(name) for name in ("trimesh", "nibabel", "nibabel.global")]
     before = [logger.disabled for logger in loggers]
     for logger in loggers:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import io
 import json
 import os
 import subprocess
@@ -19,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.faults import reading_in_silence, unreadable
+from meshmash_viewer.io.faults import unreadable
 from meshmash_viewer.io.limits import LimitExceeded, ReadLimits
 from meshmash_viewer.io.polygons import RawMesh
 from meshmash_viewer.io.scratch import ScratchFolder
@@ -36,8 +37,9 @@ convert(*sys.argv[2:])
 
 #: Exit statuses of the child; any other is that of a library that ended it.
 _READ, _FAULT, _TOO_LARGE = 0, 64, 65
-#: Seconds between two looks at the child: memory fills by some tens of megabytes meanwhile.
-_LOOK = 0.02
+#: Seconds until the first look at the child, in which it hardly gets beyond its start, and between
+#: the others: memory fills by some tens of megabytes meanwhile.
+_START, _LOOK = 0.2, 0.02
 #: A child that does not compute waits for something that will not come.
 _IDLE_SECONDS = 60.0
 
@@ -95,13 +97,14 @@ def _watch(child: subprocess.Popen[bytes], limits: ReadLimits) -> bytes:
     """What the child says; it has ended then."""
     import psutil
 
-    process = psutil.Process(child.pid)
     began = time.monotonic()
+    process = psutil.Process(child.pid)
+    look = _START
     while True:
         try:
-            return child.communicate(timeout=_LOOK)[0]
+            return child.communicate(timeout=look)[0]
         except subprocess.TimeoutExpired:
-            pass
+            look = _LOOK
         with contextlib.suppress(psutil.Error):  # it has just ended
             spent = process.cpu_times()
             computed = spent.user + spent.system
@@ -133,7 +136,7 @@ def convert(reader: str, source: str, result: str, memory: str) -> None:
     read = getattr(importlib.import_module(module), function)
     _refuse_memory_beyond(float(memory))
     try:
-        with reading_in_silence():
+        with contextlib.redirect_stdout(io.StringIO()):
             raw: RawMesh = read(Path(source))
             np.savez(result, vertices=raw.vertices, faces=raw.faces, unit=np.array(raw.unit or ""))
     except MemoryError:

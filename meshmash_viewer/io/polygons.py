@@ -26,7 +26,7 @@ __all__ = [
 
 #: Residues come in twos and threes; where one stray coordinate makes all places the same, the
 #: pairs to be joined would fill the memory. So many vertices are asked, and that many may answer.
-_SAMPLE, _MOST_NEIGHBOURS = 1000, 64.0
+_SAMPLE, _MOST_NEIGHBOURS = 256, 64.0
 
 
 @dataclass(frozen=True)

@@ -97,6 +97,7 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
     voxel, given_unit = (NO_VOXEL, None) if unit is None else parse_unit(unit)
     _check_file(path)
     ending = _ending(path)
+    ReadLimits.of(0)  # which may have been set to what is no number
     try:
         with reading_in_silence(), _unpacked(path, ending) as (plain, limits):
             reader = READERS.get(ending.removesuffix(".gz"), read_freesurfer)

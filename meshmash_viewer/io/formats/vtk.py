@@ -6,7 +6,6 @@ memory, so that must not be our process.
 
 from __future__ import annotations
 
-import mmap
 import re
 from pathlib import Path
 from typing import Any
@@ -37,11 +36,12 @@ def read_vtp(path: Path) -> RawMesh:
     InputError
         If VTK cannot read the file.
     """
-    with path.open("rb") as file:
-        if b"<VTKFile" not in file.read(10_000):
-            raise InputError("is not a VTK XML PolyData file")
-        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            _check_counts(content, b"NumberOf", rb'NumberOf(\w+)\s*=\s*"\s*(\d+)')
+    content = path.read_bytes()
+    if b"<VTKFile" not in content[:10_000]:
+        raise InputError("is not a VTK XML PolyData file")
+    most = _VALUES_PER_BYTE * len(content)
+    _check_counts(content, b"NumberOf", rb'NumberOf(\w+)\s*=\s*"\s*(\d+)', most)
+    del content
     return read_guarded(vtk_xml_surface, path)
 
 
@@ -53,18 +53,17 @@ def read_legacy_vtk(path: Path) -> RawMesh:
     InputError
         If VTK cannot read the file, or it holds another kind of data.
     """
-    with path.open("rb") as file:
-        if not file.read(30).startswith(b"# vtk DataFile"):
-            raise InputError('does not begin with "# vtk DataFile"')
-        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            for name in _LEGACY_COUNTS:
-                _check_counts(content, b"\n" + name, rb"\n(\w+)[ \t]+(\d+)")
+    content = path.read_bytes()
+    if not content.startswith(b"# vtk DataFile"):
+        raise InputError('does not begin with "# vtk DataFile"')
+    for name in _LEGACY_COUNTS:
+        _check_counts(content, b"\n" + name, rb"\n(\w+)[ \t]+(\d+)", len(content))
+    del content
     return read_guarded(vtk_legacy_surface, path)
 
 
-def _check_counts(content: mmap.mmap, begin: bytes, pattern: bytes) -> None:
+def _check_counts(content: bytes, begin: bytes, pattern: bytes, most: int) -> None:
     """Refuse a number of things that would not fit in the file, before VTK makes room for it."""
-    most = len(content) * (_VALUES_PER_BYTE if begin == b"NumberOf" else 1)
     count = re.compile(pattern)
     place = content.find(begin)
     while place >= 0:
