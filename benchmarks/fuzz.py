@@ -29,7 +29,7 @@ sys.path = [place for place in sys.path if Path(place).resolve() != Path(__file_
 #: Inputs that are tried and recorded at once.
 CHUNK = 1000
 #: Seconds without a word after which a worker is taken for dead.
-SILENT = 120.0
+SILENT = 600.0
 
 
 def main() -> int:

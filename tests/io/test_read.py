@@ -586,6 +586,27 @@ def test_gzip_that_unpacks_without_end(tmp_path: Path, monkeypatch: pytest.Monke
     assert not list(scratch.iterdir())
 
 
+@pytest.mark.parametrize("limits", ["1", "0.1"])
+def test_gifti_arrays_that_unpack_to_much(
+    limits: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from nibabel.gifti import GiftiDataArray, GiftiImage
+
+    zeros = np.zeros((6_000_000, 3), dtype=np.float32)  # 72 MB of which 70 kB are left
+    arrays = [
+        GiftiDataArray(zeros, intent="NIFTI_INTENT_NONE"),
+        GiftiDataArray(VERTICES.astype(np.float32), intent="NIFTI_INTENT_POINTSET"),
+        GiftiDataArray(FACES.astype(np.int32), intent="NIFTI_INTENT_TRIANGLE"),
+    ]
+    path = tmp_path / "mesh.gii"
+    path.write_bytes(GiftiImage(darrays=arrays).to_bytes())
+    monkeypatch.setenv("MESHMASH_READ_LIMITS", limits)
+    if limits == "1":
+        assert same_surface(read_mesh(path), VERTICES, FACES)
+    else:
+        assert "MB of memory to read, more than a sound" in fault_of(path)
+
+
 def test_a_file_that_unpacks_to_much_is_read_all_the_same(tmp_path: Path) -> None:
     # Beyond what is read without limits: 14 MB from a few kB.
     plain, packed = tmp_path / "mesh.obj", tmp_path / "mesh.obj.gz"
@@ -619,7 +640,7 @@ def test_a_reader_without_end_is_stopped(
 def test_limits_that_are_no_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MESHMASH_READ_LIMITS", "plenty")
     write_obj(tmp_path / "mesh.obj")
-    with pytest.raises(InputError, match="^MESHMASH_READ_LIMITS is 'plenty': give the number"):
+    with pytest.raises(InputError, match=r"^MESHMASH_READ_LIMITS is 'plenty': give the number"):
         read_mesh(tmp_path / "mesh.obj")
 
 

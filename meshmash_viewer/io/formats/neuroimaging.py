@@ -13,6 +13,8 @@ import numpy as np
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.faults import printable
+from meshmash_viewer.io.guarded import read_guarded
+from meshmash_viewer.io.limits import ReadLimits
 from meshmash_viewer.io.polygons import RawMesh
 
 __all__ = ["FREESURFER_ENDINGS", "is_freesurfer_surface", "read_freesurfer", "read_gifti"]
@@ -47,15 +49,31 @@ def read_gifti(path: Path) -> RawMesh:
     InputError
         If one of the two is absent, or an array is not what its attributes say.
     """
+    try:
+        return _surface(path, trusted=False)
+    except _UnpacksToMuch:
+        return read_guarded(gifti_surface, path)
+
+
+def gifti_surface(path: Path) -> RawMesh:
+    """Read a GIFTI surface however much it unpacks to; only `read_guarded` calls this."""
+    return _surface(path, trusted=True)
+
+
+class _UnpacksToMuch(Exception):
+    """An array that had better be unpacked under limits."""
+
+
+def _surface(path: Path, trusted: bool) -> RawMesh:
     from xml.parsers.expat import ExpatError
 
-    parser = _gifti_parser(path)
+    parser = _gifti_parser(path, trusted)
     try:
         with path.open("rb") as file:
             parser.parse(fptr=file)
     except ExpatError as fault:
         raise InputError(f"is not the XML of a GIFTI file ({printable(fault)})") from fault
-    except (InputError, MemoryError):
+    except (InputError, MemoryError, _UnpacksToMuch):
         raise
     except Exception as fault:  # whatever a value means to nibabel, that element is to blame
         detail = printable(fault, 80) or type(fault).__name__
@@ -82,7 +100,7 @@ def read_gifti(path: Path) -> RawMesh:
     return RawMesh(np.asarray(vertices, dtype=np.float64), faces.astype(np.int64), "mm")
 
 
-def _gifti_parser(path: Path) -> Any:
+def _gifti_parser(path: Path, trusted: bool) -> Any:
     """Nibabel's parser, which believes no array to be larger than what is there."""
     from nibabel.gifti import parse_gifti_fast, util
     from nibabel.nifti1 import data_type_codes
@@ -90,13 +108,14 @@ def _gifti_parser(path: Path) -> Any:
     base: Any = parse_gifti_fast.GiftiImageParser
     codes: Any = util
     types: Any = data_type_codes
+    size_of_file = path.stat().st_size
 
     class Parser(base):  # type: ignore[misc]
         element = ""
 
         def __init__(self) -> None:
             super().__init__()
-            self._n_arrays = 0
+            self._n_arrays = self._unpacked = 0
             self._text: list[str] = []
 
         def StartElementHandler(self, name: str, attributes: dict[str, str]) -> None:
@@ -128,6 +147,9 @@ def _gifti_parser(path: Path) -> Any:
                 return
             text, self._text = "".join(self._text), []
             packed = codes.gifti_encoding_codes.label[self.da.encoding] == "B64GZ"
+            self._unpacked += self._size() if packed else 0
+            if not trusted and ReadLimits.are_needed(size_of_file, self._unpacked):
+                raise _UnpacksToMuch
             order: Any = codes.array_index_order_codes.npcode[self.da.ind_ord]
             numbers = np.frombuffer(_decoded(text, self._size(), packed), dtype=self._dtype())
             self.da.data = numbers.reshape(tuple(self.da.dims), order=order)
