@@ -99,7 +99,7 @@ def _is_left(part: Path, machine: str, process: int) -> bool:
         return time.time() - part.stat().st_mtime > _FORGOTTEN
     import psutil
 
-    return process != os.getpid() and not psutil.pid_exists(process)
+    return not psutil.pid_exists(process)
 
 
 @functools.cache

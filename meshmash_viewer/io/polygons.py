@@ -27,6 +27,8 @@ __all__ = [
 #: Residues come in twos and threes; where one stray coordinate makes all places the same, the
 #: pairs to be joined would fill the memory. So many vertices are asked, and that many may answer.
 _SAMPLE, _MOST_NEIGHBOURS = 256, 64.0
+#: Beyond it squared distances are no numbers any more.
+_LARGEST = 1e150
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,8 @@ def _first_fault(text: bytes, dtype: type[np.generic]) -> NotANumber:
             convert(token[0].replace(b"_", b"?"))  # Python would take 1_000
         except ValueError:
             return NotANumber(printable(token[0].decode("latin-1"), 20), text, token.start())
-    return NotANumber("something", text, 0)
+    odd = re.search(rb"[\x00-\x08\x0e-\x1f]", text)  # as little a number as it is white space
+    return NotANumber("\ufffd", text, odd.start() if odd else 0)
 
 
 def fan_triangles(indices: IntArray, counts: IntArray) -> IntArray:
@@ -219,7 +222,10 @@ def _join_near(points: FloatArray, distinct: IntArray) -> IntArray:
     tolerance = largest * 2.0**-25
     tree = cKDTree(points[distinct])
     sample = tree.data[:: len(distinct) // _SAMPLE + 1]
-    if tree.query_ball_point(sample, tolerance, return_length=True).mean() > _MOST_NEIGHBOURS:
+    if (
+        largest > _LARGEST
+        or tree.query_ball_point(sample, tolerance, return_length=True).mean() > _MOST_NEIGHBOURS
+    ):
         raise InputError(
             f"has a coordinate as large as {largest:.3g}, beside which the others are so small that"
             " float32 cannot tell them apart"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import binascii
 import json
 import struct
 import urllib.parse
@@ -21,6 +22,8 @@ __all__ = ["gltf_mesh", "read_gltf"]
 #: Bytes of a component, and components of an element; the names are those of the standard.
 _COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 _COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+#: Triangles and strips of them.
+_TRIANGLE_MODES = (4, 5)
 #: What trimesh spends on a mesh or a node of a scene, and on a step up from a node, in as many
 #: bytes of vertices as it reads in that time.
 _OBJECT_BYTES, _STEP_BYTES = 5_000, 200
@@ -58,7 +61,10 @@ def gltf_mesh(path: Path) -> RawMesh:
     import trimesh
 
     options: dict[str, Any] = {"process": False, "skip_materials": True}
-    scene = trimesh.load_scene(path, file_type=path.suffix[1:].lower(), **options)
+    try:
+        scene = trimesh.load_scene(path, file_type=path.suffix[1:].lower(), **options)
+    except (AssertionError, binascii.Error) as fault:
+        raise InputError("has a buffer that is shorter than its parts, or damaged") from fault
     vertices, faces, offset = [], [], 0
     for node in scene.graph.nodes_geometry:
         transform, name = scene.graph[node]
@@ -162,6 +168,9 @@ def _checked_effort(scene: dict[str, Any]) -> float:
     for mesh in meshes:
         used = 0
         for primitive in mesh["primitives"]:
+            drawn = primitive.get("mode", 4) in _TRIANGLE_MODES
+            if drawn and "POSITION" not in primitive["attributes"]:
+                raise InputError("has triangles without positions")
             named = [primitive["attributes"].get("POSITION"), primitive.get("indices")]
             used += sum(_entry(sizes, index, "accessor") for index in named if index is not None)
             used += _OBJECT_BYTES

@@ -39,8 +39,11 @@ def read_npz(path: Path) -> RawMesh:
     """
     if not zipfile.is_zipfile(path):
         raise InputError("is not an NPZ archive")
-    with zipfile.ZipFile(path) as archive:
-        unpacked = sum(member.file_size for member in _checked_members(archive).values())
+    try:
+        with zipfile.ZipFile(path) as archive:
+            unpacked = sum(member.file_size for member in _checked_members(archive).values())
+    except (zipfile.BadZipFile, OSError) as fault:
+        raise InputError("is an archive whose table of contents is damaged") from fault
     size = path.stat().st_size
     if ReadLimits.are_needed(size, unpacked):
         return read_guarded(npz_mesh, path, ReadLimits.of(size, unpacked))
@@ -82,10 +85,12 @@ def _checked_members(archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
                 version = npy_format.read_magic(file)
                 shape, _, dtype = _HEADERS[version](file)
                 room = held[name].file_size - file.tell()
-        except (ValueError, KeyError, SyntaxError, RecursionError, MemoryError):
-            raise InputError(f"has an array {name} without a header that NumPy knows") from None
         except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as e:
             raise InputError(f"has an array {name} that is damaged ({printable(e)})") from e
+        except OSError as fault:
+            raise InputError(f"has an array {name} that lies nowhere in the archive") from fault
+        except Exception as fault:  # whatever the parser of Python's literals stumbles on
+            raise InputError(f"has an array {name} without a header that NumPy knows") from fault
         if name == "meta" and dtype.kind != "U":
             del held[name]  # another program's
         elif dtype.hasobject or not dtype.itemsize:
