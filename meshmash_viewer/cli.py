@@ -1,7 +1,8 @@
 """The command ``meshmash-viewer``: the window, and what can be done without it.
 
 Nothing heavy is imported before the arguments are known to be right. What the user can mend is
-said in one line on stderr, with exit status 2.
+said in one line on stderr, with exit status 2; a defect of the program, with 1, names a file of
+details. Neither holds up the other meshes of a batch.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from meshmash_viewer.arguments import (
@@ -37,7 +39,9 @@ if TYPE_CHECKING:
 
 __all__ = ["main"]
 
-_INTERRUPTED = 130
+_DEFECT, _INTERRUPTED = 1, 130
+#: Of many meshes, the worst status is that of the command.
+_SEVERITY = (0, FAULT, _DEFECT)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -51,7 +55,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0 well, 2 something the user can mend, 130 interrupted.
+        Exit status: 0 well, 1 a defect of the program, 2 something the user can mend, 130
+        interrupted.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     commands = {"info": _info, "features": _features, "render": _render}
@@ -60,9 +65,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             options = command_parser().parse_args(arguments)
             return commands[arguments[0]](options)
         return _window(window_parser().parse_args(arguments))
-    except InputError as fault:
-        _say(str(fault))
-        return FAULT
     except (KeyboardInterrupt, Cancelled):
         _say("interrupted")
         return _INTERRUPTED
@@ -70,10 +72,30 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader of our output has left; Python would complain once more while closing it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except Exception as fault:  # noqa: BLE001  nobody is shown a traceback
+        return _say_fault(fault)
 
 
 def _say(sentence: str) -> None:
     print(f"{PROGRAM}: {' '.join(sentence.split())}", file=sys.stderr)
+
+
+def _say_fault(fault: Exception, subject: str = "") -> int:
+    """Say what went wrong with a mesh, or with the command; the exit status it comes to."""
+    if isinstance(fault, InputError):
+        sentence = str(fault)
+    elif isinstance(fault, MemoryError):
+        sentence = "Memory ran out: ask for fewer eigenpairs, or close other programs."
+    elif isinstance(fault, OSError) and fault.errno is not None:
+        where = f"{fault.filename}: " if fault.filename else ""
+        sentence = f"{where}{fault.strerror or fault}; free the disk, or choose another folder."
+    else:
+        from meshmash_viewer.defects import report_defect
+
+        _say(f"{subject or 'The command'} failed by {report_defect(fault)}")
+        return _DEFECT
+    _say(sentence if not subject or subject in sentence else f"{subject}: {sentence}")
+    return FAULT
 
 
 # Commands -------------------------------------------------------------------------------------
@@ -124,14 +146,13 @@ def _info(options: argparse.Namespace) -> int:
 
 
 def _features(options: argparse.Namespace) -> int:
-    from meshmash_viewer.commands import output_paths, write_kind
+    from meshmash_viewer.commands import is_folder, output_paths, write_kind
+    from meshmash_viewer.io.atomic import made_folder
     from meshmash_viewer.io.write import check_output
 
     target, operator = chosen_target(options), chosen_operator(options)
     check_times(options)
     outputs = output_paths(options.mesh, options.output, options.kind, f".{options.format}")
-    for path in outputs:
-        check_output(path, "eigenpairs" if options.kind == "eigenpairs" else "features")
 
     def work(index: int, mesh: Mesh) -> None:
         with _solver(options, target, operator, mesh) as solver:
@@ -156,7 +177,11 @@ def _features(options: argparse.Namespace) -> int:
         else:
             print(f"{report['output']}: {report['proof']} · {_reach(report, mesh)}", flush=True)
 
-    return _for_each(options, work)
+    folder = Path(options.output) if is_folder(options.output) else None
+    with made_folder(folder) if folder else contextlib.nullcontext():
+        for path in outputs:
+            check_output(path, "eigenpairs" if options.kind == "eigenpairs" else "features")
+        return _for_each(options, work)
 
 
 def _render(options: argparse.Namespace) -> int:
@@ -218,10 +243,10 @@ def _for_each(options: argparse.Namespace, work: Any) -> int:
     for index, path in enumerate(options.mesh):
         try:
             work(index, repair_mesh(read_mesh(path, options.unit), *options.repair))
-        except InputError as fault:
-            name = "" if str(path) in str(fault) else f"{path}: "
-            _say(f"{name}{fault}")
-            status = FAULT
+        except (Cancelled, BrokenPipeError):  # meant for all of them
+            raise
+        except Exception as fault:  # noqa: BLE001  it is said, and the next mesh has its turn
+            status = max(status, _say_fault(fault, str(path)), key=_SEVERITY.index)
     return status
 
 

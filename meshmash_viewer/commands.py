@@ -31,6 +31,7 @@ __all__ = [
     "FIELD_KINDS",
     "Solver",
     "describe",
+    "is_folder",
     "output_paths",
     "write_kind",
     "write_render",
@@ -163,6 +164,11 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
+def is_folder(output: str) -> bool:
+    """Whether results go into a folder, which may still have to be made."""
+    return "{" not in output and (output.endswith(("/", "\\")) or Path(output).is_dir())
+
+
 def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> list[Path]:
     """Where the result of each mesh goes.
 
@@ -182,14 +188,11 @@ def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> lis
     InputError
         If two results would go to one file, or one over a mesh.
     """
-    from meshmash_viewer.io.atomic import writing_errors
     from meshmash_viewer.io.read import mesh_name
 
     if "{" in output:
         template = output
-    elif output.endswith(("/", "\\")) or Path(output).is_dir():
-        with writing_errors(Path(output), is_folder=True):
-            Path(output).mkdir(parents=True, exist_ok=True)
+    elif is_folder(output):
         template = (
             f"{Path(output).as_posix().replace('{', '{{').replace('}', '}}')}/{{name}}{ending}"
         )

@@ -317,6 +317,76 @@ def test_one_bad_mesh_does_not_hold_up_the_others(
     assert str(bad) in err
 
 
+@pytest.mark.parametrize(
+    ("fault", "status", "clause"),
+    [
+        (
+            ArithmeticError("5 of 9 eigenpairs found"),
+            1,
+            "defect of the program (ArithmeticError: 5",
+        ),
+        (MemoryError(), 2, "Memory ran out"),
+        (OSError(28, "No space left on device", "file"), 2, "No space left on device"),
+    ],
+)
+def test_no_fault_ends_a_batch(
+    capsys: pytest.CaptureFixture[str],
+    ball: Path,
+    sheet: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    fault: Exception,
+    status: int,
+    clause: str,
+) -> None:
+    monkeypatch.setattr("platformdirs.user_log_path", lambda *_, **__: tmp_path / "log")
+
+    def failing(*arguments: object, **options: object) -> object:
+        if arguments[0].shape == (642, 642):  # type: ignore[attr-defined]
+            raise fault
+        return solve(*arguments, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("meshmash_viewer.eigensolver.solve", failing)
+    arguments = ("features", ball, tmp_path / "absent.ply", sheet, "--count", 9)
+    said = run(capsys, *arguments, "-o", f"{tmp_path / 'out'}/")
+    assert said[0] == status
+    assert "sheet.npz" in said[1]
+    lines = said[2].splitlines()
+    assert len(lines) == 2
+    assert str(ball) in lines[0]
+    assert clause in lines[0]
+    assert "Traceback" not in said[2]
+    if status == 1:
+        details = Path(lines[0].rpartition(" in ")[2]).read_text()
+        assert "Traceback" in details
+        assert "5 of 9 eigenpairs found" in details
+        assert "numpy" in details
+
+
+def test_a_defect_is_said_where_its_details_cannot_be_kept(
+    capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "log").touch()
+    monkeypatch.setattr("platformdirs.user_log_path", lambda *_, **__: tmp_path / "log")
+
+    def failing(*_: object) -> None:
+        raise KeyError("lost")
+
+    monkeypatch.setattr("meshmash_viewer.commands.output_paths", failing)
+    status, out, err = run(capsys, "features", ball, "-o", tmp_path / "out.npz")
+    assert (status, out, len(err.splitlines())) == (1, "", 1)
+    assert "KeyError: 'lost' at failing" in err
+
+
+def test_a_refused_batch_leaves_no_folder(
+    capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
+) -> None:
+    arguments = ("features", tmp_path / "absent.ply", "-o", f"{tmp_path / 'one' / 'two'}/")
+    assert run(capsys, *arguments)[0] == 2
+    assert run(capsys, "features", ball, ball, "-o", f"{tmp_path / 'one'}/")[0] == 2
+    assert list(tmp_path.iterdir()) == [ball]
+
+
 def test_stored_eigenpairs_are_not_computed_again(
     capsys: pytest.CaptureFixture[str],
     ball: Path,

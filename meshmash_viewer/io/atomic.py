@@ -3,21 +3,39 @@
 from __future__ import annotations
 
 import contextlib
+import functools
+import hashlib
 import os
+import platform
+import re
+import sys
+import time
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
 from meshmash_viewer.errors import InputError
 
-__all__ = ["writing_errors", "written_whole"]
+__all__ = [
+    "made_folder",
+    "remove_left_overs",
+    "writing_errors",
+    "written_together",
+    "written_whole",
+]
+
+#: ".meshmash-<machine>-<process>-<random>-<name>": whose part of which file it is.
+_PART = re.compile(r"\.meshmash-([0-9a-f]{8})-(\d+)-[0-9a-f]{8}-.", re.DOTALL)
+#: Seconds after which a part whose process cannot be asked for is not written any more.
+_FORGOTTEN = 86_400.0
 
 
 @contextlib.contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
     """Give a path beside `path` to write to, and rename it to `path` at the end.
 
-    If the body raises, the part is removed and an older file at `path` is left as it was.
+    If the body raises, the part is removed and an older file at `path` is left as it was. What a
+    killed process has left in the same folder is removed.
 
     Parameters
     ----------
@@ -29,15 +47,89 @@ def written_whole(path: Path) -> Iterator[Path]:
     Path
         In the same folder and with the same endings, which some writers go by.
     """
-    part = path.with_name(f".{uuid.uuid4().hex[:12]}-{path.name}")
-    try:
+    with written_together(path) as (part,):
         yield part
+
+
+@contextlib.contextmanager
+def written_together(*paths: Path) -> Iterator[list[Path]]:
+    """As `written_whole`, for files that belong together and take their places as one.
+
+    Parameters
+    ----------
+    *paths : Path
+        Files to make or replace; the first one goes first, the others right after it.
+
+    Yields
+    ------
+    list of Path
+        One for each of them.
+    """
+    for folder in {path.parent for path in paths}:
+        remove_left_overs(folder)
+    parts = [
+        path.with_name(f".meshmash-{_machine()}-{os.getpid()}-{uuid.uuid4().hex[:8]}-{path.name}")
+        for path in paths
+    ]
+    try:
+        yield parts
         # The rename must not reach the disk before the content does.
-        with part.open("rb+") as file:
-            os.fsync(file.fileno())
-        os.replace(part, path)
+        for part in parts:
+            with part.open("rb+") as file:
+                os.fsync(file.fileno())
+        for part, path in zip(parts, paths, strict=True):
+            os.replace(part, path)
     finally:
-        part.unlink(missing_ok=True)
+        for part in parts:
+            part.unlink(missing_ok=True)
+
+
+def remove_left_overs(folder: Path) -> None:
+    """Delete the parts of files whose process was killed before it could."""
+    with contextlib.suppress(OSError):  # no such folder, which whoever writes there will say
+        names = [entry.name for entry in os.scandir(folder) if entry.name.startswith(".meshmash-")]
+        for name in names:
+            found = _PART.match(name)
+            if found is not None and _is_left(folder / name, found[1], int(found[2])):
+                (folder / name).unlink(missing_ok=True)
+
+
+def _is_left(part: Path, machine: str, process: int) -> bool:
+    if machine != _machine():
+        return time.time() - part.stat().st_mtime > _FORGOTTEN
+    import psutil
+
+    return not psutil.pid_exists(process)
+
+
+@functools.cache
+def _machine() -> str:
+    """What tells processes of the same number apart: the machine, its start, the container."""
+    marks = [platform.node(), sys.platform]
+    for name in ("/proc/sys/kernel/random/boot_id", "/proc/self/ns/pid"):
+        with contextlib.suppress(OSError):
+            marks.append(os.readlink(name) if os.path.islink(name) else Path(name).read_text())
+    return hashlib.sha256("\n".join(marks).encode()).hexdigest()[:8]
+
+
+@contextlib.contextmanager
+def made_folder(folder: Path) -> Iterator[None]:
+    """Make a folder, with those above it, and remove those that are still empty at the end.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made.
+    """
+    made = [place for place in (folder, *folder.parents) if not place.exists()]
+    try:
+        with writing_errors(folder, is_folder=True):
+            folder.mkdir(parents=True, exist_ok=True)
+        yield
+    finally:
+        with contextlib.suppress(OSError):  # it holds something by now
+            for place in made:
+                place.rmdir()
 
 
 @contextlib.contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from dataclasses import dataclass
 from typing import Any
@@ -10,9 +11,24 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.faults import printable
 from meshmash_viewer.mesh import FloatArray, IntArray
 
-__all__ = ["RawMesh", "fan_triangles", "merge_equal_vertices", "parse_rows", "strip_triangles"]
+__all__ = [
+    "NotANumber",
+    "RawMesh",
+    "fan_triangles",
+    "merge_equal_vertices",
+    "parse_rows",
+    "strip_triangles",
+]
+
+
+#: Residues come in twos and threes; where one stray coordinate makes all places the same, the
+#: pairs to be joined would fill the memory. So many vertices are asked, and that many may answer.
+_SAMPLE, _MOST_NEIGHBOURS = 256, 64.0
+#: Beyond it squared distances are no numbers any more.
+_LARGEST = 1e150
 
 
 @dataclass(frozen=True)
@@ -34,6 +50,19 @@ class RawMesh:
     unit: str | None = None
 
 
+class NotANumber(InputError):
+    """What stands where a number should, and the line of the text, counted from 0."""
+
+    def __init__(self, token: str, text: bytes, place: int) -> None:
+        self.token = token
+        self.line = text.count(b"\n", 0, place)
+        super().__init__(f"holds {token!r} where a number should be")
+
+    def in_line(self, number: int) -> InputError:
+        """The same with the number of the line in the file, counted from 1."""
+        return InputError(f"holds {self.token!r} where a number should be, in line {number}")
+
+
 def parse_rows(text: bytes, dtype: type[np.generic]) -> tuple[npt.NDArray[Any], IntArray]:
     """Read lines of numbers separated by white space, far faster than line by line.
 
@@ -53,8 +82,8 @@ def parse_rows(text: bytes, dtype: type[np.generic]) -> tuple[npt.NDArray[Any], 
 
     Raises
     ------
-    InputError
-        If something is not a number; the message is the clause after the file's name.
+    NotANumber
+        If something is no number.
     """
     characters = np.frombuffer(text, dtype=np.uint8)
     is_space = characters <= 32
@@ -71,18 +100,19 @@ def parse_rows(text: bytes, dtype: type[np.generic]) -> tuple[npt.NDArray[Any], 
     except ValueError:
         numbers = np.empty(0, dtype=dtype)
     if len(numbers) != len(token_starts):
-        raise InputError(f"holds {_first_fault(text, dtype)!r} where a number should be")
+        raise _first_fault(text, dtype)
     return numbers, counts[counts > 0]
 
 
-def _first_fault(text: bytes, dtype: type[np.generic]) -> str:
+def _first_fault(text: bytes, dtype: type[np.generic]) -> NotANumber:
     convert = float if np.issubdtype(dtype, np.floating) else int
-    for token in text.split():
+    for token in re.finditer(rb"[^\x00-\x20]+", text):
         try:
-            convert(token)
+            convert(token[0].replace(b"_", b"?"))  # Python would take 1_000
         except ValueError:
-            return token[:20].decode("latin-1")
-    return "something unreadable"
+            return NotANumber(printable(token[0].decode("latin-1"), 20), text, token.start())
+    odd = re.search(rb"[\x00-\x08\x0e-\x1f]", text)  # as little a number as it is white space
+    return NotANumber("\ufffd", text, odd.start() if odd else 0)
 
 
 def fan_triangles(indices: IntArray, counts: IntArray) -> IntArray:
@@ -113,18 +143,29 @@ def fan_triangles(indices: IntArray, counts: IntArray) -> IntArray:
     ).astype(np.int64)
 
 
-def strip_triangles(strip: IntArray) -> IntArray:
-    """Unroll one triangle strip, keeping the orientation of its first triangle.
+def strip_triangles(indices: IntArray, counts: IntArray) -> IntArray:
+    """Unroll triangle strips, keeping the orientation of each one's first triangle.
 
     Triangles that name a vertex twice are the joints of a strip and are left out.
+
+    Parameters
+    ----------
+    indices : ndarray of int64, shape (sum(counts),)
+        Corners of all strips, one strip after the other.
+    counts : ndarray of int64, shape (s,)
+        Corners of each strip; those with fewer than three are left out.
+
+    Returns
+    -------
+    ndarray of int64, shape (m, 3)
     """
-    if len(strip) < 3:
-        return np.empty((0, 3), dtype=np.int64)
-    triangles = np.column_stack([strip[:-2], strip[1:-1], strip[2:]])
-    triangles[1::2] = triangles[1::2, [1, 0, 2]]
-    a, b, c = triangles.T
-    kept: IntArray = triangles[(a != b) & (b != c) & (a != c)]
-    return kept
+    strip = np.repeat(np.arange(len(counts)), counts)
+    step = np.arange(len(indices)) - np.repeat(np.cumsum(counts) - counts, counts)
+    first = np.flatnonzero(strip[2:] == strip[:-2])
+    odd = step[first] % 2
+    a, b, c = indices[first + odd], indices[first + 1 - odd], indices[first + 2]
+    kept = (a != b) & (b != c) & (a != c)
+    return np.column_stack([a[kept], b[kept], c[kept]]).astype(np.int64)
 
 
 def merge_equal_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
@@ -149,7 +190,7 @@ def merge_equal_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatAr
     Raises
     ------
     InputError
-        If a coordinate is not finite.
+        If a coordinate is not finite, or so large that there would be no end of vertices to join.
     """
     if not len(vertices):
         return vertices, faces
@@ -177,8 +218,19 @@ def _join_near(points: FloatArray, distinct: IntArray) -> IntArray:
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    tolerance = float(np.abs(points).max()) * 2.0**-25
-    pairs = cKDTree(points[distinct]).query_pairs(tolerance, output_type="ndarray")
+    largest = float(np.abs(points).max())
+    tolerance = largest * 2.0**-25
+    tree = cKDTree(points[distinct])
+    sample = tree.data[:: len(distinct) // _SAMPLE + 1]
+    if (
+        largest > _LARGEST
+        or tree.query_ball_point(sample, tolerance, return_length=True).mean() > _MOST_NEIGHBOURS
+    ):
+        raise InputError(
+            f"has a coordinate as large as {largest:.3g}, beside which the others are so small that"
+            " float32 cannot tell them apart"
+        )
+    pairs = tree.query_pairs(tolerance, output_type="ndarray")
     if not len(pairs):
         return distinct
     links = coo_array(

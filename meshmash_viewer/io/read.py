@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import gzip
-import io
-import logging
-import shutil
-import tempfile
-import warnings
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeAlias
@@ -16,9 +12,11 @@ from typing import TypeAlias
 import numpy as np
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.faults import printable, reading_in_silence, unreadable
 from meshmash_viewer.io.formats.gltf import read_gltf
 from meshmash_viewer.io.formats.neuroimaging import (
     FREESURFER_ENDINGS,
+    is_freesurfer_surface,
     read_freesurfer,
     read_gifti,
 )
@@ -28,7 +26,10 @@ from meshmash_viewer.io.formats.off import read_off
 from meshmash_viewer.io.formats.ply import read_ply
 from meshmash_viewer.io.formats.stl import read_stl
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtp
+from meshmash_viewer.io.guarded import read_guarded
+from meshmash_viewer.io.limits import LimitExceeded, ReadLimits
 from meshmash_viewer.io.polygons import RawMesh
+from meshmash_viewer.io.scratch import ScratchFolder, remove_abandoned
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.units import NO_VOXEL, parse_unit
 
@@ -64,13 +65,14 @@ READABLE_ENDINGS: tuple[str, ...] = (
 def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
     """Read a triangle mesh from a file; the format is told by the file's ending.
 
-    Polygons become fans of triangles, a scene becomes one mesh, STL and glTF vertices with
-    equal coordinates are merged, and texture seams do not cut the surface.
+    FreeSurfer surfaces, which have endings of many kinds, are told by how they begin. Polygons
+    become fans of triangles, a scene becomes one mesh, STL and glTF vertices with equal
+    coordinates are merged, and texture seams do not cut the surface.
 
     Parameters
     ----------
     path : str or Path
-        A file with one of `READABLE_ENDINGS`.
+        A file with one of `READABLE_ENDINGS`, or a FreeSurfer surface.
     unit : str, optional
         The unit of the file's coordinates: "nm", "µm", "mm", "m", "none", or the size of a
         voxel such as "8 nm" or "4 x 4 x 40 nm", by which coordinates are multiplied. None takes
@@ -95,10 +97,11 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
     voxel, given_unit = (NO_VOXEL, None) if unit is None else parse_unit(unit)
     _check_file(path)
     ending = _ending(path)
-    reader = READERS[ending.removesuffix(".gz")]
+    ReadLimits.of(0)  # which may have been set to what is no number
     try:
-        with _silence(), _unpacked(path, ending) as plain:
-            raw = reader(plain)
+        with reading_in_silence(), _unpacked(path, ending) as (plain, limits):
+            reader = READERS.get(ending.removesuffix(".gz"), read_freesurfer)
+            raw = reader(plain) if limits is None else read_guarded(reader, plain, limits)
             _check_content(raw)
             stated = raw.unit or ""
             return Mesh(
@@ -108,6 +111,8 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
                 name=mesh_name(path),
                 voxel=voxel,
             )
+    except LimitExceeded as fault:
+        raise InputError(f"{path} {fault}") from fault
     except InputError as fault:
         raise InputError(f"{path} {_way_out(str(fault), ending)}") from fault
     except PermissionError as fault:
@@ -118,8 +123,7 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
             " reduce the mesh first."
         ) from fault
     except Exception as fault:  # whatever a library raises on a broken file, it is the file's
-        detail = " ".join(str(fault).split())[:120] or type(fault).__name__
-        raise InputError(f"{path} {_way_out(f'is not readable ({detail})', ending)}") from fault
+        raise InputError(f"{path} {_way_out(str(unreadable(fault)), ending)}") from fault
 
 
 def mesh_name(path: str | Path) -> str:
@@ -136,13 +140,21 @@ def mesh_name(path: str | Path) -> str:
 def _ending(path: Path) -> str:
     suffixes = [suffix.lower() for suffix in path.suffixes]
     ending = "".join(suffixes[-2:]) if suffixes[-1:] == [".gz"] else "".join(suffixes[-1:])
-    if ending not in READABLE_ENDINGS:
+    if ending not in READABLE_ENDINGS and not _is_freesurfer(path, ending):
         known = " ".join(key for key in READERS if key not in FREESURFER_ENDINGS)
         raise InputError(
-            f"{path} has an ending ({ending or 'none'}) of no known mesh format; convert it to"
-            f" one of {known}, or a FreeSurfer surface such as lh.pial."
+            f"{path} has an ending ({printable(ending, 40) or 'none'}) of no known mesh format;"
+            f" convert it to one of {known}, or a FreeSurfer surface such as lh.pial."
         )
     return ending
+
+
+def _is_freesurfer(path: Path, ending: str) -> bool:
+    try:
+        with gzip.open(path) if ending.endswith(".gz") else path.open("rb") as file:
+            return is_freesurfer_surface(file.read(3))
+    except (OSError, EOFError, zlib.error):
+        return False
 
 
 def _check_file(path: Path) -> None:
@@ -215,51 +227,56 @@ def _way_out(fault: str, ending: str) -> str:
         return f"{fault}; repair or export the mesh again."
     if "cut short" in fault:
         return f"{fault}; copy or export it again."
+    if "cannot be unpacked into" in fault:
+        return f"{fault}; free the disk, or unpack the file yourself."
     return f"{fault}; check that it is {_kind(ending.removesuffix('.gz'))}, or export it again."
 
 
 def _kind(ending: str) -> str:
-    if ending in FREESURFER_ENDINGS:
+    if READERS.get(ending, read_freesurfer) is read_freesurfer:
         return "a FreeSurfer surface"
     name = "GIFTI" if ending == ".gii" else ending.lstrip(".").upper()
     return f"an {name} mesh" if name[0] in "ONS" else f"a {name} mesh"  # an OBJ, an NPZ, an STL
 
 
 @contextlib.contextmanager
-def _unpacked(path: Path, ending: str) -> Iterator[Path]:
-    """The file itself, or what its gzip holds as a temporary file of the same name."""
-    if not ending.endswith(".gz"):
-        yield path
-        return
-    with tempfile.TemporaryDirectory(prefix="meshmash-") as folder:
-        plain = Path(folder) / path.name[: -len(".gz")]
-        try:
-            with gzip.open(path, "rb") as packed, plain.open("wb") as unpacked:
-                shutil.copyfileobj(packed, unpacked)
-        except (gzip.BadGzipFile, EOFError, OSError) as fault:
-            detail = "ends too early" if isinstance(fault, EOFError) else "is no gzip file"
-            raise InputError(f"cannot be unpacked because it {detail}") from fault
-        if plain.stat().st_size == 0:
-            raise InputError("is empty once unpacked")
-        yield plain
+def _unpacked(path: Path, ending: str) -> Iterator[tuple[Path, ReadLimits | None]]:
+    """The file itself, or what its gzip holds as a temporary file of the same name.
 
-
-@contextlib.contextmanager
-def _silence() -> Iterator[None]:
-    """Keep what the libraries print, warn and log on broken files away from the user.
-
-    What they find wrong reaches the user in the one sentence of `InputError`; a file that
-    reads well is checked by `_check_content` whatever a library thought of it.
+    With it come the limits to read it under, where it has grown by more than meshes do.
     """
-    loggers = [logging.getLogger(name) for name in ("trimesh", "nibabel", "nibabel.global")]
-    before = [logger.disabled for logger in loggers]
-    for logger in loggers:
-        logger.disabled = True
+    if not ending.endswith(".gz"):
+        yield path, None
+        return
+    remove_abandoned()
+    packed_size = path.stat().st_size
+    most = ReadLimits.of(packed_size).memory
+    with ScratchFolder() as folder:
+        plain = folder / path.name[: -len(".gz")]
+        size = 0
+        try:
+            with path.open("rb") as file, plain.open("wb") as unpacked:
+                for block in _blocks(gzip.GzipFile(fileobj=file)):
+                    size += len(block)
+                    if size > most:
+                        raise LimitExceeded(f"unpacks to more than {most / 1e6:.0f} MB")
+                    unpacked.write(block)
+        except OSError as fault:
+            raise InputError(
+                f"cannot be unpacked into {folder.parent} ({fault.strerror})"
+            ) from fault
+        if size == 0:
+            raise InputError("is empty once unpacked")
+        grown = ReadLimits.are_needed(packed_size, size)
+        yield plain, ReadLimits.of(packed_size, size) if grown else None
+
+
+def _blocks(packed: gzip.GzipFile) -> Iterator[bytes]:
+    """What a gzip holds, a megabyte at a time."""
     try:
-        with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
-            warnings.simplefilter("ignore")
-            with contextlib.redirect_stderr(io.StringIO()):
-                yield
-    finally:
-        for logger, disabled in zip(loggers, before, strict=True):
-            logger.disabled = disabled
+        while block := packed.read(1_000_000):
+            yield block
+    except EOFError as fault:
+        raise InputError("cannot be unpacked because it ends too early") from fault
+    except (OSError, zlib.error) as fault:
+        raise InputError("cannot be unpacked because it is no gzip file, or damaged") from fault

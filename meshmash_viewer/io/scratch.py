@@ -7,6 +7,7 @@ import shutil
 import tempfile
 import time
 from pathlib import Path
+from types import TracebackType
 
 from meshmash_viewer.io.lock import FileLock
 
@@ -32,6 +33,17 @@ class ScratchFolder:
             self._lock = FileLock(self.path / _LOCK)
             if self._lock.acquire():  # unless whoever clears up was here between the two
                 return
+
+    def __enter__(self) -> Path:
+        return self.path
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        fault: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.remove()
 
     def remove(self) -> None:
         """Delete it with all that is in it."""

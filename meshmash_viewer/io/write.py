@@ -2,12 +2,13 @@
 
 Every file is written beside its place and renamed, so a failure leaves an older one whole. NPZ,
 Parquet, VTP, PLY, GIFTI and PNG carry their provenance inside; NPY and CSV have a ``.json`` beside
-them, "features.npy.json" for "features.npy".
+them, "features.npy.json" for "features.npy", which names the table's SHA-256 (``table_sha256``).
 """
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import os
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.atomic import writing_errors, written_whole
+from meshmash_viewer.io.atomic import writing_errors, written_together, written_whole
 from meshmash_viewer.io.provenance import provenance
 from meshmash_viewer.io.writers import EIGENPAIR_WRITERS, WITHOUT_PROVENANCE, WRITERS, FeatureTable
 
@@ -188,11 +189,17 @@ def _writer(table: dict[str, Any], path: Path, what: str) -> Any:
 
 @contextlib.contextmanager
 def _with_note(path: Path, made: str) -> Iterator[Path]:
-    """Write `path`, and for formats without room the provenance in a file beside it."""
+    """Write `path`, and for formats without room the provenance in a file beside it.
+
+    Nothing can replace two files at once, so the note names the checksum of its table.
+    """
     if path.suffix.lower() not in WITHOUT_PROVENANCE:
         with written_whole(path) as part:
             yield part
         return
-    with written_whole(path.with_name(path.name + ".json")) as note, written_whole(path) as part:
-        note.write_text(json.dumps(json.loads(made), indent=1) + "\n", encoding="utf-8")
+    with written_together(path, path.with_name(path.name + ".json")) as (part, note):
         yield part
+        with part.open("rb") as file:
+            checksum = hashlib.file_digest(file, "sha256").hexdigest()
+        about = {**json.loads(made), "table_sha256": checksum}
+        note.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")

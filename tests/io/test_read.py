@@ -307,6 +307,46 @@ def test_name_is_the_stem(name: str, shown: str) -> None:
     assert mesh_name(name) == shown
 
 
+@pytest.mark.parametrize(
+    "name",
+    ["lh.pial.T1", "lh.white.preaparc", "lh.sphere.reg", "lh.graymid", "rh.pial_semi_inflated"],
+)
+@pytest.mark.parametrize("packed", [False, True])
+def test_freesurfer_surfaces_are_known_by_how_they_begin(
+    name: str, packed: bool, tmp_path: Path
+) -> None:
+    path = tmp_path / name
+    write_freesurfer(path)
+    if packed:
+        path = tmp_path / f"{name}.gz"
+        path.write_bytes(gzip.compress((tmp_path / name).read_bytes()))
+    mesh = read_mesh(path)
+    assert same_surface(mesh, VERTICES, FACES)
+    assert (mesh.name, mesh.unit) == (name, "mm")
+
+
+@pytest.mark.parametrize("magic", [b"\xff\xff\xff", b"\xff\xff\xfd"])
+def test_freesurfer_quadrangles(magic: bytes, tmp_path: Path) -> None:
+    # A square of two triangles, whichever way it is cut.
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    places = (100 * square).astype(">i2") if magic[2] == 255 else square.astype(">f4")
+    corners = bytes([0, 0, 0, 0, 0, 1, 0, 0, 2, 0, 0, 3])
+    path = tmp_path / "lh.odd"
+    path.write_bytes(magic + bytes([0, 0, 4, 0, 0, 1]) + places.tobytes() + corners)
+    mesh = read_mesh(path)
+    np.testing.assert_array_equal(mesh.vertices, square)
+    assert mesh.n_faces == 2
+    assert mesh.area == pytest.approx(1.0)
+    path.write_bytes(path.read_bytes()[:-3])
+    assert "cut short" in fault_of(path)
+
+
+def test_numbers_on_a_freesurfer_surface_are_no_surface(tmp_path: Path) -> None:
+    path = tmp_path / "lh.thickness"
+    path.write_bytes(b"\xff\xff\xff" + struct.pack(">iii5f", 5, 6, 1, 1, 2, 3, 4, 5))
+    assert "one number a vertex" in fault_of(path)
+
+
 # Bad input: one sentence that names the file, the fault and the way out.
 
 
@@ -376,22 +416,34 @@ def test_truncated_ply_says_how_much_is_there(tmp_path: Path) -> None:
     [
         (
             "v 0 0 0\nv 1 0 0\nv 0 nan 0\nf 1 2 3\n",
-            "1 vertex with a coordinate that is not finite",
+            "1 vertex with a coordinate that is not finite, in line 3;",
         ),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 7\n", "index 6 of 3 vertices"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 7\n", "1 face with a vertex index out of range"),
+        (
+            "v 0 0 0\nv 1 0 0\nf 1 2 3\nv 0 1 0\nf 1 2 7\nf 9 1 2\n",
+            "2 faces with a vertex index out of range, the first being vertex 7 of 3, in line 5;",
+        ),
         ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "is no usable mesh: the faces have no area"),
         ("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "those of a surface."),
         ("hello\n", "check that it is an OBJ mesh, or"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "index 0"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf -4 1 2\n", "before the first vertex"),
+        (
+            "v 0 0 0\nv 1 0 0\nv 0 1 0\n# no\nf 0 1 2\n",
+            "index 0, though OBJ counts from 1, in line 5;",
+        ),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf -4 1 2\n", "before the first vertex, in line 5;"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", "no faces"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\nf 1 2\n", "no faces"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 1 2\n", "three different corners"),
-        ("v 0 0 0\nv 1 0\nv 0 1 0\nf 1 2 3\n", "fewer than three coordinates"),
-        ("v 0 0 0\nv \nv 0 1 0\nf 1 2 3\n", "fewer than three coordinates"),
-        ("v 0 0 0\nv 1 0 zero\nv 0 1 0\nf 1 2 3\n", "'zero' where a number should be"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3.5\n", "'3.5' where a number should be"),
+        ("v 0 0 0\nv 1 0\nv 0 1 0\nf 1 2 3\n", "fewer than three coordinates, in line 2;"),
+        ("v 0 0 0\nv \nv 0 1 0\nf 1 2 3\n", "fewer than three coordinates, in line 2;"),
+        ("v 0 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf \n", "face line without corners, in line 5;"),
+        (
+            "v 0 0 0\nvn 1 1 x\nv 1 0 zero\nv 0 1 0\nf 1 2 3\n",
+            "'zero' where a number should be, in line 3;",
+        ),
+        (
+            "v 0 \\\n0 \\\r\n0\nv 1 0 0\nv 0 1 0\nf 1 \\\n2 3.5\n",
+            "'3.5' where a number should be, in line 6;",
+        ),
     ],
 )
 def test_faulty_obj(content: str, clause: str, tmp_path: Path) -> None:
@@ -419,11 +471,9 @@ def test_a_reader_that_ends_its_process(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # As VTK does on some broken files, by a segmentation fault or for want of memory.
-    monkeypatch.setattr(
-        "meshmash_viewer.io.formats.vtk._CHILD", "import os; os.kill(os.getpid(), 9)"
-    )
+    monkeypatch.setattr("meshmash_viewer.io.guarded._CHILD", "import os; os.kill(os.getpid(), 9)")
     write_vtk(tmp_path / name)
-    assert "VTK's reader ends on it" in fault_of(tmp_path / name)
+    assert "the library that reads it ends on it" in fault_of(tmp_path / name)
 
 
 def test_no_triangle_left_after_merging(tmp_path: Path) -> None:
@@ -466,3 +516,138 @@ def test_no_permission(tmp_path: Path) -> None:
         assert "may not be read" in fault_of(path)
     finally:
         os.seteuid(0)
+
+
+# Files that ask for more than they hold ----------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "clause"),
+    [
+        (
+            "far.gii",
+            '<GIFTI Version="1.0"><DataArray Dimensionality="99999999999"/></GIFTI>',
+            "an array of 99999999999 dimensions",
+        ),
+        (
+            "far.vtp",
+            '<VTKFile type="PolyData"><DataArray NumberOfComponents="4294967295"/></VTKFile>',
+            "promises 4294967295 components",
+        ),
+        (
+            "far.vtk",
+            "# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\nPOINTS 99999999 float\n0 0 0",
+            "promises 99999999 points",
+        ),
+        ("far.gltf", '{"buffers": [{"uri": "absent.bin"}]}', "a file absent.bin that is not"),
+        ("deep.gltf", "[" * 100_000, "does not hold the JSON"),
+        ("far.off", "OFF\n1e300 1e300 0\n0 0 0\n", "promises 1e+300 vertices"),
+        ("odd.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 x\n3 0 1 2\n", "should be, in line 5;"),
+    ],
+)
+def test_promises_are_not_believed(name: str, content: str, clause: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_text(content)
+    assert clause in fault_of(path)
+
+
+def test_an_npz_array_larger_than_its_member(tmp_path: Path) -> None:
+    import zipfile
+
+    path = tmp_path / "far.npz"
+    np.savez(path, vertices=VERTICES, faces=FACES)
+    with zipfile.ZipFile(path) as archive:
+        held = {name: archive.read(name) for name in archive.namelist()}
+    held["vertices.npy"] = held["vertices.npy"].replace(b"(6, 3), }   ", b"(60000, 3), }")
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in held.items():
+            archive.writestr(name, content)
+    assert "an array vertices of shape (60000, 3), too large" in fault_of(path)
+
+
+def test_names_in_archives_bring_no_lines_into_a_sentence(tmp_path: Path) -> None:
+    import zipfile
+
+    path = tmp_path / "odd.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("two\nlines \x1b[31m.npy", b"")
+    assert "\x1b" not in fault_of(path)
+
+
+def test_gzip_that_unpacks_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(scratch))
+    monkeypatch.setenv("MESHMASH_READ_LIMITS", "0.01")
+    path = tmp_path / "bomb.obj.gz"
+    path.write_bytes(gzip.compress(bytes(20_000_000)))
+    assert "unpacks to more than" in fault_of(path)
+    assert "MESHMASH_READ_LIMITS=10" in fault_of(path)
+    assert not list(scratch.iterdir())
+
+
+@pytest.mark.parametrize("limits", ["1", "0.1"])
+def test_gifti_arrays_that_unpack_to_much(
+    limits: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from nibabel.gifti import GiftiDataArray, GiftiImage
+
+    zeros = np.zeros((6_000_000, 3), dtype=np.float32)  # 72 MB of which 70 kB are left
+    arrays = [
+        GiftiDataArray(zeros, intent="NIFTI_INTENT_NONE"),
+        GiftiDataArray(VERTICES.astype(np.float32), intent="NIFTI_INTENT_POINTSET"),
+        GiftiDataArray(FACES.astype(np.int32), intent="NIFTI_INTENT_TRIANGLE"),
+    ]
+    path = tmp_path / "mesh.gii"
+    path.write_bytes(GiftiImage(darrays=arrays).to_bytes())
+    monkeypatch.setenv("MESHMASH_READ_LIMITS", limits)
+    if limits == "1":
+        assert same_surface(read_mesh(path), VERTICES, FACES)
+    else:
+        assert "MB of memory to read, more than a sound" in fault_of(path)
+
+
+def test_a_file_that_unpacks_to_much_is_read_all_the_same(tmp_path: Path) -> None:
+    # Beyond what is read without limits: 14 MB from a few kB.
+    plain, packed = tmp_path / "mesh.obj", tmp_path / "mesh.obj.gz"
+    write_obj(plain)
+    packed.write_bytes(gzip.compress(b"# nothing to see here\n" * 650_000 + plain.read_bytes()))
+    assert same_surface(read_mesh(packed), VERTICES, FACES)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a program that computes for ever")
+@pytest.mark.parametrize(
+    ("code", "clause"),
+    [
+        ("while True: pass", "takes longer than"),
+        (
+            "x = bytearray(300_000_000)\nx[::4096] = b'1' * len(x[::4096])\nwhile True: pass",
+            "memory",
+        ),
+    ],
+)
+def test_a_reader_without_end_is_stopped(
+    code: str, clause: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("meshmash_viewer.io.guarded._CHILD", code)
+    monkeypatch.setenv("MESHMASH_READ_LIMITS", "0.1")
+    write_vtk(tmp_path / "mesh.vtk")
+    sentence = fault_of(tmp_path / "mesh.vtk")
+    assert clause in sentence
+    assert "MESHMASH_READ_LIMITS" in sentence
+
+
+def test_limits_that_are_no_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MESHMASH_READ_LIMITS", "plenty")
+    write_obj(tmp_path / "mesh.obj")
+    with pytest.raises(InputError, match=r"^MESHMASH_READ_LIMITS is 'plenty': give the number"):
+        read_mesh(tmp_path / "mesh.obj")
+
+
+def test_one_stray_coordinate_does_not_join_all_vertices(tmp_path: Path) -> None:
+    corners = np.random.default_rng(0).random((3000, 3, 3)).astype(np.float32)
+    corners[0, 0, 0] = 1e38
+    body = b"".join(struct.pack("<3f9fH", 0, 0, 0, *tri.reshape(-1), 0) for tri in corners)
+    path = tmp_path / "stray.stl"
+    path.write_bytes(bytes(80) + struct.pack("<I", len(corners)) + body)
+    assert "a coordinate as large as 1e+38" in fault_of(path)

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +18,7 @@ from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.eigensolver import Decomposition
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features import Features
+from meshmash_viewer.io.atomic import written_whole
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.io.write import (
     EIGENPAIR_WRITERS,
@@ -208,6 +213,58 @@ def test_failure_leaves_the_old_file_whole(
         write_features(path, features, mesh)
     assert path.read_bytes() == b"the old content"
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("ending", [".npy", ".csv"])
+def test_the_note_names_its_table(
+    ending: str, mesh: Mesh, features: Features, tmp_path: Path
+) -> None:
+    path = tmp_path / f"out{ending}"
+    for factor in (1.0, 2.0):
+        write_features(path, Features(features.values * factor, COLUMNS), mesh)
+        note = json.loads(path.with_name(path.name + ".json").read_text())
+        assert note["table_sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def killed_while_writing(path: Path) -> list[Path]:
+    """What a process leaves that is killed before its file takes its place."""
+    code = (
+        "import os, sys\nfrom pathlib import Path\n"
+        "from meshmash_viewer.io.atomic import written_together\n"
+        "with written_together(*map(Path, sys.argv[1:])) as parts:\n"
+        "    for part in parts: part.write_bytes(b'half')\n"
+        "    os.kill(os.getpid(), 9)\n"
+    )
+    note = path.with_name(path.name + ".json")
+    subprocess.run([sys.executable, "-c", code, str(path), str(note)], check=False)
+    return [each for each in path.parent.iterdir() if each not in (path, note)]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a signal that cannot be caught")
+def test_what_a_killed_export_left_goes_with_the_next(
+    mesh: Mesh, features: Features, tmp_path: Path
+) -> None:
+    left = killed_while_writing(tmp_path / "out.csv")
+    assert len(left) == 2
+    write_features(tmp_path / "other.npz", features, mesh)
+    assert list(tmp_path.iterdir()) == [tmp_path / "other.npz"]
+
+
+def test_what_others_write_stays(mesh: Mesh, features: Features, tmp_path: Path) -> None:
+    with written_whole(tmp_path / "ours.npz") as part:
+        part.write_bytes(b"half")
+        # Another machine's process may be alive, unless its part is old.
+        young, old = (tmp_path / f".meshmash-0000000{i}-1-00000000-theirs.npz" for i in (1, 2))
+        hidden = tmp_path / ".meshmash-notes"
+        for each in (young, old, hidden):
+            each.touch()
+        for each in (old, hidden):
+            os.utime(each, (0, 0))
+        write_features(tmp_path / "out.npz", features, mesh)
+        assert part.exists()
+    assert young.exists()
+    assert hidden.exists()
+    assert not old.exists()
 
 
 def test_places_where_nothing_can_be_written(

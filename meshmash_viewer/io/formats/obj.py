@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.polygons import RawMesh, fan_triangles, parse_rows
+from meshmash_viewer.io.polygons import NotANumber, RawMesh, fan_triangles, parse_rows
 from meshmash_viewer.mesh import FloatArray, IntArray
 
 __all__ = ["read_obj"]
@@ -30,11 +31,13 @@ def read_obj(path: Path) -> RawMesh:
     Raises
     ------
     InputError
-        If a line is not what its first letter promises, or an index is zero.
+        If a line is not what its first letter promises, or names a vertex that is not there; the
+        message names the line.
     """
     data = path.read_bytes()
     if b"\n" not in data:
         data = data.replace(b"\r", b"\n")
+    whole = data
     if b"\\" in data:
         data = re.sub(rb"\\\r?\n", b" ", data)
     if re.search(rb"^[ \t]+[vf][ \t]", data, re.MULTILINE):
@@ -51,9 +54,34 @@ def read_obj(path: Path) -> RawMesh:
         raise InputError("holds no vertex line (v x y z)")
     characters[starts[is_vertex | is_face]] = ord(" ")
     lengths = ends + 1 - starts
-    vertices = _vertices(_text(characters, lengths, is_vertex), int(is_vertex.sum()))
-    faces = _faces(_text(characters, lengths, is_face), np.cumsum(is_vertex)[is_face])
+    try:
+        kind = is_vertex
+        vertices = _vertices(_text(characters, lengths, is_vertex))
+        kind = is_face
+        faces = _faces(
+            _text(characters, lengths, is_face), np.cumsum(is_vertex)[is_face], len(vertices)
+        )
+    except _LineFault as fault:
+        line = _line_number(whole, int(np.flatnonzero(kind)[fault.row]))
+        raise InputError(f"{fault}, in line {line}") from None
     return RawMesh(vertices, faces)
+
+
+class _LineFault(InputError):
+    """What is wrong, and with which of the vertex lines or of the face lines."""
+
+    def __init__(self, what: str, row: int) -> None:
+        super().__init__(what)
+        self.row = row
+
+
+def _line_number(data: bytes, index: int) -> int:
+    """Line in the file, counted from 1, of a line counted from 0 after the joining of lines."""
+    if b"\\" not in data:
+        return index + 1
+    lines = data.split(b"\n")
+    begins = [True, *(not line.rstrip(b"\r").endswith(b"\\") for line in lines[:-1])]
+    return int(np.flatnonzero(begins)[index]) + 1
 
 
 def _text(characters: npt.NDArray[np.uint8], lengths: IntArray, lines: BoolArray) -> bytes:
@@ -61,29 +89,60 @@ def _text(characters: npt.NDArray[np.uint8], lengths: IntArray, lines: BoolArray
     return re.sub(rb"#[^\n]*", b"", text) if b"#" in text else text
 
 
-def _vertices(text: bytes, n_lines: int) -> FloatArray:
-    numbers, counts = parse_rows(text, np.float64)
-    if len(counts) != n_lines or counts.min() < 3:
-        raise InputError("has a vertex with fewer than three coordinates")
+def _rows(
+    text: bytes, dtype: type[np.generic], fault_if_empty: str
+) -> tuple[npt.NDArray[Any], IntArray]:
+    """As `parse_rows`, but every line has to hold something."""
+    try:
+        numbers, counts = parse_rows(text, dtype)
+    except NotANumber as fault:
+        raise _LineFault(str(fault), fault.line) from None
+    if len(counts) < text.count(b"\n"):
+        empty = [not line.strip() for line in text.split(b"\n")].index(True)
+        raise _LineFault(fault_if_empty, empty)
+    return numbers, counts
+
+
+def _vertices(text: bytes) -> FloatArray:
+    too_few = "has a vertex with fewer than three coordinates"
+    numbers, counts = _rows(text, np.float64, too_few)
+    if counts.min() < 3:
+        raise _LineFault(too_few, int(counts.argmin()))
     first = np.cumsum(counts) - counts
-    return np.column_stack([numbers[first], numbers[first + 1], numbers[first + 2]])
+    vertices = np.column_stack([numbers[first], numbers[first + 1], numbers[first + 2]])
+    if not np.isfinite(vertices).all():
+        broken = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+        vertex = "1 vertex" if len(broken) == 1 else f"{len(broken)} vertices"
+        raise _LineFault(f"has {vertex} with a coordinate that is not finite", int(broken[0]))
+    return vertices
 
 
-def _faces(text: bytes, vertices_before: IntArray) -> IntArray:
+def _faces(text: bytes, vertices_before: IntArray, n_vertices: int) -> IntArray:
     if b"/" in text:
         text = _without_slashes(text)
-    corners, counts = parse_rows(text, np.int64)
-    if len(counts) != len(vertices_before):
-        raise InputError("has a face line without corners")
-    if np.any(corners == 0):
-        raise InputError("has a face with vertex index 0, though OBJ counts from 1")
-    if len(corners) and corners.min() < 0:
+    given, counts = _rows(text, np.int64, "has a face line without corners")
+    if not len(given):
+        return np.empty((0, 3), dtype=np.int64)
+    ends = np.cumsum(counts)
+    corners = given - 1
+    if given.min() <= 0:
         before = np.repeat(vertices_before, counts)
-        if np.any(corners < -before):
-            raise InputError("has a face that counts back to before the first vertex")
-        corners = np.where(corners < 0, before + corners, corners - 1)
-    else:
-        corners = corners - 1
+        corners = np.where(given < 0, before + given, corners)
+        if np.any(given == 0):
+            row = int(np.searchsorted(ends, np.argmax(given == 0), side="right"))
+            raise _LineFault("has a face with vertex index 0, though OBJ counts from 1", row)
+        if np.any(given < -before):
+            row = int(np.searchsorted(ends, np.argmax(given < -before), side="right"))
+            raise _LineFault("has a face that counts back to before the first vertex", row)
+    if corners.max() >= n_vertices:
+        wrong = np.flatnonzero(corners >= n_vertices)
+        rows = np.unique(np.searchsorted(ends, wrong, side="right"))
+        face = "1 face" if len(rows) == 1 else f"{len(rows)} faces"
+        raise _LineFault(
+            f"has {face} with a vertex index out of range, the first being vertex"
+            f" {given[wrong[0]]} of {n_vertices}",
+            int(rows[0]),
+        )
     return fan_triangles(corners, counts)
 
 

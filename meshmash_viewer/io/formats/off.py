@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.polygons import RawMesh, fan_triangles, parse_rows
+from meshmash_viewer.io.polygons import NotANumber, RawMesh, fan_triangles, parse_rows
 
 __all__ = ["read_off"]
 
@@ -33,28 +33,36 @@ def read_off(path: Path) -> RawMesh:
     assert header is not None
     if data[header.end() :].startswith(b"BINARY"):
         raise InputError("is a binary OFF file, of which only the text kind can be read")
-    numbers, counts = parse_rows(data[header.end() :].replace(b"\r", b"\n"), np.float64)
+    body = data[header.end() :]
+    if b"\n" not in body:
+        body = body.replace(b"\r", b"\n")
+    try:
+        numbers, counts = parse_rows(body, np.float64)
+    except NotANumber as fault:
+        raise fault.in_line(data.count(b"\n", 0, header.end()) + fault.line + 1) from None
     if not len(counts) or counts[0] < 2:
         raise InputError("does not state how many vertices and faces it holds")
-    n_vertices, n_faces = int(numbers[0]), int(numbers[1])
-    if n_vertices < 0 or n_faces < 0 or len(counts) < 1 + n_vertices + n_faces:
+    promised = numbers[:2]
+    if not (np.all(promised >= 0) and len(counts) > promised.sum()):
         raise InputError(
-            f"promises {n_vertices} vertices and {n_faces} faces but has {len(counts) - 1} lines"
-            " after that"
+            f"promises {promised[0]:.15g} vertices and {promised[1]:.15g} faces but has"
+            f" {len(counts) - 1} lines after that"
         )
+    n_vertices, n_faces = promised.astype(np.int64).tolist()
     first = np.cumsum(counts) - counts
     vertex_rows = first[1 : 1 + n_vertices]
     if n_vertices and counts[1 : 1 + n_vertices].min() < 3:
         raise InputError("has a vertex with fewer than three coordinates")
     vertices = np.column_stack([numbers[vertex_rows + axis] for axis in range(3)])
     face_rows = first[1 + n_vertices : 1 + n_vertices + n_faces]
-    corner_counts = numbers[face_rows].astype(np.int64)
-    if np.any(counts[1 + n_vertices : 1 + n_vertices + n_faces] < corner_counts + 1) or np.any(
-        corner_counts < 0
-    ):
+    stated, room = numbers[face_rows], counts[1 + n_vertices : 1 + n_vertices + n_faces]
+    if not np.all((stated >= 0) & (stated < room)):
         raise InputError("has a face with fewer corners than it states")
+    corner_counts = stated.astype(np.int64)
     within = np.arange(corner_counts.sum()) - np.repeat(
         np.cumsum(corner_counts) - corner_counts, corner_counts
     )
     corners = numbers[np.repeat(face_rows + 1, corner_counts) + within]
+    if not np.all(np.abs(corners) < 2.0**53):
+        raise InputError("has a face with a vertex index that is no whole number")
     return RawMesh(vertices, fan_triangles(corners.astype(np.int64), corner_counts))

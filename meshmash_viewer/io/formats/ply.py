@@ -10,7 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.polygons import RawMesh, fan_triangles, parse_rows, strip_triangles
+from meshmash_viewer.io.faults import printable
+from meshmash_viewer.io.polygons import (
+    NotANumber,
+    RawMesh,
+    fan_triangles,
+    parse_rows,
+    strip_triangles,
+)
 from meshmash_viewer.io.provenance import stated_unit
 from meshmash_viewer.mesh import IntArray
 
@@ -73,7 +80,10 @@ def read_ply(path: Path) -> RawMesh:
     if byte_order:
         body = np.frombuffer(data, dtype=np.uint8, offset=start)
     else:
-        body, _ = parse_rows(data[start:], np.float64)
+        try:
+            body, _ = parse_rows(data[start:], np.float64)
+        except NotANumber as fault:
+            raise fault.in_line(data.count(b"\n", 0, start) + fault.line + 1) from None
     vertices = None
     faces: list[IntArray] = []
     for element in elements:
@@ -95,13 +105,18 @@ def read_ply(path: Path) -> RawMesh:
             if element.name == "face":
                 faces.append(fan_triangles(indices, counts))
             else:
-                cuts = np.union1d(np.cumsum(counts)[:-1], np.flatnonzero(indices == -1))
-                strips = np.split(indices, cuts)
-                faces.extend(strip_triangles(strip[strip != -1]) for strip in strips)
+                faces.append(strip_triangles(*_without_breaks(indices, counts)))
     if vertices is None:
         raise InputError("has no vertices")
     corners_of_all = np.concatenate(faces) if faces else np.empty((0, 3), dtype=np.int64)
     return RawMesh(vertices, corners_of_all, _unit_in_comments(data[:start]))
+
+
+def _without_breaks(indices: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:
+    """Cut strips where an index is -1, which is no corner."""
+    is_break = indices == -1
+    strip = np.repeat(np.arange(len(counts)), counts) + np.cumsum(is_break)
+    return indices[~is_break], np.bincount(strip[~is_break])
 
 
 def _unit_in_comments(header: bytes) -> str | None:
@@ -141,7 +156,9 @@ def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
                 case _:
                     raise ValueError
         except (ValueError, KeyError, IndexError):
-            raise InputError(f"has a header line that PLY does not know, {line[:60]!r}") from None
+            raise InputError(
+                f"has a header line that PLY does not know, {printable(line, 60)!r}"
+            ) from None
     if byte_order is None:
         raise InputError("has a header without a format line")
     return byte_order, elements, newline + 1
@@ -263,6 +280,7 @@ def _read_uneven(
 
 def _cut_short(element: _Element, available: int) -> InputError:
     return InputError(
-        f"promises {element.count} of its element {element.name!r} but ends after {available},"
+        f"promises {element.count} of its element {printable(element.name, 40)!r} but ends after"
+        f" {available},"
         " so it was cut short"
     )

@@ -1,15 +1,12 @@
 """VTP and legacy VTK files, by VTK's own readers in a process of their own.
 
-On some broken files VTK does not fail but ends its process, so that must not be ours.
+On some broken files VTK does not fail but ends its process, goes round for ever or takes all
+memory, so that must not be our process.
 """
 
 from __future__ import annotations
 
-import json
 import re
-import subprocess
-import sys
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -17,19 +14,18 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.faults import printable
+from meshmash_viewer.io.guarded import read_guarded
 from meshmash_viewer.io.polygons import RawMesh, fan_triangles, strip_triangles
 from meshmash_viewer.io.provenance import stated_unit
 from meshmash_viewer.mesh import IntArray
 
-__all__ = ["convert", "read_legacy_vtk", "read_vtp"]
+__all__ = ["read_legacy_vtk", "read_vtp", "vtk_legacy_surface", "vtk_xml_surface"]
 
-# The child finds this package wherever the parent found it.
-_CHILD = """
-import json, sys
-sys.path[:] = json.loads(sys.argv[1])
-from meshmash_viewer.io.formats.vtk import convert
-convert(*sys.argv[2:])
-"""
+#: Values that a byte of a compressed file can stand for at most; deflate shrinks 1032-fold.
+_VALUES_PER_BYTE = 260
+#: What a legacy file counts, in front of the values themselves.
+_LEGACY_COUNTS = (b"POINTS", b"POLYGONS", b"TRIANGLE_STRIPS", b"CELLS", b"CELL_TYPES", b"LINES")
 
 
 def read_vtp(path: Path) -> RawMesh:
@@ -40,10 +36,13 @@ def read_vtp(path: Path) -> RawMesh:
     InputError
         If VTK cannot read the file.
     """
-    with path.open("rb") as file:
-        if b"<VTKFile" not in file.read(10_000):
-            raise InputError("is not a VTK XML PolyData file")
-    return _in_child(path)
+    content = path.read_bytes()
+    if b"<VTKFile" not in content[:10_000]:
+        raise InputError("is not a VTK XML PolyData file")
+    most = _VALUES_PER_BYTE * len(content)
+    _check_counts(content, b"NumberOf", rb'NumberOf(\w+)\s*=\s*"\s*(\d+)', most)
+    del content
+    return read_guarded(vtk_xml_surface, path)
 
 
 def read_legacy_vtk(path: Path) -> RawMesh:
@@ -54,56 +53,41 @@ def read_legacy_vtk(path: Path) -> RawMesh:
     InputError
         If VTK cannot read the file, or it holds another kind of data.
     """
-    with path.open("rb") as file:
-        if not file.read(30).startswith(b"# vtk DataFile"):
-            raise InputError('does not begin with "# vtk DataFile"')
-    return _in_child(path)
+    content = path.read_bytes()
+    if not content.startswith(b"# vtk DataFile"):
+        raise InputError('does not begin with "# vtk DataFile"')
+    for name in _LEGACY_COUNTS:
+        _check_counts(content, b"\n" + name, rb"\n(\w+)[ \t]+(\d+)", len(content))
+    del content
+    return read_guarded(vtk_legacy_surface, path)
 
 
-def _in_child(path: Path) -> RawMesh:
-    with tempfile.TemporaryDirectory(prefix="meshmash-") as folder:
-        result = Path(folder) / "mesh.npz"
-        command = [sys.executable, "-c", _CHILD, json.dumps(sys.path), str(path), str(result)]
-        child = subprocess.run(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,  # where VTK complains once more before it ends
-            check=False,
-            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
-        )
-        if child.returncode != 0:
-            raise InputError("is so broken that VTK's reader ends on it")
-        if not result.exists():
-            raise InputError(child.stdout.decode("utf-8").strip())
-        with np.load(result) as arrays:
-            return RawMesh(arrays["vertices"], arrays["faces"], stated_unit(str(arrays["meta"])))
+def _check_counts(content: bytes, begin: bytes, pattern: bytes, most: int) -> None:
+    """Refuse a number of things that would not fit in the file, before VTK makes room for it."""
+    count = re.compile(pattern)
+    place = content.find(begin)
+    while place >= 0:
+        found = count.match(content, place)
+        if found is not None and (len(found[2]) > 18 or int(found[2]) > most):
+            raise InputError(
+                f"promises {found[2][:20].decode()} {found[1].decode('latin-1').lower()},"
+                " which a file of its size cannot hold"
+            )
+        place = content.find(begin, place + len(begin))
 
 
-def convert(source: str, result: str) -> None:
-    """Read a file with VTK and write its vertices and faces as NPZ, in the child process.
-
-    A fault in the file is printed, as the clause after the file's name.
-    """
-    try:
-        path = Path(source)
-        output = _read_xml(path) if path.suffix.lower() == ".vtp" else _read_legacy(path)
-        raw = _from_polydata(output)
-        np.savez(result, vertices=raw.vertices, faces=raw.faces, meta=np.array(_said(output)))
-    except InputError as fault:
-        sys.stdout.buffer.write(str(fault).encode("utf-8"))
-
-
-def _read_xml(path: Path) -> Any:
+def vtk_xml_surface(path: Path) -> RawMesh:
+    """Read a VTP file with VTK; only `read_guarded` calls this, in a process of its own."""
     from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
     reader = vtkXMLPolyDataReader()
     if not reader.CanReadFile(str(path)):
         raise InputError("is not a VTK XML PolyData file")
-    return _output(reader, path)
+    return _from_polydata(_output(reader, path))
 
 
-def _read_legacy(path: Path) -> Any:
+def vtk_legacy_surface(path: Path) -> RawMesh:
+    """Read a legacy file with VTK; only `read_guarded` calls this, in a process of its own."""
     from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
 
     output = _output(vtkGenericDataObjectReader(), path)
@@ -118,13 +102,7 @@ def _read_legacy(path: Path) -> Any:
         output = surface.GetOutput()
     if not output.IsA("vtkPolyData"):
         raise InputError(f"holds a {output.GetClassName()} where a surface should be")
-    return output
-
-
-def _said(output: Any) -> str:
-    """What our own exports say of themselves, where the unit is; empty in other files."""
-    told = output.GetFieldData().GetAbstractArray("meshmash-viewer")
-    return str(told.GetValue(0)) if told is not None and told.GetNumberOfValues() else ""
+    return _from_polydata(output)
 
 
 def _output(reader: Any, path: Path) -> Any:
@@ -143,8 +121,8 @@ def _output(reader: Any, path: Path) -> Any:
             for line in complaints.splitlines()
             if line.strip() and not re.match(r"(ERROR|Warning|Generic Warning): In ", line)
         ]
-        detail = clauses[0][:120] if clauses else f"error {reader.GetErrorCode()}"
-        raise InputError(f"is not readable by VTK ({detail})")
+        detail = clauses[0] if clauses else f"error {reader.GetErrorCode()}"
+        raise InputError(f"is not readable by VTK ({printable(detail)})")
     return reader.GetOutput()
 
 
@@ -152,17 +130,23 @@ def _from_polydata(output: Any) -> RawMesh:
     if output is None or output.GetPoints() is None:
         raise InputError("holds no vertices")
     vertices = _array(output.GetPoints().GetData()).astype(np.float64)
-    faces: list[IntArray] = []
-    polygons, strips = output.GetPolys(), output.GetStrips()
-    if polygons.GetNumberOfCells():
-        offsets = _array(polygons.GetOffsetsArray()).astype(np.int64)
-        corners = _array(polygons.GetConnectivityArray()).astype(np.int64)
-        faces.append(fan_triangles(corners[offsets[0] : offsets[-1]], np.diff(offsets)))
-    if strips.GetNumberOfCells():
-        offsets = _array(strips.GetOffsetsArray()).astype(np.int64)
-        corners = _array(strips.GetConnectivityArray()).astype(np.int64)
-        faces.extend(strip_triangles(strip) for strip in np.split(corners, offsets[1:-1]))
-    return RawMesh(vertices, np.concatenate(faces) if faces else np.empty((0, 3), dtype=np.int64))
+    triangles = [np.empty((0, 3), dtype=np.int64)]
+    for cells, cut in ((output.GetPolys(), fan_triangles), (output.GetStrips(), strip_triangles)):
+        if cells.GetNumberOfCells():
+            triangles.append(cut(*_corners(cells)))
+    told = output.GetFieldData().GetAbstractArray("meshmash-viewer")
+    said = str(told.GetValue(0)) if told is not None and told.GetNumberOfValues() else ""
+    return RawMesh(vertices, np.concatenate(triangles), stated_unit(said))
+
+
+def _corners(cells: Any) -> tuple[IntArray, IntArray]:
+    """Corners of all cells, one after the other, and how many each has."""
+    offsets = _array(cells.GetOffsetsArray()).astype(np.int64)
+    corners = _array(cells.GetConnectivityArray()).astype(np.int64)
+    counts = np.diff(offsets)
+    if offsets[0] < 0 or offsets[-1] > len(corners) or counts.min() < 0:
+        raise InputError("has cells whose corners overlap or end beyond the last")
+    return corners[offsets[0] : offsets[-1]], counts
 
 
 def _array(values: Any) -> npt.NDArray[Any]:

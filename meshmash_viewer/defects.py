@@ -1,0 +1,60 @@
+"""Faults of the program itself: one sentence for the user, and details to send along."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import os
+import platform
+import sys
+import traceback
+from importlib import metadata
+from pathlib import Path
+
+__all__ = ["defect_details", "report_defect"]
+
+_PACKAGES = ("meshmash-viewer", "numpy", "scipy", "numba", "vtk", "PySide6-Essentials")
+
+
+def defect_details(fault: BaseException) -> str:
+    """What whoever mends it wants to know: where it happened, and in which versions."""
+    versions = [
+        f"meshmash-viewer {_version('meshmash-viewer')}",
+        f"Python {sys.version.split()[0]}",
+    ]
+    versions += [f"{package} {_version(package)}" for package in _PACKAGES]
+    command = " ".join(sys.argv)
+    trace = "".join(traceback.format_exception(fault))
+    return f"{command}\n{platform.platform()}\n{', '.join(versions)}\n\n{trace}"
+
+
+def report_defect(fault: BaseException) -> str:
+    """Keep the details of a defect in a file of the user's log folder.
+
+    Returns
+    -------
+    str
+        The end of a sentence: "a defect of the program (KeyError: 3); details are in …".
+    """
+    import platformdirs
+
+    what = " ".join(f"{type(fault).__name__}: {fault}".split())[:200].rstrip(": ")
+    moment = datetime.datetime.now().strftime("%Y%m%d-%H%M%S-%f")
+    with contextlib.suppress(OSError):  # a full disk must not hide the defect
+        folder = Path(platformdirs.user_log_path("meshmash-viewer", appauthor=False))
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / f"defect-{moment}-{os.getpid()}.txt"
+        path.write_text(defect_details(fault), encoding="utf-8", errors="replace")
+        return (
+            f"a defect of the program ({what}); please report it with the details, which are in"
+            f" {path}"
+        )
+    place = traceback.extract_tb(fault.__traceback__)[-1:]
+    at = f" at {place[0].name}, line {place[0].lineno}" if place else ""
+    return f"a defect of the program ({what}{at}); please report it."
+
+
+def _version(package: str) -> str:
+    with contextlib.suppress(metadata.PackageNotFoundError):
+        return metadata.version(package)
+    return "absent"

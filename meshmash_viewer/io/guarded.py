@@ -1,0 +1,158 @@
+"""Reading in a process of its own, which is stopped when a file takes too much.
+
+Some libraries do not fail on a broken file: they end their process, go round for ever or take all
+memory. That must not be our process.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import io
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.faults import unreadable
+from meshmash_viewer.io.limits import LimitExceeded, ReadLimits
+from meshmash_viewer.io.polygons import RawMesh
+from meshmash_viewer.io.scratch import ScratchFolder
+
+__all__ = ["convert", "read_guarded"]
+
+# The child finds this package wherever the parent found it.
+_CHILD = """
+import json, sys
+sys.path[:] = json.loads(sys.argv[1])
+from meshmash_viewer.io.guarded import convert
+convert(*sys.argv[2:])
+"""
+
+#: Exit statuses of the child; any other is that of a library that ended it.
+_READ, _FAULT, _TOO_LARGE = 0, 64, 65
+#: Seconds until the first look at the child, in which it hardly gets beyond its start, and between
+#: the others: memory fills by some tens of megabytes meanwhile.
+_START, _LOOK = 0.2, 0.02
+#: A child that does not compute waits for something that will not come.
+_IDLE_SECONDS = 60.0
+
+
+def read_guarded(
+    reader: Callable[[Path], RawMesh], path: Path, limits: ReadLimits | None = None
+) -> RawMesh:
+    """Read a file by a function of this package, in another process and under limits.
+
+    Parameters
+    ----------
+    reader : callable
+        A public function of a module; its file goes in and a `RawMesh` comes out.
+    path : Path
+    limits : ReadLimits, optional
+        Those of the file's size if not given.
+
+    Raises
+    ------
+    LimitExceeded
+        If it takes more time or memory than `limits`.
+    InputError
+        What `reader` raises, or that it ended its process.
+    """
+    limits = limits or ReadLimits.of(path.stat().st_size)
+    with ScratchFolder() as folder:
+        result = folder / "mesh.npz"
+        name = f"{reader.__module__}:{reader.__qualname__}"
+        command = [sys.executable, "-c", _CHILD, json.dumps(sys.path), name, str(path), str(result)]
+        with subprocess.Popen(
+            [*command, str(limits.memory)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,  # where libraries complain once more before they end it
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},  # whose threads take memory each
+            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+        ) as child:
+            try:
+                said = _watch(child, limits)
+            except BaseException:
+                child.kill()
+                raise
+        if child.returncode == _TOO_LARGE:
+            raise _too_large(limits)
+        if child.returncode == _FAULT:
+            raise InputError(said.decode("utf-8"))
+        if child.returncode != _READ:
+            raise InputError("is so broken that the library that reads it ends on it")
+        with np.load(result) as arrays:
+            unit = str(arrays["unit"])
+            return RawMesh(arrays["vertices"], arrays["faces"], unit or None)
+
+
+def _watch(child: subprocess.Popen[bytes], limits: ReadLimits) -> bytes:
+    """What the child says; it has ended then."""
+    import psutil
+
+    began = time.monotonic()
+    process = psutil.Process(child.pid)
+    look = _START
+    while True:
+        try:
+            return child.communicate(timeout=look)[0]
+        except subprocess.TimeoutExpired:
+            look = _LOOK
+        with contextlib.suppress(psutil.Error):  # it has just ended
+            spent = process.cpu_times()
+            computed = spent.user + spent.system
+            if process.memory_info().rss > limits.memory:
+                raise _too_large(limits)
+            if computed > limits.seconds:
+                raise LimitExceeded(f"takes longer than {limits.seconds:.0f} seconds to read")
+            if time.monotonic() - began > _IDLE_SECONDS + 10.0 * computed:
+                raise LimitExceeded("keeps its reader waiting")
+
+
+def _too_large(limits: ReadLimits) -> LimitExceeded:
+    return LimitExceeded(f"takes more than {limits.memory / 1e6:.0f} MB of memory to read")
+
+
+def convert(reader: str, source: str, result: str, memory: str) -> None:
+    """Do the reading, in the child process, which ends with it.
+
+    Parameters
+    ----------
+    reader : str
+        Module and function, with a colon between.
+    source, result : str
+        Files to read and to write, the latter as NPZ.
+    memory : str
+        Bytes that the process may take.
+    """
+    module, _, function = reader.partition(":")
+    read = getattr(importlib.import_module(module), function)
+    _refuse_memory_beyond(float(memory))
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):
+            raw: RawMesh = read(Path(source))
+            np.savez(result, vertices=raw.vertices, faces=raw.faces, unit=np.array(raw.unit or ""))
+    except MemoryError:
+        sys.exit(_TOO_LARGE)
+    except Exception as fault:  # noqa: BLE001  the parent says it
+        said = fault if isinstance(fault, InputError) else unreadable(fault)
+        sys.stdout.buffer.write(str(said).encode("utf-8", "replace"))
+        sys.exit(_FAULT)
+
+
+def _refuse_memory_beyond(limit: float) -> None:
+    """Where the system can, refuse at once what the watching parent would see too late."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    if sys.platform == "linux" and limit < 2.0**62:
+        with contextlib.suppress(ValueError, OSError):  # a stricter limit of the user's own
+            resource.setrlimit(resource.RLIMIT_DATA, (int(limit), resource.RLIM_INFINITY))

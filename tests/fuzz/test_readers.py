@@ -1,0 +1,79 @@
+"""A few of the inputs of ``./dev bench fuzz``, and that it would notice."""
+
+from __future__ import annotations
+
+import random
+import sys
+from pathlib import Path
+
+import pytest
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.read import read_mesh
+
+if sys.platform != "linux":
+    pytest.skip("needs the processes of Linux", allow_module_level=True)
+
+from tests.fuzz import trials
+from tests.fuzz.mutators import MUTATORS, Mutator
+from tests.fuzz.seeds import sound_files
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    return tmp_path
+
+
+def test_the_seeds_are_sound(folder: Path) -> None:
+    with trials.forking():
+        for kind, seeds in sound_files().items():
+            for name, content in seeds:
+                (folder / name).write_bytes(content)
+                if name == "lh.sphere":  # numbers on a surface, which is what it should say
+                    with pytest.raises(InputError, match="one number a vertex"):
+                        read_mesh(folder / name)
+                else:
+                    assert read_mesh(folder / name).n_faces > 1, f"{kind} {name}"
+
+
+def test_broken_files_give_a_mesh_or_one_sentence(folder: Path) -> None:
+    with trials.forking():
+        tried = [trials.try_input(number, folder) for number in range(250)]
+    assert not [trial for trial in tried if trial.fault]
+    assert {trial.kind for trial in tried} == set(sound_files())
+    read = sum(not trial.sentence for trial in tried)
+    assert 0 < read < len(tried)
+    assert not list(folder.iterdir()), "nothing is left"
+
+
+def test_small_files_that_ask_for_much(folder: Path) -> None:
+    # Packed arrays without end, a stray coordinate, a chain of nodes, and empty lists.
+    with trials.forking():
+        tried = [trials.try_input(number, folder) for number in (999, 2999, 5999, 7999)]
+    assert not [trial for trial in tried if trial.fault]
+
+
+def test_an_input_is_the_same_every_time() -> None:
+    assert [trials.input_of(number) for number in range(40)] == [
+        trials.input_of(number) for number in range(40)
+    ]
+
+
+@pytest.mark.parametrize("mutator", sorted(set(MUTATORS), key=lambda each: each.__name__))
+def test_mutators_break_something(mutator: Mutator) -> None:
+    _, content = sound_files()["obj"][0]
+    outcomes = {mutator(random.Random(seed), content) for seed in range(20)}
+    assert len(outcomes) > 10
+
+
+def test_a_fault_is_noticed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(path: Path) -> None:
+        raise KeyError("vertices")
+
+    def says_two_lines(path: Path) -> None:
+        raise InputError(f"{path} holds\ntwo lines.")
+
+    for reader, fault in ((fails, "KeyError"), (says_two_lines, "not one sentence")):
+        monkeypatch.setattr(trials, "read_mesh", reader)
+        assert fault in trials.try_input(1, folder).fault

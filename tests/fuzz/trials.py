@@ -1,0 +1,212 @@
+"""One broken file after another to the reader of meshes, and what comes of each.
+
+What may come is a mesh, or one sentence; anything else is a fault of the program, as is more than
+20 seconds or a gigabyte for a file below a megabyte.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import resource
+import select
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io import guarded
+from meshmash_viewer.io.read import read_mesh
+from tests.fuzz.mutators import bomb, broken
+from tests.fuzz.seeds import Seed, sound_files
+
+MOST_SECONDS, MOST_BYTES = 20.0, 1e9
+#: One in so many inputs asks for much; they take a hundred times longer than the others.
+BOMB_EVERY = 1000
+
+#: How often each format is tried; VTK's files take ten times as long as others.
+_WEIGHTS = dict.fromkeys(("obj", "ply", "npz", "gltf", "gifti"), 3)
+_WEIGHTS |= dict.fromkeys(("off", "stl", "freesurfer", "gzip"), 2)
+_WEIGHTS |= dict.fromkeys(("vtk", "vtp"), 1)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What came of an input.
+
+    Parameters
+    ----------
+    number, kind, name
+        Which one it was.
+    seconds, memory : float
+        Processor time that it took, and the most memory of any process, in bytes.
+    sentence : str
+        Empty if it was a mesh.
+    fault : str
+        What should not have happened; empty if all is well.
+    """
+
+    number: int
+    kind: str
+    name: str
+    seconds: float
+    memory: float
+    sentence: str
+    fault: str
+
+
+@cache
+def _sound() -> dict[str, list[Seed]]:
+    return sound_files()
+
+
+def input_of(number: int) -> tuple[str, Seed]:
+    """Format, name and content of an input; the same at every call and on every machine."""
+    rng = random.Random(number)
+    if number % BOMB_EVERY == BOMB_EVERY - 1:
+        return bomb(rng)
+    kind = rng.choices(list(_WEIGHTS), list(_WEIGHTS.values()))[0]
+    seeds = _sound()[kind]
+    others = seeds if rng.random() < 0.7 else _sound()[rng.choice(list(_WEIGHTS))]
+    return kind, broken(rng, rng.choice(seeds), others)
+
+
+def try_input(number: int, folder: Path) -> Trial:
+    """Read an input from a file in a folder of its own."""
+    kind, (name, content) = input_of(number)
+    path = folder / name
+    path.write_bytes(content)
+    _forget_peak()
+    began, computed = time.perf_counter(), sum(os.times()[:4])
+    sentence = fault = ""
+    try:
+        mesh = read_mesh(path)
+        if not mesh.n_faces:
+            fault = "a mesh without faces"
+    except InputError as told:
+        sentence = str(told)
+        fault = _wrong_with(sentence, path)
+    except Exception as other:  # noqa: BLE001  that is what is looked for
+        fault = f"{type(other).__name__}: {other}"
+    # The clock counts what others do on this machine too: it is for what waits and never comes.
+    seconds, waited = sum(os.times()[:4]) - computed, time.perf_counter() - began
+    memory = max(_peak(), Forked.peak)
+    path.unlink(missing_ok=True)
+    if not fault and (seconds > MOST_SECONDS or waited > 5.0 * MOST_SECONDS):
+        fault = f"{seconds:.1f} s of computing, {waited:.1f} s of waiting"
+    if not fault and memory > MOST_BYTES:
+        fault = f"{memory / 1e6:.0f} MB"
+    return Trial(number, kind, name, seconds, memory, sentence.removeprefix(str(path)), fault)
+
+
+def _wrong_with(sentence: str, path: Path) -> str:
+    told = sentence.removeprefix(str(path))
+    if told == sentence:
+        return f"a sentence that does not name its file: {sentence}"
+    if not told.isprintable() or not told.endswith(".") or len(told) > 400:
+        return f"not one sentence: {told!r}"
+    if "more memory than this machine has" in told:
+        return "all memory that there was"
+    return ""
+
+
+# Memory and processes of Linux -----------------------------------------------------------------
+
+
+def _forget_peak() -> None:
+    Forked.peak = 0.0
+    Path("/proc/self/clear_refs").write_text("5")
+
+
+def _peak() -> float:
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith("VmHWM"):
+            return 1024.0 * int(line.split()[1])
+    return 0.0
+
+
+class Forked:
+    """Stands for the process in which a file is read, without the half second of its start."""
+
+    peak = 0.0
+
+    def __init__(self, command: list[str], **_: Any) -> None:
+        reading, writing = os.pipe()
+        self.pid = os.fork()
+        if not self.pid:
+            status = 1
+            try:
+                os.close(reading)
+                os.dup2(writing, 1)
+                os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+                sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
+                guarded.convert(*command[-4:])
+                status = 0
+            except SystemExit as leaving:
+                sys.stdout.buffer.flush()
+                status = int(leaving.code or 0)
+            finally:
+                os._exit(status)
+        os.close(writing)
+        self._said, self._pipe = b"", reading
+        self.returncode: int | None = None
+
+    def __enter__(self) -> Forked:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._wait()
+
+    def communicate(self, timeout: float) -> tuple[bytes, None]:
+        ends = time.monotonic() + timeout
+        while select.select([self._pipe], [], [], max(ends - time.monotonic(), 0.0))[0]:
+            part = os.read(self._pipe, 65536)
+            if not part:
+                self._wait()
+                return self._said, None
+            self._said += part
+        raise subprocess.TimeoutExpired("", timeout)
+
+    def kill(self) -> None:
+        os.kill(self.pid, signal.SIGKILL)
+
+    def _wait(self) -> None:
+        if self.returncode is None:
+            _, status, used = os.wait4(self.pid, 0)
+            self.returncode = os.waitstatus_to_exitcode(status)
+            Forked.peak = max(Forked.peak, 1024.0 * used.ru_maxrss)
+            os.close(self._pipe)
+
+
+@contextlib.contextmanager
+def forking() -> Iterator[None]:
+    """Read in copies of this process what is read in a process of its own."""
+    import nibabel.gifti  # noqa: F401  what every copy would import again
+    import psutil  # noqa: F401
+    import trimesh  # noqa: F401
+
+    from meshmash_viewer.io.formats.vtk import vtk_legacy_surface, vtk_xml_surface
+
+    with tempfile.TemporaryDirectory() as folder:
+        for name, content in (*_sound()["vtk"], *_sound()["vtp"]):
+            path = Path(folder) / name
+            path.write_bytes(content)
+            (vtk_xml_surface if path.suffix == ".vtp" else vtk_legacy_surface)(path)
+    before = guarded.subprocess.Popen
+    guarded.subprocess.Popen = Forked  # type: ignore[misc, assignment]
+    # More than that is a fault anyway, and the machine has others to serve.
+    limits = resource.getrlimit(resource.RLIMIT_DATA)
+    resource.setrlimit(resource.RLIMIT_DATA, (int(3 * MOST_BYTES), limits[1]))
+    try:
+        yield
+    finally:
+        guarded.subprocess.Popen = before  # type: ignore[misc]
+        resource.setrlimit(resource.RLIMIT_DATA, limits)
