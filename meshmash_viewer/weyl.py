@@ -15,12 +15,16 @@ from typing import Literal
 from meshmash_viewer.errors import InputError
 
 __all__ = [
+    "TARGET_KINDS",
     "Target",
     "wavelength",
     "wavelength_eigenvalue",
     "weyl_count",
     "weyl_eigenvalue",
 ]
+
+#: What a `Target` can be.
+TARGET_KINDS = ("count", "max_eigenvalue", "wavelength")
 
 
 def weyl_count(area: float, eigenvalue: float) -> float:
@@ -65,7 +69,7 @@ class Target:
     value: float = 100
 
     def __post_init__(self) -> None:
-        if self.kind not in ("count", "max_eigenvalue", "wavelength"):
+        if self.kind not in TARGET_KINDS:
             raise InputError(f"A target is a count, a max_eigenvalue or a wavelength: {self.kind}.")
         name = {
             "count": "The number of eigenpairs",

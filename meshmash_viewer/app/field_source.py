@@ -175,14 +175,14 @@ class FieldSource(QObject):
 
     def _answer(self, request: FieldRequest, cancel: CancelCallback) -> None:
         answer: Field | Exception | None
-        if self._threads is None:
-            # More threads of the linear algebra would compete with the interface's, and beside
-            # the solver's processes they make products several times slower.
-            from threadpoolctl import threadpool_limits
-
-            self._threads = threadpool_limits(1, user_api="blas")
         started = perf_counter()
         try:
+            if self._threads is None:
+                # More threads of the linear algebra would compete with the interface's, and beside
+                # the solver's processes they make products several times slower.
+                from threadpoolctl import threadpool_limits
+
+                self._threads = threadpool_limits(1, user_api="blas")
             answer = self._compute(request)
         except Exception as error:  # noqa: BLE001  the window says it
             answer = error
@@ -253,5 +253,5 @@ class FieldSource(QObject):
 
 
 def _same_mesh(one: FieldRequest, other: FieldRequest) -> bool:
-    """Whether two spectra are of the same vertices, as far as their number tells."""
-    return one.spectrum.rows.shape[1] == other.spectrum.rows.shape[1]
+    """Whether two requests are about one surface, be it in another unit."""
+    return one.places is other.places

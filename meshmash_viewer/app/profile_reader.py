@@ -28,16 +28,25 @@ class _Read(QRunnable):
     def run(self) -> None:
         """Read; give up as soon as something newer is wanted."""
         spectrum, reader = self._spectrum, self._reader
+        values: npt.NDArray[np.float64] | Exception | None
+        try:
+            values = self._read()
+        except Exception as fault:  # noqa: BLE001  raised again where it is waited for
+            values = fault
+        if values is not None and shiboken6.isValid(reader):
+            reader.arrived.emit(spectrum, self._vertices, values)
+
+    def _read(self) -> npt.NDArray[np.float64] | None:
+        """Values of shape (k, vertices); None if nobody wants them any more."""
+        spectrum, reader = self._spectrum, self._reader
         values = np.empty((len(spectrum), len(self._vertices)))
         for start in range(0, len(spectrum), _CHUNK):
             if reader.wanted is not spectrum:
-                break
+                return None
             stop = min(start + _CHUNK, len(spectrum))
             for column, vertex in enumerate(self._vertices):
                 values[start:stop, column] = spectrum.shown_rows[start:stop, vertex]
-        else:
-            if shiboken6.isValid(reader):
-                reader.arrived.emit(spectrum, self._vertices, values)
+        return values
 
 
 class ProfileReader(QObject):
@@ -84,17 +93,25 @@ class ProfileReader(QObject):
         return self._values.get(vertex)
 
     def wait(self) -> None:
-        """Wait for what is being read (before closing, and in tests)."""
+        """Wait for what is being read."""
         self._pool.waitForDone()
+
+    def close(self) -> None:
+        """Give up what is being read, and wait until nothing looks at the spectrum any more."""
+        self.want(None, ())
+        self.wait()
 
     def _take(
         self,
         spectrum: Spectrum,
         vertices: tuple[int, ...],
-        values: npt.NDArray[np.float64],
+        values: npt.NDArray[np.float64] | Exception,
     ) -> None:
         if spectrum is not self.wanted:
             return
+        if isinstance(values, Exception):
+            self._pending.difference_update(vertices)
+            raise values
         if self._spectrum is not spectrum:
             self._spectrum = spectrum
         for column, vertex in enumerate(vertices):

@@ -330,11 +330,24 @@ class Scene(QWidget):
     def _run(self, what: str, compute: Any, key: Any = None) -> None:
         """Compute in the pool; `_take_computed` gets the result on this thread."""
         generation, computed = self._generation, self._computed
-        self._pool.start(lambda: computed.emit((what, generation), key, compute()))
+
+        def work() -> None:
+            try:
+                result = compute()
+            except Exception as fault:  # noqa: BLE001  raised again where it is waited for
+                result = fault
+            computed.emit((what, generation), key, result)
+
+        self._pool.start(work)
 
     def _take_computed(self, what: tuple[str, int], key: Any, result: Any) -> None:
         if self._closed or what[1] != self._generation:
             return
+        if isinstance(result, Exception):
+            if what[0] == "coarse":
+                self._stand_in.give_up()
+                self._rest.start(REST)
+            raise result
         if what[0] == "coarse":
             self._stand_in.take(result)
             if self._rest.isActive():

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from PySide6.QtCore import QObject, Qt, Slot
 
+from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.worker import Worker
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.jobs import (
     DecomposeJob,
     ExportJob,
@@ -17,7 +19,6 @@ from meshmash_viewer.model.jobs import (
     Written,
 )
 from meshmash_viewer.model.previews import FROM_VERTICES
-from meshmash_viewer.model.process import Failure
 from meshmash_viewer.progress import Progress
 
 __all__ = ["Tasks"]
@@ -144,7 +145,7 @@ class Tasks(QObject):
 
     @Slot(object)
     def _on_failed(self, failure: Failure) -> None:
-        self._end(Notice(failure.text, Severity.ERROR, failure.details))
+        self._end(notice_of(failure))
 
     @Slot()
     def _on_cancelled(self) -> None:

@@ -105,9 +105,15 @@ class Document:
         """Names of the repairs in force, oldest first."""
         return self.ready.repairs if self.ready else ()
 
-    def open_mesh(self, path: str | Path, unit: str = "") -> None:
-        """Ask for a mesh file to be read; the open mesh stays until that has succeeded."""
-        self._request(ReadJob(Path(path), unit, self.operator))
+    def open_mesh(
+        self, path: str | Path, unit: str = "", operator: OperatorOptions | None = None
+    ) -> None:
+        """Ask for a mesh file to be read; the open mesh stays until that has succeeded.
+
+        `operator` is the Laplacian whose stored eigenpairs are looked for, that in force unless
+        given.
+        """
+        self._request(ReadJob(Path(path), unit, operator or self.operator))
 
     def take_mesh(self, mesh: Mesh) -> None:
         """Ask for a mesh in memory to be shown."""
