@@ -23,6 +23,8 @@ __all__ = [
     "weyl_eigenvalue",
 ]
 
+#: Sizes beyond this and its inverse are no lengths of meshes: their squares are no numbers.
+_LARGEST = 1e150
 #: What a `Target` can be.
 TARGET_KINDS = ("count", "max_eigenvalue", "wavelength")
 
@@ -62,7 +64,8 @@ class Target:
     Raises
     ------
     InputError
-        If the value is not positive and finite, or a count is not a whole number.
+        If the value is not positive and of a size whose square is a number, or a count is not a
+        whole number.
     """
 
     kind: Literal["count", "max_eigenvalue", "wavelength"] = "count"
@@ -78,6 +81,8 @@ class Target:
         }[self.kind]
         if not (math.isfinite(self.value) and self.value > 0.0):
             raise InputError(f"{name} is {self.value:g}: give a positive number.")
+        if not 1.0 / _LARGEST <= self.value <= _LARGEST:
+            raise InputError(f"{name} is {self.value:g}: no mesh has one of that size.")
         if self.kind == "count" and self.value != int(self.value):
             raise InputError(f"{name} is {self.value:g}: give a whole number.")
 

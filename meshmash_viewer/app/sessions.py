@@ -106,6 +106,7 @@ class Restoration:
     def stop(self) -> None:
         """Leave it at what has been restored so far."""
         self._document.job_changed.disconnect(self._advance)
+        self._before = None  # a mesh with its eigenpairs
 
     def _advance(self) -> None:
         """Repair what was repaired once the mesh has been read, then restore the rest."""

@@ -93,7 +93,7 @@ def _target(value: object) -> dict[str, Any]:
     """A kind and a value that suits it."""
     kinds = record({"kind": choice(TARGET_KINDS)})(value)
     count = kinds.get("kind", "count") == "count"
-    size = whole(1, MOST_INDEX) if count else number(1e-300)
+    size = whole(1, MOST_INDEX) if count else number(1e-150, 1e150)
     return {**kinds, **record({"value": size})(value)}
 
 
