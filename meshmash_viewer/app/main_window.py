@@ -158,6 +158,7 @@ class MainWindow(QMainWindow):
         theme.pad_numbers(self)
         self.field_source = FieldSource(self.document, self)
         self.field_source.field_ready.connect(self._on_field)
+        self.field_source.awaited.connect(self.scene.set_awaited)
         self.field_source.failed.connect(
             lambda text: self.document.notify(Notice(text, Severity.ERROR))
         )
@@ -303,7 +304,7 @@ class MainWindow(QMainWindow):
             self._started_at = (0.0, 0)
             # short runs, and those that only read the store, say nothing about speed
             if spectrum is not None and spectrum.complete and took > 2.0:
-                rate = took / (spectrum.rows.shape[1] * (len(spectrum) + 15))
+                rate = took / (spectrum.rows.shape[1] * (len(spectrum.exact) + 15))
                 self.settings.seconds_rate = rate
                 self.mesh_panel.seconds_rate = rate
         if state is not None and isinstance(state.job, ReadJob):
@@ -322,7 +323,7 @@ class MainWindow(QMainWindow):
             "render": shown,
             "spectrum": some,
             # approximations are for the eye
-            "exact spectrum": some and not spectrum.preview,
+            "exact spectrum": some and (not spectrum.preview or spectrum.complete),
         }
         return {name for name, known_now in known.items() if known_now}
 

@@ -18,7 +18,7 @@ from meshmash_viewer.model.jobs import (
     SpectrumGrew,
     Written,
 )
-from meshmash_viewer.model.previews import FROM_VERTICES
+from meshmash_viewer.model.previews import is_worthwhile
 from meshmash_viewer.progress import Progress
 
 __all__ = ["Tasks"]
@@ -134,7 +134,7 @@ class Tasks(QObject):
     def _on_finished(self, result: object) -> None:
         if isinstance(result, MeshReady):
             self._document.accept_mesh(result)
-            if result.known is None and result.mesh.n_vertices >= FROM_VERTICES:
+            if is_worthwhile(result):
                 self._queue.append(PreviewJob(result.mesh, self._document.operator))
             self._end(Notice(result.remark, Severity.WARNING) if result.remark else None)
         elif isinstance(result, Written):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.model.document import Document
     from meshmash_viewer.model.live import LiveFeatures
 
-__all__ = ["Field", "FieldRequest", "compute_field", "request_of"]
+__all__ = ["Field", "FieldRequest", "compute_field", "request_of", "title_of"]
 
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
@@ -247,7 +247,7 @@ def compute_field(request: FieldRequest, live: LiveFeatures) -> Field | None:
     return Field(
         values,
         request,
-        title=_title(request),
+        title=title_of(request),
         quantity=_quantity(request),
         unit=_unit(request),
         signed=request.kind is FieldKind.EIGENFUNCTION,
@@ -278,7 +278,8 @@ def eigenfunction(
     return values, extremes(values, write)
 
 
-def _title(request: FieldRequest) -> str:
+def title_of(request: FieldRequest) -> str:
+    """What the field asked for is called on the render."""
     if request.kind is FieldKind.EIGENFUNCTION:
         return f"Eigenfunction {request.index}"
     if request.kind is FieldKind.HKS:
