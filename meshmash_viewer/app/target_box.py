@@ -8,6 +8,7 @@ from PySide6.QtWidgets import (
     QGridLayout,
     QLabel,
     QRadioButton,
+    QScrollArea,
     QSizePolicy,
     QWidget,
 )
@@ -39,7 +40,7 @@ class TargetBox(QWidget):
         super().__init__(parent)
         self.setObjectName("target_box")
         self._document = document
-        self._reason = ""
+        self._refused = "", ""
 
         self.count_spin = CountBox(objectName="target_count_spin")
         self.count_spin.setRange(1, _MOST)
@@ -91,7 +92,7 @@ class TargetBox(QWidget):
         self.note = theme.with_role(QLabel(wordWrap=True, objectName="weyl_note"), "muted")
         grid.addWidget(self.note, len(rows), 0, 1, 2)
         self.fault = note("target_fault", "warning", self)
-        grid.addWidget(self.fault, len(rows) + 1, 0, 1, 2)
+        grid.addWidget(self.fault, len(rows), 0, 1, 2)  # one or the other: nothing moves
         follow(document.mesh_changed, self._forgive)
         follow(document.mesh_changed, self.refresh)
         follow(document.settings_changed, self.refresh)
@@ -142,7 +143,7 @@ class TargetBox(QWidget):
                 "along thin branches the first hundred can lie ten times lower."
             )
         self.note.setText(" ".join(parts))
-        self.note.setVisible(bool(parts))
+        self._show_note()
 
     @property
     def _most(self) -> int:
@@ -178,14 +179,27 @@ class TargetBox(QWidget):
             low, high = box.bounds
             name = "Eigenvalues" if kind == "max_eigenvalue" else "Waves"
             text = f"{name} of this mesh lie between about {low:.1g} and {high:.1g}{unit}."
-        self._reason = text
+        self._refused = kind, text
         later(self._show_reason)  # Qt tells the number that it takes instead, which is no mending
 
     def _show_reason(self) -> None:
-        show_note(self.fault, self._reason)
+        kind, text = self._refused
+        show_note(self.fault, text)
+        self._show_note()
+        self._boxes[kind].selectAll()
+        parent = self.parentWidget()
+        while parent is not None and not isinstance(parent, QScrollArea):
+            parent = parent.parentWidget()
+        if parent is not None:
+            self.window().layout().activate()
+            parent.ensureWidgetVisible(self.fault, 0, theme.GAP)
 
     def _forgive(self) -> None:
         show_note(self.fault, "")
+        self._show_note()
+
+    def _show_note(self) -> None:
+        self.note.setVisible(bool(self.note.text()) and self.fault.isHidden())
 
     def _choose(self, kind: str) -> None:
         self._forgive()
