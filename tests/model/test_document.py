@@ -74,7 +74,7 @@ def approximate(spectrum: Spectrum) -> Spectrum:
         spectrum,
         eigenvalues=1.02 * spectrum.eigenvalues,
         residuals=nothing,
-        complete=False,
+        certificate=None,
         preview=True,
         error=0.03,
     )
