@@ -15,6 +15,7 @@ from typing import Literal
 from meshmash_viewer.errors import InputError
 
 __all__ = [
+    "TARGET_KINDS",
     "TOLERANCE",
     "Target",
     "required_eigenvalue",
@@ -29,6 +30,10 @@ __all__ = [
 TOLERANCE = 0.01
 #: Margin of the eigenvalue that is predicted to be enough: columns differ from their mean.
 _MARGIN = 1.1
+#: Sizes beyond this and its inverse are no lengths of meshes: their squares are no numbers.
+_LARGEST = 1e150
+#: What a `Target` can be.
+TARGET_KINDS = ("count", "max_eigenvalue", "wavelength", "time")
 
 
 def weyl_count(area: float, eigenvalue: float) -> float:
@@ -80,14 +85,15 @@ class Target:
     Raises
     ------
     InputError
-        If the value is not positive and finite, or a count is not a whole number.
+        If the value is not positive and of a size whose square is a number, or a count is not a
+        whole number.
     """
 
     kind: Literal["count", "max_eigenvalue", "wavelength", "time"] = "count"
     value: float = 100
 
     def __post_init__(self) -> None:
-        if self.kind not in ("count", "max_eigenvalue", "wavelength", "time"):
+        if self.kind not in TARGET_KINDS:
             raise InputError(
                 f"A target is a count, a max_eigenvalue, a wavelength or a time: {self.kind}."
             )
@@ -99,6 +105,8 @@ class Target:
         }[self.kind]
         if not (math.isfinite(self.value) and self.value > 0.0):
             raise InputError(f"{name} is {self.value:g}: give a positive number.")
+        if not 1.0 / _LARGEST <= self.value <= _LARGEST:
+            raise InputError(f"{name} is {self.value:g}: no mesh has one of that size.")
         if self.kind == "count" and self.value != int(self.value):
             raise InputError(f"{name} is {self.value:g}: give a whole number.")
 

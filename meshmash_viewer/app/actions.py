@@ -6,7 +6,7 @@ its ``objectName``, and `Actions.on` says what it does.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 from PySide6.QtCore import Qt
@@ -58,7 +58,8 @@ class Command:
     separated : bool
         Whether a line goes before it on the menu (and on the toolbar).
     needs : str
-        What must be there: "", "mesh", "spectrum".
+        What must be there: "", "mesh", "render", "spectrum", "exact spectrum"
+        (`MainWindow.there`).
     submenu : str
         Name of a submenu that holds it.
     """
@@ -89,12 +90,12 @@ COMMANDS: tuple[Command, ...] = (
             "Save which mesh, settings, pins and camera are on screen", ("Ctrl+S",), needs="mesh"),
     Command("export", "Export features…", "File",
             "Write features or eigenpairs of this mesh to a file", ("Ctrl+E",),
-            toolbar="Export", icon="export", separated=True, needs="spectrum"),
+            toolbar="Export", icon="export", separated=True, needs="exact spectrum"),
     Command("save_picture", "Save picture…", "File",
             "Save the render at any size, with a transparent background if you wish",
-            ("Ctrl+Shift+S",), toolbar="Picture", icon="picture", needs="mesh"),
+            ("Ctrl+Shift+S",), toolbar="Picture", icon="picture", needs="render"),
     Command("copy_picture", "Copy picture", "File", "Copy the render to the clipboard",
-            ("Ctrl+Shift+C",), needs="mesh"),
+            ("Ctrl+Shift+C",), needs="render"),
     Command("copy_script", "Copy script", "File",
             "Copy a Python script that makes what is on screen again", ("Ctrl+Alt+C",),
             needs="mesh"),
@@ -111,7 +112,7 @@ COMMANDS: tuple[Command, ...] = (
             "Delete the eigenpairs kept on disk for meshes opened before", separated=True),
     # -- View
     Command("reset_camera", "Reset camera", "View", "Show the whole mesh", ("R",),
-            toolbar="Reset view", icon="reset", needs="mesh", separated=True),
+            toolbar="Reset view", icon="reset", needs="render", separated=True),
     Command("nodal_lines", "Nodal lines", "View", "Draw the lines where the field is zero",
             ("N",), checkable=True, toolbar="Nodal lines", icon="nodal", needs="spectrum"),
     Command("theme_system", "Follow the system", "View", "Light or dark as the desktop is",
@@ -147,7 +148,7 @@ COMMANDS: tuple[Command, ...] = (
             needs="spectrum"),
     # -- Inspect
     Command("pin", "Pin vertex under the pointer", "Inspect",
-            "Pin the vertex under the pointer, or take its pin away", ("P",), needs="mesh"),
+            "Pin the vertex under the pointer, or take its pin away", ("P",), needs="render"),
     Command("pin_index", "Pin vertex by index…", "Inspect", "Pin a vertex whose index you know",
             ("Ctrl+G",), needs="mesh"),
     Command("clear_pins", "Clear pins", "Inspect", "Take all pins away", ("Shift+P",),
@@ -198,20 +199,28 @@ class Actions:
     def __getitem__(self, name: str) -> QAction:
         return self._actions[name]
 
-    def on(self, name: str, act: Callable[..., object]) -> None:
-        """Say what a command does; a checkable one is called with its state."""
-        action = self._actions[name]
-        if command(name).checkable:
-            action.triggered.connect(act)
-        else:
-            action.triggered.connect(lambda _checked=False: act())
+    def on(
+        self, name: str, act: Callable[..., object], there: Callable[[], Collection[str]]
+    ) -> None:
+        """Say what a command does where what it needs is there; a checkable one has its state."""
+        each = command(name)
 
-    def enable(self, *, mesh: bool, spectrum: bool) -> None:
+        def triggered(checked: bool = False) -> None:
+            # asked again: an action is disabled some milliseconds after what it needs has gone
+            if each.needs not in there():
+                return
+            if each.checkable:
+                act(checked)
+            else:
+                act()
+
+        self._actions[name].triggered.connect(triggered)
+
+    def enable(self, there: Collection[str]) -> None:
         """Enable what can be done with what is there."""
-        there = {"": True, "mesh": mesh, "spectrum": spectrum}
         for each in COMMANDS:
             if each.needs:
-                self._actions[each.name].setEnabled(there[each.needs])
+                self._actions[each.name].setEnabled(each.needs in there)
 
     def refresh_icons(self) -> None:
         """Draw the icons again, in the colours of the theme."""

@@ -11,7 +11,7 @@ from meshmash_viewer.app.facts import Facts, estimated_pairs, format_wavelength,
 from meshmash_viewer.app.field_stepper import FieldStepper
 from meshmash_viewer.app.play_button import PlayButton
 from meshmash_viewer.app.range_box import RangeBox
-from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.model.display import MOST_BANDS, FieldKind
 from meshmash_viewer.model.ranges import band_range, first_nonzero
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.units import format_quantity, power_unit
@@ -50,7 +50,7 @@ class BandTab(FieldStepper):
         self.count_spin.setObjectName("band_count_spin")
         self.count_spin.setAccessibleName("Number of bands")
         self.count_spin.setToolTip("Columns of the exported feature; cubic B-splines that sum to 1")
-        self.count_spin.setRange(1, 512)
+        self.count_spin.setRange(1, MOST_BANDS)
         self.count_spin.setKeyboardTracking(False)
         self.count_spin.valueChanged.connect(self._set_count)
         line.addWidget(theme.with_role(QLabel("Number of bands", self), "muted"))

@@ -108,10 +108,13 @@ class Canvas(QVTKRenderWindowInteractor):
         self.pointer_moved.emit()
 
     def mousePressEvent(self, event: QEvent) -> None:
-        """Begin a click or a drag."""
+        """Begin a click or a drag; a second button takes no part in it."""
+        event.accept()
+        if self._pressed is not None and event.buttons() & self._button:
+            return
+        self._end_drag()
         self._pressed = self._last = event.position()
         self._button = event.button()
-        event.accept()
 
     mouseDoubleClickEvent = mousePressEvent
 
@@ -143,16 +146,20 @@ class Canvas(QVTKRenderWindowInteractor):
 
     def mouseReleaseEvent(self, event: QEvent) -> None:
         """End a drag, or click."""
-        pressed, self._pressed = self._pressed, None
-        if event.button() != self._button or pressed is None:
+        if event.button() != self._button or self._pressed is None:
             return
+        pressed, self._pressed = self._pressed, None
         if self.dragging:
-            self.dragging = False
-            self.drag_ended.emit()
+            self._end_drag()
         elif self._button == Qt.MouseButton.LeftButton:
             self.clicked.emit(pressed)
         elif self._button == Qt.MouseButton.MiddleButton:
             self.middle_clicked.emit(pressed)
+
+    def _end_drag(self) -> None:
+        if self.dragging:
+            self.dragging = False
+            self.drag_ended.emit()
 
     def wheelEvent(self, event: QEvent) -> None:
         """Zoom, or step with Ctrl."""

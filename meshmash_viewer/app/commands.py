@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtGui import QCursor, QGuiApplication, QImage
-from PySide6.QtWidgets import QFileDialog, QInputDialog, QMessageBox
+from PySide6.QtWidgets import QDialog, QFileDialog, QInputDialog, QMessageBox
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS
+from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.picture_writer import PictureWriter
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.read import READABLE_ENDINGS
@@ -17,9 +20,12 @@ from meshmash_viewer.io.session import SESSION_ENDING
 from meshmash_viewer.model import cost, stepping
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Notice, Severity
+from meshmash_viewer.model.failure import Failure
 
 if TYPE_CHECKING:
+    from meshmash_viewer.app.export_dialog import ExportDialog
     from meshmash_viewer.app.main_window import MainWindow
+    from meshmash_viewer.app.picture_dialog import PictureDialog
 
 __all__ = ["Commands"]
 
@@ -83,7 +89,7 @@ class Commands:
         }
         assert does.keys() == {each.name for each in COMMANDS}
         for name, act in does.items():
-            window.actions_.on(name, act)
+            window.actions_.on(name, act, window.there)
         welcome = window.stage.welcome
         welcome.open_requested.connect(self.ask_for_mesh)
         welcome.sample_requested.connect(self.open_sample)
@@ -91,6 +97,13 @@ class Commands:
         menu = window.menus["File"]
         self._recent_menu = menu.addMenu("Recent meshes")
         menu.insertMenu(window.actions_["open_session"], self._recent_menu)
+
+    def _ask(self, dialog: QDialog, accepted: Callable[[], None] | None = None) -> None:
+        """Open a dialog, which is gone when it has been answered."""
+        if accepted is not None:
+            dialog.accepted.connect(accepted)
+        dialog.finished.connect(dialog.deleteLater)
+        dialog.open()
 
     # -- opening ------------------------------------------------------------------------------
 
@@ -184,10 +197,9 @@ class Commands:
         from meshmash_viewer.app.export_dialog import ExportDialog
 
         dialog = ExportDialog(self._document, self._window.settings.folder, self._window)
-        dialog.accepted.connect(lambda: self._start_export(dialog))
-        dialog.open()
+        self._ask(dialog, lambda: self._start_export(dialog))
 
-    def _start_export(self, dialog: object) -> None:
+    def _start_export(self, dialog: ExportDialog) -> None:
         job = dialog.job()
         self._window.settings.folder = job.path.parent
         self._document.export(job)
@@ -201,17 +213,17 @@ class Commands:
         ratio = scene.devicePixelRatioF()
         size = (round(scene.width() * ratio), round(scene.height() * ratio))
         dialog = PictureDialog(size, self._window.settings.folder / name, self._window)
-        dialog.accepted.connect(lambda: self._write_picture(dialog))
-        dialog.open()
+        self._ask(dialog, lambda: self._write_picture(dialog))
 
-    def _write_picture(self, dialog: object) -> None:
+    def _write_picture(self, dialog: PictureDialog) -> None:
         path = dialog.path
         twin = self._window.scene.twin()
         self.pictures.write(path, twin, dialog.size_, dialog.transparent)
         self._window.settings.folder = path.parent
 
-    def _say_not_saved(self, fault: str) -> None:
-        self._document.notify(Notice(f"The picture was not saved: {fault}", Severity.ERROR))
+    def _say_not_saved(self, failure: Failure) -> None:
+        text = f"The picture was not saved: {failure.text}"
+        self._document.notify(notice_of(replace(failure, text=text)))
 
     def copy_picture(self) -> None:
         """Put the render on the clipboard."""
@@ -300,10 +312,10 @@ class Commands:
         """Show the table of commands."""
         from meshmash_viewer.app.help_dialog import HelpDialog
 
-        HelpDialog(self._window).open()
+        self._ask(HelpDialog(self._window))
 
     def about(self) -> None:
         """Show version, licence and methods."""
         from meshmash_viewer.app.help_dialog import AboutDialog
 
-        AboutDialog(self._window).open()
+        self._ask(AboutDialog(self._window))

@@ -142,6 +142,8 @@ class EigenfunctionTab(FieldStepper):
 def _converged(spectrum: Spectrum) -> str:
     if spectrum.preview and not spectrum.n_exact:
         return f"{len(spectrum)} approximate"
+    if spectrum.preview and spectrum.complete:
+        return f"{spectrum.n_exact}, complete; {len(spectrum)} with a preview"
     if spectrum.preview:
         return f"{spectrum.n_exact} of {spectrum.total or len(spectrum)} so far"
     if spectrum.complete:

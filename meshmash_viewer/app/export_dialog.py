@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -32,6 +33,7 @@ from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.export import export_bank
+from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.model.jobs import ExportJob
 from meshmash_viewer.model.ranges import band_range, hks_range, missing_shares
 from meshmash_viewer.model.spectrum import Spectrum
@@ -82,7 +84,7 @@ class ExportDialog(QDialog):
         self.setWindowTitle("Export")
         self._document = document
         self._mesh = document.mesh
-        self._spectrum = document.spectrum
+        self._spectrum = document.spectrum.exact
         self._possible = True
         self._missing = ""
 
@@ -335,7 +337,7 @@ class ExportDialog(QDialog):
         spectrum = self._spectrum
         if not spectrum.complete:
             parts.append("The decomposition is not complete: the file will say so.")
-        if self.path.is_file():
+        if os.path.isfile(self.path):  # unlike Path.is_file of a name that is too long, too
             parts.append(f"{self.path.name} exists and will be replaced.")
         self.remark_label.setText(" ".join(parts))
         self.remark_label.setVisible(bool(parts))
@@ -345,8 +347,8 @@ class ExportDialog(QDialog):
         kind = "eigenpairs" if self.kind == "eigenpairs" else "features"
         try:
             check_output(self.path, kind)
-        except InputError as fault:
-            self.remark_label.setText(str(fault))
+        except (InputError, OSError) as fault:
+            self.remark_label.setText(failure_of(fault).text)
             self.remark_label.setVisible(True)
             return
         self.accept()

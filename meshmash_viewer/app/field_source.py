@@ -18,7 +18,7 @@ from meshmash_viewer.app.loading import load_quietly
 from meshmash_viewer.app.look_ahead import LookAhead
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.field import Field, FieldRequest, compute_field, request_of
+from meshmash_viewer.model.field import Field, FieldRequest, compute_field, request_of, title_of
 from meshmash_viewer.model.limits import LimitPolicy
 from meshmash_viewer.model.live import LiveFeatures
 from meshmash_viewer.progress import CancelCallback, Cancelled
@@ -51,6 +51,8 @@ _WATCHED = (
 _REST = 0.15
 #: An answer from tables that took fewer seconds the last time is given without a thread.
 _PROMPT = 0.005
+#: Milliseconds without a new field after which it is said that one is being computed.
+_LATE = 200
 #: Fields whose tables have compiled loops; they bring the largest of all libraries along.
 _COMPILED = (FieldKind.HKS, FieldKind.SIMILARITY)
 _KERNELS = "meshmash_viewer.model.field_kernels"
@@ -60,14 +62,16 @@ class FieldSource(QObject):
     """Listens to a document and answers with fields.
 
     `field_ready` carries each new `Field`, or None when there is nothing to show; `failed` one
-    sentence if a field cannot be computed. One thread answers requests; another builds the
-    tables that make the next ones cheap, after which a draft is computed again. From tables that
-    are there, the interface thread computes small fields itself, in the next turn of its loop;
-    the next eigenfunction in the direction of scrolling is prepared.
+    sentence if a field cannot be computed; `awaited` the title of the one that has been chosen
+    while another is still on the render, and "" when it has come. One thread answers requests;
+    another builds the tables that make the next ones cheap, after which a draft is computed again.
+    From tables that are there, the interface thread computes small fields itself, in the next turn
+    of its loop; the next eigenfunction in the direction of scrolling is prepared.
     """
 
     field_ready = Signal(object)
     failed = Signal(str)
+    awaited = Signal(str)
     _computed = Signal(object, object)
     _prepared = Signal(object)
 
@@ -81,6 +85,8 @@ class FieldSource(QObject):
         self._threads: threadpool_limits | None = None
         #: What the last field of each kind took in seconds, with its limits.
         self._took: dict[FieldKind, float] = {}
+        self._late = QTimer(self, singleShot=True, interval=_LATE)
+        self._late.timeout.connect(self._say_awaited)
         self._soon = QTimer(self, singleShot=True, interval=0)
         self._soon.timeout.connect(self._answer_here)
         queued = Qt.ConnectionType.QueuedConnection
@@ -133,8 +139,11 @@ class FieldSource(QObject):
             self._ahead.forget()
             self._took.clear()
             self._field = None
+            self._come()
             self.field_ready.emit(None)
         if request is not None:
+            if not self._late.isActive():
+                self._late.start()
             first_a_frame()
             if self._is_there(request) or self._is_prompt(request):
                 self._soon.start()
@@ -164,6 +173,7 @@ class FieldSource(QObject):
         for signal in self._signals:
             signal.disconnect(self.refresh)
         self._soon.stop()
+        self._late.stop()
         self._answers.close()
         self._tables.close()
         self._ahead.close()
@@ -175,14 +185,14 @@ class FieldSource(QObject):
 
     def _answer(self, request: FieldRequest, cancel: CancelCallback) -> None:
         answer: Field | Exception | None
-        if self._threads is None:
-            # More threads of the linear algebra would compete with the interface's, and beside
-            # the solver's processes they make products several times slower.
-            from threadpoolctl import threadpool_limits
-
-            self._threads = threadpool_limits(1, user_api="blas")
         started = perf_counter()
         try:
+            if self._threads is None:
+                # More threads of the linear algebra would compete with the interface's, and beside
+                # the solver's processes they make products several times slower.
+                from threadpoolctl import threadpool_limits
+
+                self._threads = threadpool_limits(1, user_api="blas")
             answer = self._compute(request)
         except Exception as error:  # noqa: BLE001  the window says it
             answer = error
@@ -229,6 +239,7 @@ class FieldSource(QObject):
         if self._wanted is None or not _same_mesh(self._wanted, request):
             return
         if isinstance(answer, Exception):
+            self._come()
             self.failed.emit(f"The field cannot be computed ({type(answer).__name__}): {answer}")
             return
         wanted, shown = self._wanted, self._field
@@ -239,8 +250,21 @@ class FieldSource(QObject):
         # What the slider has just left may be shown on the way; another kind of field would flash.
         if answer is not None and request.kind is wanted.kind:
             self._field = answer
+            self._come()
+            if request != wanted:
+                self._late.start()
             self._ahead.follow(request)
             self.field_ready.emit(answer)
+
+    @Slot()
+    def _say_awaited(self) -> None:
+        if self._wanted is not None:
+            self.awaited.emit(title_of(self._wanted))
+
+    def _come(self) -> None:
+        """Nothing is waited for any more."""
+        self._late.stop()
+        self.awaited.emit("")
 
     @Slot(object)
     def _improve(self, request: FieldRequest) -> None:
@@ -253,5 +277,5 @@ class FieldSource(QObject):
 
 
 def _same_mesh(one: FieldRequest, other: FieldRequest) -> bool:
-    """Whether two spectra are of the same vertices, as far as their number tells."""
-    return one.spectrum.rows.shape[1] == other.spectrum.rows.shape[1]
+    """Whether two requests are about one surface, be it in another unit."""
+    return one.places is other.places

@@ -17,7 +17,7 @@ from meshmash_viewer.app.play_button import PlayButton
 from meshmash_viewer.app.range_box import RangeBox
 from meshmash_viewer.app.scale_marks import decade_marks
 from meshmash_viewer.filters import heat_kernel_bank
-from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.model.display import MOST_SCALES, FieldKind
 from meshmash_viewer.model.ranges import (
     first_nonzero,
     hks_range,
@@ -74,7 +74,7 @@ class HksTab(FieldStepper):
         self.scales_spin.setObjectName("hks_scales_spin")
         self.scales_spin.setAccessibleName("Number of times")
         self.scales_spin.setToolTip("Columns of the exported feature, evenly spaced in log t")
-        self.scales_spin.setRange(1, 1024)
+        self.scales_spin.setRange(1, MOST_SCALES)
         self.scales_spin.setKeyboardTracking(False)
         self.scales_spin.valueChanged.connect(self._set_scales)
         line = QHBoxLayout()

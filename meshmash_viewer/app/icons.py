@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from importlib.resources import files
 
 from PySide6.QtCore import QByteArray, QRectF, Qt
@@ -37,6 +38,7 @@ PATHS: dict[str, str] = {
 }
 
 
+@lru_cache(maxsize=256)
 def pixmap(name: str, color: str, size: int = 20, ratio: float = 2.0) -> QPixmap:
     """Draw an icon.
 
@@ -67,6 +69,7 @@ def icon(name: str) -> QIcon:
     return result
 
 
+@lru_cache(maxsize=1)
 def application_icon() -> QIcon:
     """The program's own icon: an eigenfunction on a triangle mesh, by assets/make_icon.py."""
     picture = QPixmap()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import (
@@ -40,6 +41,9 @@ from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.jobs import DecomposeJob, ReadJob
 from meshmash_viewer.units import format_quantity
 
+if TYPE_CHECKING:
+    from meshmash_viewer.app.sessions import Restoration
+
 __all__ = ["MainWindow"]
 
 
@@ -57,7 +61,7 @@ class MainWindow(QMainWindow):
         can be on the screen before their libraries are.
     """
 
-    #: The window has been closed, and what it ran has ended.
+    #: The window has been closed, and what it ran has ended; it cannot be shown again.
     closed = Signal()
 
     def __init__(
@@ -78,6 +82,8 @@ class MainWindow(QMainWindow):
 
         self.loaded = False
         self._closed = False
+        #: The session that was opened last.
+        self.restoration: Restoration | None = None
         self._started_at: tuple[float, int] = (0.0, 0)
         self.stage = Stage()
         self.setCentralWidget(self.stage)
@@ -152,6 +158,7 @@ class MainWindow(QMainWindow):
         theme.pad_numbers(self)
         self.field_source = FieldSource(self.document, self)
         self.field_source.field_ready.connect(self._on_field)
+        self.field_source.awaited.connect(self.scene.set_awaited)
         self.field_source.failed.connect(
             lambda text: self.document.notify(Notice(text, Severity.ERROR))
         )
@@ -171,6 +178,8 @@ class MainWindow(QMainWindow):
         self._show_stage()
         self._refresh_actions()
         self.field_source.refresh()
+        if self.restoration is not None:
+            self.restoration.look()
 
     # -- wiring -------------------------------------------------------------------------------
 
@@ -295,7 +304,7 @@ class MainWindow(QMainWindow):
             self._started_at = (0.0, 0)
             # short runs, and those that only read the store, say nothing about speed
             if spectrum is not None and spectrum.complete and took > 2.0:
-                rate = took / (spectrum.rows.shape[1] * (len(spectrum) + 15))
+                rate = took / (spectrum.rows.shape[1] * (len(spectrum.exact) + 15))
                 self.settings.seconds_rate = rate
                 self.mesh_panel.seconds_rate = rate
         if state is not None and isinstance(state.job, ReadJob):
@@ -303,17 +312,27 @@ class MainWindow(QMainWindow):
         elif self.loaded:
             self.stage.welcome.set_loading("")
 
+    def there(self) -> set[str]:
+        """What a command may need (`Command.needs`) and is there now."""
+        ready, spectrum = self.document.ready, self.document.spectrum
+        shown = self.loaded and ready is not None
+        some = shown and spectrum is not None and len(spectrum) > 0
+        known = {
+            "": True,
+            "mesh": ready is not None,
+            "render": shown,
+            "spectrum": some,
+            # approximations are for the eye
+            "exact spectrum": some and (not spectrum.preview or spectrum.complete),
+        }
+        return {name for name, known_now in known.items() if known_now}
+
     def _refresh_actions(self) -> None:
         document = self.document
         spectrum = document.spectrum
-        self.actions_.enable(
-            mesh=document.ready is not None,
-            spectrum=self.loaded and spectrum is not None and len(spectrum) > 0,
-        )
+        self.actions_.enable(self.there())
         running = document.job is not None
         self.actions_["compute"].setEnabled(document.can_compute)
-        if spectrum is not None and spectrum.preview:
-            self.actions_["export"].setEnabled(False)  # approximations are for the eye
         self.actions_["cancel"].setEnabled(running)
         self.actions_["undo_repair"].setEnabled(document.can_undo and not running)
         self.actions_["clear_pins"].setEnabled(bool(document.pins))
@@ -321,8 +340,6 @@ class MainWindow(QMainWindow):
         if document.display.kind is not FieldKind.EIGENFUNCTION:
             for name in ("nodal_lines", "flip"):
                 self.actions_[name].setEnabled(False)
-        for name in ("save_picture", "copy_picture", "reset_camera", "pin"):
-            self.actions_[name].setEnabled(self.loaded and document.ready is not None)
         self.actions_["nodal_lines"].setChecked(document.display.nodal_lines)
         self.actions_["play"].setChecked(document.display.playing)
 
@@ -374,6 +391,7 @@ class MainWindow(QMainWindow):
             self.tasks.close()
             if self.loaded:
                 self.field_source.close()
+                self.profile_panel.close()
                 self.scene.close()
             self.closed.emit()
         super().closeEvent(event)

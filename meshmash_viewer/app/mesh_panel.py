@@ -216,6 +216,7 @@ class MeshPanel(QWidget):
             "degenerate (no unit; 1e-05 suits nearly every mesh)"
         )
         self.mollify_spin.setFixedWidth(96)
+        self.mollify_spin.bounds = (1e-15, 1.0)
         self.mollify_label = QLabel("Mollify")
         row = QHBoxLayout()
         row.setSpacing(theme.GAP)

@@ -1,13 +1,17 @@
-"""A number field for quantities that span many powers of ten, with their unit."""
+"""Number fields whose limits come from the mesh: quantities of any size, and counts."""
 
 from __future__ import annotations
 
 import math
 
-from PySide6.QtGui import QValidator
-from PySide6.QtWidgets import QDoubleSpinBox, QWidget
+from PySide6.QtCore import Signal
+from PySide6.QtGui import QFocusEvent, QValidator
+from PySide6.QtWidgets import QDoubleSpinBox, QSpinBox, QWidget
 
-__all__ = ["QuantityBox"]
+__all__ = ["CountBox", "QuantityBox", "dress"]
+
+#: What a number can be written with.
+_CHARACTERS = set("0123456789.,eE+-")
 
 
 class QuantityBox(QDoubleSpinBox):
@@ -16,10 +20,17 @@ class QuantityBox(QDoubleSpinBox):
     ``setSuffix`` gives the unit, ``setPrefix("≈ ")`` marks an estimate.
     """
 
+    #: A number was given that is out of bounds; the one before is shown again.
+    refused = Signal(float)
+
     def __init__(self, parent: QWidget | None = None) -> None:
+        #: Bounds of what can be typed; those of Qt hold for what is shown, too.
+        self.bounds = (1e-150, 1e150)
+        self._before = 1.0
         super().__init__(parent)
+        self.editingFinished.connect(self._remember)
         self.setDecimals(300)
-        self.setRange(1e-250, 1e250)
+        self.setRange(1e-150, 1e150)
         self.setSpecialValueText("–")
         self.setCorrectionMode(self.CorrectionMode.CorrectToPreviousValue)
 
@@ -54,24 +65,100 @@ class QuantityBox(QDoubleSpinBox):
     def validate(self, text: str, position: int) -> tuple[QValidator.State, str, int]:
         """Let a number be typed digit by digit, with its exponent last."""
         number = self._number(text)
-        if number is not None and self.minimum() <= number <= self.maximum():
+        if number is not None and self.bounds[0] <= number <= self.bounds[1]:
             return QValidator.State.Acceptable, text, position
-        bare = self._bare(text)
-        allowed = set("0123456789.,eE+-")
-        state = QValidator.State.Intermediate if set(bare) <= allowed else QValidator.State.Invalid
+        possible = set(_bare(self, text)) <= _CHARACTERS
+        state = QValidator.State.Intermediate if possible else QValidator.State.Invalid
         return state, text, position
+
+    def fixup(self, text: str) -> str:
+        """Go back to the number before, and say so if what was typed is out of bounds."""
+        number = self._number(text)
+        if number is not None:
+            self.refused.emit(number)
+        return f"{self.prefix()}{self._before!r}{self.suffix()}"
+
+    def focusInEvent(self, event: QFocusEvent) -> None:
+        """Remember the number: parts of the one that is typed may be numbers, too."""
+        super().focusInEvent(event)
+        self._remember()
+
+    def _remember(self) -> None:
+        self._before = self.value()
 
     def stepBy(self, steps: int) -> None:
         """One step is a quarter of a factor of two, ten steps a factor of six."""
-        self.setValue(self.value() * 2.0 ** (steps / 4.0))
+        low, high = self.bounds
+        self.setValue(min(max(self.value() * 2.0 ** (steps / 4.0), low), high))
         self.selectAll()
-
-    def _bare(self, text: str) -> str:
-        return text.removeprefix(self.prefix()).removesuffix(self.suffix()).strip()
 
     def _number(self, text: str) -> float | None:
         try:
-            number = float(self._bare(text).replace(",", "."))
+            number = float(_bare(self, text).replace(",", "."))
         except ValueError:
             return None
         return number if math.isfinite(number) else None
+
+
+class CountBox(QSpinBox):
+    """A whole number that may be typed beyond its limits, and is then the nearest within them.
+
+    Qt's own takes no key that would lead beyond them: of "1e99" it keeps 199.
+    """
+
+    #: A number was given that is out of bounds.
+    refused = Signal(float)
+
+    def validate(self, text: str, position: int) -> tuple[QValidator.State, str, int]:
+        """Let anything be typed that may become a number."""
+        bare = _bare(self, text)
+        if bare.isascii() and bare.isdigit() and len(bare) < 10:
+            within = self.minimum() <= int(bare) <= self.maximum()
+            state = QValidator.State.Acceptable if within else QValidator.State.Intermediate
+        elif set(bare) <= _CHARACTERS:
+            state = QValidator.State.Intermediate
+        else:
+            state = QValidator.State.Invalid
+        return state, text, position
+
+    def valueFromText(self, text: str) -> int:
+        """Read what was typed."""
+        bare = _bare(self, text)
+        return int(bare) if bare.isascii() and bare.isdigit() else self.value()
+
+    def fixup(self, text: str) -> str:
+        """Take the nearest number that is allowed, and say so."""
+        try:
+            number = float(_bare(self, text).replace(",", "."))
+        except ValueError:
+            return str(self.value())
+        if math.isnan(number):
+            return str(self.value())
+        within = int(min(max(number, self.minimum()), self.maximum()))
+        if within != number:
+            self.refused.emit(number)
+        return str(within)
+
+
+def dress(box: QSpinBox | QDoubleSpinBox, prefix: str, suffix: str) -> None:
+    """Put words before and after a number, and leave what is being typed as it is.
+
+    Qt would write it anew: of "1e9", on the way to 1e99, it makes "1e+09".
+    """
+    if (prefix, suffix) == (box.prefix(), box.suffix()):
+        return
+    edit = box.lineEdit()
+    typed, place = _bare(box, edit.text()), edit.cursorPosition() - len(box.prefix())
+    typing = box.hasFocus() and edit.isModified()
+    blocked = box.blockSignals(True)
+    box.setPrefix(prefix)
+    box.setSuffix(suffix)
+    if typing:
+        edit.setText(f"{prefix}{typed}{suffix}")
+        edit.setCursorPosition(place + len(prefix))
+        edit.setModified(True)
+    box.blockSignals(blocked)
+
+
+def _bare(box: QSpinBox | QDoubleSpinBox, text: str) -> str:
+    return text.removeprefix(box.prefix()).removesuffix(box.suffix()).strip()

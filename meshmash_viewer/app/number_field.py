@@ -8,9 +8,10 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent
 from PySide6.QtWidgets import QLineEdit, QWidget
 
-from meshmash_viewer.app import theme
-
 __all__ = ["NumberField"]
+
+#: Numbers beyond this size and its inverse are no quantities of meshes: their squares are none.
+_LARGEST = 1e150
 
 
 class NumberField(QLineEdit):
@@ -63,20 +64,25 @@ class NumberField(QLineEdit):
     def focusOutEvent(self, event: QFocusEvent) -> None:
         """Take what was typed; if it is no number, go back to what was."""
         self._commit()
-        self._restore()
+        self._write()
         super().focusOutEvent(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Escape goes back to what was."""
-        if event.key() == Qt.Key.Key_Escape and self.isModified():
+        if event.key() == Qt.Key.Key_Escape:
+            modified = self.isModified()
             self._restore()
-            return
+            if modified:
+                return
         super().keyPressEvent(event)
 
-    def _restore(self) -> None:
+    def _write(self) -> None:
         self._quiet = True
         self.setText("" if self._value is None else f"{self._value:.5g}")
         self.setModified(False)
+
+    def _restore(self) -> None:
+        self._write()
         self._forgive()
 
     def _commit(self) -> None:
@@ -88,10 +94,15 @@ class NumberField(QLineEdit):
         try:
             value = float(text)
         except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
             self._refuse(f"{self.text().strip() or 'Nothing'} is not a number: write 3.1e5.")
             return
-        if not math.isfinite(value) or value < self._least:
+        if value < self._least:
             self._refuse(f"{self.accessibleName()} is at least {self._least:g}.")
+            return
+        if value and not 1.0 / _LARGEST <= abs(value) <= _LARGEST:
+            self._refuse(f"{value:g} is no size of a mesh: write a number such as 3.1e5.")
             return
         self._value = value
         self._quiet = False
@@ -99,10 +110,9 @@ class NumberField(QLineEdit):
         self.edited.emit(value)
 
     def _refuse(self, sentence: str) -> None:
-        self.setStyleSheet(f"border: 1px solid {theme.palette().error};")
+        """Go back to what was, and say why until something else is typed."""
+        self._restore()
         self.refused.emit(sentence)
 
     def _forgive(self) -> None:
-        if self.styleSheet():
-            self.setStyleSheet("")
         self.refused.emit("")

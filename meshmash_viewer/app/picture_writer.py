@@ -11,6 +11,7 @@ from PySide6.QtCore import QObject, QThreadPool, Signal
 
 from meshmash_viewer.app import heap
 from meshmash_viewer.app.listening import catch_up, later
+from meshmash_viewer.model.failure import failure_of
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.picture import RawPicture
@@ -26,12 +27,12 @@ class PictureWriter(QObject):
     -------
     written(Path)
         A picture is there.
-    failed(str)
-        One sentence: why it is not.
+    failed(Failure)
+        Why it is not.
     """
 
     written = Signal(object)
-    failed = Signal(str)
+    failed = Signal(object)
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -74,9 +75,10 @@ class PictureWriter(QObject):
             return
         except StopIteration as end:
             raw = end.value
-        except BaseException:
+        except Exception as fault:  # noqa: BLE001  said to the person, and the next one is drawn
             self._drawn = None
-            raise
+            self.failed.emit(failure_of(fault, f"Drawing {path.name}"))
+            return
         self._drawn = None
         self._pool.start(lambda: self._write(path, raw))
 
@@ -86,13 +88,12 @@ class PictureWriter(QObject):
         self._pool.waitForDone()
 
     def _write(self, path: Path, picture: RawPicture) -> None:
-        from meshmash_viewer.errors import InputError
         from meshmash_viewer.io.write import write_picture
 
         try:
             write_picture(path, picture.rgba())
-        except (InputError, OSError) as fault:
-            self.failed.emit(str(fault))
+        except Exception as fault:  # noqa: BLE001  as above
+            self.failed.emit(failure_of(fault, f"Writing {path.name}"))
         else:
             self.written.emit(path)
         heap.give_back()  # glibc keeps what drawing took, 0.6 GB after a million vertices

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QStackedLayout, QVBoxLayout, QWidget
 
 from meshmash_viewer.app import theme
@@ -91,6 +92,11 @@ class ProfilePanel(QWidget):
         for item in (self._missing, self._zero, self._marker):
             self.plot.addItem(item, ignoreBounds=True)
         self.plot.clicked.connect(self._select)
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """Read nothing any more."""
+        self._reader.close()
+        super().closeEvent(event)
 
     # -- from the person --------------------------------------------------------------------
 

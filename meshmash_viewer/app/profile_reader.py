@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import shiboken6
-from PySide6.QtCore import QObject, QRunnable, QThreadPool, Signal
+from PySide6.QtCore import QObject, QThreadPool, Signal
 
 from meshmash_viewer.model.spectrum import Spectrum
 
@@ -14,30 +14,6 @@ __all__ = ["ProfileReader"]
 #: Rows read at a time. Each may be a page of a file that is not in memory, and NumPy holds the
 #: interpreter's lock while it copies: few at a time let the window breathe.
 _CHUNK = 8
-
-
-class _Read(QRunnable):
-    """One pass over the rows, at some vertices."""
-
-    def __init__(self, reader: ProfileReader, spectrum: Spectrum, vertices: tuple[int, ...]):
-        super().__init__()
-        self._reader = reader
-        self._spectrum = spectrum
-        self._vertices = vertices
-
-    def run(self) -> None:
-        """Read; give up as soon as something newer is wanted."""
-        spectrum, reader = self._spectrum, self._reader
-        values = np.empty((len(spectrum), len(self._vertices)))
-        for start in range(0, len(spectrum), _CHUNK):
-            if reader.wanted is not spectrum:
-                break
-            stop = min(start + _CHUNK, len(spectrum))
-            for column, vertex in enumerate(self._vertices):
-                values[start:stop, column] = spectrum.shown_rows[start:stop, vertex]
-        else:
-            if shiboken6.isValid(reader):
-                reader.arrived.emit(spectrum, self._vertices, values)
 
 
 class ProfileReader(QObject):
@@ -77,24 +53,49 @@ class ProfileReader(QObject):
         missing = tuple(v for v in vertices if v not in known and v not in self._pending)
         if missing:
             self._pending.update(missing)
-            self._pool.start(_Read(self, spectrum, missing))
+            # a function, not a `QRunnable`: the pool's wrapper would keep each for good
+            self._pool.start(lambda: self._read(spectrum, missing))
+
+    def _read(self, spectrum: Spectrum, vertices: tuple[int, ...]) -> None:
+        """Read in the pool; give up as soon as something newer is wanted."""
+        values: npt.NDArray[np.float64] | Exception
+        try:
+            values = np.empty((len(spectrum), len(vertices)))
+            for start in range(0, len(spectrum), _CHUNK):
+                if self.wanted is not spectrum:
+                    return
+                stop = min(start + _CHUNK, len(spectrum))
+                for column, vertex in enumerate(vertices):
+                    values[start:stop, column] = spectrum.shown_rows[start:stop, vertex]
+        except Exception as fault:  # noqa: BLE001  raised again where it is waited for
+            values = fault
+        if shiboken6.isValid(self):
+            self.arrived.emit(spectrum, vertices, values)
 
     def values(self, vertex: int) -> npt.NDArray[np.float64] | None:
         """Values at a vertex, shape (k,); of fewer pairs while newer ones are being read."""
         return self._values.get(vertex)
 
     def wait(self) -> None:
-        """Wait for what is being read (before closing, and in tests)."""
+        """Wait for what is being read."""
         self._pool.waitForDone()
+
+    def close(self) -> None:
+        """Give up what is being read, and wait until nothing looks at the spectrum any more."""
+        self.want(None, ())
+        self.wait()
 
     def _take(
         self,
         spectrum: Spectrum,
         vertices: tuple[int, ...],
-        values: npt.NDArray[np.float64],
+        values: npt.NDArray[np.float64] | Exception,
     ) -> None:
         if spectrum is not self.wanted:
             return
+        if isinstance(values, Exception):
+            self._pending.difference_update(vertices)
+            raise values
         if self._spectrum is not spectrum:
             self._spectrum = spectrum
         for column, vertex in enumerate(vertices):

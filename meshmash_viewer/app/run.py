@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -39,7 +40,7 @@ _LIBRARIES = (
 #: shorter than Python's own choice: to paint the window once takes it some twenty times.
 _SWITCH = 0.0005
 #: Windows opened by `view`, which nobody else may hold.
-_windows: list[MainWindow] = []
+_windows: dict[int, MainWindow] = {}
 
 
 def application() -> QApplication:
@@ -91,18 +92,20 @@ def run_app(argv: Sequence[str] | None = None) -> int:
     pulse.timeout.connect(lambda: None)
     pulse.start()
 
+    from meshmash_viewer.app.faults import FaultBoundary
     from meshmash_viewer.app.main_window import MainWindow
 
     window = MainWindow(fresh=options.fresh, deferred=True)
     window.show()
     _Loader(window)
-    if options.mesh:
-        first = options.mesh[0]
-        if options.unit:
-            window.open_mesh(first, options.unit)
-        else:
-            window.commands.open_path(first)
-    status = app.exec()
+    with FaultBoundary(window.document.notify):
+        if options.mesh:
+            first = options.mesh[0]
+            if options.unit:
+                window.open_mesh(first, options.unit)
+            else:
+                window.commands.open_path(first)
+        status = app.exec()
     pulse.stop()
     return status
 
@@ -137,24 +140,35 @@ def view(
         taken = taken.in_voxels(*parse_unit(unit))
     if name:
         taken = replace(taken, name=name)
+    guest = QApplication.instance() is not None
     app = application()
 
+    from meshmash_viewer.app.faults import FaultBoundary
     from meshmash_viewer.app.main_window import MainWindow
 
     window = MainWindow()
     window.document.take_mesh(taken)
     window.show()
-    _windows.append(window)
-    window.closed.connect(lambda: _windows.remove(window))
+    key = id(window)
+    _windows[key] = window
+    # by its key: a function that knows the window would keep it, and its mesh, for good
+    window.closed.connect(lambda: _forget(key))
     if block if block is not None else not _has_prompt():
-        app.exec()
+        # in somebody else's application exceptions are theirs
+        with nullcontext() if guest else FaultBoundary(window.document.notify):
+            app.exec()
     return window
+
+
+def _forget(key: int) -> None:
+    """Let go of a window that has been closed, and of what Qt keeps for it."""
+    _windows.pop(key).deleteLater()
 
 
 @atexit.register
 def _close_windows() -> None:
     """Let no process outlive a script that ends with its window open."""
-    for window in list(_windows):
+    for window in list(_windows.values()):
         window.close()
 
 
@@ -181,7 +195,7 @@ class _Loader(QObject):
         super().__init__(window)
         self._window = window
         self._stage = ""
-        self._fault: BaseException | None = None
+        self._fault: Exception | None = None
         self._thread = threading.Thread(target=self._import, name="import", daemon=True)
         self._timer = QTimer(self, interval=30)
         self._timer.timeout.connect(self._poll)
@@ -197,7 +211,7 @@ class _Loader(QObject):
             for module, text in _LIBRARIES:
                 self._stage = text
                 importlib.import_module(module)
-        except BaseException as fault:  # noqa: BLE001  raised again where it is seen
+        except Exception as fault:  # noqa: BLE001  said where it can be
             self._fault = fault
 
     def _poll(self) -> None:
@@ -205,7 +219,25 @@ class _Loader(QObject):
             self._window.stage.welcome.set_loading(self._stage)
             return
         self._timer.stop()
-        if self._fault is not None:
-            raise self._fault
-        self._window.load()
-        keep_what_is_loaded(self._window)
+        fault = self._fault
+        if fault is None:
+            try:
+                self._window.load()
+            except Exception as error:  # noqa: BLE001  said below
+                fault = error
+        if fault is None:
+            keep_what_is_loaded(self._window)
+        else:
+            self._give_up(fault)
+
+    def _give_up(self, fault: Exception) -> None:
+        """Say what is missing; meshes can neither be drawn nor computed without it."""
+        from meshmash_viewer.app.faults import notice_of
+        from meshmash_viewer.model.failure import Failure, failure_of
+
+        told = failure_of(fault, "Loading the render")
+        if isinstance(fault, ImportError):
+            text = f"The render cannot be loaded ({fault}): install what is missing, start again."
+            told = Failure(text, told.details, mendable=True)
+        self._window.stage.welcome.set_loading("The render is missing; the message says why.")
+        self._window.document.notify(notice_of(told))

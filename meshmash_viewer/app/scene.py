@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
@@ -75,6 +76,7 @@ class Scene(QWidget):
         self._user_moved_camera = False
         self._closed = False
         self._first = True
+        self._quantity = self._awaited = ""
         self._line_values: npt.NDArray[np.floating] | None = None
         self._hovered = -1
         self._generation = 0
@@ -141,11 +143,12 @@ class Scene(QWidget):
         if self._drawing.mesh is None:
             return
         had_caption = self._drawing.caption is not None
+        self._quantity = "" if field is None else field.quantity
         if field is None:
             self._drawing.set_field(None, limits, colormap)
         else:
             values = self._drawing.mesh.on_surface(field.values)
-            words = field.title, field.quantity, field.unit
+            words = field.title, self._awaited or field.quantity, field.unit
             self._drawing.set_field(values, limits, colormap, *words, complete=field.complete)
         if self._line_values is not None:
             # The lines of another field would be wrong; new ones follow `set_nodal_lines`.
@@ -154,6 +157,14 @@ class Scene(QWidget):
         if had_caption != (field is not None) and not self._user_moved_camera:
             self.reset_camera()
         self._moves()
+
+    def set_awaited(self, title: str) -> None:
+        """Say that another field than the one drawn is being computed; "" when it has come."""
+        before, self._awaited = self._awaited, title and f"{title} is being computed …"
+        caption = self._drawing.caption
+        if caption is not None and self._awaited != before:
+            self._drawing.caption = replace(caption, quantity=self._awaited or self._quantity)
+            self._canvas.update()
 
     @property
     def title_size(self) -> QSize:
@@ -225,7 +236,10 @@ class Scene(QWidget):
 
     def twin(self) -> Drawing:
         """What is on the screen, to be drawn elsewhere."""
-        return self._drawing.twin()
+        twin = self._drawing.twin()
+        if twin.caption is not None:
+            twin.caption = replace(twin.caption, quantity=self._quantity)
+        return twin
 
     def display_point(self, vertex: int) -> QPoint:
         """Where a vertex is on this widget."""
@@ -330,11 +344,24 @@ class Scene(QWidget):
     def _run(self, what: str, compute: Any, key: Any = None) -> None:
         """Compute in the pool; `_take_computed` gets the result on this thread."""
         generation, computed = self._generation, self._computed
-        self._pool.start(lambda: computed.emit((what, generation), key, compute()))
+
+        def work() -> None:
+            try:
+                result = compute()
+            except Exception as fault:  # noqa: BLE001  raised again where it is waited for
+                result = fault
+            computed.emit((what, generation), key, result)
+
+        self._pool.start(work)
 
     def _take_computed(self, what: tuple[str, int], key: Any, result: Any) -> None:
         if self._closed or what[1] != self._generation:
             return
+        if isinstance(result, Exception):
+            if what[0] == "coarse":
+                self._stand_in.give_up()
+                self._rest.start(REST)
+            raise result
         if what[0] == "coarse":
             self._stand_in.take(result)
             if self._rest.isActive():

@@ -2,38 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from meshmash_viewer.app.render.camera import View
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.io.session import Session, read_session, write_session
 from meshmash_viewer.laplacian import OperatorOptions
-from meshmash_viewer.model.display import FieldKind, SimilarityBasis
-from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.display_json import display_from_json, display_to_json, read_display
+from meshmash_viewer.model.document import Notice, Severity
 from meshmash_viewer.model.jobs import ReadJob
-from meshmash_viewer.model.limits import (
-    LimitPolicy,
-    LockedLimits,
-    MinMaxLimits,
-    PercentileLimits,
-    SymmetricLimits,
-)
 from meshmash_viewer.weyl import Target
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.main_window import MainWindow
 
-__all__ = ["display_from_json", "display_to_json", "restore_session", "store_session"]
-
-_POLICIES = {
-    policy.__name__: policy
-    for policy in (SymmetricLimits, MinMaxLimits, PercentileLimits, LockedLimits)
-}
-_ENUMS = {"kind": FieldKind, "similarity_basis": SimilarityBasis}
-#: What a session does not keep: a window never opens playing.
-_LEFT_OUT = {"playing"}
+__all__ = ["Restoration", "restore_session", "store_session"]
 
 
 def store_session(window: MainWindow, path: Path) -> None:
@@ -51,9 +36,10 @@ def store_session(window: MainWindow, path: Path) -> None:
         unit=document.unit_text,
         repairs=list(document.repairs),
         mesh_hash=mesh.content_hash,
+        n_vertices=mesh.n_vertices,
         operator=asdict(document.operator),
         target={"kind": document.target.kind, "value": document.target.value},
-        display=display_to_json(document),
+        display=display_to_json(document.display),
         pins=[pin.vertex for pin in document.pins],
         camera=(window.scene.camera() or {}) if window.loaded else {},
     )
@@ -66,104 +52,117 @@ def restore_session(window: MainWindow, path: Path) -> None:
     Raises
     ------
     InputError
-        If the file is no session, or its entries make no sense.
+        If the file is no session, or one of its entries makes no sense; nothing has changed then.
     """
-    document = window.document
-    session = read_session(path)
-    fault = InputError(f"{path} has settings that this program does not know; open another file.")
-    try:
-        operator = OperatorOptions(**session.operator)
-        target = Target(**session.target) if session.target else Target()
-    except (TypeError, ValueError) as error:
-        raise fault from error
-    wanted = Path(session.mesh_path)
+    restoration = Restoration(window, path)
+    if window.restoration is not None:
+        window.restoration.stop()
+    window.restoration = restoration
+    restoration.begin()
 
-    repairs, started = list(session.repairs), False
-    if not set(repairs) <= set(REPAIRS):
-        raise fault
 
-    def advance() -> None:
+class Restoration:
+    """A session that is being opened: checked whole, then its mesh is read, then the rest is set.
+
+    Parameters
+    ----------
+    window : MainWindow
+    path : Path
+
+    Raises
+    ------
+    InputError
+        See `restore_session`.
+    """
+
+    def __init__(self, window: MainWindow, path: Path) -> None:
+        session = read_session(path)
+        if not session.mesh_path:
+            raise InputError(f"{path.name} has no mesh_path: open the mesh itself instead.")
+        self._display = read_display(session.display, path)
+        self._camera: View | None = None
+        if session.camera:
+            try:
+                self._camera = View.from_json(session.camera)
+            except ValueError as fault:
+                raise InputError(
+                    f"{path.name} has a damaged camera ({fault}): take that entry out, or open "
+                    "another file."
+                ) from fault
+        self._operator = OperatorOptions(**session.operator)
+        self._target = Target(**session.target)
+        self._window, self._session, self._path = window, session, path
+        self._mesh_path = Path(session.mesh_path)
+        self._repairs = list(session.repairs)
+        self._document = window.document
+        self._before = self._document.ready
+        self._started = self._restored = False
+
+    def begin(self) -> None:
+        """Ask for the mesh."""
+        self._document.job_changed.connect(self._advance)
+        self._document.open_mesh(self._mesh_path, self._session.unit, self._operator)
+
+    def stop(self) -> None:
+        """Leave it at what has been restored so far."""
+        self._document.job_changed.disconnect(self._advance)
+        self._before = None  # a mesh with its eigenpairs
+
+    def _advance(self) -> None:
         """Repair what was repaired once the mesh has been read, then restore the rest."""
-        nonlocal started
-        state = document.job
-        if state is not None:
-            job = state.job
-            started |= isinstance(job, ReadJob) and job.path.absolute() == wanted
-        elif not started:
+        document = self._document
+        if document.job is not None:
+            job = document.job.job
+            mine = isinstance(job, ReadJob) and job.path.absolute() == self._mesh_path
+            self._started = self._started or mine
+        elif not self._started:
             pass  # what ran before has been stopped; the read comes next
-        elif document.path is None or document.path.absolute() != wanted:
-            document.job_changed.disconnect(advance)  # its own notice says why
-        elif repairs:
-            document.repair(repairs.pop(0))
+        elif document.ready is self._before or document.path is None:
+            self.stop()  # its own notice says why
+        elif document.path.absolute() != self._mesh_path:
+            self.stop()
         else:
-            document.job_changed.disconnect(advance)
-            _restore(window, session, path)
+            document.operator = self._operator
+            document.target = self._target
+            if self._repairs:
+                document.repair(self._repairs.pop(0))
+            else:
+                self.stop()
+                self._restore()
 
-    document.operator = operator
-    document.target = target
-    document.job_changed.connect(advance)
-    window.open_mesh(wanted, session.unit)
-
-
-def _restore(window: MainWindow, session: Session, path: Path) -> None:
-    document = window.document
-    mesh = document.mesh
-    if session.mesh_hash and mesh.content_hash != session.mesh_hash:
-        text = (
-            f"{document.path} has changed since {path.name} was saved: "
-            "pins and field may not be where they were."
-        )
-        document.notify(Notice(text, Severity.WARNING))
-    for vertex in session.pins:
-        if vertex < mesh.n_vertices:
+    def _restore(self) -> None:
+        document, session = self._document, self._session
+        mesh = document.mesh
+        if session.mesh_hash and mesh.content_hash != session.mesh_hash:
+            self._warn(
+                f"{document.path} has changed since {self._path.name} was saved: "
+                "pins and field may not be where they were."
+            )
+        pins = [vertex for vertex in session.pins if vertex < mesh.n_vertices]
+        if len(pins) < len(session.pins):
+            self._warn(
+                f"{self._path.name} has pins at vertices that {document.path} does not have: "
+                f"{len(session.pins) - len(pins):,} of {len(session.pins):,} are left out."
+            )
+        for vertex in pins:
             document.toggle_pin(vertex)
-    display_from_json(document, session.display)
-    if session.camera and window.loaded:
-        try:
-            window.scene.set_camera(session.camera)
-        except ValueError:
-            document.notify(Notice("The session's camera is damaged: showing the whole mesh."))
+        display = dict(self._display)
+        vertex = display.get("similarity_vertex")
+        if vertex is not None and vertex >= mesh.n_vertices:
+            self._warn(
+                f"{self._path.name} has display.similarity_vertex = {vertex}, which {document.path}"
+                " does not have: it is left out."
+            )
+            del display["similarity_vertex"]
+        display_from_json(document.display, display)
+        self._restored = True
+        self.look()
 
+    def look(self) -> None:
+        """Look from where the session was saved, once both mesh and render are there."""
+        if self._restored and self._camera is not None and self._window.loaded:
+            self._window.scene.set_camera(self._camera.to_json())
+            self._camera = None
 
-def display_to_json(document: Document) -> dict[str, Any]:
-    """The display as plain JSON."""
-    display = document.display
-    content: dict[str, Any] = {}
-    for name in (each.name for each in fields(display)):
-        value = getattr(display, name)
-        if name in _LEFT_OUT:
-            continue
-        if name == "limits":
-            value = None if value is None else _policy_to_json(value)
-        elif isinstance(value, frozenset):
-            value = sorted(value)
-        content[name] = value
-    return content
-
-
-def display_from_json(document: Document, content: dict[str, Any]) -> None:
-    """Set the display; entries that are unknown or of another type are left alone."""
-    display = document.display
-    known = {each.name for each in fields(display)}
-    for name, value in content.items():
-        if name not in known or name in _LEFT_OUT:
-            continue
-        try:
-            if name in _ENUMS:
-                value = _ENUMS[name](value)
-            elif name == "flipped":
-                value = frozenset(int(index) for index in value)
-            elif name == "limits" and value is not None:
-                value = _policy_from_json(value)
-        except (KeyError, TypeError, ValueError):
-            continue
-        setattr(display, name, value)
-
-
-def _policy_to_json(policy: LimitPolicy) -> dict[str, Any]:
-    return {"policy": type(policy).__name__, **asdict(policy)}  # type: ignore[call-overload]
-
-
-def _policy_from_json(content: dict[str, Any]) -> LimitPolicy:
-    rest = {name: value for name, value in content.items() if name != "policy"}
-    return _POLICIES[content["policy"]](**rest)
+    def _warn(self, text: str) -> None:
+        self._document.notify(Notice(text, Severity.WARNING))

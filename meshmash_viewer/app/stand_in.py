@@ -100,6 +100,10 @@ class StandIn:
         self.awaited = False
         self._put(coarse)
 
+    def give_up(self) -> None:
+        """Do without what could not be made; dots stay where they were drawn first."""
+        self.awaited = False
+
     def _put(self, coarse: CoarseMesh, dot_size: float = 0.0) -> None:
         drawing, chosen = self._drawing, coarse.representatives
         points: npt.NDArray[np.float32]

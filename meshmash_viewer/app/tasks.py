@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from PySide6.QtCore import QObject, Qt, Slot
 
+from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.worker import Worker
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.jobs import (
     DecomposeJob,
     ExportJob,
@@ -16,8 +18,7 @@ from meshmash_viewer.model.jobs import (
     SpectrumGrew,
     Written,
 )
-from meshmash_viewer.model.previews import FROM_VERTICES
-from meshmash_viewer.model.process import Failure
+from meshmash_viewer.model.previews import is_worthwhile
 from meshmash_viewer.progress import Progress
 
 __all__ = ["Tasks"]
@@ -133,7 +134,7 @@ class Tasks(QObject):
     def _on_finished(self, result: object) -> None:
         if isinstance(result, MeshReady):
             self._document.accept_mesh(result)
-            if result.known is None and result.mesh.n_vertices >= FROM_VERTICES:
+            if is_worthwhile(result):
                 self._queue.append(PreviewJob(result.mesh, self._document.operator))
             self._end(Notice(result.remark, Severity.WARNING) if result.remark else None)
         elif isinstance(result, Written):
@@ -148,7 +149,7 @@ class Tasks(QObject):
 
     @Slot(object)
     def _on_failed(self, failure: Failure) -> None:
-        self._end(Notice(failure.text, Severity.ERROR, failure.details))
+        self._end(notice_of(failure))
 
     @Slot()
     def _on_cancelled(self) -> None:

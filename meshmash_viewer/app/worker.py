@@ -7,7 +7,6 @@ import itertools
 import queue
 import subprocess
 import threading
-import traceback
 from pathlib import Path
 from typing import cast
 
@@ -15,8 +14,9 @@ from PySide6.QtCore import QObject, QThread, QTimer, Signal
 
 from meshmash_viewer.app.render.geometry import geometry_of
 from meshmash_viewer.io.scratch import ScratchFolder, remove_abandoned
+from meshmash_viewer.model.failure import Failure, failure_of
 from meshmash_viewer.model.jobs import Job, MeshReady, SpectrumGrew
-from meshmash_viewer.model.process import Failure, child_command, end_group
+from meshmash_viewer.model.process import child_command, end_group
 from meshmash_viewer.model.transport import Wire
 
 __all__ = ["Worker"]
@@ -153,7 +153,8 @@ class _WorkerThread(QThread):
     def run(self) -> None:
         """Keep a process warm, give it one job after the other."""
         try:
-            self._start_process()
+            with contextlib.suppress(OSError):  # the first job tries again, and says why
+                self._start_process()
             _warm_up()
             remove_abandoned()
             while (job := self.orders.get()) is not None:
@@ -208,8 +209,7 @@ class _WorkerThread(QThread):
             worker.failed.emit(Failure(text, repr(error), mendable=True))
         except Exception as error:  # noqa: BLE001  a defect must not end the thread in silence
             self._drop_process()
-            text = f"{job.label} failed by a defect of the program ({type(error).__name__})."
-            worker.failed.emit(Failure(text, traceback.format_exc()))
+            worker.failed.emit(failure_of(error, job.label))
 
     def _report_end(self, job: Job) -> None:
         """Say why the process has gone, and warm up another one."""

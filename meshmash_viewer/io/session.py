@@ -4,19 +4,38 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.io.atomic import writing_errors, written_whole
+from meshmash_viewer.io.schema import (
+    Check,
+    Refused,
+    choice,
+    flag,
+    listing,
+    number,
+    record,
+    text,
+    understood,
+    whole,
+)
+from meshmash_viewer.units import parse_unit
+from meshmash_viewer.weyl import TARGET_KINDS
 
-__all__ = ["SESSION_ENDING", "Session", "read_session", "write_session"]
+__all__ = ["MOST_INDEX", "SESSION_ENDING", "Session", "read_session", "write_session"]
 
 SESSION_ENDING = ".meshmash.json"
 
 _FORMAT = "meshmash-viewer session"
 _VERSION = 1
+#: Indices and counts are whole numbers of 32 bits, as the window's fields are.
+MOST_INDEX = 2**31 - 1
+#: Bytes that a session may have: thousands of pins take a hundredth of it.
+_LARGEST = 16_000_000
 
 
 @dataclass(frozen=True)
@@ -36,6 +55,8 @@ class Session:
     mesh_hash : str
         Content hash of the repaired mesh, to tell whether the file has changed since; "" if not
         known.
+    n_vertices : int
+        Number of its vertices; 0 if not known.
     operator : dict
         Fields of `OperatorOptions`.
     target : dict
@@ -52,11 +73,48 @@ class Session:
     unit: str = ""
     repairs: list[str] = field(default_factory=list)
     mesh_hash: str = ""
+    n_vertices: int = 0
     operator: dict[str, Any] = field(default_factory=dict)
     target: dict[str, Any] = field(default_factory=dict)
     display: dict[str, Any] = field(default_factory=dict)
     pins: list[int] = field(default_factory=list)
     camera: dict[str, Any] = field(default_factory=dict)
+
+
+def _unit(value: object) -> str:
+    try:
+        parse_unit(text(100)(value))
+    except InputError as fault:
+        raise Refused('a unit such as "nm" or "8 nm"', value) from fault
+    return str(value)
+
+
+def _target(value: object) -> dict[str, Any]:
+    """A kind and a value that suits it."""
+    kinds = record({"kind": choice(TARGET_KINDS)})(value)
+    count = kinds.get("kind", "count") == "count"
+    size = whole(1, MOST_INDEX) if count else number(1e-150, 1e150)
+    return {**kinds, **record({"value": size})(value)}
+
+
+_CHECKS: dict[str, Check] = {
+    "mesh_path": text(),
+    "unit": _unit,
+    "repairs": listing(choice(REPAIRS), 100),
+    "mesh_hash": text(200),
+    "n_vertices": whole(0, MOST_INDEX),
+    "operator": record({"robust": flag, "mollify_factor": number(0.0)}),
+    "target": _target,
+    "display": record({}),
+    "pins": listing(whole(0, MOST_INDEX), 10_000, different=True),
+    "camera": record(
+        {
+            "focus": listing(number(-1e30, 1e30), 3, 3),
+            "axes": listing(listing(number(-1.001, 1.001), 3, 3), 3, 3),
+            "half_size": number(1e-30, 1e30),
+        }
+    ),
+}
 
 
 def write_session(path: str | Path, session: Session) -> None:
@@ -83,19 +141,26 @@ def write_session(path: str | Path, session: Session) -> None:
 def read_session(path: str | Path) -> Session:
     """Read a session, with its mesh's path made absolute.
 
+    What only the model can judge, its `display`, is given back as it is.
+
     Raises
     ------
     InputError
-        If there is no such file, it is no session, or a newer program wrote it.
+        If there is no such file, it is no session, a newer program wrote it, or an entry has
+        another type or is out of bounds.
     """
     path = Path(path)
     try:
+        if path.stat().st_size > _LARGEST:
+            raise InputError(f"{path} is too large for a session; open another file.")
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as fault:
         raise InputError(
             f"{path} cannot be read ({fault.strerror}); check its name and permission."
         ) from fault
-    except ValueError as fault:
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as fault:
         raise InputError(f"{path} is not a session of this program; open another file.") from fault
     if not isinstance(content, dict) or content.pop("format", None) != _FORMAT:
         raise InputError(f"{path} is not a session of this program; open another file.")
@@ -105,16 +170,18 @@ def read_session(path: str | Path) -> Session:
             f"{path} is a session of version {version}, and this program knows {_VERSION};"
             " open it with a newer program."
         )
-    blank = Session()
-    for known in fields(Session):
-        default = getattr(blank, known.name)
-        value = content.get(known.name, default)
-        if not isinstance(value, type(default)):
-            raise InputError(f"{path} has a damaged entry {known.name!r}; open another file.")
-        content[known.name] = value
-    if not all(isinstance(pin, int) and pin >= 0 for pin in content["pins"]):
-        raise InputError(f"{path} has a damaged entry 'pins'; open another file.")
-    session = {known.name: content[known.name] for known in fields(Session)}
-    if session["mesh_path"]:
+    session = {
+        name: understood(check, content[name], path, name)
+        for name, check in _CHECKS.items()
+        if name in content
+    }
+    session["display"] = content.get("display", {})
+    beyond = [pin for pin in session.get("pins", []) if pin >= session.get("n_vertices", 0)]
+    if session.get("n_vertices") and beyond:
+        raise InputError(
+            f"{path.name} has pins at vertex {beyond[0]}, and its mesh has "
+            f"{session['n_vertices']} vertices: mend that entry, or open another file."
+        )
+    if session.get("mesh_path"):
         session["mesh_path"] = os.path.normpath(path.absolute().parent / session["mesh_path"])
     return Session(**session)

@@ -10,7 +10,10 @@ from psygnal import SignalGroupDescriptor
 
 from meshmash_viewer.model.limits import LimitPolicy
 
-__all__ = ["Display", "FieldKind", "SimilarityBasis"]
+__all__ = ["MOST_BANDS", "MOST_SCALES", "Display", "FieldKind", "SimilarityBasis"]
+
+#: Most times of a heat kernel signature, and most bands, that can be asked for.
+MOST_SCALES, MOST_BANDS = 1024, 512
 
 
 class FieldKind(StrEnum):

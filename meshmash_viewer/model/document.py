@@ -36,6 +36,9 @@ __all__ = ["PIN_COLORS", "Document", "Notice", "Pin", "Severity"]
 #: Colours of the pins in their order: Okabe & Ito 2008, told apart by every kind of colour vision.
 PIN_COLORS = ("#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#D55E00", "#0072B2", "#F0E442")
 
+#: What is computed before anyone has asked for more or less.
+_DEFAULT_TARGET = Target("count", 100)
+
 
 class Severity(StrEnum):
     """How a notice is coloured and how long it stays."""
@@ -83,10 +86,11 @@ class Document:
         self.display = Display()
         self.ready: MeshReady | None = None
         self.spectrum: Spectrum | None = None
+        self._preview: Spectrum | None = None
         self.pins: tuple[Pin, ...] = ()
         self.job: JobState | None = None
         self._operator = OperatorOptions()
-        self._target = Target("count", 100)
+        self._target = _DEFAULT_TARGET
         self._undo: list[tuple[MeshReady, Spectrum | None]] = []
 
     # -- mesh -------------------------------------------------------------------------------
@@ -106,9 +110,15 @@ class Document:
         """Names of the repairs in force, oldest first."""
         return self.ready.repairs if self.ready else ()
 
-    def open_mesh(self, path: str | Path, unit: str = "") -> None:
-        """Ask for a mesh file to be read; the open mesh stays until that has succeeded."""
-        self._request(ReadJob(Path(path), unit, self.operator))
+    def open_mesh(
+        self, path: str | Path, unit: str = "", operator: OperatorOptions | None = None
+    ) -> None:
+        """Ask for a mesh file to be read; the open mesh stays until that has succeeded.
+
+        `operator` is the Laplacian whose stored eigenpairs are looked for, that in force unless
+        given.
+        """
+        self._request(ReadJob(Path(path), unit, operator or self.operator))
 
     def take_mesh(self, mesh: Mesh) -> None:
         """Ask for a mesh in memory to be shown."""
@@ -177,14 +187,25 @@ class Document:
         if self.ready is not None and len(ready.repairs) > len(self.repairs):
             self._undo.append((self.ready, self.spectrum))
         del self._undo[len(ready.repairs) :]
+        if self._target.kind != "count" and not self._measures_as(ready):
+            # a length or an eigenvalue says nothing about a mesh of another size
+            self.target = _DEFAULT_TARGET
         pins = self._pins_kept_on(ready.mesh) if ready.derived else ()
         self._show(ready, ready.known.spectrum if ready.known is not None else None, pins)
+
+    def _measures_as(self, ready: MeshReady) -> bool:
+        """Whether a length means the same on a mesh as on this: repaired, or read again."""
+        if self.mesh is None:
+            return True
+        again = ready.derived or (ready.path is not None and ready.path == self.path)
+        return again and ready.mesh.voxel == self.mesh.voxel
 
     def _show(
         self, ready: MeshReady, spectrum: Spectrum | None, pins: tuple[Pin, ...] = ()
     ) -> None:
         self.ready = ready
         self.spectrum = spectrum
+        self._preview = None
         self.pins = pins
         self.display.similarity_vertex = None
         self.display.flipped = frozenset()
@@ -224,9 +245,10 @@ class Document:
         """What a target comes to on the open mesh; on the unit of area if there is none."""
         if self.ready is None:
             return Translation(1.0)
-        spectrum, health = self.spectrum, self.ready.health
+        health = self.ready.health
         n_vertices = health.n_vertices - health.unreferenced_vertices
-        if spectrum is None or spectrum.preview or spectrum.operator != self._operator:
+        spectrum = None if self.spectrum is None else self.spectrum.exact
+        if spectrum is None or not len(spectrum) or spectrum.operator != self._operator:
             return Translation(health.area, n_vertices=n_vertices)
         return Translation(
             health.area, spectrum.eigenvalues, n_vertices, known_to=spectrum.known_to
@@ -250,7 +272,15 @@ class Document:
             self._request(DecomposeJob(self.ready.mesh, self.operator, target))
 
     def accept_spectrum(self, spectrum: Spectrum) -> None:
-        """Take a spectrum that has grown, or one found in the store."""
+        """Take a spectrum that has grown, or a preview; a preview is not replaced by less."""
+        known = self.spectrum
+        if spectrum.preview and not spectrum.n_exact:
+            self._preview = spectrum
+            if known is not None and not known.preview and len(known):
+                spectrum = known
+        preview = self._preview
+        if not spectrum.preview and preview is not None and len(spectrum) < len(preview):
+            spectrum = spectrum.before(preview)
         self.spectrum = spectrum
         last = max(len(spectrum) - 1, 0)
         if spectrum.complete and self.display.index > last:

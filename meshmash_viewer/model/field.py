@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.model.document import Document
     from meshmash_viewer.model.live import LiveFeatures
 
-__all__ = ["Field", "FieldRequest", "compute_field", "request_of"]
+__all__ = ["Field", "FieldRequest", "compute_field", "request_of", "title_of"]
 
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
@@ -56,6 +56,8 @@ class FieldRequest:
     basis : SimilarityBasis
     sample : ndarray of int64, optional
         Vertices that limits are taken over; makes no difference to the values.
+    places : ndarray of float64, shape (n, 3), optional
+        Coordinates of the mesh, which tell one mesh from another with as many vertices.
     """
 
     spectrum: Spectrum
@@ -72,6 +74,7 @@ class FieldRequest:
     vertex: int = -1
     basis: SimilarityBasis = SimilarityBasis.HKS
     sample: npt.NDArray[np.int64] | None = field(default=None, compare=False, repr=False)
+    places: npt.NDArray[np.float64] | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +158,7 @@ def request_of(document: Document) -> FieldRequest | None:
     spectrum, display, ready = document.spectrum, document.display, document.ready
     if spectrum is None or len(spectrum) == 0 or ready is None:
         return None
-    unit, sample = ready.mesh.unit, ready.sample
+    unit, sample, places = ready.mesh.unit, ready.sample, ready.mesh.vertices
     if display.kind is FieldKind.HKS:
         return FieldRequest(
             spectrum,
@@ -164,6 +167,7 @@ def request_of(document: Document) -> FieldRequest | None:
             time=hks_time(spectrum, display),
             times=hks_range(spectrum, display),
             sample=sample,
+            places=places,
         )
     if display.kind is FieldKind.BAND:
         return FieldRequest(
@@ -174,6 +178,7 @@ def request_of(document: Document) -> FieldRequest | None:
             band_count=display.band_count,
             eigenvalues=band_range(spectrum, display),
             sample=sample,
+            places=places,
         )
     if display.kind is FieldKind.SIMILARITY and display.similarity_vertex is not None:
         vertex = display.similarity_vertex
@@ -186,6 +191,7 @@ def request_of(document: Document) -> FieldRequest | None:
                 scales=display.hks_scales,
                 vertex=vertex,
                 sample=sample,
+                places=places,
             )
         return FieldRequest(
             spectrum,
@@ -196,11 +202,18 @@ def request_of(document: Document) -> FieldRequest | None:
             vertex=vertex,
             basis=SimilarityBasis.BANDS,
             sample=sample,
+            places=places,
         )
     index = min(max(display.index, 0), len(spectrum) - 1)
     flipped = index in display.flipped
     return FieldRequest(
-        spectrum, unit, FieldKind.EIGENFUNCTION, index=index, flipped=flipped, sample=sample
+        spectrum,
+        unit,
+        FieldKind.EIGENFUNCTION,
+        index=index,
+        flipped=flipped,
+        sample=sample,
+        places=places,
     )
 
 
@@ -234,7 +247,7 @@ def compute_field(request: FieldRequest, live: LiveFeatures) -> Field | None:
     return Field(
         values,
         request,
-        title=_title(request),
+        title=title_of(request),
         quantity=_quantity(request),
         unit=_unit(request),
         signed=request.kind is FieldKind.EIGENFUNCTION,
@@ -265,7 +278,8 @@ def eigenfunction(
     return values, extremes(values, write)
 
 
-def _title(request: FieldRequest) -> str:
+def title_of(request: FieldRequest) -> str:
+    """What the field asked for is called on the render."""
     if request.kind is FieldKind.EIGENFUNCTION:
         return f"Eigenfunction {request.index}"
     if request.kind is FieldKind.HKS:

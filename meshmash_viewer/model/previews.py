@@ -13,11 +13,11 @@ from meshmash_viewer.io.npy import create_rows, map_rows
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.alignment import Alignment, align
-from meshmash_viewer.model.jobs import Channel, SpectrumGrew
+from meshmash_viewer.model.jobs import Channel, MeshReady, SpectrumGrew
 from meshmash_viewer.preview import preview_eigenpairs
 from meshmash_viewer.progress import Progress
 
-__all__ = ["FROM_VERTICES", "StoredPreview", "open_preview"]
+__all__ = ["FROM_VERTICES", "StoredPreview", "is_worthwhile", "open_preview"]
 
 #: From this size on the exact pairs are long enough in coming.
 FROM_VERTICES = 60_000
@@ -75,6 +75,19 @@ class StoredPreview:
         return align(shown, rows, eigenvalues, mass, before)
 
 
+def is_worthwhile(ready: MeshReady) -> bool:
+    """Whether a preview of a mesh would show more than what is in the store."""
+    mesh = ready.mesh
+    if mesh.n_vertices < FROM_VERTICES:
+        return False
+    known = 0 if ready.known is None else len(ready.known.eigenvalues)
+    return known < ready.health.n_components + _pairs(mesh)
+
+
+def _pairs(mesh: Mesh) -> int:
+    return _PAIRS if mesh.n_vertices < _HUGE else _PAIRS_OF_HUGE
+
+
 def open_preview(mesh: Mesh, channel: Channel) -> StoredPreview | None:
     """Compute the preview of a mesh, or find it in the session's folder.
 
@@ -96,7 +109,7 @@ def open_preview(mesh: Mesh, channel: Channel) -> StoredPreview | None:
     for other in channel.folder.glob("preview-*"):
         other.unlink()
     channel.report(Progress("preview", message="Approximating the first eigenfunctions"))
-    n_pairs = mesh.n_components + (_PAIRS if mesh.n_vertices < _HUGE else _PAIRS_OF_HUGE)
+    n_pairs = mesh.n_components + _pairs(mesh)
 
     def allocate(k: int, n: int) -> npt.NDArray[np.float32]:
         # straight into the file that the window maps

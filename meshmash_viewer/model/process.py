@@ -16,43 +16,23 @@ import signal
 import sys
 import threading
 import time
-import traceback
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.model.jobs import Channel, DecomposeJob, Job, MeshReady, PreviewJob
 from meshmash_viewer.model.transport import Wire
 from meshmash_viewer.progress import Cancelled, Progress
 
-__all__ = ["Failure", "child_command", "end_group", "prepare_preview", "serve"]
+__all__ = ["child_command", "end_group", "prepare_preview", "serve"]
 
 #: Seconds between two reports; a person reads no faster.
 _REPORT_SECONDS = 0.05
-
-
-@dataclass(frozen=True)
-class Failure:
-    """Why a job failed.
-
-    Parameters
-    ----------
-    text : str
-        One sentence for the message bar.
-    details : str
-        For the copy button; empty where the sentence says it all.
-    mendable : bool
-        Whether what was given is at fault, not the program.
-    """
-
-    text: str
-    details: str = ""
-    mendable: bool = False
 
 
 def child_command(folder: Path) -> list[str]:
@@ -191,18 +171,8 @@ def _run(job: Job, channel: Channel, wire: Wire) -> object:
         return result
     except Cancelled:
         message = ("cancelled", None)
-    except InputError as error:
-        message = ("failed", Failure(str(error), mendable=True))
-    except MemoryError:
-        text = "Memory ran out: ask for fewer eigenpairs, or close other programs."
-        message = ("failed", Failure(text, traceback.format_exc(), mendable=True))
-    except OSError as error:
-        named = f"{error.filename}: " if error.filename else ""
-        text = f"{named}{error.strerror or error}."
-        message = ("failed", Failure(text, traceback.format_exc(), mendable=True))
     except Exception as error:  # noqa: BLE001  whatever it is, the window must hear of it
-        text = f"{job.label} failed by a defect of the program ({type(error).__name__}: {error})."
-        message = ("failed", Failure(text, traceback.format_exc()))
+        message = ("failed", failure_of(error, job.label))
     wire.send(message)
     return None
 

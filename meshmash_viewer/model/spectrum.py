@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy.typing as npt
 from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.filters import hks_time_range
 from meshmash_viewer.laplacian import OperatorOptions
-from meshmash_viewer.model.alignment import ShownRows
+from meshmash_viewer.model.alignment import Alignment, ShownRows
 
 __all__ = ["Multiplet", "Spectrum"]
 
@@ -41,7 +41,7 @@ class Spectrum:
     total : int
         Number of pairs that the solve owes; 0 while unknown.
     certificate : Certificate, optional
-        What proves them; None until the solve has ended.
+        What proves them; None until the solve has ended. Approximate ones may go on from there.
     preview : bool
         Whether some are coarse approximations that exact ones will replace.
     operator : OperatorOptions, optional
@@ -106,6 +106,37 @@ class Spectrum:
     def is_exact(self, index: int) -> bool:
         """Whether a pair is final, not an approximation."""
         return not self.preview or index < self.n_exact
+
+    @property
+    def exact(self) -> Spectrum:
+        """The pairs that are final; all of them without a preview."""
+        if not self.preview:
+            return self
+        count = self.n_exact
+        return replace(
+            self,
+            eigenvalues=self.eigenvalues[:count],
+            residuals=self.residuals[:count],
+            preview=False,
+            n_exact=0,
+        )
+
+    def before(self, preview: Spectrum) -> Spectrum:
+        """These pairs, then those of a preview that go on from them."""
+        assert not isinstance(self.rows, ShownRows)
+        assert not isinstance(preview.rows, ShownRows)
+        count, rest = len(self), preview.eigenvalues[len(self) :]
+        alignment = Alignment() if self.shown is None else self.shown.alignment
+        return replace(
+            self,
+            eigenvalues=np.maximum.accumulate(np.concatenate([self.eigenvalues, rest])),
+            rows=ShownRows(self.rows, count, preview.rows, alignment),
+            residuals=np.concatenate([self.residuals, np.full(len(rest), np.nan)]),
+            preview=True,
+            n_exact=count,
+            error=preview.error,
+            shown=None,
+        )
 
     def multiplet(self, index: int, gap: float = 1e-6) -> Multiplet | None:
         """The run of near-equal eigenvalues that an index belongs to, or None.

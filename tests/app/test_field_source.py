@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 
 import numpy as np
@@ -15,6 +16,7 @@ from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, FieldRequest
 from meshmash_viewer.model.jobs import JobState, MeshReady, PreviewJob
+from meshmash_viewer.model.live import LiveFeatures
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.progress import Progress
 
@@ -219,6 +221,51 @@ def test_another_mesh_takes_field_and_tables_away(
     document.accept_spectrum(spectrum_of(sphere, 20))
     qtbot.waitUntil(lambda: source.idle and source.field is not None)
     assert len(source.field.values) == sphere.n_vertices
+
+
+def test_another_mesh_of_as_many_vertices_is_another_mesh(
+    qtbot: QtBot, document: Document, source: FieldSource, sphere: Mesh
+) -> None:
+    show(document, sphere)
+    qtbot.waitUntil(lambda: source.idle)
+    left = source.field
+    egg = Mesh(sphere.vertices * (1.0, 1.0, 1.7), sphere.faces)
+    fields: list[Field | None] = []
+    source.field_ready.connect(fields.append)
+    show(document, egg)
+    assert fields == [None]
+    assert source.field is None
+    source._take(left.request, left)  # an answer that comes late
+    assert source.field is None
+    qtbot.waitUntil(lambda: source.idle)
+    assert source.field.request.spectrum is document.spectrum
+
+
+def test_what_takes_long_is_said_until_it_comes(
+    qtbot: QtBot,
+    document: Document,
+    source: FieldSource,
+    sphere: Mesh,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    show(document, sphere)
+    qtbot.waitUntil(lambda: source.idle)
+    said: list[str] = []
+    source.awaited.connect(said.append)
+    leave, compute = threading.Event(), field_source_module.compute_field
+
+    def slow(request: FieldRequest, live: LiveFeatures) -> Field | None:
+        if request.kind is FieldKind.HKS:
+            leave.wait(10)
+        return compute(request, live)
+
+    monkeypatch.setattr(field_source_module, "compute_field", slow)
+    document.display.kind = FieldKind.HKS
+    qtbot.waitUntil(lambda: said == ["Heat kernel signature"])
+    assert source.field.kind is FieldKind.EIGENFUNCTION, "which is why it has to be said"
+    leave.set()
+    qtbot.waitUntil(lambda: source.idle)
+    assert set(said[1:]) == {""}
 
 
 def test_another_mesh_takes_away_what_was_prepared(

@@ -29,7 +29,14 @@ def test_any_notation_with_or_without_unit(field: NumberField, qtbot, text: str)
 
 
 @pytest.mark.parametrize(
-    ("text", "says"), [("abc", "abc is not a number"), ("-1", "at least 0"), ("inf", "at least")]
+    ("text", "says"),
+    [
+        ("abc", "abc is not a number"),
+        ("-1", "at least 0"),
+        ("inf", "inf is not a number"),
+        ("nan", "nan is not a number"),
+        ("1e300", "no size of a mesh"),
+    ],
 )
 def test_what_is_refused_is_said_and_forgotten(field: NumberField, text: str, says: str) -> None:
     sentences: list[str] = []
@@ -37,6 +44,7 @@ def test_what_is_refused_is_said_and_forgotten(field: NumberField, text: str, sa
     give(field, text)
     assert says in sentences[-1]
     assert field.value == 2.5e-8
+    assert field.text() == "2.5e-08", "what was refused does not stay"
     QTest.keyClick(field, Qt.Key.Key_Escape)
     assert field.text() == "2.5e-08"
     assert sentences[-1] == ""

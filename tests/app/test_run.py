@@ -67,9 +67,9 @@ def test_a_mesh_in_memory_is_viewed_from_a_script(qtbot: QtBot) -> None:
     qtbot.waitUntil(lambda: window.document.mesh is not None, timeout=PATIENCE)
     assert window.isVisible()
     assert (window.document.mesh.name, window.document.mesh.unit) == ("ball", "µm")
-    assert window in run._windows
+    assert window in run._windows.values()
     window.close()
-    assert window not in run._windows
+    assert window not in run._windows.values()
 
 
 def test_threads_let_the_window_have_the_interpreter_at_once() -> None:

@@ -1,11 +1,18 @@
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
 import pytest
+from solved import spectrum_of
 
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import PIN_COLORS, Document
 from meshmash_viewer.model.jobs import MeshReady
+from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.weyl import Target
 
 
 @pytest.fixture
@@ -29,3 +36,73 @@ def test_a_vertex_that_is_not_there_cannot_be_pinned(document: Document, vertex:
     with pytest.raises(IndexError, match="not in the mesh"):
         document.toggle_pin(vertex)
     assert document.pins == ()
+
+
+def ready_of(mesh: Mesh, path: str = "") -> MeshReady:
+    where = Path(path) if path else None
+    return MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals, where)
+
+
+@pytest.mark.parametrize("kind", ["wavelength", "max_eigenvalue"])
+def test_lengths_and_eigenvalues_do_not_carry_over(kind: str, sphere: Mesh) -> None:
+    document = Document()
+    document.target = asked = Target(kind, 18.0)
+    document.accept_mesh(ready_of(sphere, "a.ply"))
+    assert document.target == asked, "it was asked for this mesh"
+    document.accept_mesh(ready_of(sphere, "a.ply"))
+    assert document.target == asked, "read again"
+    document.accept_mesh(replace(ready_of(sphere, "a.ply"), derived=True))
+    assert document.target == asked, "repaired"
+    document.accept_mesh(ready_of(sphere, "b.ply"))
+    assert document.target == Target("count", 100)
+    document.target = asked
+    scaled = sphere.in_voxels((8.0, 8.0, 8.0), "nm")
+    document.accept_mesh(replace(ready_of(scaled, "b.ply"), derived=True))
+    assert document.target == Target("count", 100), "coordinates are other ones"
+
+
+def test_a_count_carries_over(document: Document, sphere: Mesh) -> None:
+    document.target = Target("count", 7)
+    document.accept_mesh(ready_of(sphere, "b.ply"))
+    assert document.target == Target("count", 7)
+
+
+def approximate(spectrum: Spectrum) -> Spectrum:
+    """As a preview would have it: eigenvalues a little off, no residuals, no end."""
+    nothing = np.full(len(spectrum), np.nan)
+    return replace(
+        spectrum,
+        eigenvalues=1.02 * spectrum.eigenvalues,
+        residuals=nothing,
+        certificate=None,
+        preview=True,
+        error=0.03,
+    )
+
+
+@pytest.mark.parametrize("preview_first", [True, False])
+def test_a_preview_is_not_replaced_by_less(
+    document: Document, sphere: Mesh, preview_first: bool
+) -> None:
+    exact, preview = spectrum_of(sphere, 5), approximate(spectrum_of(sphere, 20))
+    order = (preview, exact) if preview_first else (exact, preview)
+    for spectrum in order:
+        document.accept_spectrum(spectrum)
+    shown = document.spectrum
+    assert (len(shown), shown.n_exact, shown.preview) == (20, 5, True)
+    assert shown.complete, "what was asked for is"
+    np.testing.assert_array_equal(shown.eigenvalues[:5], exact.eigenvalues)
+    np.testing.assert_array_equal(shown.eigenvalues[5:], preview.eigenvalues[5:])
+    np.testing.assert_array_equal(shown.rows[:5], exact.rows[:5])
+    np.testing.assert_array_equal(shown.rows[5:20], preview.rows[5:20])
+    # what is exported is exact
+    np.testing.assert_array_equal(shown.exact.eigenvalues, exact.eigenvalues)
+    assert not shown.exact.preview
+    # and more takes its place
+    more = spectrum_of(sphere, 30)
+    document.accept_spectrum(more)
+    assert document.spectrum is more
+    # another mesh has another preview
+    document.accept_mesh(ready_of(sphere, "b.ply"))
+    document.accept_spectrum(exact)
+    assert document.spectrum is exact

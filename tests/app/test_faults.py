@@ -1,0 +1,420 @@
+"""What goes wrong is said in the window, and the window goes on."""
+
+from __future__ import annotations
+
+import gc
+import importlib
+import json
+import sys
+import threading
+import weakref
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapes
+from psygnal import EmitLoopError
+from PySide6.QtCore import QCoreApplication, QEvent, QPoint, QRunnable, Qt, QThreadPool, QTimer
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QDialog, QPushButton
+from pytestqt.qtbot import QtBot
+
+import meshmash_viewer
+from meshmash_viewer.app import run
+from meshmash_viewer.app.canvas import Canvas
+from meshmash_viewer.app.faults import FaultBoundary
+from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.session import Session, write_session
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.failure import failure_of
+from meshmash_viewer.weyl import Target
+
+PATIENCE = 60_000
+LEFT, RIGHT = Qt.MouseButton.LeftButton, Qt.MouseButton.RightButton
+
+
+@pytest.fixture(scope="session")
+def qapp() -> QApplication:
+    return run.application()
+
+
+def save(path: Path, mesh: Mesh) -> Path:
+    np.savez(path, vertices=mesh.vertices, faces=mesh.faces)
+    return path
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MainWindow]:
+    """One window on a sphere of 642 vertices and 20 eigenpairs."""
+    run.application()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        window = MainWindow(fresh=True)
+        window.show()
+        path = save(tmp_path_factory.mktemp("meshes") / "ball.npz", shapes.icosphere(3))
+        window.open_mesh(path)
+        document = window.document
+        document.target = Target("count", 20)
+        while document.mesh is None or document.job is not None:
+            QTest.qWait(10)
+        document.compute()
+        while document.spectrum is None or not document.spectrum.complete:
+            QTest.qWait(10)
+        yield window
+        window.close()
+        window.deleteLater()
+
+
+# -- sentences ---------------------------------------------------------------------------------
+
+
+def raised(fault: Exception) -> Exception:
+    try:
+        raise fault
+    except Exception as caught:  # noqa: BLE001  with its traceback
+        return caught
+
+
+def test_what_can_be_mended_is_said_in_its_own_words() -> None:
+    assert failure_of(raised(InputError("Give a mesh."))).text == "Give a mesh."
+    full = failure_of(raised(OSError(28, "No space left on device", "/tmp/a.npz")))
+    assert full.text == "/tmp/a.npz: No space left on device."
+    assert full.mendable
+    assert "close other programs" in failure_of(raised(MemoryError())).text
+
+
+def test_a_defect_is_called_one_and_has_details_to_copy() -> None:
+    told = failure_of(raised(KeyError("a\nb" * 500)))
+    assert "defect of the program (KeyError: " in told.text
+    assert "\n" not in told.text
+    assert len(told.text) < 400
+    assert "Traceback" in told.details
+    assert not told.mendable
+
+
+def test_what_a_listener_of_the_model_raised_is_told_as_itself() -> None:
+    document = Document()
+
+    def listener() -> None:
+        raise InputError("Give a mesh.")
+
+    document.pins_changed.connect(listener)
+    with pytest.raises(EmitLoopError) as caught:
+        document.clear_pins()
+    assert failure_of(caught.value).text == "Give a mesh."
+
+
+# -- the boundary ------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def told(qapp: QApplication) -> Iterator[list[Notice]]:
+    notices: list[Notice] = []
+    with FaultBoundary(notices.append):
+        yield notices
+
+
+def test_exceptions_of_slots_and_threads_become_notices(
+    qtbot: QtBot, told: list[Notice], capfd: pytest.CaptureFixture[str]
+) -> None:
+    def slot() -> None:
+        raise ZeroDivisionError("in a slot")
+
+    button = QPushButton()
+    qtbot.addWidget(button)
+    button.clicked.connect(slot)
+    QTest.mouseClick(button, LEFT)
+    assert not told, "it may come from the middle of painting"
+    qtbot.waitUntil(lambda: len(told) == 1)
+
+    def work() -> None:
+        raise LookupError("in a thread")
+
+    threading.Thread(target=work).start()
+    qtbot.waitUntil(lambda: len(told) == 2)
+
+    class Task(QRunnable):
+        def run(self) -> None:
+            raise ArithmeticError("in a pool")
+
+    QThreadPool.globalInstance().start(Task())
+    qtbot.waitUntil(lambda: len(told) == 3)
+
+    class Ended:
+        def __del__(self) -> None:
+            raise AttributeError("at the end")
+
+    Ended()
+    qtbot.waitUntil(lambda: len(told) == 4)
+    for notice, words in zip(
+        told, ("in a slot", "in a thread", "in a pool", "at the end"), strict=True
+    ):
+        assert notice.severity is Severity.ERROR
+        assert words in notice.text
+        assert "Traceback" in notice.details
+        assert "numpy" in notice.details, "versions belong to a report"
+    out, err = capfd.readouterr()
+    assert "Traceback" not in out + err
+
+
+def test_what_comes_at_every_frame_is_said_once(qtbot: QtBot, told: list[Notice]) -> None:
+    timer = QTimer(interval=1)
+
+    def frame() -> None:
+        raise ZeroDivisionError("in a frame")
+
+    timer.timeout.connect(frame)
+    timer.start()
+    QTest.qWait(300)
+    timer.stop()
+    assert len(told) == 1
+
+
+def test_the_hooks_are_given_back(qapp: QApplication) -> None:
+    before = sys.excepthook, sys.unraisablehook, threading.excepthook
+    with FaultBoundary(print):
+        assert sys.excepthook is not before[0]
+    assert (sys.excepthook, sys.unraisablehook, threading.excepthook) == before
+
+
+def test_somebody_elses_application_keeps_its_hooks(
+    qapp: QApplication, monkeypatch: pytest.MonkeyPatch, sphere: Mesh
+) -> None:
+    seen = []
+    monkeypatch.setattr(QApplication, "exec", lambda *_: seen.append(sys.excepthook))
+    before = sys.excepthook
+    window = meshmash_viewer.view(sphere, block=True)
+    assert seen == [before]
+    window.close()
+
+
+def test_an_exception_in_the_window_is_in_its_bar(qtbot: QtBot, shown: MainWindow) -> None:
+    bar = shown.stage.message_bar
+    with FaultBoundary(shown.document.notify):
+        QTimer.singleShot(0, lambda: [][1])
+        qtbot.waitUntil(bar.isVisible, timeout=PATIENCE)
+    assert "defect of the program (IndexError" in bar.notice.text
+    QTest.mouseClick(bar.findChild(QPushButton, "copy_details"), LEFT)
+    assert "Traceback" in QApplication.clipboard().text()
+    bar.dismiss()
+
+
+# -- what waited for ever ------------------------------------------------------------------------
+
+
+def test_a_library_that_cannot_be_loaded_is_said(
+    qtbot: QtBot, qapp: QApplication, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = importlib.import_module
+
+    def missing(name: str) -> object:
+        if name.endswith("app.scene"):
+            raise ImportError("libGL.so.1: cannot open shared object file")
+        return real(name)
+
+    monkeypatch.setattr(run.importlib, "import_module", missing)
+    window = MainWindow(fresh=True, deferred=True)
+    qtbot.addWidget(window)
+    window.show()
+    run._Loader(window)
+    bar = window.stage.message_bar
+    qtbot.waitUntil(bar.isVisible, timeout=PATIENCE)
+    assert "libGL.so.1" in bar.notice.text
+    assert "install" in bar.notice.text
+    assert "Loading" not in window.stage.welcome.loading_label.text()
+    window.close()
+
+
+def test_a_picture_that_cannot_be_drawn_is_said_and_the_next_one_is_written(
+    qtbot: QtBot, shown: MainWindow, tmp_path: Path
+) -> None:
+    document = shown.document
+    notices: list[Notice] = []
+    document.noticed.connect(notices.append)
+    twin = shown.scene.twin()
+    twin.prepare = lambda *_, **__: 1 / 0
+    pictures = shown.commands.pictures
+    pictures.write(tmp_path / "a.png", twin, (64, 48))
+    pictures.write(tmp_path / "b.png", shown.scene.twin(), (64, 48))
+    qtbot.waitUntil(lambda: len(notices) == 2, timeout=PATIENCE)
+    document.noticed.disconnect(notices.append)
+    assert notices[0].severity is Severity.ERROR
+    assert "not saved" in notices[0].text
+    assert "ZeroDivisionError" in notices[0].text
+    assert (tmp_path / "b.png").exists()
+
+
+def test_a_task_of_the_render_that_fails_is_waited_for_no_longer(
+    qtbot: QtBot, shown: MainWindow
+) -> None:
+    scene = shown.scene
+    notices: list[Notice] = []
+    with FaultBoundary(notices.append):
+        scene._stand_in.asked = scene._stand_in.awaited = True
+        scene._run("coarse", lambda: 1 / 0)
+        qtbot.waitUntil(lambda: bool(notices), timeout=PATIENCE)
+    assert not scene._stand_in.awaited
+    qtbot.waitUntil(lambda: scene.at_rest, timeout=PATIENCE)
+
+
+def test_profiles_are_read_no_longer_once_the_window_is_closed(
+    qtbot: QtBot, qapp: QApplication, tmp_path: Path
+) -> None:
+    window = MainWindow(fresh=True)
+    window.show()
+    reader = window.profile_panel._reader
+    entered, leave = threading.Event(), threading.Event()
+
+    class Slow(QRunnable):
+        def run(self) -> None:
+            entered.set()
+            leave.wait(0.5)
+
+    reader._pool.start(Slow())
+    assert entered.wait(10)
+    window.close()
+    assert reader._pool.activeThreadCount() == 0
+    window.deleteLater()
+
+
+def test_a_closed_window_is_let_go(qtbot: QtBot, qapp: QApplication, sphere: Mesh) -> None:
+    window = meshmash_viewer.view(sphere, block=False)
+    while window.document.mesh is None:
+        QTest.qWait(10)
+    held = weakref.ref(window.document), weakref.ref(window)
+    window.close()
+    del window
+    QTest.qWait(20)
+    QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+    gc.collect()
+    assert [each() for each in held] == [None, None]
+
+
+# -- the mouse -----------------------------------------------------------------------------------
+
+
+def test_a_second_button_ends_no_drag_and_leaves_none_on(shown: MainWindow) -> None:
+    canvas = shown.findChild(Canvas)
+    clicked: list[object] = []
+    canvas.clicked.connect(clicked.append)
+    middle = canvas.rect().center()
+    QTest.mousePress(canvas, LEFT, pos=middle)
+    QTest.mouseMove(canvas, middle + QPoint(40, 0))
+    QTest.qWait(20)
+    assert canvas.dragging
+    QTest.mousePress(canvas, RIGHT, pos=middle + QPoint(40, 0))
+    QTest.mouseRelease(canvas, LEFT, pos=middle + QPoint(40, 0))
+    QTest.mouseRelease(canvas, RIGHT, pos=middle + QPoint(40, 0))
+    assert not canvas.dragging
+    QTest.mouseClick(canvas, LEFT, pos=middle)
+    assert len(clicked) == 1
+
+
+# -- dialogs -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["export", "save_picture", "help", "about"])
+def test_dialogs_are_gone_when_they_have_been_answered(
+    qtbot: QtBot, shown: MainWindow, command: str
+) -> None:
+    qtbot.waitUntil(lambda: shown.actions_[command].isEnabled(), timeout=PATIENCE)
+    before = len(QApplication.allWidgets())
+    for _ in range(3):
+        shown.actions_[command].trigger()
+        dialog = shown.findChild(QDialog)
+        assert dialog.isVisible()
+        QTest.keyClick(dialog, Qt.Key.Key_Escape)
+        QTest.qWait(1)
+        QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+    assert shown.findChild(QDialog) is None
+    assert len(QApplication.allWidgets()) <= before
+
+
+def test_export_asks_nothing_while_there_is_nothing_to_export(
+    shown: MainWindow, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # as in the turn in which another mesh has come, before the actions have followed
+    monkeypatch.setattr(shown.document, "spectrum", None)
+    shown.actions_["export"].trigger()
+    assert shown.findChild(QDialog) is None
+
+
+# -- sessions ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("entry", "value", "clause"),
+    [
+        ("display", {"sequential_colormap": "nonsense"}, "display.sequential_colormap"),
+        ("display", {"time": "abc"}, "display.time"),
+        ("display", {"hks_scales": 10**9}, "display.hks_scales"),
+        ("display", {"band_count": 10**7}, "display.band_count"),
+        ("display", {"limits": {"policy": "LockedLimits", "low": 2, "high": 1}}, "limits"),
+        ("repairs", [["x"]], "repairs"),
+        ("camera", {"focus": [0, 0, 0]}, "camera"),
+        ("mesh_path", "", "mesh_path"),
+    ],
+)
+def test_a_bad_session_is_one_sentence_and_changes_nothing(
+    shown: MainWindow, tmp_path: Path, entry: str, value: object, clause: str
+) -> None:
+    document = shown.document
+    good = Session(
+        mesh_path=str(document.path),
+        target={"kind": "wavelength", "value": 0.5},
+        operator={"robust": False},
+        display={"band_count": 7},
+    )
+    path = tmp_path / "bad.meshmash.json"
+    write_session(path, good)
+    path.write_text(json.dumps(json.loads(path.read_text()) | {entry: value}))
+    before = document.ready, document.spectrum, document.target, document.operator
+    shown.commands.open_path(path)
+    notice = shown.stage.message_bar.notice
+    assert notice.severity is Severity.ERROR
+    assert notice.text.startswith("bad.meshmash.json has ")
+    assert clause in notice.text
+    assert document.job is None
+    assert before == (document.ready, document.spectrum, document.target, document.operator)
+    assert document.display.band_count == 32
+    shown.stage.message_bar.dismiss()
+
+
+def test_the_good_session_can_be_opened_after_a_bad_one(
+    qtbot: QtBot, qapp: QApplication, tmp_path: Path, sphere: Mesh
+) -> None:
+    window = MainWindow(fresh=True)
+    window.show()
+    document = window.document
+    mesh = save(tmp_path / "ball.npz", sphere)
+    good = Session(
+        mesh_path=str(mesh),
+        pins=[3, 600],
+        n_vertices=642,
+        target={"kind": "count", "value": 7},
+        display={"kind": "band", "band_count": 7, "limits": {"policy": "MinMaxLimits"}},
+    )
+    path, bad = tmp_path / "good.meshmash.json", tmp_path / "bad.meshmash.json"
+    write_session(path, good)
+    bad.write_text(json.dumps(json.loads(path.read_text()) | {"pins": [10**9]}))
+    for each in (bad, path):
+        window.commands.open_path(each)
+    qtbot.waitUntil(lambda: len(document.pins) == 2, timeout=PATIENCE)
+    assert document.display.band_count == 7
+    assert document.target == Target("count", 7)
+    # a session whose mesh is gone leaves everything as it is
+    absent = tmp_path / "absent.meshmash.json"
+    other = Session(mesh_path=str(tmp_path / "absent.ply"), target={"kind": "count", "value": 9})
+    write_session(absent, other)
+    before = document.ready
+    window.commands.open_path(absent)
+    qtbot.waitUntil(window.stage.message_bar.isVisible, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: document.job is None, timeout=PATIENCE)
+    assert document.ready is before
+    assert document.target == Target("count", 7)
+    assert len(document.pins) == 2
+    window.close()
+    window.deleteLater()

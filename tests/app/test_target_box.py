@@ -1,0 +1,93 @@
+"""How much to compute is typed, and what this mesh cannot have is said at the field."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QAbstractSpinBox, QLabel
+from pytestqt.qtbot import QtBot
+
+from meshmash_viewer.app.listening import catch_up
+from meshmash_viewer.app.target_box import TargetBox
+from meshmash_viewer.health import mesh_health
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.jobs import MeshReady
+from meshmash_viewer.weyl import Target
+
+
+@pytest.fixture
+def box(qtbot: QtBot, sphere: Mesh) -> Iterator[TargetBox]:
+    document = Document()
+    document.accept_mesh(MeshReady(sphere, mesh_health(sphere), sphere.vertex_normals))
+    box = TargetBox(document)
+    qtbot.addWidget(box)
+    box.document = document
+    box.show()
+    box.activateWindow()
+    qtbot.waitUntil(box.isActiveWindow)
+    catch_up()
+    return box
+
+
+def type_in(box: TargetBox, name: str, text: str) -> QAbstractSpinBox:
+    """Key by key, as the window has time to follow between two of them."""
+    field = box.findChild(QAbstractSpinBox, name)
+    field.setFocus()
+    field.selectAll()
+    for key in text:
+        QTest.keyClicks(field, key)
+        catch_up()
+    return field
+
+
+def enter(field: QAbstractSpinBox) -> None:
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    catch_up()
+
+
+def reason(box: TargetBox) -> str:
+    return box.findChild(QLabel, "target_fault").text()
+
+
+def test_what_is_typed_is_left_as_it_is(box: TargetBox) -> None:
+    for text in ("1e9", "1e99", "0.0000125"):
+        field = type_in(box, "target_eigenvalue_spin", text)
+        assert field.lineEdit().text() == text
+
+
+@pytest.mark.parametrize("text", ["99999", "1e99", "643"])
+def test_there_are_no_more_eigenpairs_than_vertices(box: TargetBox, text: str) -> None:
+    field = type_in(box, "target_count_spin", text)
+    enter(field)
+    assert field.value() == 642
+    assert box.document.target == Target("count", 642)
+    assert reason(box) == "This mesh has 642 vertices, and so at most 642 eigenpairs."
+    enter(type_in(box, "target_count_spin", "20"))
+    assert reason(box) == ""
+    assert box.document.target == Target("count", 20)
+
+
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [("target_eigenvalue_spin", "Eigenvalues"), ("target_wavelength_spin", "Waves")],
+)
+@pytest.mark.parametrize("text", ["1e99", "1e-250", "1e300", "0"])
+def test_what_no_mesh_has_goes_back_to_what_was(
+    box: TargetBox, name: str, what: str, text: str
+) -> None:
+    enter(type_in(box, name, "1.5"))
+    before = box.document.target
+    field = type_in(box, name, text)
+    enter(field)
+    assert field.lineEdit().text() == "1.5"
+    assert box.document.target == before
+    assert reason(box).startswith(f"{what} of this mesh lie between")
+
+
+def test_a_length_whose_square_is_no_number_is_refused() -> None:
+    with pytest.raises(ValueError, match="no mesh has one of that size"):
+        Target("wavelength", 1e-250)
