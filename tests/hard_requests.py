@@ -162,7 +162,8 @@ def _threshold(random: Random, problem: Problem, spectrum: Spectrum) -> Request:
 def _diagonal_entry(random: Random, problem: Problem) -> float:
     used = np.flatnonzero(problem.mass > 0.0)
     i = int(random.choice(used))
-    return float(problem.stiffness.diagonal()[i] / problem.mass[i])
+    with np.errstate(over="ignore"):
+        return float(problem.stiffness.diagonal()[i] / problem.mass[i])
 
 
 def _interior(random: Random, problem: Problem, spectrum: Spectrum) -> Request:
