@@ -316,9 +316,14 @@ def _excuse(problem: Problem, request: Request, pencil: Scaled, spectrum: Spectr
     small = values[:count][values[:count] > spectrum.copies[:count]]
     if len(small) and EPS * norm > 1e-8 * float(small.min()):
         return "the smallest and the largest eigenvalue leave no digits between them"
-    area = _largest_spacing(pencil)
-    if EPS * norm > 1e-8 * np.ldexp(area, pencil.exponent):
+    if EPS * norm > 1e-8 * np.ldexp(_spacings(pencil).min(initial=np.inf), pencil.exponent):
         return "zeros cannot be told from noise"
+    matrix = pencil.stiffness
+    sums, sizes = matrix.sum(axis=1), abs(matrix).sum(axis=1)
+    shifted = bool((np.abs(sums) > ROUNDING * EPS * sizes).any())
+    shift = np.ldexp(abs(float(sums.sum() / pencil.mass.sum())), pencil.exponent)
+    if shifted and EPS * norm > 1e-8 * shift:
+        return "next to zero, and not zero"
     if request.threshold is not None and request.threshold < spectrum.low[0]:
         return "nothing lies below the threshold"
     return ""
@@ -327,10 +332,6 @@ def _excuse(problem: Problem, request: Request, pencil: Scaled, spectrum: Spectr
 def _spacings(pencil: Scaled) -> FloatArray:
     """Weyl's spacing 4π / area of each component."""
     return np.asarray(4.0 * np.pi / np.bincount(pencil.labels, weights=pencil.mass))
-
-
-def _largest_spacing(pencil: Scaled) -> float:
-    return float(_spacings(pencil).min(initial=np.inf))
 
 
 def _fault_or_doubt(
