@@ -24,13 +24,14 @@ import scipy.linalg
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-__all__ = ["ROUNDING", "Scaled", "Spectrum", "scale_pencil", "spectrum_of"]
+__all__ = ["EPS", "ROUNDING", "Scaled", "Spectrum", "scale_pencil", "spectrum_of"]
 
 FloatArray = npt.NDArray[np.float64]
 
 EPS = float(np.finfo(np.float64).eps)
-#: Last digits of the entries that a careful computation may lose.
-ROUNDING = 32.0
+#: Last digits of the entries that a careful computation may lose: those of a row with a dozen
+#: entries are added up, and its sum then decides whether there is a zero.
+ROUNDING = 128.0
 #: Relative error of a reference value that is of no account.
 _FINE = 1e-11
 #: Larger components are not solved in twice the precision, nor for their eigenvectors.
@@ -178,7 +179,8 @@ def _component(entries: bytes, masses: bytes) -> tuple[FloatArray, FloatArray, F
             values[0], doubt[0] = lowest
             slack[0] = ROUNDING * EPS * float(np.abs(stiffness).sum() / mass.sum())
         return values, slack, doubt
-    values, vectors = scipy.linalg.eigh(matrix)
+    # The default driver fails now and then where eigenvalues are multiple.
+    values, vectors = scipy.linalg.eigh(matrix, driver="evd")
     norm = float(np.abs(values).max(initial=0.0))
     sizes = np.abs(vectors)
     energy = np.einsum("ij,ij->j", sizes, np.abs(matrix) @ sizes)
