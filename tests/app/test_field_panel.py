@@ -118,6 +118,7 @@ def test_only_what_has_converged_can_be_scrolled_to(qtbot) -> None:
 def test_a_preview_is_marked_until_exact_pairs_replace_it(panel: FieldPanel, document) -> None:
     exact = document.spectrum
     document.display.index = 5
+    document.spectrum = None
     document.accept_spectrum(replace(exact, preview=True, certificate=None))
     assert part(panel, "eigenvalue_label").text().startswith("λ₅ ≈ ")
     assert not part(panel, "preview_label").isHidden()

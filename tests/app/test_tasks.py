@@ -297,7 +297,7 @@ def test_large_mesh_is_previewed_by_itself(session: Session) -> None:
     session.wait_until_idle()
     assert document.spectrum.preview
     assert not session.notices
-    document.target = Target("count", 10)
+    document.target = Target("count", 60)
     document.compute()
     session.wait(lambda: document.spectrum.complete)
     session.wait_until_idle()
