@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,8 @@ from meshmash_viewer.engine.arnoldi import pairs_of_inverse
 from meshmash_viewer.engine.blas_threads import one_blas_thread
 from meshmash_viewer.engine.dissection import DissectionCrew
 from meshmash_viewer.engine.factorization import FactorizationError, OrderedPencil, order_pencil
-from meshmash_viewer.engine.lanczos import measure_pairs
+from meshmash_viewer.engine.known import KnownPairs, pairs_that_fit
+from meshmash_viewer.engine.lanczos import IntervalPairs, measure_pairs
 from meshmash_viewer.engine.orthogonality import orthonormalise
 from meshmash_viewer.engine.output import Output
 from meshmash_viewer.engine.pencil import reduce_pencil
@@ -70,6 +72,8 @@ class Run:
         self._plan: SpectrumPlan | None = None
         self._heard = 0.0
         self._jobs = 1
+        self._known: KnownPairs | None = None
+        self._kept = np.zeros(0, dtype=bool)
 
     @property
     def certificate(self) -> Certificate:
@@ -140,6 +144,7 @@ class Run:
         if request.target is not None:
             yield from self._nearest(ordered, plan, request.target / pencil.unit)
             return
+        known = pairs_that_fit(request.known, ordered)
         if request.max_eigenvalue is not None:
             top, wanted = self._threshold(ordered, plan, request.max_eigenvalue / pencil.unit)
         else:
@@ -147,7 +152,9 @@ class Run:
             wanted = min(request.n_components, pencil.n)
             top = 0.0
             if wanted > pencil.n_null:
-                top = plan.find_top(wanted, wanted + max(4, wanted // 40))
+                # What `find_top` prepares are the first slices, which known pairs spare.
+                find = plan.find_top if known is None else plan.find
+                top = find(wanted, wanted + max(4, wanted // 40))
         counted = plan.count(top)
         self._spend("count", started)
         if self._is_dense(wanted):
@@ -158,19 +165,14 @@ class Run:
                 f"{counted - wanted} more eigenvalues than the {wanted} asked for are equal to "
                 f"{top * pencil.unit:.4g}: ask for fewer pairs, or for all of them."
             )
-        self._open(wanted)
-        null = min(pencil.n_null, wanted)
-        yield self._write(np.zeros(null), pencil.null_residuals[:null], pencil.null_rows(null))
+        stretches = None if known is None else known.stretches(plan, wanted, top)
+        self._open(wanted, None if stretches is None else known)
+        yield from self._place_null()
         if wanted <= pencil.n_null:
             self._refuse_negative(plan)
             self._count = Certificate("null space", pencil.n_null, pencil.n_null)
             return
-        low = 0.0
-        known = self._known(ordered, plan, top)
-        if known is not None:
-            low = known[0]
-            yield self._write(*known[1:])
-        yield from self._slices(ordered, plan, low, top)
+        yield from self._slices(ordered, plan, [(0.0, top)] if stretches is None else stretches)
         self._count = Certificate("inertia", counted, counted, top * pencil.unit)
 
     def _threshold(
@@ -223,69 +225,61 @@ class Run:
         return worker_count(ordered, self.request.n_jobs, pairs, self.request.lean)
 
     def _slices(
-        self, ordered: OrderedPencil, plan: SpectrumPlan, low: float, high: float
+        self,
+        ordered: OrderedPencil,
+        plan: SpectrumPlan,
+        stretches: list[tuple[float, float]],
     ) -> Iterator[slice]:
-        """Write the pairs from low to high; where a border proves doubtful, go on from there.
+        """Write the pairs of parts of the spectrum; where a border proves doubtful, go on there.
 
         That a border lies on an eigenvalue is seen when its slice is found. The slices below it
         stay; all further borders are then counted on both sides.
         """
         started = time.perf_counter()
-        jobs = self._workers(ordered, plan.count(high))
+        jobs = self._workers(ordered, plan.count(stretches[-1][1])) if stretches else 1
         for settled in (False, True):
             try:
                 for pairs in run_slices(
                     ordered,
-                    plan.slices(low, high, settled),
+                    chain.from_iterable(plan.slices(*part, settled) for part in stretches),
                     self.request.tolerance,
                     jobs,
                     self._stop,
                     self._poll,
                 ):
-                    yield self._write(
-                        pairs.values, pairs.residuals, pairs.rows, pairs.orthonormality
-                    )
-                    low = pairs.interval.high
+                    yield from self._place_slice(ordered, pairs)
+                    done = pairs.interval.high
+                    stretches = [(max(low, done), high) for low, high in stretches if high > done]
                     ordered.give_back(pairs.rows)
                 break
             except (ArithmeticError, FactorizationError):
                 self._stop[0] = 0
                 if settled:
                     raise
-                high = plan.settle(high)
+                stretches = [(low, plan.settle(high)) for low, high in stretches]
+        yield from self._keep()
         self._spend("slices", started)
 
-    def _known(
-        self, ordered: OrderedPencil, plan: SpectrumPlan, top: float
-    ) -> tuple[float, FloatArray, FloatArray, FloatArray] | None:
-        """Pairs of an earlier run up to a border between them, if they fit this problem."""
-        known, pencil = self.request.known, self.pencil
-        if known is None or known.rows.shape[1] != pencil.n_all:
-            return None
-        inside = np.flatnonzero(known.eigenvalues[pencil.n_null :] < top * pencil.unit)
-        if len(inside) < 8:
-            return None
-        rows = np.asarray(known.rows[pencil.n_null + inside], dtype=np.float64)
-        rows = np.ascontiguousarray(rows[:, pencil.active]) * pencil.root_mass
-        if known.rows.dtype != np.float64 or not np.isfinite(rows).all():
-            return None
-        values, residuals = measure_pairs(ordered, rows)
-        if (residuals > 1e-7 * np.maximum(values, 1e-3)).any():
-            return None
-        # The border goes into the widest gap near the end, where no multiple eigenvalue is cut.
-        tail = max(1, len(values) - 16)
-        cut = tail + int(np.argmax(np.diff(values[tail - 1 :])))
-        try:
-            border = plan.settle(0.5 * float(values[cut - 1] + values[cut]))
-        except FactorizationError:
-            return None
-        if border >= values[cut] or plan.count(border) != pencil.n_null + cut:
-            return None
-        try:
-            orthonormalise(rows[:cut])
-        except ArithmeticError:
-            return None
-        return border, values[:cut], residuals[:cut], rows[:cut]
+    def _place_slice(self, ordered: OrderedPencil, pairs: IntervalPairs) -> Iterator[slice]:
+        """Write what a slice holds besides known pairs."""
+        first, count = pairs.interval.first, len(pairs.values)
+        inside = first + np.flatnonzero(self._kept[first : first + count])
+        if self._known is None or len(inside) == 0:
+            yield from self._place(pairs.values, pairs.residuals, pairs.rows, pairs.orthonormality)
+        elif len(inside) < count:
+            values, rows = self._known.complement(inside, pairs.values, pairs.rows)
+            yield from self._place(values, measure_pairs(ordered, rows)[1], rows)
+
+    def _place_null(self) -> Iterator[slice]:
+        """Write the null space, as far as it is asked for and not kept."""
+        pencil = self.pencil
+        missing = np.flatnonzero(~self._kept[: pencil.n_null])
+        if len(missing):
+            rows = pencil.null_rows(int(missing[-1]) + 1)
+            if len(missing) < len(rows):
+                rows = rows[missing]
+            yield from self._place(np.zeros(len(missing)), pencil.null_residuals[missing], rows)
+        yield from self._keep()
 
     def _nearest(self, ordered: OrderedPencil, plan: SpectrumPlan, sigma: float) -> Iterator[slice]:
         """The pairs nearest a value: everything within a radius that holds enough, then those."""
@@ -342,19 +336,54 @@ class Run:
             )
         values = np.concatenate([np.zeros(pencil.n_null), found[:n_rest]])
         chosen = self._chosen(values)
+        count = len(chosen)
+        known = self._known_of_dense(values, count)
+        if known is not None:
+            # All copies of a multiple eigenvalue, of which some may be known.
+            stop = count
+            while pencil.n_null < stop < len(values) and known.equal(values[stop - 1 : stop + 1]):
+                stop += 1
+            chosen = np.arange(stop)
         n_null = int(np.searchsorted(chosen, pencil.n_null))
-        rest = columns[:, chosen[n_null:] - pencil.n_null]
         rows = np.zeros((len(chosen), pencil.n))
-        rows[:n_null] = pencil.null_rows(int(chosen[n_null - 1]) + 1 if n_null else 0)[
-            chosen[:n_null]
-        ]
-        rows[n_null:, tied] = rest.T
-        weight = pencil.root_mass
-        defect = (rows @ pencil.matrix - values[chosen, None] * rows) * weight
-        residuals = np.linalg.norm(defect, axis=1) / np.linalg.norm(rows * weight, axis=1)
-        self._spend("dense", started)
+        if n_null:
+            rows[:n_null] = pencil.null_rows(int(chosen[n_null - 1]) + 1)[chosen[:n_null]]
+        rows[n_null:, tied] = columns[:, chosen[n_null:] - pencil.n_null].T
+        values = values[chosen]
         self._count = Certificate("dense", pencil.n, pencil.n)
-        yield from self._write_all(values[chosen], residuals, rows)
+        if known is None:
+            self._spend("dense", started)
+            yield from self._write_all(values, self._dense_residuals(values, rows), rows)
+            return
+        kept = known.kept(count)
+        inside = np.flatnonzero(kept[n_null:]) + n_null
+        try:
+            values, rows = known.complement(inside, values[n_null:], rows[n_null:])
+        except ArithmeticError:
+            known, values, rows = None, values[n_null:], rows[n_null:]
+        self._spend("dense", started)
+        self._open(count, known)
+        yield from self._place_null()
+        rest = int(np.count_nonzero(~self._kept[n_null:]))
+        values, rows = values[:rest], rows[:rest]
+        yield from self._place(values, self._dense_residuals(values, rows), rows)
+        yield from self._keep()
+
+    def _known_of_dense(self, values: FloatArray, count: int) -> KnownPairs | None:
+        """Known pairs, if the dense solution has their eigenvalues too."""
+        if self.request.known is None or self.request.target is not None:
+            return None
+        known = KnownPairs.of_shape(self.request.known, self.pencil)
+        if known is None or not known.has_null_rows():
+            return None
+        kept = np.flatnonzero(known.kept(count))
+        return known if known.equal(np.stack([known.values[kept], values[kept]])) else None
+
+    def _dense_residuals(self, values: FloatArray, rows: FloatArray) -> FloatArray:
+        weight = self.pencil.root_mass
+        defect = (rows @ self.pencil.matrix - values[:, None] * rows) * weight
+        sizes = np.linalg.norm(rows * weight, axis=1)
+        return np.asarray(np.linalg.norm(defect, axis=1) / sizes)
 
     def _chosen(self, values: FloatArray) -> npt.NDArray[np.intp]:
         """Indices of the pairs that are asked for, of all eigenvalues in ascending order."""
@@ -413,34 +442,74 @@ class Run:
 
     # What comes out ------------------------------------------------------------------------------
 
-    def _open(self, k: int) -> None:
-        request = self.request
+    def _open(self, k: int, known: KnownPairs | None = None) -> None:
+        request, n = self.request, self.pencil.n_all
+        self._known = known
+        self._kept = np.zeros(k, dtype=bool) if known is None else known.kept(k)
+        kept = np.flatnonzero(self._kept)
+        rows = None
+        if len(kept) and request.extend is not None:
+            rows = request.extend(k, n, kept)
+        else:
+            if request.allocate is not None:
+                rows = request.allocate(k, n)
+            elif known is not None:
+                rows = np.empty((k, n), dtype=request.precision)
+            if rows is not None and known is not None:
+                for index in kept:
+                    rows[index] = known.given.rows[index]
+        if rows is not None and rows.shape != (k, n):
+            raise ValueError(f"{rows.shape} was allocated for {(k, n)}")
         self.output = Output(
-            self.pencil,
-            k,
-            request.precision,
-            request.max_eigenvalue,
-            request.allocate,
-            self._jobs,
+            self.pencil, k, request.precision, request.max_eigenvalue, rows, self._jobs
         )
 
     def _write_all(
         self, values: FloatArray, residuals: FloatArray, rows: FloatArray
     ) -> Iterator[slice]:
         self._open(len(values))
-        yield self._write(values, residuals, rows)
+        yield from self._place(values, residuals, rows)
 
-    def _write(
+    def _place(
         self,
         values: FloatArray,
         residuals: FloatArray,
         rows: FloatArray,
         orthonormality: float | None = None,
-    ) -> slice:
-        started = time.perf_counter()
+    ) -> Iterator[slice]:
+        """Write the lowest pairs that are missing still, and take over those kept before them."""
+        output, done = self.output, 0
+        while done < len(values):
+            yield from self._keep()
+            if output.written == output.total:
+                return
+            ahead = self._kept[output.written :]
+            room = int(np.argmax(ahead)) if ahead.any() else len(ahead)
+            part = slice(done, min(done + room, len(values)))
+            done = part.stop
+            started = time.perf_counter()
+            n_behind = int(ahead[room:].sum()) if part.stop - part.start == room else 0
+            place = output.write(
+                values[part], residuals[part], rows[part], orthonormality, n_behind
+            )
+            self._spend("output", started)
+            yield self._published(place)
+
+    def _keep(self) -> Iterator[slice]:
+        """Take over the kept pairs that come next, if any do."""
         output = self.output
-        place = output.write(values, residuals, rows, orthonormality)
-        self._spend("output", started)
+        ahead = self._kept[output.written :]
+        count = len(ahead) if ahead.all() else int(np.argmin(ahead))
+        if count and self._known is not None:
+            place = slice(output.written, output.written + count)
+            started = time.perf_counter()
+            output.keep(self._known.given.eigenvalues[place], self._known.given.residuals[place])
+            self._spend("output", started)
+            yield self._published(place)
+
+    def _published(self, place: slice) -> slice:
+        """Tell of pairs that are final."""
+        output = self.output
         if self.request.on_pairs is not None:
             self.request.on_pairs(
                 place.start, output.eigenvalues[place].copy(), output.residuals[place].copy()
