@@ -22,6 +22,8 @@ _RESIDUAL = 1e-6
 _ROWS = 32
 #: Known pairs beside missing ones among which the widest gap is looked for: borders go there.
 _TAIL = 16
+#: Neighbours whose relative distance is less than this count as equal.
+_EQUAL = 1e-7
 #: A known row has this much of its length in the span of a slice that it lies in.
 _INSIDE = 1.0 - 1e-6
 
@@ -128,16 +130,18 @@ class KnownPairs:
     def _border(self, index: int, direction: int) -> int | None:
         """The known pair above the widest gap, beside a place in one direction; None for none."""
         known, values = self.kept(len(self.mask) + 1), self.values
-        candidates: list[int] = []
-        while len(candidates) < _TAIL:
+        widest, best, looked_at = 0.0, None, 0
+        # Equal eigenvalues, of equal components say, may be many more than are looked at.
+        while looked_at < _TAIL or best is None:
             index += direction
             if not self._pencil.n_null < index < len(values):
                 break
             if known[index - 1] and known[index]:
-                candidates.append(index)
-        if not candidates:
-            return None
-        return max(candidates, key=lambda i: float(values[i] - values[i - 1]))
+                looked_at += 1
+                gap = float(values[index] - values[index - 1])
+                if gap > max(widest, _EQUAL * float(values[index])):
+                    widest, best = gap, index
+        return best
 
     def complement(
         self, indices: npt.NDArray[np.int64], values: FloatArray, rows: FloatArray

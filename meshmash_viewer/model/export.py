@@ -63,16 +63,24 @@ def export(job: ExportJob, channel: Channel) -> Written:
         written.
     """
     from meshmash_viewer.features import compute_features
+    from meshmash_viewer.io.spectrum import find_eigenpairs
     from meshmash_viewer.io.write import provenance, write_eigenpairs, write_features
-    from meshmash_viewer.model.decomposition import open_store
+    from meshmash_viewer.model.decomposition import SPARE
 
     if job.kind not in KINDS:
         raise InputError(f"{job.kind!r} cannot be exported: choose one of {', '.join(KINDS)}.")
     channel.report(Progress("reading", message="Reading eigenpairs"))
-    stored = open_store(job.mesh, job.operator, channel).load()
+    stored = find_eigenpairs(
+        job.mesh,
+        job.operator,
+        channel.folder / SPARE,
+        count=job.n_pairs,
+        cancel=channel.cancelled,
+    )
     if stored is None or stored.n_converged < job.n_pairs:
         raise InputError(
-            "The eigenpairs of this mesh are no longer in the cache: compute them again."
+            "Some eigenpairs of this mesh are no longer in the cache, or damaged there: compute"
+            " them again."
         )
     decomposition = stored.decomposition(job.n_pairs)
     options = {
