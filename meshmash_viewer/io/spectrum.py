@@ -294,7 +294,7 @@ class _Keeper:
 
     def go_on_from(self, known: StoredSpectrum | None) -> None:
         """Keep these pairs as they are."""
-        self.known = known
+        self.known = known if known is not None and known.batches else None
         if known is not None and known.faults:
             self.remarks.append(damage_remark(known.faults))
 
