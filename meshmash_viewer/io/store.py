@@ -237,6 +237,8 @@ class EigenpairStore:
             # A new file: whoever has mapped the old one goes on with that.
             for name in (PROOF, ROWS):
                 (self.folder / name).unlink(missing_ok=True)
+        if self._file is not None:
+            self._file.close()
         self._file = RowFile(self.folder / ROWS, self.n_vertices)
         self._rows = self._file.make_room(highest)
         return self._rows[:k]
