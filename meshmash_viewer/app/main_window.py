@@ -139,6 +139,7 @@ class MainWindow(QMainWindow):
             return
         from meshmash_viewer.app.field_panel import FieldPanel
         from meshmash_viewer.app.profile_panel import ProfilePanel
+        from meshmash_viewer.app.row_check import RowCheck
         from meshmash_viewer.app.scene import Scene
         from meshmash_viewer.app.spectrum_panel import SpectrumPanel
 
@@ -155,6 +156,7 @@ class MainWindow(QMainWindow):
         self.field_source.failed.connect(
             lambda text: self.document.notify(Notice(text, Severity.ERROR))
         )
+        self.row_check = RowCheck(self.document, self)
         self.scene.vertex_clicked.connect(self.document.toggle_pin)
         self.scene.vertex_hovered.connect(self._on_hover)
         self.scene.stepped.connect(self.commands.step)
@@ -374,6 +376,7 @@ class MainWindow(QMainWindow):
             self.tasks.close()
             if self.loaded:
                 self.field_source.close()
+                self.row_check.close()
                 self.scene.close()
             self.closed.emit()
         super().closeEvent(event)

@@ -66,7 +66,12 @@ class StoredRows:
         """
         return np.memmap(self.path, np.float64, mode, shape=(count, self.n_vertices))
 
-    def damaged(self, indices: Iterable[int], cancel: CancelCallback | None = None) -> list[int]:
+    def damaged(
+        self,
+        indices: Iterable[int],
+        cancel: CancelCallback | None = None,
+        n_threads: int = _THREADS,
+    ) -> list[int]:
         """Which of some rows do not agree with their checksums.
 
         Parameters
@@ -74,6 +79,7 @@ class StoredRows:
         indices : iterable of int
         cancel : callable, optional
             Asked often; once it returns True the rest goes unread.
+        n_threads : int
 
         Returns
         -------
@@ -90,7 +96,10 @@ class StoredRows:
 
         indices = list(indices)
         try:
-            with self.path.open("rb", buffering=0) as file, ThreadPoolExecutor(_THREADS) as threads:
+            with (
+                self.path.open("rb", buffering=0) as file,
+                ThreadPoolExecutor(n_threads) as threads,
+            ):
                 flags = list(threads.map(is_damaged, indices))
         except OSError:
             return indices

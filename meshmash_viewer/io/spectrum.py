@@ -144,12 +144,12 @@ def obtain_eigenpairs(
         stored = store.load()
         count = None if stored is None else stored.covers(target)
         if stored is not None and count is not None and _is_whole(stored, count, cancel):
-            return Eigenpairs(stored.decomposition(count), stored.stored_rows)
+            return Eigenpairs(stored.decomposition(count), stored.checked_rows)
     with _Keeper(stores, in_file=spare is not None) as keeper:
         known = _most(stores, None, cancel)
         count = None if known is None else known.covers(target)
         if known is not None and count is not None:  # by another process, meanwhile
-            return Eigenpairs(known.decomposition(count), known.stored_rows)
+            return Eigenpairs(known.decomposition(count), known.checked_rows)
         keeper.go_on_from(known)
         return _computed(mesh, operator, target, keeper, progress, cancel, follower, check, n_jobs)
 
@@ -215,7 +215,7 @@ def _computed(
     if follower is not None:
         leading = None
         if known is not None and known.n_converged:
-            leading = Eigenpairs(known.decomposition(known.n_converged), known.stored_rows)
+            leading = Eigenpairs(known.decomposition(known.n_converged), known.checked_rows)
         follower.begin(leading, mass.diagonal())
 
     def extend(k: int, n: int, kept: npt.NDArray[np.int64]) -> FloatArray:

@@ -155,6 +155,11 @@ class StoredSpectrum:
         checksums = self._joined("checksums", 0).astype(np.uint32)
         return StoredRows(self.path, self.n_vertices, checksums)
 
+    @property
+    def checked_rows(self) -> StoredRows:
+        """Where the rows are, once they have been compared with their checksums."""
+        return StoredRows(self.path, self.n_vertices)
+
     @cached_property
     def rows(self) -> FloatArray:
         """Read-only map of shape (k, n); it stays valid while the store grows."""

@@ -89,6 +89,7 @@ class SpectrumGrew:
             n_exact=self.n_exact,
             error=self.error,
             shown=shown,
+            stored=self.stored,
         )
 
 
