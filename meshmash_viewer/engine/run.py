@@ -73,7 +73,7 @@ class Run:
         self._heard = 0.0
         self._jobs = 1
         self._known: KnownPairs | None = None
-        self._kept = np.zeros(0, dtype=bool)
+        self._is_there = np.zeros(0, dtype=bool)
 
     @property
     def certificate(self) -> Certificate:
@@ -263,7 +263,7 @@ class Run:
     def _place_slice(self, ordered: OrderedPencil, pairs: IntervalPairs) -> Iterator[slice]:
         """Write what a slice holds besides known pairs."""
         first, count = pairs.interval.first, len(pairs.values)
-        inside = first + np.flatnonzero(self._kept[first : first + count])
+        inside = first + np.flatnonzero(self._is_there[first : first + count])
         if self._known is None or len(inside) == 0:
             yield from self._place(pairs.values, pairs.residuals, pairs.rows, pairs.orthonormality)
         elif len(inside) < count:
@@ -273,7 +273,7 @@ class Run:
     def _place_null(self) -> Iterator[slice]:
         """Write the null space, as far as it is asked for and not kept."""
         pencil = self.pencil
-        missing = np.flatnonzero(~self._kept[: pencil.n_null])
+        missing = np.flatnonzero(~self._is_there[: pencil.n_null])
         if len(missing):
             rows = pencil.null_rows(int(missing[-1]) + 1)
             if len(missing) < len(rows):
@@ -364,7 +364,7 @@ class Run:
         self._spend("dense", started)
         self._open(count, known)
         yield from self._place_null()
-        rest = int(np.count_nonzero(~self._kept[n_null:]))
+        rest = int(np.count_nonzero(~self._is_there[n_null:]))
         values, rows = values[:rest], rows[:rest]
         yield from self._place(values, self._dense_residuals(values, rows), rows)
         yield from self._keep()
@@ -445,8 +445,8 @@ class Run:
     def _open(self, k: int, known: KnownPairs | None = None) -> None:
         request, n = self.request, self.pencil.n_all
         self._known = known
-        self._kept = np.zeros(k, dtype=bool) if known is None else known.kept(k)
-        kept = np.flatnonzero(self._kept)
+        self._is_there = np.zeros(k, dtype=bool) if known is None else known.kept(k)
+        kept = np.flatnonzero(self._is_there)
         rows = None
         if len(kept) and request.extend is not None:
             rows = request.extend(k, n, kept)
@@ -483,7 +483,7 @@ class Run:
             yield from self._keep()
             if output.written == output.total:
                 return
-            ahead = self._kept[output.written :]
+            ahead = self._is_there[output.written :]
             room = int(np.argmax(ahead)) if ahead.any() else len(ahead)
             part = slice(done, min(done + room, len(values)))
             done = part.stop
@@ -498,7 +498,7 @@ class Run:
     def _keep(self) -> Iterator[slice]:
         """Take over the kept pairs that come next, if any do."""
         output = self.output
-        ahead = self._kept[output.written :]
+        ahead = self._is_there[output.written :]
         count = len(ahead) if ahead.all() else int(np.argmin(ahead))
         if count and self._known is not None:
             place = slice(output.written, output.written + count)
