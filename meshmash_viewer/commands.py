@@ -75,40 +75,23 @@ class Solver:
 
     def __call__(self, mesh: Mesh) -> Decomposition:
         """Eigenpairs of a mesh, from the store or computed."""
-        from meshmash_viewer.io.spectrum import find_spectrum, obtain_spectrum
-        from meshmash_viewer.io.store import EigenpairStore
+        from meshmash_viewer.io.spectrum import obtain_eigenpairs
         from meshmash_viewer.model.decomposition import free_memory, refuse_what_cannot_fit
 
-        store = None
-        if self.use_cache:
-            store = EigenpairStore.open_or_create(mesh, self.operator)
-            found = find_spectrum(store, self.target)
-            self.remark = store.notice
-            if found is not None:
-                return found
-            try:
-                store.lock()
-            except InputError as fault:  # busy or not writable, which is no reason to stop
-                self.remark = f"Computing without the store: {fault}"
-                store = None
         free = free_memory()
-        try:
-            with self.interruptible() as cancel:
-                return obtain_spectrum(
-                    mesh,
-                    self.operator,
-                    self.target,
-                    store,
-                    progress=self.progress,
-                    cancel=cancel,
-                    check=lambda n, nnz, k: refuse_what_cannot_fit(
-                        n, nnz, k, free, mesh.n_components
-                    ),
-                    n_jobs=self.n_jobs,
-                )
-        finally:
-            if store is not None:
-                store.close()
+        with self.interruptible() as cancel:
+            found = obtain_eigenpairs(
+                mesh,
+                self.operator,
+                self.target,
+                use_cache=self.use_cache,
+                progress=self.progress,
+                cancel=cancel,
+                check=lambda n, nnz, k: refuse_what_cannot_fit(n, nnz, k, free, mesh.n_components),
+                n_jobs=self.n_jobs,
+            )
+        self.remark = found.remark
+        return found.decomposition
 
     def options(self) -> dict[str, Any]:
         """The choices, as an export states them."""

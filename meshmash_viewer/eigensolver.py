@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.certificate import Certificate
-from meshmash_viewer.engine.output import Allocate, PairsCallback
+from meshmash_viewer.engine.output import Allocate, Extend, PairsCallback
 from meshmash_viewer.engine.request import Request
 from meshmash_viewer.engine.run import Run
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
@@ -153,6 +153,7 @@ def solve(
     n_jobs: int | None = None,
     known: Decomposition | None = None,
     allocate: Allocate | None = None,
+    extend: Extend | None = None,
     on_pairs: PairsCallback | None = None,
     progress: ProgressCallback | None = None,
     cancel: CancelCallback | None = None,
@@ -181,9 +182,13 @@ def solve(
     n_jobs : int, optional
         Processes to use; None for as many as cores and memory allow.
     known : Decomposition, optional
-        Lowest pairs of the same problem, found earlier; only the others are computed.
+        Lowest pairs of the same problem, found earlier; only the others are computed, and these
+        are given out again to the last bit. Those with an eigenvalue of NaN are missing.
     allocate : callable, optional
         ``(k, n) -> array`` the rows are written into, called once when k is known.
+    extend : callable, optional
+        ``(k, n, kept) -> array``, called instead where known pairs are kept: an array in which the
+        rows of the indices `kept` are those of `known` already. They are not written to.
     on_pairs : callable, optional
         ``(start, eigenvalues, residuals)``, called after those rows are final.
     progress, cancel : callable, optional
@@ -212,6 +217,7 @@ def solve(
         n_jobs=n_jobs,
         known=known,
         allocate=allocate,
+        extend=extend,
         on_pairs=on_pairs,
         progress=progress,
         cancel=cancel,

@@ -196,6 +196,47 @@ def test_known_pairs_are_kept_and_only_the_rest_is_found() -> None:
     check(solve(*matrices, 40, known=known), exact[:40])
 
 
+@pytest.mark.parametrize("missing", [(0, 0), (0, 9), (20, 35), (30, 31), (55, 70)])
+def test_what_is_known_is_not_touched_and_gaps_in_it_are_filled(missing: tuple[int, int]) -> None:
+    # every eigenvalue twice: some gaps begin or end between two equal ones
+    matrices = random_mesh(8, copies=2)
+    exact = dense(matrices)
+    exact[:2] = 0.0
+    known = solve(*matrices, 70)
+    eigenvalues = known.eigenvalues.copy()
+    eigenvalues[slice(*missing)] = np.nan
+    part = replace(known, eigenvalues=eigenvalues)
+    kept = np.flatnonzero(np.isfinite(eigenvalues))
+    arrays = []
+
+    def extend(k: int, n: int, indices: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+        np.testing.assert_array_equal(indices, kept)
+        arrays.append(np.zeros((k, n)))
+        arrays[0][kept] = known.rows[kept]
+        return arrays[0]
+
+    more = solve(*matrices, 140, known=part, extend=extend)
+    assert more.rows is arrays[0]
+    check(more, exact[:140])
+    np.testing.assert_array_equal(more.rows[kept], known.rows[kept])
+    np.testing.assert_array_equal(more.eigenvalues[kept], known.eigenvalues[kept])
+    np.testing.assert_array_equal(more.residuals[kept], known.residuals[kept])
+    copied = solve(*matrices, 140, known=part)
+    np.testing.assert_array_equal(copied.rows, more.rows)
+
+
+def test_known_pairs_of_a_small_mesh_are_not_touched() -> None:
+    matrices = random_mesh(3)
+    known = solve(*matrices, 40)
+    eigenvalues = known.eigenvalues.copy()
+    eigenvalues[10:20] = np.nan
+    more = solve(*matrices, 700, known=replace(known, eigenvalues=eigenvalues))
+    exact = dense(matrices)
+    exact[0] = 0.0
+    check(more, exact[:700])
+    np.testing.assert_array_equal(more.rows[20:40], known.rows[20:40])
+
+
 def test_known_pairs_of_another_problem_are_not_believed() -> None:
     matrices = random_mesh(9)
     exact = dense(matrices)

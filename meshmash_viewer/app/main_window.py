@@ -145,6 +145,7 @@ class MainWindow(QMainWindow):
             return
         from meshmash_viewer.app.field_panel import FieldPanel
         from meshmash_viewer.app.profile_panel import ProfilePanel
+        from meshmash_viewer.app.row_check import RowCheck
         from meshmash_viewer.app.scene import Scene
         from meshmash_viewer.app.spectrum_panel import SpectrumPanel
 
@@ -162,6 +163,7 @@ class MainWindow(QMainWindow):
         self.field_source.failed.connect(
             lambda text: self.document.notify(Notice(text, Severity.ERROR))
         )
+        self.row_check = RowCheck(self.document, self)
         self.scene.vertex_clicked.connect(self.document.toggle_pin)
         self.scene.vertex_hovered.connect(self._on_hover)
         self.scene.stepped.connect(self.commands.step)
@@ -392,6 +394,7 @@ class MainWindow(QMainWindow):
             if self.loaded:
                 self.field_source.close()
                 self.profile_panel.close()
+                self.row_check.close()
                 self.scene.close()
             self.closed.emit()
         super().closeEvent(event)

@@ -15,11 +15,13 @@ import numpy.typing as npt
 
 from meshmash_viewer.engine.pencil import Pencil
 
-__all__ = ["Allocate", "Output", "PairsCallback", "fix_sign"]
+__all__ = ["Allocate", "Extend", "Output", "PairsCallback", "fix_sign"]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 #: ``(k, n) -> array of shape (k, n)`` that the rows are written into.
 Allocate: TypeAlias = Callable[[int, int], npt.NDArray[np.floating[Any]]]
+#: ``(k, n, kept) -> array of shape (k, n)`` that holds the rows of the indices `kept` already.
+Extend: TypeAlias = Callable[[int, int, npt.NDArray[np.int64]], npt.NDArray[np.floating[Any]]]
 #: ``(start, eigenvalues, residuals)`` of pairs whose rows have just become final.
 PairsCallback: TypeAlias = Callable[[int, FloatArray, FloatArray], None]
 
@@ -31,6 +33,8 @@ _ZERO = 1e-9
 _MIXTURES = 8
 #: Vertices that a product works on at once.
 _STRETCH = 8192
+#: Rows that stay as they are, measured at once.
+_KEPT = 128
 
 
 class Output:
@@ -46,7 +50,8 @@ class Output:
         Of the rows.
     ceiling : float, optional
         Eigenvalues that rounding put above a threshold are brought back to it.
-    allocate : callable, optional
+    rows : ndarray, shape (k, n_all), optional
+        Where they go; some may be there already (see `keep`).
     n_jobs : int
         Threads that finish rows.
     """
@@ -57,15 +62,13 @@ class Output:
         k: int,
         dtype: np.dtype[Any],
         ceiling: float | None,
-        allocate: Allocate | None,
+        rows: npt.NDArray[np.floating[Any]] | None = None,
         n_jobs: int = 1,
     ) -> None:
         shape = (k, pencil.n_all)
         self.pencil, self.ceiling = pencil, ceiling
         self.eigenvalues, self.residuals = np.zeros(k), np.zeros(k)
-        self.rows = np.empty(shape, dtype=dtype) if allocate is None else allocate(*shape)
-        if self.rows.shape != shape:
-            raise ValueError(f"allocate gave {self.rows.shape} for {shape}")
+        self.rows = np.empty(shape, dtype=dtype) if rows is None else rows
         self.written = 0
         self.orthonormality = 0.0
         self._before = slice(0, 0)
@@ -91,6 +94,7 @@ class Output:
         residuals: FloatArray,
         rows: FloatArray,
         orthonormality: float | None = None,
+        n_kept_behind: int = 0,
     ) -> slice:
         """Finish pairs of the reduced problem and write them behind those that are there.
 
@@ -103,6 +107,8 @@ class Output:
             Orthonormal; overwritten.
         orthonormality : float, optional
             Largest defect of their inner products, where it has been measured.
+        n_kept_behind : int
+            Number of rows that come next and are there already.
         """
         pencil = self.pencil
         count = min(len(values), self.total - self.written)
@@ -127,6 +133,9 @@ class Output:
             pass
         if pencil.n < pencil.n_all:
             written[:, self._mass == 0.0] = np.nan
+        behind = slice(place.stop, place.stop + min(n_kept_behind, _KEPT))
+        if behind.stop > behind.start:
+            self._separate(written, self.rows[behind])
         worst = self._agree(written)
         if orthonormality is None or self.rows.dtype != np.float64:
             orthonormality = self._defect(written)
@@ -136,8 +145,46 @@ class Output:
         self.written += count
         return place
 
-    def _agree(self, written: npt.NDArray[np.floating[Any]]) -> float:
+    def keep(self, eigenvalues: FloatArray, residuals: FloatArray) -> slice:
+        """Take the rows that are next in the array as they are, and measure them.
+
+        Parameters
+        ----------
+        eigenvalues, residuals : ndarray, shape (p,)
+            As they were given out before.
+        """
+        place = slice(self.written, self.written + len(eigenvalues))
+        self.eigenvalues[place], self.residuals[place] = eigenvalues, residuals
+        for start in range(place.start, place.stop, _KEPT):
+            part = slice(start, min(start + _KEPT, place.stop))
+            kept = self.rows[part]
+            worst = max(self._agree(kept, final=True), self._defect(kept))
+            self.orthonormality = max(self.orthonormality, worst)
+            self._before = part
+        self.written = place.stop
+        return place
+
+    def _separate(
+        self, written: npt.NDArray[np.floating[Any]], others: npt.NDArray[np.floating[Any]]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Take off what rows share with others that are final; the products that remain."""
+        shared, far = self._products(written, others)
+        if np.abs(shared).max(initial=0.0) > 0.5:
+            raise ArithmeticError("two slices found the same eigenvector")
+        if np.abs(shared).max(initial=0.0) > _TOUCHING and self.rows.dtype == np.float64:
+
+            def take_off(part: slice) -> None:
+                written[:, part] -= shared @ self._finite(others[:, part])
+
+            for _ in self._threads.map(take_off, self._stretches()):
+                pass
+            shared, far = self._products(written, others)
+        return shared, far
+
+    def _agree(self, written: npt.NDArray[np.floating[Any]], final: bool = False) -> float:
         """Take off what rows share with those of the slice before; the rest that remains.
+
+        Rows that are `final` already are only measured.
 
         What they share with rows before those, far from them in the spectrum, is measured
         through eight random sums: the size of a row of inner products, which is at least the
@@ -146,17 +193,8 @@ class Output:
         before = self.rows[self._before]
         if len(before) == 0 or len(written) == 0:
             return 0.0
-        shared, far = self._products(written, before)
-        if np.abs(shared).max() > 0.5:
-            raise ArithmeticError("two slices found the same eigenvector")
-        if np.abs(shared).max() > _TOUCHING and self.rows.dtype == np.float64:
-
-            def take_off(part: slice) -> None:
-                written[:, part] -= shared @ self._finite(before[:, part])
-
-            for _ in self._threads.map(take_off, self._stretches()):
-                pass
-            shared, far = self._products(written, before)
+        products = self._products if final else self._separate
+        shared, far = products(written, before)
         signs = self._random.choice([-1.0, 1.0], size=(_MIXTURES, len(before)))
         for part in self._stretches():
             self._mixture[:, part] += signs @ self._finite(before[:, part])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.engine.output import Allocate, PairsCallback
+from meshmash_viewer.engine.output import Allocate, Extend, PairsCallback
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
 
@@ -33,6 +33,7 @@ class Request:
     n_jobs: int | None = None
     known: Any = None
     allocate: Allocate | None = None
+    extend: Extend | None = None
     on_pairs: PairsCallback | None = None
     progress: ProgressCallback | None = None
     cancel: CancelCallback | None = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from meshmash_viewer.engine.arnoldi import pairs_of_inverse
 from meshmash_viewer.engine.blas_threads import one_blas_thread
 from meshmash_viewer.engine.dissection import DissectionCrew
 from meshmash_viewer.engine.factorization import FactorizationError, OrderedPencil, order_pencil
+from meshmash_viewer.engine.known import KnownPairs, pairs_that_fit
 from meshmash_viewer.engine.lanczos import IntervalPairs, measure_pairs
 from meshmash_viewer.engine.orthogonality import orthonormalise
 from meshmash_viewer.engine.output import Output
@@ -72,6 +74,8 @@ class Run:
         self._plan: SpectrumPlan | None = None
         self._heard = 0.0
         self._jobs = 1
+        self._known: KnownPairs | None = None
+        self._is_there = np.zeros(0, dtype=bool)
 
     @property
     def certificate(self) -> Certificate:
@@ -143,6 +147,7 @@ class Run:
         if request.target is not None:
             yield from self._nearest(ordered, plan, request.target / pencil.unit)
             return
+        known = pairs_that_fit(request.known, ordered)
         below, held = 0.0, None
         if request.max_eigenvalue is not None:
             threshold = request.max_eigenvalue / pencil.unit
@@ -156,7 +161,9 @@ class Run:
             wanted = min(request.n_components, pencil.n)
             top = 0.0
             if wanted > pencil.n_null:
-                top = plan.find_top(wanted, wanted + max(4, wanted // 40))
+                # What `find_top` prepares are the first slices, which known pairs spare.
+                find = plan.find_top if known is None else plan.find
+                top = find(wanted, wanted + max(4, wanted // 40))
         counted = plan.count(top)
         self._spend("count", started)
         if self._is_dense(wanted):
@@ -167,23 +174,21 @@ class Run:
                 f"{counted - wanted} more eigenvalues than the {wanted} asked for are equal to "
                 f"{top * pencil.unit:.4g}: ask for fewer pairs, or for all of them."
             )
-        self._open(wanted)
-        null = min(pencil.n_null, wanted)
-        yield self._write(np.zeros(null), pencil.null_residuals[:null], pencil.null_rows(null))
+        end, last = (top, wanted) if held is None else (below, held.interval.first)
+        parts = None if known is None else known.stretches(plan, last, end)
+        self._open(wanted, None if parts is None else known)
+        yield from self._place_null()
         if wanted <= pencil.n_null:
             self._refuse_negative(plan)
             self._count = Certificate("inertia", counted, counted, top * pencil.unit)
             if pencil.n_null:
                 self._count = Certificate("null space", pencil.n_null, pencil.n_null)
             return
-        low = 0.0
-        known = self._known(ordered, plan, top if held is None else below)
-        if known is not None:
-            low = known[0]
-            yield self._write(*known[1:])
-        yield from self._slices(ordered, plan, low, top if held is None else below)
+        if parts is None:
+            parts = [(0.0, end)] if end > 0.0 else []
+        yield from self._slices(ordered, plan, parts)
         if held is not None:
-            yield self._write(held.values, held.residuals, held.rows, held.orthonormality)
+            yield from self._place_slice(ordered, held)
         self._count = Certificate("inertia", counted, counted, top * pencil.unit)
 
     def _around_threshold(
@@ -243,69 +248,61 @@ class Run:
         return worker_count(ordered, self.request.n_jobs, pairs, self.request.lean)
 
     def _slices(
-        self, ordered: OrderedPencil, plan: SpectrumPlan, low: float, high: float
+        self,
+        ordered: OrderedPencil,
+        plan: SpectrumPlan,
+        stretches: list[tuple[float, float]],
     ) -> Iterator[slice]:
-        """Write the pairs from low to high; where a border proves doubtful, go on from there.
+        """Write the pairs of parts of the spectrum; where a border proves doubtful, go on there.
 
         That a border lies on an eigenvalue is seen when its slice is found. The slices below it
         stay; all further borders are then counted on both sides.
         """
         started = time.perf_counter()
-        jobs = self._workers(ordered, plan.count(high))
+        jobs = self._workers(ordered, plan.count(stretches[-1][1])) if stretches else 1
         for settled in (False, True):
             try:
                 for pairs in run_slices(
                     ordered,
-                    plan.slices(low, high, settled),
+                    chain.from_iterable(plan.slices(*part, settled) for part in stretches),
                     self.request.tolerance,
                     jobs,
                     self._stop,
                     self._poll,
                 ):
-                    yield self._write(
-                        pairs.values, pairs.residuals, pairs.rows, pairs.orthonormality
-                    )
-                    low = pairs.interval.high
+                    yield from self._place_slice(ordered, pairs)
+                    done = pairs.interval.high
+                    stretches = [(max(low, done), high) for low, high in stretches if high > done]
                     ordered.give_back(pairs.rows)
                 break
             except (ArithmeticError, FactorizationError):
                 self._stop[0] = 0
                 if settled:
                     raise
-                high = plan.settle(high)
+                stretches = [(low, plan.settle(high)) for low, high in stretches]
+        yield from self._keep()
         self._spend("slices", started)
 
-    def _known(
-        self, ordered: OrderedPencil, plan: SpectrumPlan, top: float
-    ) -> tuple[float, FloatArray, FloatArray, FloatArray] | None:
-        """Pairs of an earlier run up to a border between them, if they fit this problem."""
-        known, pencil = self.request.known, self.pencil
-        if known is None or known.rows.shape[1] != pencil.n_all:
-            return None
-        inside = np.flatnonzero(known.eigenvalues[pencil.n_null :] < top * pencil.unit)
-        if len(inside) < 8:
-            return None
-        rows = np.asarray(known.rows[pencil.n_null + inside], dtype=np.float64)
-        rows = np.ascontiguousarray(rows[:, pencil.active]) * pencil.root_mass
-        if known.rows.dtype != np.float64 or not np.isfinite(rows).all():
-            return None
-        values, residuals = measure_pairs(ordered, rows)
-        if (residuals > 1e-7 * np.maximum(values, 1e-3)).any():
-            return None
-        # The border goes into the widest gap near the end, where no multiple eigenvalue is cut.
-        tail = max(1, len(values) - 16)
-        cut = tail + int(np.argmax(np.diff(values[tail - 1 :])))
-        try:
-            border = plan.settle(0.5 * float(values[cut - 1] + values[cut]))
-        except FactorizationError:
-            return None
-        if border >= values[cut] or plan.count(border) != pencil.n_null + cut:
-            return None
-        try:
-            orthonormalise(rows[:cut])
-        except ArithmeticError:
-            return None
-        return border, values[:cut], residuals[:cut], rows[:cut]
+    def _place_slice(self, ordered: OrderedPencil, pairs: IntervalPairs) -> Iterator[slice]:
+        """Write what a slice holds besides known pairs."""
+        first, count = pairs.interval.first, len(pairs.values)
+        inside = first + np.flatnonzero(self._is_there[first : first + count])
+        if self._known is None or len(inside) == 0:
+            yield from self._place(pairs.values, pairs.residuals, pairs.rows, pairs.orthonormality)
+        elif len(inside) < count:
+            values, rows = self._known.complement(inside, pairs.values, pairs.rows)
+            yield from self._place(values, measure_pairs(ordered, rows)[1], rows)
+
+    def _place_null(self) -> Iterator[slice]:
+        """Write the null space, as far as it is asked for and not kept."""
+        pencil = self.pencil
+        missing = np.flatnonzero(~self._is_there[: pencil.n_null])
+        if len(missing):
+            rows = pencil.null_rows(int(missing[-1]) + 1)
+            if len(missing) < len(rows):
+                rows = rows[missing]
+            yield from self._place(np.zeros(len(missing)), pencil.null_residuals[missing], rows)
+        yield from self._keep()
 
     def _nearest(self, ordered: OrderedPencil, plan: SpectrumPlan, sigma: float) -> Iterator[slice]:
         """The pairs nearest a value: everything within a radius that holds enough, then those."""
@@ -352,25 +349,57 @@ class Run:
                 "be positive semidefinite, as that of every mesh is."
             )
         n_null = pencil.n_null
-        chosen = self._chosen(np.concatenate([np.zeros(n_null), values]))
+        every = np.concatenate([np.zeros(n_null), values])
+        chosen = self._chosen(every)
+        count = len(chosen)
+        known = self._known_of_dense(every, count)
+        if known is not None:
+            # All copies of a multiple eigenvalue, of which some may be known.
+            stop = count
+            while n_null < stop < len(every) and known.equal(every[stop - 1 : stop + 1]):
+                stop += 1
+            chosen = np.arange(stop)
         null = chosen[chosen < n_null]
-        rows = np.concatenate(
-            [
-                pencil.null_rows(len(null) and int(null[-1]) + 1)[null],
-                columns[:, chosen[len(null) :] - n_null].toarray().T,
-            ]
-        )
-        values = np.concatenate([np.zeros(len(null)), values[chosen[len(null) :] - n_null]])
-        weight = pencil.root_mass
-        # Sums in more digits, where the platform has them: what is measured is not their rounding.
-        image = (pencil.matrix.astype(np.longdouble) @ rows.T.astype(np.longdouble)).T
-        defect = np.asarray(image - values[:, None] * rows, dtype=np.float64) * weight
-        residuals = np.linalg.norm(defect, axis=1) / np.linalg.norm(rows * weight, axis=1)
-        self._spend("dense", started)
+        rest = columns[:, chosen[len(null) :] - n_null].toarray().T
+        rows = np.concatenate([pencil.null_rows(len(null) and int(null[-1]) + 1)[null], rest])
+        values = every[chosen]
         # Pairs around a shift say where they begin, as those that were counted do.
         low = float(values[0]) * pencil.unit if len(chosen) and chosen[0] > 0 else None
         self._count = Certificate("dense", pencil.n, pencil.n, low=low)
-        yield from self._write_all(values, residuals, rows)
+        if known is None:
+            self._spend("dense", started)
+            yield from self._write_all(values, self._dense_residuals(values, rows), rows)
+            return
+        inside = np.flatnonzero(known.kept(count)[n_null:]) + n_null
+        try:
+            values, rows = known.complement(inside, values[n_null:], rows[n_null:])
+        except ArithmeticError:
+            known, values, rows = None, values[n_null:], rows[n_null:]
+        self._spend("dense", started)
+        self._open(count, known)
+        yield from self._place_null()
+        missing = int(np.count_nonzero(~self._is_there[n_null:]))
+        values, rows = values[:missing], rows[:missing]
+        yield from self._place(values, self._dense_residuals(values, rows), rows)
+        yield from self._keep()
+
+    def _known_of_dense(self, values: FloatArray, count: int) -> KnownPairs | None:
+        """Known pairs, if the dense solution has their eigenvalues too."""
+        if self.request.known is None or self.request.target is not None:
+            return None
+        known = KnownPairs.of_shape(self.request.known, self.pencil)
+        if known is None or not known.has_null_rows():
+            return None
+        kept = np.flatnonzero(known.kept(count))
+        return known if known.equal(np.stack([known.values[kept], values[kept]])) else None
+
+    def _dense_residuals(self, values: FloatArray, rows: FloatArray) -> FloatArray:
+        weight = self.pencil.root_mass
+        # Sums in more digits, where the platform has them: what is measured is not their rounding.
+        image = (self.pencil.matrix.astype(np.longdouble) @ rows.T.astype(np.longdouble)).T
+        defect = np.asarray(image - values[:, None] * rows, dtype=np.float64) * weight
+        sizes = np.linalg.norm(rows * weight, axis=1)
+        return np.asarray(np.linalg.norm(defect, axis=1) / sizes)
 
     def _chosen(self, values: FloatArray) -> npt.NDArray[np.intp]:
         """Indices of the pairs that are asked for, of all eigenvalues in ascending order."""
@@ -429,34 +458,74 @@ class Run:
 
     # What comes out ------------------------------------------------------------------------------
 
-    def _open(self, k: int) -> None:
-        request = self.request
+    def _open(self, k: int, known: KnownPairs | None = None) -> None:
+        request, n = self.request, self.pencil.n_all
+        self._known = known
+        self._is_there = np.zeros(k, dtype=bool) if known is None else known.kept(k)
+        kept = np.flatnonzero(self._is_there)
+        rows = None
+        if len(kept) and request.extend is not None:
+            rows = request.extend(k, n, kept)
+        else:
+            if request.allocate is not None:
+                rows = request.allocate(k, n)
+            elif known is not None:
+                rows = np.empty((k, n), dtype=request.precision)
+            if rows is not None and known is not None:
+                for index in kept:
+                    rows[index] = known.given.rows[index]
+        if rows is not None and rows.shape != (k, n):
+            raise ValueError(f"{rows.shape} was allocated for {(k, n)}")
         self.output = Output(
-            self.pencil,
-            k,
-            request.precision,
-            request.max_eigenvalue,
-            request.allocate,
-            self._jobs,
+            self.pencil, k, request.precision, request.max_eigenvalue, rows, self._jobs
         )
 
     def _write_all(
         self, values: FloatArray, residuals: FloatArray, rows: FloatArray
     ) -> Iterator[slice]:
         self._open(len(values))
-        yield self._write(values, residuals, rows)
+        yield from self._place(values, residuals, rows)
 
-    def _write(
+    def _place(
         self,
         values: FloatArray,
         residuals: FloatArray,
         rows: FloatArray,
         orthonormality: float | None = None,
-    ) -> slice:
-        started = time.perf_counter()
+    ) -> Iterator[slice]:
+        """Write the lowest pairs that are missing still, and take over those kept before them."""
+        output, done = self.output, 0
+        while done < len(values):
+            yield from self._keep()
+            if output.written == output.total:
+                return
+            ahead = self._is_there[output.written :]
+            room = int(np.argmax(ahead)) if ahead.any() else len(ahead)
+            part = slice(done, min(done + room, len(values)))
+            done = part.stop
+            started = time.perf_counter()
+            n_behind = int(ahead[room:].sum()) if part.stop - part.start == room else 0
+            place = output.write(
+                values[part], residuals[part], rows[part], orthonormality, n_behind
+            )
+            self._spend("output", started)
+            yield self._published(place)
+
+    def _keep(self) -> Iterator[slice]:
+        """Take over the kept pairs that come next, if any do."""
         output = self.output
-        place = output.write(values, residuals, rows, orthonormality)
-        self._spend("output", started)
+        ahead = self._is_there[output.written :]
+        count = len(ahead) if ahead.all() else int(np.argmin(ahead))
+        if count and self._known is not None:
+            place = slice(output.written, output.written + count)
+            started = time.perf_counter()
+            output.keep(self._known.given.eigenvalues[place], self._known.given.residuals[place])
+            self._spend("output", started)
+            yield self._published(place)
+
+    def _published(self, place: slice) -> slice:
+        """Tell of pairs that are final."""
+        output = self.output
         if self.request.on_pairs is not None:
             self.request.on_pairs(
                 place.start, output.eigenvalues[place].copy(), output.residuals[place].copy()

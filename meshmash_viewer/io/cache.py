@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 import os
 import re
 import shutil
@@ -9,14 +11,31 @@ import time
 from pathlib import Path
 
 from meshmash_viewer.io.lock import FileLock
+from meshmash_viewer.io.stored_spectrum import ROWS, SEALED, published_pairs
 
-__all__ = ["DEFAULT_CAP", "EigenpairCache", "default_cache_folder", "folder_size"]
+__all__ = [
+    "DEFAULT_CAP",
+    "FORMAT",
+    "PROBLEM",
+    "EigenpairCache",
+    "default_cache_folder",
+    "folder_size",
+]
+
+#: Raised whenever the files of a store change their meaning, so that old ones are not found.
+FORMAT = 3
+#: File of a store that says what it is of; its time of change is the time of last use.
+PROBLEM = "problem.json"
 
 #: Bytes that the cache may hold: 300 pairs of eight meshes of a million vertices.
 DEFAULT_CAP = 20_000_000_000
 
 _KEY = re.compile(r"[0-9a-f]{32}")
-_STAMP = "problem.json"  # its time of change is the time of last use
+#: What `written_whole` leaves in a store if it is cut off.
+_PART = re.compile(r"\.[0-9a-f]{12}-.+")
+_REMOVED = re.compile(r"removed-[0-9a-f]{32}-\d+")
+#: Seconds without use after which the stores of other versions go.
+_FORGOTTEN = 7 * 86_400.0
 
 
 def default_cache_folder() -> Path:
@@ -67,15 +86,15 @@ class EigenpairCache:
         return sorted(found, key=lambda folder: (_last_used(folder), folder.name))
 
     def size(self) -> int:
-        """Bytes on the disk, damaged stores that were set aside included."""
+        """Bytes on the disk."""
         return folder_size(self.root)
 
     def clear(self) -> int:
         """Remove everything that no process is writing; returns the bytes freed."""
         before = self.size()
-        self._remove_asides()
         for folder in self.stores():
             self._remove(folder)
+        self.tidy()
         return before - self.size()
 
     def evict(self, keep: str | None = None, room_for: int = 0) -> None:
@@ -88,11 +107,7 @@ class EigenpairCache:
         room_for : int
             Bytes about to be written.
         """
-        self.root.mkdir(parents=True, exist_ok=True)
         excess = self.size() + room_for - self.cap
-        if excess <= 0:
-            return
-        excess -= self._remove_asides()
         for folder in self.stores():
             if excess <= 0:
                 return
@@ -100,43 +115,66 @@ class EigenpairCache:
                 excess -= self._remove(folder)
 
     def touch(self, folder: Path) -> None:
-        """Note that a store was used now."""
-        if (folder / _STAMP).exists():
-            try:
-                os.utime(folder / _STAMP)
-            except (FileNotFoundError, PermissionError):
-                return  # cleared in between, or another user's cache: its age does not matter
+        """Note that a store was used now, where that can be noted."""
+        with contextlib.suppress(OSError):  # cleared in between, or not ours to write
+            os.utime(folder / PROBLEM)
 
-    def set_aside(self, folder: Path) -> Path:
-        """Move a store to where nobody looks for it; returns the new place."""
-        place = self.root / "aside" / f"{folder.name}-{time.time_ns()}"
-        place.parent.mkdir(parents=True, exist_ok=True)
-        folder.rename(place)
-        return place
+    def tidy(self) -> None:
+        """Remove what processes that were cut off have left, and stores of other versions."""
+        with contextlib.suppress(OSError):
+            for entry in list(self.root.iterdir()):
+                if _REMOVED.fullmatch(entry.name):
+                    shutil.rmtree(entry, ignore_errors=True)
+        for folder in self.stores():
+            lock = FileLock(self.lock_path(folder.name))
+            with contextlib.suppress(OSError):  # another user's, or cleared in between
+                if not lock.acquire():
+                    continue  # being written
+                try:
+                    useless = _tidy_store(folder)
+                finally:
+                    lock.release()
+                if useless:
+                    self._remove(folder)
 
     def _remove(self, folder: Path) -> int:
         lock = FileLock(self.lock_path(folder.name))
-        if not lock.acquire():
-            return 0  # being written
         try:
+            if not lock.acquire():
+                return 0  # being written
             size = folder_size(folder)
             # Renamed first, so that a half-removed store is never taken for one.
-            shutil.rmtree(self.set_aside(folder), ignore_errors=True)
-        except FileNotFoundError:
-            return 0  # another process was faster
+            place = self.root / f"removed-{folder.name}-{time.time_ns()}"
+            folder.rename(place)
+            shutil.rmtree(place, ignore_errors=True)
+        except OSError:
+            return 0  # another process was faster, or it is another user's
         finally:
             lock.release()
         return size
 
-    def _remove_asides(self) -> int:
-        aside = self.root / "aside"
-        size = folder_size(aside)
-        shutil.rmtree(aside, ignore_errors=True)
-        return size
+
+def _tidy_store(folder: Path) -> bool:
+    """Remove the left-overs in a store that nobody writes; whether nothing of use remains."""
+    try:
+        about = json.loads((folder / PROBLEM).read_bytes())
+        n_vertices, version = int(about["mesh"]["n_vertices"]), about["format"]
+    except (OSError, ValueError, KeyError, TypeError):
+        version = None
+    if version != FORMAT:
+        return time.time() - _last_used(folder) / 1e9 > _FORGOTTEN
+    names = [path.name for path in folder.iterdir()]
+    for name in names:
+        if _PART.fullmatch(name):
+            (folder / name).unlink(missing_ok=True)
+    rows, published = folder / ROWS, 8 * n_vertices * published_pairs(names)
+    if rows.exists() and rows.stat().st_size > published:
+        os.truncate(rows, published)  # room for pairs that did not come
+    return not any(name.endswith(SEALED) for name in names)
 
 
 def _last_used(folder: Path) -> int:
-    try:
-        return (folder / _STAMP).stat().st_mtime_ns
-    except FileNotFoundError:
-        return 0
+    for path in (folder / PROBLEM, folder):
+        with contextlib.suppress(OSError):
+            return path.stat().st_mtime_ns
+    return 0

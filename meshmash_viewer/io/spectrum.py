@@ -1,51 +1,118 @@
-"""The eigenpairs of a mesh: found in the store, resumed where a run stopped, or computed."""
+"""The eigenpairs of a mesh: found in a store, resumed where a run stopped, or computed.
+
+One function for whoever wants eigenpairs, window and command line alike. Where the cache cannot
+serve they are computed all the same, into a second store or into memory, and a remark says so.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeAlias
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
-from meshmash_viewer.io.store import EigenpairStore, StoredSpectrum
-from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback
+from meshmash_viewer.io.cache import EigenpairCache
+from meshmash_viewer.io.row_file import StoredRows
+from meshmash_viewer.io.store import EigenpairStore, StoreUnusable
+from meshmash_viewer.io.stored_spectrum import StoredSpectrum
+from meshmash_viewer.progress import CancelCallback, Cancelled, Progress, ProgressCallback
 
 if TYPE_CHECKING:
-    from meshmash_viewer.eigensolver import Decomposition, PairsCallback
-    from meshmash_viewer.laplacian import OperatorOptions
+    from meshmash_viewer.eigensolver import Decomposition
+    from meshmash_viewer.laplacian import OperatorOptions, SparseMatrix
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.weyl import Target
 
-__all__ = ["FitCheck", "find_spectrum", "obtain_spectrum"]
+__all__ = [
+    "Eigenpairs",
+    "FitCheck",
+    "Follower",
+    "damage_remark",
+    "find_eigenpairs",
+    "obtain_eigenpairs",
+]
 
 #: ``(n, nnz, k)``: raises where k pairs of n vertices cannot be computed on this machine.
 FitCheck: TypeAlias = Callable[[int, int, int], None]
+FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 
-def find_spectrum(store: EigenpairStore, target: Target) -> Decomposition | None:
-    """Proven eigenpairs that answer a request, without computing any; None if there are none."""
-    stored = store.load()
-    return None if stored is None else _answer(stored, target)
+@dataclass(frozen=True, eq=False)
+class Eigenpairs:
+    """Eigenpairs of a mesh, and where they are.
+
+    Parameters
+    ----------
+    decomposition : Decomposition
+        Its rows are mapped read-only where they are in a file.
+    stored : StoredRows, optional
+        That file; None where they are in memory.
+    remark : str
+        A sentence for the user where there is something to say of the store, else empty.
+    """
+
+    decomposition: Decomposition
+    stored: StoredRows | None = None
+    remark: str = ""
 
 
-def _answer(stored: StoredSpectrum, target: Target) -> Decomposition | None:
-    count = stored.covers(target)
-    return None if count is None else stored.decomposition(count)
+class Follower(Protocol):
+    """Whoever shows eigenpairs while they are computed."""
+
+    def begin(self, known: Eigenpairs | None, mass: FloatArray) -> None:
+        """The computation starts from known leading pairs (if any); the diagonal of M, (n,)."""
+        ...
+
+    def grow(
+        self, stored: StoredRows | None, rows: FloatArray, values: FloatArray, residuals: FloatArray
+    ) -> None:
+        """So many leading pairs are final; `rows`, shape (k, n), is all that will be."""
+        ...
 
 
-def obtain_spectrum(
+def find_eigenpairs(
+    mesh: Mesh,
+    operator: OperatorOptions,
+    spare: Path | None = None,
+    *,
+    count: int = 0,
+    cancel: CancelCallback | None = None,
+) -> StoredSpectrum | None:
+    """What is stored of the eigenpairs of a mesh, or None; nothing is computed.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    operator : OperatorOptions
+    spare : Path, optional
+        A second cache folder, which is looked into if the user's holds less.
+    count : int
+        How many leading pairs are compared with their checksums, a second for a million vertices
+        and 300 pairs. No other number may leave the program.
+    cancel : callable, optional
+        `Cancelled` is raised after it returns True.
+    """
+    return _most(_stores(mesh, operator, spare), count, cancel)
+
+
+def obtain_eigenpairs(
     mesh: Mesh,
     operator: OperatorOptions,
     target: Target,
-    store: EigenpairStore | None = None,
     *,
+    use_cache: bool = True,
+    spare: Path | None = None,
     progress: ProgressCallback | None = None,
     cancel: CancelCallback | None = None,
-    on_pairs: PairsCallback | None = None,
+    follower: Follower | None = None,
     check: FitCheck | None = None,
     n_jobs: int | None = None,
-) -> Decomposition:
-    """Eigenpairs of a mesh, through its store if there is one.
+) -> Eigenpairs:
+    """Eigenpairs of a mesh, through the store.
 
     Parameters
     ----------
@@ -53,79 +120,274 @@ def obtain_spectrum(
     operator : OperatorOptions
     target : Target
         How many pairs, or up to where.
-    store : EigenpairStore, optional
-        Looked into first, and written to while computing; None keeps all in memory.
+    use_cache : bool
+        Whether to look into the user's cache and add to it.
+    spare : Path, optional
+        Cache folder for what the user's cannot take; without it memory.
     progress, cancel : callable, optional
         As for `meshmash_viewer.eigensolver.solve`.
-    on_pairs : callable, optional
-        ``(start, eigenvalues, residuals)``, called after these pairs are in the store.
+    follower : Follower, optional
     check : callable, optional
         Asked before the computation begins, and again when the number of pairs is known.
     n_jobs : int, optional
-        Processes for the solver.
-
-    Returns
-    -------
-    Decomposition
-        Its rows map the store read-only where there is one.
+        Slices at a time.
 
     Raises
     ------
-    StoreBusy
-        If another process is computing into the same store.
     InputError
         If the request makes no sense or cannot fit.
     Cancelled
         If `cancel` said so; what has converged stays in the store.
     """
-    stored = None if store is None else store.load()
-    found = None if stored is None else _answer(stored, target)
-    if found is not None:
-        return found
+    stores = _stores(mesh, operator, spare) if use_cache else []
+    for store in stores:
+        stored = store.load()
+        count = None if stored is None else stored.covers(target)
+        if stored is not None and count is not None and _is_whole(stored, count, cancel):
+            return Eigenpairs(stored.decomposition(count), stored.checked_rows)
+    with _Keeper(stores, in_file=spare is not None) as keeper:
+        known = _most(stores, None, cancel)
+        count = None if known is None else known.covers(target)
+        if known is not None and count is not None:  # by another process, meanwhile
+            return Eigenpairs(known.decomposition(count), known.checked_rows)
+        keeper.go_on_from(known)
+        return _computed(mesh, operator, target, keeper, progress, cancel, follower, check, n_jobs)
 
+
+def _stores(mesh: Mesh, operator: OperatorOptions, spare: Path | None) -> list[EigenpairStore]:
+    store = EigenpairStore.open_or_create(mesh, operator)
+    _tidy_once(store.folder.parent)
+    if spare is None:
+        return [store]
+    return [store, EigenpairStore.open_or_create(mesh, operator, root=spare)]
+
+
+@cache
+def _tidy_once(root: Path) -> None:
+    EigenpairCache(root).tidy()
+
+
+def _is_whole(stored: StoredSpectrum, count: int, cancel: CancelCallback | None) -> bool:
+    damaged = stored.damaged_batches(count, cancel)
+    if cancel is not None and cancel():
+        raise Cancelled
+    return not damaged
+
+
+def _most(
+    stores: list[EigenpairStore], count: int | None, cancel: CancelCallback | None
+) -> StoredSpectrum | None:
+    """What the store with most pairs holds; the first `count` of them, None for all, checked."""
+    found = [stored for store in stores if (stored := store.load()) is not None]
+    if not found:
+        return None
+    stored = max(found, key=lambda each: int(np.isfinite(each.eigenvalues).sum()))
+    damaged = stored.damaged_batches(count, cancel)
+    if cancel is not None and cancel():
+        raise Cancelled
+    return stored.without(damaged)
+
+
+def _computed(
+    mesh: Mesh,
+    operator: OperatorOptions,
+    target: Target,
+    keeper: _Keeper,
+    progress: ProgressCallback | None,
+    cancel: CancelCallback | None,
+    follower: Follower | None,
+    check: FitCheck | None,
+    n_jobs: int | None,
+) -> Eigenpairs:
     from meshmash_viewer.eigensolver import solve
-    from meshmash_viewer.laplacian import cotangent_laplacian
 
-    if store is not None:
-        store.lock()
-    try:
-        if progress is not None:
-            progress(Progress("operator", message="Building the Laplacian"))
-        stiffness, mass = cotangent_laplacian(
+    if progress is not None:
+        progress(Progress("operator", message="Building the Laplacian"))
+    stiffness, mass = keeper.laplacian(mesh, operator)
+
+    def fits(k: int) -> None:
+        if check is not None:
+            check(mesh.n_vertices, int(stiffness.nnz), k)
+
+    if target.n_components is not None:
+        fits(min(target.n_components, mesh.n_vertices))
+    known = keeper.known
+    if follower is not None:
+        leading = None
+        if known is not None and known.n_converged:
+            leading = Eigenpairs(known.decomposition(known.n_converged), known.checked_rows)
+        follower.begin(leading, mass.diagonal())
+
+    def extend(k: int, n: int, kept: npt.NDArray[np.int64]) -> FloatArray:
+        fits(k)
+        return keeper.extend(k, n, kept)
+
+    def publish(start: int, eigenvalues: FloatArray, residuals: FloatArray) -> None:
+        keeper.append(start, eigenvalues, residuals)
+        if follower is not None:
+            stop = start + len(eigenvalues)
+            follower.grow(
+                keeper.stored, keeper.rows, keeper.eigenvalues[:stop], keeper.residuals[:stop]
+            )
+
+    decomposition = solve(
+        stiffness,
+        mass,
+        target.n_components,
+        max_eigenvalue=target.max_eigenvalue,
+        known=None if known is None else known.decomposition(),
+        allocate=lambda k, n: extend(k, n, np.zeros(0, dtype=np.int64)),
+        extend=extend,
+        on_pairs=publish,
+        progress=progress,
+        cancel=cancel,
+        n_jobs=n_jobs,
+    )
+    return keeper.finish(decomposition, target.max_eigenvalue)
+
+
+def damage_remark(faults: Sequence[str]) -> str:
+    """Say what of a store is damaged, if anything; see `StoredSpectrum.faults`."""
+    if not faults:
+        return ""
+    return (
+        f"Damaged on the disk, of what is stored of this mesh: {', '.join(faults)}."
+        " Only that is computed again."
+    )
+
+
+class _Keeper:
+    """Where the pairs of a run go: into the first store that can take them, or into memory.
+
+    Parameters
+    ----------
+    stores : list of EigenpairStore
+        Tried one after the other, now and whenever one fails.
+    in_file : bool
+        Whether memory is of no use, because another process is to read the pairs.
+    """
+
+    def __init__(self, stores: list[EigenpairStore], in_file: bool) -> None:
+        self.known: StoredSpectrum | None = None
+        self.remarks: list[str] = []
+        self.rows: FloatArray = np.zeros((0, 0))
+        self.eigenvalues: FloatArray = np.zeros(0)
+        self.residuals: FloatArray = np.zeros(0)
+        self._all = stores
+        self._left = list(stores)
+        self._in_file = in_file
+        self._store: EigenpairStore | None = None
+        self._there: FloatArray = self.rows  # the rows in that store
+        self._take_next()
+
+    def __enter__(self) -> _Keeper:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for store in self._all:
+            store.close()
+
+    @property
+    def stored(self) -> StoredRows | None:
+        """The file with the rows; None where they are in memory."""
+        return None if self._store is None else self._store.stored_rows
+
+    def go_on_from(self, known: StoredSpectrum | None) -> None:
+        """Keep these pairs as they are."""
+        self.known = known if known is not None and known.batches else None
+        if known is not None and known.faults:
+            self.remarks.append(damage_remark(known.faults))
+
+    def laplacian(self, mesh: Mesh, operator: OperatorOptions) -> tuple[SparseMatrix, SparseMatrix]:
+        """L and M, as they were kept or built."""
+        from meshmash_viewer.laplacian import cotangent_laplacian
+
+        for store in self._all:
+            kept = store.laplacian()
+            if kept is not None:
+                return kept
+        built = cotangent_laplacian(
             mesh, robust=operator.robust, mollify_factor=operator.mollify_factor
         )
+        if self._store is not None:
+            self._store.keep_laplacian(*built)
+        return built
 
-        def fits(k: int) -> None:
-            if check is not None:
-                check(mesh.n_vertices, int(stiffness.nnz), k)
+    def extend(self, k: int, n: int, kept: npt.NDArray[np.int64]) -> FloatArray:
+        """Room for k rows, of which those of the indices `kept` are there."""
+        self.eigenvalues, self.residuals = np.full(k, np.nan), np.full(k, np.nan)
+        known = self.known
+        while self._store is not None:
+            try:
+                if known is not None and self._store.folder == known.path.parent:
+                    self.rows = self._there = self._store.extend(k, n, kept)
+                    return self.rows
+                self.rows = self._there = self._store.allocate(k, n)
+                break
+            except StoreUnusable as fault:
+                self._take_next(fault)
+        else:
+            self.rows = np.empty((k, n))
+        for index in kept:
+            assert known is not None
+            self.rows[index] = known.rows[index]
+        return self.rows
 
-        def allocate(k: int, n: int) -> Any:
-            fits(k)
-            return np.empty((k, n)) if store is None else store.allocate(k, n)
+    def append(self, start: int, eigenvalues: FloatArray, residuals: FloatArray) -> None:
+        """Keep pairs whose rows have become final."""
+        stop = start + len(eigenvalues)
+        self.eigenvalues[start:stop], self.residuals[start:stop] = eigenvalues, residuals
+        while self._store is not None:
+            if self._there is not self.rows:
+                self._there[start:stop] = self.rows[start:stop]
+            self._store.append(start, self.eigenvalues[start:stop], self.residuals[start:stop])
+            if not self._store.lost:
+                return
+            self._move()
+            start = 0
 
-        def publish(start: int, eigenvalues: Any, residuals: Any) -> None:
-            if store is not None:
-                store.append(start, eigenvalues, residuals)
-            if on_pairs is not None:
-                on_pairs(start, eigenvalues, residuals)
+    def _move(self) -> None:
+        """Go on in the next store, which gets a copy."""
+        assert self._store is not None
+        fault: StoreUnusable | None = StoreUnusable(self._store.lost)
+        while fault is not None:
+            self._take_next(fault)
+            fault = None
+            if self._store is not None:
+                try:
+                    self._there = self._store.allocate(*self.rows.shape)
+                except StoreUnusable as another:
+                    fault = another
 
-        if target.n_components is not None:
-            fits(min(target.n_components, mesh.n_vertices))
-        decomposition = solve(
-            stiffness,
-            mass,
-            target.n_components,
-            max_eigenvalue=target.max_eigenvalue,
-            known=None if stored is None else stored.decomposition(),
-            allocate=allocate,
-            on_pairs=publish,
-            progress=progress,
-            cancel=cancel,
-            n_jobs=n_jobs,
-        )
-        if store is not None:
-            store.finish(decomposition, target.max_eigenvalue)
-    finally:
-        if store is not None:
-            store.close()
-    return decomposition
+    def _take_next(self, fault: StoreUnusable | None = None) -> None:
+        """Lock the next store that can be; say why the one before can't be used."""
+        self._store = None
+        while True:
+            if fault is not None:
+                if self._in_file and not self._left:
+                    raise fault
+                what = "until the window is closed" if self._left else "only in memory"
+                self.remarks.append(f"{fault} The eigenpairs are kept {what}.")
+            if not self._left:
+                return
+            store = self._left.pop(0)
+            try:
+                store.lock()
+            except StoreUnusable as another:
+                fault = another
+            else:
+                self._store = store
+                return
+
+    def finish(self, decomposition: Decomposition, max_eigenvalue: float | None) -> Eigenpairs:
+        """All pairs with their proof, where they are."""
+        while self._store is not None:
+            whole = replace(decomposition, rows=self._there)
+            self._store.finish(whole, max_eigenvalue)
+            if not self._store.lost:
+                stored = self._store.stored_rows
+                mapped = replace(decomposition, rows=stored.map(decomposition.n_components))
+                return Eigenpairs(mapped, stored, " ".join(self.remarks))
+            self._move()
+            self.append(0, self.eigenvalues, self.residuals)
+        return Eigenpairs(decomposition, None, " ".join(self.remarks))

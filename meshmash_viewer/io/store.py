@@ -1,17 +1,20 @@
 """Eigenpairs on disk: written by one process while others look, found again by content.
 
-A spectrum lives in a folder named after its mesh and operator. Eigenvectors are the rows of a
-memory-mapped array, so that whoever computes writes each number once and whoever shows maps the
-same pages. An eigenvalue is written after its row and so publishes it; `meta.json` comes last and
-turns "converged" into "proven complete". What fails a check is set aside, never used.
+A spectrum lives in a folder named after its mesh and operator (see
+`meshmash_viewer.io.stored_spectrum`). What has been published there is never written again, so
+neither a kill nor a power cut nor a run that goes on from it can take it away. Blocks of the disk
+are allocated before rows are written, rows are flushed before their batch names them, and the
+proof comes last. What fails a check is left out alone, and computed again.
 """
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import hashlib
 import json
+import os
 import shutil
-import zlib
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,37 +24,44 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import written_whole
-from meshmash_viewer.io.cache import EigenpairCache, default_cache_folder, folder_size
+from meshmash_viewer.io.cache import (
+    FORMAT,
+    PROBLEM,
+    EigenpairCache,
+    default_cache_folder,
+    folder_size,
+)
 from meshmash_viewer.io.lock import FileLock
-from meshmash_viewer.io.npy import create_rows, grow_rows, map_rows
+from meshmash_viewer.io.row_file import RowFile, StoredRows, checksums_of
+from meshmash_viewer.io.sealed import read_sealed, write_sealed
 from meshmash_viewer.io.stored_spectrum import (
-    CHECKSUMS,
-    MASS,
-    META,
-    RESIDUALS,
+    PROOF,
     ROWS,
-    VALUES,
+    Batch,
+    Proof,
     StoredSpectrum,
-    checksum,
     read_spectrum,
-    verify_spectrum,
+    write_batch,
+    write_proof,
 )
 
 if TYPE_CHECKING:
     from meshmash_viewer.eigensolver import Decomposition
-    from meshmash_viewer.laplacian import OperatorOptions
+    from meshmash_viewer.laplacian import OperatorOptions, SparseMatrix
     from meshmash_viewer.mesh import Mesh
 
-__all__ = ["EigenpairStore", "StoreBusy", "StoredSpectrum"]
+__all__ = ["EigenpairStore", "StoreBusy", "StoreUnusable", "StoredSpectrum"]
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Raised whenever the files change their meaning, so that old ones are not found.
-_FORMAT = 2
-_PROBLEM = "problem.json"
+_LAPLACIAN = "laplacian.sealed"
 
 
-class StoreBusy(InputError):
+class StoreUnusable(InputError):
+    """Nothing can be kept in the cache folder; what is computed has to be kept elsewhere."""
+
+
+class StoreBusy(StoreUnusable):
     """Another process is computing the same eigenpairs into the same folder."""
 
 
@@ -61,7 +71,7 @@ class EigenpairStore:
     Parameters
     ----------
     folder : Path
-        Where it is; made when something is written.
+        Where it is; made when something is written. Its name is the key of the store.
     n_vertices : int
         Length of an eigenvector.
     description : dict
@@ -71,8 +81,8 @@ class EigenpairStore:
 
     Attributes
     ----------
-    notice : str
-        A sentence for the user if something had to be set aside, else empty.
+    lost : str
+        Why what is computed can't be kept any more, for the user; empty while it can.
     """
 
     def __init__(
@@ -80,20 +90,19 @@ class EigenpairStore:
     ) -> None:
         self.folder = folder
         self.n_vertices = n_vertices
-        self.notice = ""
+        self.lost = ""
         self._description = description
         self._cache = cache
         self._lock = FileLock(cache.lock_path(folder.name))
+        self._file: RowFile | None = None
         self._rows: FloatArray | None = None
-        self._values: FloatArray | None = None
-        self._residuals: FloatArray | None = None
-        self._checksums: npt.NDArray[np.uint32] | None = None
+        self._batches: list[Batch] = []
 
     @staticmethod
     def key(mesh: Mesh, operator: OperatorOptions) -> str:
         """32 hexadecimal digits that tell one mesh and operator from all others."""
         options = json.dumps(asdict(operator), sort_keys=True)
-        text = f"{_FORMAT}|{mesh.content_hash}|{options}"
+        text = f"{FORMAT}|{mesh.n_vertices}|{mesh.content_hash}|{options}"
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
     @classmethod
@@ -104,7 +113,7 @@ class EigenpairStore:
         root: str | Path | None = None,
         cap: int | None = None,
     ) -> EigenpairStore:
-        """Store of a mesh under an operator; nothing is written before `allocate`.
+        """Store of a mesh under an operator; nothing is written before there is something.
 
         Parameters
         ----------
@@ -118,7 +127,7 @@ class EigenpairStore:
         folder = default_cache_folder() if root is None else Path(root)
         cache = EigenpairCache(folder) if cap is None else EigenpairCache(folder, cap)
         description = {
-            "format": _FORMAT,
+            "format": FORMAT,
             "mesh": {
                 "name": mesh.name,
                 "hash": mesh.content_hash,
@@ -133,43 +142,50 @@ class EigenpairStore:
 
     # Reading, by any process -----------------------------------------------------------------
 
-    @property
-    def converged(self) -> int:
-        """Number of leading pairs that are final and readable."""
-        spectrum = self.load(check=False)
-        return 0 if spectrum is None else spectrum.n_converged
+    def load(self) -> StoredSpectrum | None:
+        """What is there, or None without a pair; see `StoredSpectrum.faults` for what is not.
 
-    def load(self, check: bool = True) -> StoredSpectrum | None:
-        """What is there, or None.
-
-        Parameters
-        ----------
-        check : bool
-            Whether to compare checksums; a window that follows a running computation has no need
-            to. A store that fails is set aside, and `notice` says so.
+        Rows are not compared with their checksums here: whoever lets numbers out of the program
+        does so (`StoredSpectrum.damaged_batches`).
         """
-        if not (self.folder / VALUES).exists():
-            return None
-        try:
-            spectrum = read_spectrum(self.folder, self.n_vertices)
-            if check and spectrum is not None:
-                verify_spectrum(self.folder, spectrum)
-        except FileNotFoundError as fault:
-            # Clearing moves a folder away whole: where some is left, some was taken out.
-            if (self.folder / VALUES).exists():
-                self.set_aside(f"{Path(fault.filename).name} is missing")
-            return None
-        except (OSError, ValueError, KeyError, TypeError) as fault:
-            self.set_aside(str(fault))
-            return None
-        if check and spectrum is not None:
+        spectrum = read_spectrum(self.folder, self.folder.name, self.n_vertices)
+        if spectrum.batches:
+            try:
+                _ = spectrum.rows  # mapped while the folder is there
+            except (OSError, ValueError):
+                return None  # cleared, this moment
             self._cache.touch(self.folder)
-        return spectrum
+        return spectrum if spectrum.batches or spectrum.faults else None
+
+    def laplacian(self) -> tuple[SparseMatrix, SparseMatrix] | None:
+        """L and M as they were kept, or None; see `keep_laplacian`."""
+        from scipy import sparse
+
+        n = self.n_vertices
+        try:
+            arrays = read_sealed(self.folder / _LAPLACIAN, self.folder.name).arrays
+            columns = arrays["data"], arrays["indices"], arrays["indptr"]
+            stiffness = sparse.csc_array(columns, shape=(n, n))
+            return stiffness, sparse.diags_array(arrays["areas"], shape=(n, n))
+        except (OSError, ValueError, KeyError):
+            return None
 
     # Writing, by the one process that holds the lock -----------------------------------------
 
+    def keep_laplacian(self, stiffness: SparseMatrix, mass: SparseMatrix) -> None:
+        """Keep the matrices, which take as long to build as many a pair; no loss if that fails."""
+        arrays = {
+            "data": stiffness.data,
+            "indices": stiffness.indices,
+            "indptr": stiffness.indptr,
+            "areas": mass.diagonal(),
+        }
+        with contextlib.suppress(OSError):
+            self._make_folder(sum(array.nbytes for array in arrays.values()))
+            write_sealed(self.folder / _LAPLACIAN, self.folder.name, {}, arrays)
+
     def allocate(self, k: int, n: int | None = None) -> FloatArray:
-        """Make room for k eigenvectors, keeping what is there.
+        """Make room for k eigenvectors in place of what is there.
 
         Returns
         -------
@@ -178,63 +194,60 @@ class EigenpairStore:
 
         Raises
         ------
-        StoreBusy
-            If another process is writing into the same store.
-        InputError
-            If the disk has no room, or the cache folder cannot be written.
+        StoreUnusable
+            If another process is writing into the same store, the disk has no room, or the cache
+            folder cannot be written.
+        """
+        return self.extend(k, n, np.zeros(0, dtype=np.int64))
+
+    def extend(self, k: int, n: int | None, kept: npt.NDArray[np.int64]) -> FloatArray:
+        """Make room for k eigenvectors, of which those of the indices `kept` are there already.
+
+        Batches with other indices below k are dropped. As `allocate` otherwise.
         """
         n = self.n_vertices if n is None else n
         if n != self.n_vertices:
             raise ValueError(f"a row has {self.n_vertices} values, not {n}")
         self.lock()
         try:
-            return self._make_room(k)
+            return self._make_room(k, set(kept.tolist()))
         except OSError as fault:
             self.close()
-            raise InputError(
-                f"The cache folder {self._cache.root} cannot be written ({fault.strerror}); free"
-                " the disk or give yourself permission, or compute without a cache."
-            ) from fault
+            raise self._unusable(fault) from fault
         except BaseException:
             self.close()
             raise
 
-    def _make_room(self, k: int) -> FloatArray:
-        already = folder_size(self.folder) if self.folder.exists() else 0
-        needed = max(0, 8 * k * self.n_vertices - already)
-        self._cache.root.mkdir(parents=True, exist_ok=True)
-        free = shutil.disk_usage(self._cache.root).free
-        if needed < free + self._cache.size():  # else the others would go for nothing
-            self._cache.evict(keep=self.folder.name, room_for=needed)
-            free = shutil.disk_usage(self._cache.root).free
-        if needed > free:
-            raise InputError(
-                f"{k} eigenpairs need {needed / 1e9:.1f} GB in {self._cache.root}, whose disk has"
-                f" {free / 1e9:.1f} GB free; free some, or ask for fewer eigenpairs."
-            )
-        self.folder.mkdir(parents=True, exist_ok=True)
-        if not (self.folder / VALUES).exists():
-            with written_whole(self.folder / _PROBLEM) as part:
-                part.write_text(json.dumps(self._description, indent=1), encoding="utf-8")
-            create_rows(self.folder / ROWS, (k, self.n_vertices), np.float64)
-            create_rows(self.folder / RESIDUALS, (k,), np.float64, np.nan)
-            create_rows(self.folder / CHECKSUMS, (k,), np.uint32)
-            # Last, because its presence makes the folder a store.
-            create_rows(self.folder / VALUES, (k,), np.float64, np.nan)
-        else:
-            grow_rows(self.folder / ROWS, k)
-            grow_rows(self.folder / RESIDUALS, k, np.nan)
-            grow_rows(self.folder / CHECKSUMS, k)
-            grow_rows(self.folder / VALUES, k, np.nan)
-        rows = map_rows(self.folder / ROWS, "r+", (None, self.n_vertices))
-        self._residuals = map_rows(self.folder / RESIDUALS, "r+", (None,))
-        self._checksums = map_rows(self.folder / CHECKSUMS, "r+", (None,))
-        self._values = map_rows(self.folder / VALUES, "r+", (None,))
-        self._rows = rows
-        return rows[:k]
+    def _make_room(self, k: int, kept: set[int]) -> FloatArray:
+        there = read_spectrum(self.folder, self.folder.name, self.n_vertices)
+        self._batches = [
+            batch
+            for batch in there.batches
+            if kept and kept.issuperset(range(batch.start, min(batch.stop, k)))
+        ]
+        if not self._published(k)[list(kept)].all():
+            raise FileNotFoundError(errno.ENOENT, "it was removed")
+        highest = max([k, *(batch.stop for batch in self._batches)])
+        self._make_folder(8 * highest * self.n_vertices)
+        named = {batch.path for batch in self._batches}
+        for path in self.folder.glob("pairs-*"):
+            if path not in named:
+                path.unlink()
+        if not kept:
+            # A new file: whoever has mapped the old one goes on with that.
+            for name in (PROOF, ROWS):
+                (self.folder / name).unlink(missing_ok=True)
+        if self._file is not None:
+            self._file.close()
+        self._file = RowFile(self.folder / ROWS, self.n_vertices)
+        self._rows = self._file.make_room(highest)
+        return self._rows[:k]
 
     def append(self, start: int, eigenvalues: FloatArray, residuals: FloatArray) -> None:
         """Publish pairs whose rows have been written: ``start``, ``start + 1``, ...
+
+        Pairs that were published before are left as they are. Where the disk has no room for more,
+        or the folder has gone, `lost` says so and the rows stay mapped.
 
         Parameters
         ----------
@@ -243,28 +256,25 @@ class EigenpairStore:
         eigenvalues, residuals : ndarray of float64, shape (b,)
         """
         assert self._rows is not None, "allocate comes before append"
-        assert self._values is not None
-        assert self._residuals is not None
-        assert self._checksums is not None
+        assert self._file is not None
         stop = start + len(eigenvalues)
-        found = np.array(
-            [
-                checksum(self._rows[start + i], value, residual)
-                for i, (value, residual) in enumerate(zip(eigenvalues, residuals, strict=True))
-            ],
-            dtype=np.uint32,
-        )
-        if (
-            np.array_equal(found, self._checksums[start:stop])
-            and not np.isnan(self._values[start:stop]).any()
-        ):
-            return  # the same pairs as before
-        # Other numbers in the place of proven ones: the proof does not speak of them.
-        (self.folder / META).unlink(missing_ok=True)
-        self._values[start:stop] = np.nan
-        self._checksums[start:stop] = found
-        self._residuals[start:stop] = residuals
-        self._values[start:stop] = eigenvalues
+        published = self._published(stop)[start:]
+        if self.lost or published.all():
+            return
+        if published.any():
+            raise ValueError(f"some of the pairs {start} to {stop - 1} were published before")
+        try:
+            checksums = checksums_of(self._rows[start:stop])
+            self._file.flush()
+            if not self._file.is_in_place:
+                raise FileNotFoundError(errno.ENOENT, "it was removed")
+            batch = write_batch(
+                self.folder, self.folder.name, start, eigenvalues, residuals, checksums
+            )
+        except OSError as fault:
+            self._lose(fault)
+        else:
+            self._batches = sorted([*self._batches, batch], key=lambda each: each.start)
 
     def finish(self, decomposition: Decomposition, max_eigenvalue: float | None = None) -> None:
         """Record that a run is complete, and let other processes write.
@@ -272,7 +282,7 @@ class EigenpairStore:
         Parameters
         ----------
         decomposition : Decomposition
-            What the solver returned; rows it did not write in place are copied.
+            What the solver returned; rows of pairs that have not been published are copied.
         max_eigenvalue : float, optional
             The threshold asked for, which the next request may ask for again.
         """
@@ -281,24 +291,30 @@ class EigenpairStore:
             self.allocate(k)
         assert self._rows is not None
         try:
-            for i in range(k):
-                if not np.shares_memory(decomposition.rows[i], self._rows[i]):
-                    self._rows[i] = decomposition.rows[i]
-            self.append(0, decomposition.eigenvalues, decomposition.residuals)
+            missing = np.flatnonzero(~self._published(k))
+            for run in np.split(missing, np.flatnonzero(np.diff(missing) > 1) + 1):
+                for i in run:
+                    if not np.shares_memory(decomposition.rows[i], self._rows[i]):
+                        self._rows[i] = decomposition.rows[i]
+                if len(run):
+                    values, residuals = decomposition.eigenvalues, decomposition.residuals
+                    self.append(int(run[0]), values[run], residuals[run])
+            if self.lost:
+                return
             mass = np.asarray(decomposition.mass, dtype=np.float64)
-            with written_whole(self.folder / MASS) as part, part.open("wb") as file:
-                np.save(file, mass)
-            meta = {
-                "format": _FORMAT,
-                "n_pairs": k,
-                "certificate": decomposition.certificate.as_dict(),
-                "timings": {key: float(value) for key, value in decomposition.timings.items()},
-                "max_eigenvalue": max_eigenvalue,
-                "mass_checksum": zlib.crc32(mass.tobytes()),
-                "exhausted": k >= int(np.count_nonzero(decomposition.mass > 0)),
-            }
-            with written_whole(self.folder / META) as part:
-                part.write_text(json.dumps(meta, indent=1), encoding="utf-8")
+            proof = Proof(
+                n_pairs=k,
+                batches=[batch.name for batch in self._batches if batch.start < k],
+                certificate=decomposition.certificate,
+                max_eigenvalue=max_eigenvalue,
+                exhausted=k >= int(np.count_nonzero(mass > 0)),
+                timings={key: float(value) for key, value in decomposition.timings.items()},
+                mass=mass,
+            )
+            try:
+                write_proof(self.folder, self.folder.name, proof)
+            except OSError as fault:
+                self._lose(fault)
             self._cache.touch(self.folder)
         finally:
             self.close()
@@ -310,38 +326,63 @@ class EigenpairStore:
         ------
         StoreBusy
             If another process is at it.
+        StoreUnusable
+            If the cache folder cannot be written.
         """
         try:
             acquired = self._lock.acquire()
         except OSError as fault:
-            raise InputError(
-                f"The cache folder {self._cache.root} cannot be written ({fault.strerror}); give"
-                " yourself permission, or compute without a cache."
-            ) from fault
+            raise self._unusable(fault) from fault
         if not acquired:
-            raise StoreBusy(
-                "Another process is computing the eigenpairs of this mesh; wait for it to finish,"
-                " or compute without the cache."
-            )
+            raise StoreBusy("Another process is computing the eigenpairs of this mesh.")
 
     def close(self) -> None:
         """Stop writing; what has converged stays and can be resumed."""
-        self._rows = self._values = self._residuals = self._checksums = None
+        self._rows = None
+        if self._file is not None:
+            published = max((batch.stop for batch in self._batches), default=0)
+            if not self.lost:
+                with contextlib.suppress(OSError):  # some systems cut no file that is mapped
+                    self._file.cut(published * self._file.stored.row_bytes)
+            self._file.close()
+            self._file = None
         self._lock.release()
 
-    def set_aside(self, reason: str) -> None:
-        """Move a damaged store out of the way, unless another process is writing into it."""
-        if not self._lock.acquire():
-            return
-        try:
-            moved = self._cache.set_aside(self.folder)
-        except FileNotFoundError:
-            return  # cleared in between
-        finally:
-            self.close()
-        self.notice = (
-            f"The stored eigenpairs of this mesh were damaged ({reason}); they were moved to"
-            f" {moved} and are computed again."
+    @property
+    def stored_rows(self) -> StoredRows:
+        """Where the rows are."""
+        return StoredRows(self.folder / ROWS, self.n_vertices)
+
+    def _published(self, count: int) -> npt.NDArray[np.bool_]:
+        """Which of the first pairs have been published, shape (count,)."""
+        published = np.zeros(count, dtype=bool)
+        for batch in self._batches:
+            published[batch.start : batch.stop] = True
+        return published
+
+    def _make_folder(self, size: int) -> None:
+        """Make the folder, and room for so many bytes in it by removing what is older."""
+        already = folder_size(self.folder)
+        needed = max(0, size - already)
+        self._cache.root.mkdir(parents=True, exist_ok=True)
+        free = shutil.disk_usage(self._cache.root).free
+        if needed < free + self._cache.size():  # else the others would go for nothing
+            self._cache.evict(keep=self.folder.name, room_for=needed)
+            free = shutil.disk_usage(self._cache.root).free
+        if needed > free:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        self.folder.mkdir(parents=True, exist_ok=True)
+        if not (self.folder / PROBLEM).exists():
+            with written_whole(self.folder / PROBLEM) as part:
+                part.write_text(json.dumps(self._description, indent=1), encoding="utf-8")
+
+    def _lose(self, fault: OSError) -> None:
+        self.lost = str(self._unusable(fault))
+
+    def _unusable(self, fault: OSError) -> StoreUnusable:
+        return StoreUnusable(
+            f"Nothing can be kept in the cache folder {self._cache.root}"
+            f" ({(fault.strerror or str(fault)).lower()})."
         )
 
     def __enter__(self) -> EigenpairStore:

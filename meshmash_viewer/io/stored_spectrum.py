@@ -1,111 +1,206 @@
-"""A spectrum in a folder of the store: its files, read and checked by any process."""
+"""A spectrum in a folder of the store: its files, read and checked by any process.
+
+Pairs come in batches. A batch is a run of rows in the file of eigenvectors and a sealed file with
+their eigenvalues, residuals and checksums, written when the rows are on the disk and never changed.
+The proof is a sealed file of its own that names the batches it speaks of; it is written last.
+"""
 
 from __future__ import annotations
 
-import json
-import zlib
+import contextlib
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.io.npy import map_rows
+from meshmash_viewer.io.row_file import StoredRows
+from meshmash_viewer.io.sealed import Damaged, read_sealed, write_sealed
+from meshmash_viewer.progress import CancelCallback
 
 if TYPE_CHECKING:
+    from meshmash_viewer.certificate import Certificate
     from meshmash_viewer.eigensolver import Decomposition
     from meshmash_viewer.weyl import Target
 
 __all__ = [
-    "CHECKSUMS",
-    "MASS",
-    "META",
-    "RESIDUALS",
+    "PROOF",
     "ROWS",
-    "VALUES",
+    "SEALED",
+    "Batch",
+    "Proof",
     "StoredSpectrum",
-    "checksum",
+    "published_pairs",
     "read_spectrum",
-    "verify_spectrum",
+    "write_batch",
+    "write_proof",
 ]
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Files of a folder.
-ROWS = "eigenvectors.npy"
-VALUES = "eigenvalues.npy"
-RESIDUALS = "residuals.npy"
-CHECKSUMS = "checksums.npy"
-MASS = "mass.npy"
-META = "meta.json"
+#: Files of a folder, beside those of the batches.
+SEALED = ".sealed"
+ROWS = "eigenvectors.f64"
+PROOF = f"proof{SEALED}"
 
-#: A row's checksum covers this many blocks of so many values: cheap, yet holes are seen.
-_BLOCKS, _BLOCK_VALUES = 16, 64
+_BATCH = re.compile(r"pairs-(\d{6,})-(\d{6,})\.sealed")
 #: Equal up to rounding, as the solver takes a threshold.
 _THRESHOLD_MARGIN = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
-class StoredSpectrum:
-    """The leading eigenpairs that a store holds.
+class Batch:
+    """Pairs that were given out together.
 
     Parameters
     ----------
-    eigenvalues : ndarray of float64, shape (k,)
-    rows : ndarray of float64, shape (k, n)
-        Read-only memory map; it stays valid while the store grows.
-    residuals : ndarray of float64, shape (k,)
-        Relative residuals.
-    n_proven : int
-        How many of them belong to a finished run; the others have converged in a run that was
-        cut off or is still going on.
-    meta : dict
-        What the finished run said of itself; empty if there is none.
-    mass : ndarray of float64, shape (n,), optional
-        Diagonal of the mass matrix; None without a finished run.
+    path : Path
+        Its sealed file.
+    start : int
+        Index of the first.
+    eigenvalues, residuals : ndarray of float64, shape (b,)
+    checksums : ndarray of uint32, shape (b,)
+        CRC-32 of the rows.
+    seal : str
+        Of the file, by which a proof names it.
     """
 
+    path: Path
+    start: int
     eigenvalues: FloatArray
-    rows: FloatArray
     residuals: FloatArray
-    n_proven: int
-    meta: dict[str, Any]
-    mass: FloatArray | None
+    checksums: npt.NDArray[np.uint32]
+    seal: str
+
+    @property
+    def stop(self) -> int:
+        """Index after the last pair."""
+        return self.start + len(self.eigenvalues)
+
+    @property
+    def name(self) -> list[Any]:
+        """How a proof names it."""
+        return [self.start, self.stop, self.seal]
+
+
+@dataclass(frozen=True, eq=False)
+class Proof:
+    """What a run that ended said of itself.
+
+    Parameters
+    ----------
+    n_pairs : int
+        The lowest so many pairs are proven.
+    batches : list
+        Those that they are in, as `Batch.name`.
+    certificate : Certificate
+    max_eigenvalue : float, optional
+        The threshold that was asked for.
+    exhausted : bool
+        Whether these are all that the mesh has.
+    timings : dict of float
+    mass : ndarray of float64, shape (n,)
+        Diagonal of the mass matrix.
+    """
+
+    n_pairs: int
+    batches: list[list[Any]]
+    certificate: Certificate
+    max_eigenvalue: float | None
+    exhausted: bool
+    timings: dict[str, float]
+    mass: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class StoredSpectrum:
+    """The eigenpairs that a store holds.
+
+    Parameters
+    ----------
+    path : Path
+        File of the rows.
+    n_vertices : int
+    batches : sequence of Batch
+        Ascending, without overlap.
+    proof : Proof, optional
+        Of the run that ended last.
+    faults : tuple of str
+        What was found to be damaged, in words.
+    """
+
+    path: Path
+    n_vertices: int
+    batches: Sequence[Batch]
+    proof: Proof | None = None
+    faults: tuple[str, ...] = ()
+
+    @cached_property
+    def eigenvalues(self) -> FloatArray:
+        """Shape (k,), up to the highest that is there; NaN where one is missing."""
+        return self._joined("eigenvalues", np.nan)
+
+    @cached_property
+    def residuals(self) -> FloatArray:
+        """Relative residuals, shape (k,); NaN where a pair is missing."""
+        return self._joined("residuals", np.nan)
+
+    @cached_property
+    def stored_rows(self) -> StoredRows:
+        """Where the rows are, with their checksums."""
+        checksums = self._joined("checksums", 0).astype(np.uint32)
+        return StoredRows(self.path, self.n_vertices, checksums)
+
+    @property
+    def checked_rows(self) -> StoredRows:
+        """Where the rows are, once they have been compared with their checksums."""
+        return StoredRows(self.path, self.n_vertices)
+
+    @cached_property
+    def rows(self) -> FloatArray:
+        """Read-only map of shape (k, n); it stays valid while the store grows."""
+        return self.stored_rows.map(len(self.eigenvalues))
 
     @property
     def n_converged(self) -> int:
-        """Number of pairs k."""
-        return len(self.eigenvalues)
+        """Number of leading pairs that are there, without a gap."""
+        return _leading(self.batches)
 
     @property
-    def complete(self) -> bool:
-        """Whether all of them are proven, with none missing in between."""
-        return self.n_proven == self.n_converged and self.decomposition().complete
-
-    @property
-    def proof(self) -> str:
-        """The proof line of all of them (see `Decomposition.proof`)."""
-        return self.decomposition().proof()
+    def n_proven(self) -> int:
+        """Number of leading pairs that belong to a run that ended."""
+        proof = self.proof
+        if proof is None:
+            return 0
+        return min(proof.n_pairs, _leading([b for b in self.batches if b.name in proof.batches]))
 
     @property
     def is_exhausted(self) -> bool:
         """Whether the proven pairs are all that the mesh has."""
-        return bool(self.meta.get("exhausted", False))
+        return self.proof is not None and self.proof.exhausted and self._is_whole
+
+    @property
+    def _is_whole(self) -> bool:
+        return self.proof is not None and self.n_proven == self.proof.n_pairs
 
     def covers(self, target: Target) -> int | None:
         """How many leading pairs answer a request; None if some have yet to be computed."""
-        proven = self.eigenvalues[: self.n_proven]
+        n_proven = self.n_proven
         if target.n_components is not None:
-            if target.n_components <= self.n_proven:
+            if target.n_components <= n_proven:
                 return target.n_components
-            return self.n_proven if self.is_exhausted else None
+            return n_proven if self.is_exhausted else None
         bound = target.max_eigenvalue
         assert bound is not None
+        proven = self.eigenvalues[:n_proven]
         count = int(np.searchsorted(proven, bound * (1 + _THRESHOLD_MARGIN), side="right"))
-        threshold = self.meta.get("max_eigenvalue")
-        known_to = -np.inf if threshold is None else float(threshold)
-        if count < self.n_proven or bound <= known_to or self.is_exhausted:
+        threshold = self.proof.max_eigenvalue if self.proof is not None and self._is_whole else None
+        known_to = -np.inf if threshold is None else threshold
+        if count < n_proven or bound <= known_to or self.is_exhausted:
             return count
         return None
 
@@ -115,95 +210,196 @@ class StoredSpectrum:
         Parameters
         ----------
         count : int, optional
-            None for all that have converged, as `known` of a run that goes on from there.
+            None for all that there are, as `known` of a run that goes on from there: with
+            eigenvalues of NaN where some are missing.
         """
         from meshmash_viewer.certificate import Certificate
         from meshmash_viewer.eigensolver import Decomposition
 
-        k = self.n_converged if count is None else count
-        proven = 0 < k <= self.n_proven
-        certificate = Certificate("none")
-        if proven:
-            certificate = Certificate.from_dict(self.meta["certificate"])
+        k = len(self.eigenvalues) if count is None else count
+        proof = self.proof if 0 < k <= self.n_proven else None
         return Decomposition(
             eigenvalues=self.eigenvalues[:k],
             rows=self.rows[:k],
             residuals=self.residuals[:k],
-            certificate=certificate,
-            timings=dict(self.meta.get("timings", {})) if proven else {},
-            mass=np.zeros(0) if self.mass is None else self.mass,
+            certificate=Certificate("none") if proof is None else proof.certificate,
+            timings={} if proof is None else dict(proof.timings),
+            mass=np.zeros(0) if self.proof is None else self.proof.mass,
         )
 
+    def damaged_batches(
+        self, count: int | None = None, cancel: CancelCallback | None = None
+    ) -> list[Batch]:
+        """Compare rows with their checksums; the batches of those that do not agree.
 
-def read_spectrum(folder: Path, n_vertices: int) -> StoredSpectrum | None:
-    """What is in a folder; None without a single pair.
+        Parameters
+        ----------
+        count : int, optional
+            How many leading pairs are looked at; None for all.
+        cancel : callable, optional
+            Once it returns True the rest goes unread.
+        """
+        known = np.flatnonzero(np.isfinite(self.eigenvalues[:count]))
+        damaged = self.stored_rows.damaged(known.tolist(), cancel)
+        return [b for b in self.batches if any(b.start <= index < b.stop for index in damaged)]
 
-    Raises
-    ------
-    OSError, ValueError, KeyError, TypeError
-        If a file is missing, cannot be read, or does not go with the others.
+    def without(self, batches: Sequence[Batch]) -> StoredSpectrum:
+        """What is left of it without some batches, and says so."""
+        if not batches:
+            return self
+        said = tuple(f"eigenpairs {b.start} to {b.stop - 1}" for b in batches)
+        kept = [batch for batch in self.batches if batch not in batches]
+        return StoredSpectrum(self.path, self.n_vertices, kept, self.proof, self.faults + said)
+
+    def _joined(self, name: str, fill: float) -> npt.NDArray[Any]:
+        length = self.batches[-1].stop if self.batches else 0
+        joined = np.full(length, fill)
+        for batch in self.batches:
+            joined[batch.start : batch.stop] = getattr(batch, name)
+        return joined
+
+
+def _leading(batches: Sequence[Batch]) -> int:
+    stop = 0
+    for batch in batches:
+        if batch.start != stop:
+            break
+        stop = batch.stop
+    return stop
+
+
+def published_pairs(names: Iterable[str]) -> int:
+    """Index after the highest pair that files of these names publish."""
+    matches = (_BATCH.fullmatch(name) for name in names)
+    return max((int(match[2]) for match in matches if match is not None), default=0)
+
+
+def read_spectrum(folder: Path, key: str, n_vertices: int) -> StoredSpectrum:
+    """What is in a folder, as far as it is whole; rows are not looked at.
+
+    Parameters
+    ----------
+    folder : Path
+    key : str
+        Of the store.
+    n_vertices : int
     """
-    meta: dict[str, Any] = {}
-    if (folder / META).exists():
-        meta = json.loads((folder / META).read_text(encoding="utf-8"))
-    # Eigenvalues first: rows and residuals that they publish are there by then.
-    values = np.array(map_rows(folder / VALUES, "r", (None,)))
-    rows = map_rows(folder / ROWS, "r", (None, n_vertices))
-    residuals = map_rows(folder / RESIDUALS, "r", (None,))
-    missing = np.flatnonzero(np.isnan(values))
-    converged = int(missing[0]) if len(missing) else len(values)
-    if len(rows) < converged or len(residuals) < converged:
-        raise ValueError("its arrays differ in length")
-    n_proven = int(meta.get("n_pairs", 0))
-    if n_proven > converged:
-        raise ValueError(f"it promises {n_proven} eigenpairs and holds {converged}")
-    if not converged:
-        return None
-    mass = None
-    if meta:
-        mass = map_rows(folder / MASS, "r", (n_vertices,))
-    return StoredSpectrum(
-        values[:converged],
-        rows[:converged],
-        np.array(residuals[:converged]),
-        n_proven,
-        meta,
-        mass,
-    )
+    path = folder / ROWS
+    try:
+        size = path.stat().st_size
+    except OSError:
+        size = 0
+    names = []
+    with contextlib.suppress(OSError):  # cleared, or never there
+        names = sorted(entry.name for entry in folder.iterdir())
+    batches: list[Batch] = []
+    faults: list[str] = []
+    for name in names:
+        if (match := _BATCH.fullmatch(name)) is None:
+            continue
+        start, stop = int(match[1]), int(match[2])
+        try:
+            batch = _read_batch(folder / name, key, start, stop)
+            if batch.stop * 8 * n_vertices > size:
+                raise Damaged(f"{ROWS} ends before")
+            if batches and not _follows(batches[-1], batch):
+                raise Damaged("it is out of order")
+        except FileNotFoundError:
+            continue  # cleared in between
+        except (OSError, ValueError):
+            faults.append(f"eigenpairs {start} to {stop - 1}")
+        else:
+            batches.append(batch)
+    proof = None
+    if PROOF in names:
+        try:
+            proof = _read_proof(folder / PROOF, key, n_vertices)
+        except FileNotFoundError:
+            pass
+        except (OSError, ValueError):
+            faults.append("their proof")
+    if proof is not None:
+        named = {(start, stop) for start, stop, _ in proof.batches}
+        there = {(batch.start, batch.stop) for batch in batches}
+        lost = sorted(named - there)
+        said = (f"eigenpairs {start} to {stop - 1}" for start, stop in lost)
+        faults += [text for text in said if text not in faults]
+    return StoredSpectrum(path, n_vertices, batches, proof, tuple(faults))
 
 
-def verify_spectrum(folder: Path, spectrum: StoredSpectrum) -> None:
-    """Compare a spectrum with its checksums.
-
-    Raises
-    ------
-    ValueError
-        If something is damaged.
-    """
-    values = spectrum.eigenvalues
-    if np.any(np.diff(values) < -1e-9 * np.abs(values[1:])):
-        raise ValueError("its eigenvalues are out of order")
-    checksums = map_rows(folder / CHECKSUMS, "r", (None,))
-    for index, row in enumerate(spectrum.rows):
-        found = checksum(row, values[index], spectrum.residuals[index])
-        if found != checksums[index]:
-            raise ValueError(f"eigenpair {index} is damaged")
-    said = spectrum.meta.get("mass_checksum")
-    if (
-        spectrum.mass is not None
-        and said is not None
-        and zlib.crc32(spectrum.mass.tobytes()) != said
-    ):
-        raise ValueError("its mass matrix is damaged")
+def _follows(before: Batch, batch: Batch) -> bool:
+    last, first = before.eigenvalues[-1], batch.eigenvalues[0]
+    return batch.start >= before.stop and bool(first >= last - 1e-9 * abs(last))
 
 
-def checksum(row: FloatArray, eigenvalue: float, residual: float) -> int:
-    """Of an eigenpair with its residual: of blocks of the row, as it is much to read."""
-    n = len(row)
-    if n <= _BLOCKS * _BLOCK_VALUES:
-        sampled = np.ascontiguousarray(row)
-    else:
-        begins = np.linspace(0, n - _BLOCK_VALUES, _BLOCKS).astype(np.int64)
-        sampled = np.concatenate([row[begin : begin + _BLOCK_VALUES] for begin in begins])
-    pair = np.array([eigenvalue, residual], dtype=np.float64)
-    return zlib.crc32(pair.tobytes(), zlib.crc32(sampled.tobytes()))
+def write_batch(
+    folder: Path,
+    key: str,
+    start: int,
+    eigenvalues: FloatArray,
+    residuals: FloatArray,
+    checksums: npt.NDArray[np.uint32],
+) -> Batch:
+    """Publish pairs whose rows are on the disk."""
+    path = folder / f"pairs-{start:06d}-{start + len(eigenvalues):06d}.sealed"
+    arrays: dict[str, npt.NDArray[Any]] = {
+        "eigenvalues": eigenvalues,
+        "residuals": residuals,
+        "checksums": checksums,
+    }
+    seal = write_sealed(path, key, {"start": start}, arrays)
+    return Batch(path, start, eigenvalues, residuals, checksums, seal)
+
+
+def _read_batch(path: Path, key: str, start: int, stop: int) -> Batch:
+    sealed = read_sealed(path, key)
+    try:
+        arrays = [sealed.arrays[name] for name in ("eigenvalues", "residuals", "checksums")]
+        kinds = [array.dtype.str for array in arrays]
+        if sealed.content["start"] != start or kinds != ["<f8", "<f8", "<u4"]:
+            raise Damaged(f"{path.name} is another one")
+        if stop <= start or any(array.shape != (stop - start,) for array in arrays):
+            raise Damaged(f"{path.name} is another one")
+    except KeyError as fault:
+        raise Damaged(f"{path.name} lacks {fault}") from fault
+    if not np.isfinite(arrays[0]).all():
+        raise Damaged(f"{path.name} holds no eigenvalues")
+    return Batch(path, start, arrays[0], arrays[1], arrays[2], sealed.seal)
+
+
+def write_proof(folder: Path, key: str, proof: Proof) -> None:
+    """Record what a run that ended says of itself."""
+    content = {
+        "n_pairs": proof.n_pairs,
+        "batches": proof.batches,
+        "certificate": proof.certificate.as_dict(),
+        "max_eigenvalue": proof.max_eigenvalue,
+        "exhausted": proof.exhausted,
+        "timings": proof.timings,
+    }
+    write_sealed(folder / PROOF, key, content, {"mass": proof.mass})
+
+
+def _read_proof(path: Path, key: str, n_vertices: int) -> Proof:
+    from meshmash_viewer.certificate import Certificate
+
+    sealed = read_sealed(path, key)
+    content = sealed.content
+    try:
+        mass = sealed.arrays["mass"]
+        if mass.shape != (n_vertices,) or mass.dtype.str != "<f8":
+            raise Damaged(f"{path.name} holds another mass")
+        threshold = content["max_eigenvalue"]
+        return Proof(
+            n_pairs=int(content["n_pairs"]),
+            batches=[
+                [int(start), int(stop), str(seal)] for start, stop, seal in content["batches"]
+            ],
+            certificate=Certificate.from_dict(content["certificate"]),
+            max_eigenvalue=None if threshold is None else float(threshold),
+            exhausted=bool(content["exhausted"]),
+            timings={str(name): float(value) for name, value in content["timings"].items()},
+            mass=mass,
+        )
+    except (KeyError, TypeError, AttributeError) as fault:
+        raise Damaged(f"{path.name} lacks something ({fault})") from fault

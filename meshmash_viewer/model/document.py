@@ -287,6 +287,19 @@ class Document:
             self.display.index = last
         self.spectrum_changed.emit()
 
+    def leave_out_damaged(self, spectrum: Spectrum, index: int) -> None:
+        """Show no pair from the one on that was found to be damaged, if it is still shown."""
+        if self.spectrum is not spectrum:
+            return
+        self.spectrum = None if index == 0 else spectrum.first(index)
+        self.display.index = min(self.display.index, max(index - 1, 0))
+        self.spectrum_changed.emit()
+        text = (
+            f"Eigenpair {index} is damaged on the disk: it is not shown any more, nor those behind"
+            " it. Compute them again; what is whole stays."
+        )
+        self.notify(Notice(text, Severity.WARNING))
+
     # -- export -----------------------------------------------------------------------------
 
     def export(self, job: ExportJob) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,10 +12,11 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.feature_kinds import KINDS
 from meshmash_viewer.model.jobs import Channel, ExportJob, Written
-from meshmash_viewer.progress import Progress
+from meshmash_viewer.progress import Cancelled, Progress
 
 if TYPE_CHECKING:
     from meshmash_viewer.filters import FilterBank
+    from meshmash_viewer.io.stored_spectrum import StoredSpectrum
 
 __all__ = ["export", "export_bank"]
 
@@ -59,21 +62,46 @@ def export(job: ExportJob, channel: Channel) -> Written:
     Raises
     ------
     InputError
-        If the kind is unknown, the eigenpairs are no longer in the store, or the file cannot be
-        written.
+        If the kind is unknown, the eigenpairs are no longer in the store or damaged there, or the
+        file cannot be written.
+    Cancelled
+        If the person asked to stop.
     """
-    from meshmash_viewer.features import truncated_features
-    from meshmash_viewer.io.write import provenance, write_eigenpairs, write_features
-    from meshmash_viewer.model.decomposition import open_store
+    from meshmash_viewer.io.spectrum import find_eigenpairs
+    from meshmash_viewer.model.decomposition import SPARE
 
     if job.kind not in KINDS:
         raise InputError(f"{job.kind!r} cannot be exported: choose one of {', '.join(KINDS)}.")
     channel.report(Progress("reading", message="Reading eigenpairs"))
-    stored = open_store(job.mesh, job.operator, channel).load()
+    stored = find_eigenpairs(job.mesh, job.operator, channel.folder / SPARE)
     if stored is None or stored.n_converged < job.n_pairs:
         raise InputError(
             "The eigenpairs of this mesh are no longer in the cache: compute them again."
         )
+    with ThreadPoolExecutor(1) as beside:
+        # Beside the sums, which leave a core free; nothing is written before it is known.
+        damaged = beside.submit(stored.damaged_batches, job.n_pairs, channel.cancelled)
+
+        def check() -> None:
+            found = damaged.result()
+            if channel.cancelled():
+                raise Cancelled  # maybe before all was looked at
+            if found:
+                raise InputError(
+                    "Some eigenpairs of this mesh are damaged on the disk: compute them again,"
+                    " which takes what is whole as it is."
+                )
+
+        return _export(job, stored, check, channel)
+
+
+def _export(
+    job: ExportJob, stored: StoredSpectrum, check: Callable[[], None], channel: Channel
+) -> Written:
+    """Write; `check` is called before."""
+    from meshmash_viewer.features import truncated_features
+    from meshmash_viewer.io.write import provenance, write_eigenpairs, write_features
+
     decomposition = stored.decomposition(job.n_pairs)
     options = {
         "kind": job.kind,
@@ -85,6 +113,7 @@ def export(job: ExportJob, channel: Channel) -> Written:
     }
     meta = provenance(job.mesh, options)
     if job.kind == "eigenpairs":
+        check()
         channel.report(Progress("writing", message=job.label))
         write_eigenpairs(job.path, decomposition, job.mesh, meta)
         return Written(job.path, f"{job.n_pairs} eigenpairs")
@@ -92,14 +121,12 @@ def export(job: ExportJob, channel: Channel) -> Written:
     bank = export_bank(job.kind, values, job.parameters)
     channel.report(Progress("features", message="Computing features"))
     # The threshold that the pairs were computed to says more than the last of them.
-    bound = stored.meta.get("max_eigenvalue")
+    bound = None if stored.proof is None else stored.proof.max_eigenvalue
     all_of_them = decomposition.complete and job.n_pairs == len(stored.eigenvalues)
     features = truncated_features(
-        decomposition,
-        bank,
-        unit=job.mesh.unit,
-        known_to=float(bound) if bound is not None and all_of_them else None,
+        decomposition, bank, unit=job.mesh.unit, known_to=bound if all_of_them else None
     )
+    check()
     channel.report(Progress("writing", message=job.label))
     write_features(job.path, features, job.mesh, eigenvalues=values, meta=meta)
     said = "" if features.truncation is None else features.truncation.sentence()

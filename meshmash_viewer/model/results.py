@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.health import Health
+from meshmash_viewer.io.row_file import StoredRows
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.alignment import Alignment, ShownRows
@@ -26,8 +27,8 @@ class SpectrumGrew:
 
     Parameters
     ----------
-    rows_path : Path, optional
-        ``.npy`` file of shape (>= k, n); only the first k rows are to be read.
+    stored : StoredRows, optional
+        Where the exact rows are; only the first `n_exact` are to be read.
     eigenvalues, residuals : ndarray of float64, shape (k,)
         Approximate ones included, whose residuals are NaN.
     total, certificate, operator, known_to
@@ -35,7 +36,7 @@ class SpectrumGrew:
     preview_path : Path, optional
         ``.npy`` file with approximate rows, of which those after the exact ones count.
     n_exact : int
-        With `preview_path`: how many are exact.
+        How many are exact.
     error : float
         Expected relative error of the approximate eigenvalues.
     alignment : Alignment, optional
@@ -44,7 +45,7 @@ class SpectrumGrew:
         A sentence for the message bar, where there is something to say.
     """
 
-    rows_path: Path | None
+    stored: StoredRows | None
     eigenvalues: npt.NDArray[np.float64]
     residuals: npt.NDArray[np.float64]
     total: int = 0
@@ -62,13 +63,14 @@ class SpectrumGrew:
         """The same as the views read it; the first access opens the files."""
         from meshmash_viewer.io.npy import map_rows
 
-        exact, preview = (
-            None if path is None else map_rows(path, "r", (None, None))
-            for path in (self.rows_path, self.preview_path)
-        )
+        path = self.preview_path
+        preview = None if path is None else map_rows(path, "r", (None, None))
+        exact = None
+        if self.stored is not None and self.n_exact:
+            exact = self.stored.map(self.n_exact)
         rows: npt.NDArray[np.floating[Any]] | ShownRows
         shown = None
-        if exact is None or (preview is not None and self.n_exact == 0):
+        if exact is None:
             assert preview is not None
             rows = preview
         elif preview is not None:
@@ -89,6 +91,7 @@ class SpectrumGrew:
             error=self.error,
             shown=shown,
             known_to=self.known_to,
+            stored=self.stored,
         )
 
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.filters import hks_time_range
+from meshmash_viewer.io.row_file import StoredRows
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model.alignment import Alignment, ShownRows
 
@@ -50,6 +51,8 @@ class Spectrum:
         With `preview`: number of leading pairs that are exact already.
     error : float
         Expected relative error of approximate eigenvalues.
+    stored : StoredRows, optional
+        Where the exact rows are, with their checksums if they have not been compared with them.
     shown : ShownRows, optional
         The rows as they are drawn, where that differs from `rows` by signs and rotations.
     known_to : float
@@ -67,6 +70,7 @@ class Spectrum:
     error: float = 0.0
     shown: ShownRows | None = None
     known_to: float = 0.0
+    stored: StoredRows | None = None
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
@@ -102,6 +106,15 @@ class Spectrum:
             return 1.0, 10.0
         t_min, t_max = hks_time_range(values)
         return float(t_min), float(t_max)
+
+    def first(self, count: int) -> Spectrum:
+        """The lowest pairs of it alone."""
+        return replace(
+            self,
+            eigenvalues=self.eigenvalues[:count],
+            residuals=self.residuals[:count],
+            total=count,
+        )
 
     def is_exact(self, index: int) -> bool:
         """Whether a pair is final, not an approximation."""

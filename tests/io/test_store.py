@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
+import errno
 import multiprocessing
 import os
-from collections.abc import Callable
+import time
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +14,8 @@ import pytest
 
 from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.eigensolver import Decomposition, solve
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.cache import EigenpairCache, folder_size
-from meshmash_viewer.io.store import EigenpairStore, StoreBusy
+from meshmash_viewer.io.store import EigenpairStore, StoreBusy, StoredSpectrum, StoreUnusable
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.weyl import Target
@@ -40,8 +39,16 @@ def synthetic(n: int, k: int, seed: int = 0) -> Decomposition:
     )
 
 
+def loaded(mesh: Mesh, root: Path) -> StoredSpectrum:
+    found = open_store(mesh, root).load()
+    assert found is not None
+    return found
+
+
 def fill(store: EigenpairStore, whole: Decomposition, start: int, stop: int) -> None:
-    rows = store.allocate(whole.n_components, whole.rows.shape[1])
+    stored = store.load()
+    there = np.zeros(0) if stored is None else stored.eigenvalues
+    rows = store.extend(whole.n_components, None, np.flatnonzero(np.isfinite(there)))
     rows[start:stop] = whole.rows[start:stop]
     store.append(start, whole.eigenvalues[start:stop], whole.residuals[start:stop])
 
@@ -67,7 +74,6 @@ def test_key_tells_meshes_and_operators_apart(sphere: Mesh) -> None:
 def test_nothing_is_written_before_there_is_something(sphere: Mesh, tmp_path: Path) -> None:
     store = open_store(sphere, tmp_path / "cache")
     assert store.load() is None
-    assert store.converged == 0
     assert not (tmp_path / "cache").exists()
 
 
@@ -78,7 +84,7 @@ def test_solved_into_the_store_and_found_again(sphere: Mesh, tmp_path: Path) -> 
         store.finish(solved)
     found = open_store(sphere, tmp_path).load()
     assert found is not None
-    assert found.complete
+    assert found.n_proven == 12
     again = found.decomposition(12)
     np.testing.assert_array_equal(again.rows, solved.rows)
     np.testing.assert_array_equal(again.eigenvalues, solved.eigenvalues)
@@ -92,20 +98,16 @@ def test_pairs_are_published_as_they_come(
     sphere: Mesh, tmp_path: Path, whole: Decomposition
 ) -> None:
     with open_store(sphere, tmp_path) as store:
-        looker = open_store(sphere, tmp_path)
         fill(store, whole, 0, 4)
-        assert looker.converged == 4
-        first = looker.load(check=False)
-        assert first is not None
-        assert (first.n_proven, first.complete) == (0, False)
+        first = loaded(sphere, tmp_path)
+        assert (first.n_proven, first.n_converged) == (0, 4)
         fill(store, whole, 6, 8)  # a slice further up: not a leading pair yet
-        assert looker.converged == 4
+        assert loaded(sphere, tmp_path).n_converged == 4
         fill(store, whole, 4, 6)
-        assert looker.converged == 8
+        assert loaded(sphere, tmp_path).n_converged == 8
         np.testing.assert_array_equal(first.rows, whole.rows[:4])
     # Cut off here: what has converged is kept, and is no answer to anything.
-    kept = open_store(sphere, tmp_path).load()
-    assert kept is not None
+    kept = loaded(sphere, tmp_path)
     assert kept.n_converged == 8
     assert kept.covers(Target("count", 2)) is None
     assert not kept.decomposition().complete
@@ -139,7 +141,7 @@ def test_the_whole_spectrum_answers_everything(sphere: Mesh, tmp_path: Path) -> 
     assert found.covers(Target("max_eigenvalue", 1e9)) == n
 
 
-def test_growing_keeps_the_proof_of_what_is_proven(sphere: Mesh, tmp_path: Path) -> None:
+def test_growing_keeps_what_is_proven_and_maps_of_it(sphere: Mesh, tmp_path: Path) -> None:
     few, many = synthetic(sphere.n_vertices, 10), synthetic(sphere.n_vertices, 1200)
     np.testing.assert_array_equal(few.rows, many.rows[:10])
     with open_store(sphere, tmp_path) as store:
@@ -147,100 +149,172 @@ def test_growing_keeps_the_proof_of_what_is_proven(sphere: Mesh, tmp_path: Path)
     before = open_store(sphere, tmp_path).load()
     assert before is not None
     with open_store(sphere, tmp_path) as store:
-        rows = store.allocate(1200)
+        rows = store.extend(1200, None, np.arange(10))
         np.testing.assert_array_equal(rows[:10], few.rows)
-        rows[:] = many.rows
-        store.append(0, many.eigenvalues[:20], many.residuals[:20])  # known pairs come again
+        rows[10:] = many.rows[10:]
+        store.append(0, many.eigenvalues[:10], many.residuals[:10])  # known pairs come again
+        store.append(10, many.eigenvalues[10:20], many.residuals[10:20])
         found = open_store(sphere, tmp_path).load()
         assert found is not None
-    # Other numbers than the proven ones in their place: the proof goes.
-    assert (found.n_proven, found.n_converged) == (0, 20)
+        assert (found.n_proven, found.n_converged) == (10, 20)
+        assert found.covers(Target("count", 10)) == 10
     with open_store(sphere, tmp_path) as store:
+        store.extend(1200, None, np.arange(20))
         store.finish(many)
-    with open_store(sphere, tmp_path) as store:
-        fill(store, many, 0, 20)
-        assert store.load().n_proven == 1200  # type: ignore[union-attr]
+    found = open_store(sphere, tmp_path).load()
+    assert found is not None
+    assert (found.n_proven, found.damaged_batches()) == (1200, [])
     np.testing.assert_array_equal(before.rows, few.rows)  # an old map stays valid
 
 
-def test_resumed_run_gives_the_same(sphere: Mesh, tmp_path: Path) -> None:
-    stiffness, mass = cotangent_laplacian(sphere, robust=True)
-    for count in (8, 20):
-        with open_store(sphere, tmp_path) as store:
-            stored = store.load()
-            known = None if stored is None else stored.decomposition()
-            solved = solve(
-                stiffness, mass, count, known=known, allocate=store.allocate, on_pairs=store.append
-            )
-            store.finish(solved)
-    direct = solve(stiffness, mass, 20)
+def flip_bit(path: Path, place: int = -100) -> None:
+    content = bytearray(path.read_bytes())
+    content[place] ^= 1
+    path.write_bytes(content)
+
+
+def test_a_store_is_served_as_far_as_it_is_whole(sphere: Mesh, tmp_path: Path) -> None:
+    whole = synthetic(sphere.n_vertices, 12)
+    with open_store(sphere, tmp_path) as store:
+        for start in (0, 4, 8):
+            fill(store, whole, start, start + 4)
+        store.finish(whole)
+    flip_bit(store.folder / "pairs-000004-000008.sealed")
     found = open_store(sphere, tmp_path).load()
     assert found is not None
-    np.testing.assert_allclose(found.eigenvalues, direct.eigenvalues, rtol=1e-9, atol=1e-9)
+    assert found.faults == ("eigenpairs 4 to 7",)
+    assert (found.n_proven, found.n_converged) == (4, 4)
+    assert found.covers(Target("count", 4)) == 4
+    assert found.covers(Target("count", 5)) is None
+    known = found.decomposition()
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(known.eigenvalues)), [4, 5, 6, 7])
+    np.testing.assert_array_equal(known.rows[8:], whole.rows[8:])
+    untouched = [store.folder / f"pairs-{i:06d}-{i + 4:06d}.sealed" for i in (0, 8)]
+    written = [path.stat().st_mtime_ns for path in untouched]
+    kept = np.flatnonzero(np.isfinite(known.eigenvalues))
+    with open_store(sphere, tmp_path) as store:
+        rows = store.extend(12, None, kept)
+        rows[4:8] = whole.rows[4:8]
+        store.append(4, whole.eigenvalues[4:8], whole.residuals[4:8])
+        store.finish(whole)
+    assert [path.stat().st_mtime_ns for path in untouched] == written
+    found = open_store(sphere, tmp_path).load()
+    assert found is not None
+    assert (found.n_proven, found.faults) == (12, ())
+    np.testing.assert_array_equal(found.rows, whole.rows)
 
 
-def damage_row(folder: Path) -> None:
-    rows = np.load(folder / "eigenvectors.npy", mmap_mode="r+")
-    rows[3] = 0.0
-
-
-def damage_value(folder: Path) -> None:
-    np.load(folder / "eigenvalues.npy", mmap_mode="r+")[5] *= 1.5
-
-
-def cut_rows(folder: Path) -> None:
-    with (folder / "eigenvectors.npy").open("rb+") as file:
-        file.truncate(1000)
-
-
-def spoil_meta(folder: Path) -> None:
-    (folder / "meta.json").write_text('{"n_pairs": ')
-
-
-def overstate_meta(folder: Path) -> None:
-    meta = json.loads((folder / "meta.json").read_text())
-    (folder / "meta.json").write_text(json.dumps(meta | {"n_pairs": 99}))
-
-
-def noise(folder: Path) -> None:
-    (folder / "eigenvalues.npy").write_bytes(np.random.default_rng(1).bytes(500))
-
-
-def damage_mass(folder: Path) -> None:
-    np.load(folder / "mass.npy", mmap_mode="r+")[7] *= 2.0
-
-
-def empty(name: str) -> Callable[[Path], None]:
-    return lambda folder: os.truncate(folder / name, 0)
-
-
-def remove(name: str) -> Callable[[Path], None]:
-    return lambda folder: (folder / name).unlink()
-
-
-ARRAYS = ("eigenvectors.npy", "residuals.npy", "checksums.npy", "mass.npy")
-
-
-@pytest.mark.parametrize(
-    "damage",
-    [damage_row, damage_value, cut_rows, spoil_meta, overstate_meta, noise, damage_mass]
-    + [empty(name) for name in ("eigenvalues.npy", *ARRAYS)]
-    + [remove(name) for name in ARRAYS],
-)
-def test_damage_is_seen_and_set_aside(
-    damage: Any, sphere: Mesh, tmp_path: Path, whole: Decomposition
+def test_rows_are_compared_with_their_checksums_when_asked(
+    sphere: Mesh, tmp_path: Path, whole: Decomposition
 ) -> None:
     with open_store(sphere, tmp_path) as store:
+        fill(store, whole, 0, 5)
         store.finish(whole)
-    damage(store.folder)
+    flip_bit(store.folder / "eigenvectors.f64", 8 * 7 * sphere.n_vertices + 5)
+    found = open_store(sphere, tmp_path).load()
+    assert found is not None
+    assert found.n_proven == 10
+    assert found.damaged_batches(5) == []
+    damaged = found.damaged_batches()
+    assert [(batch.start, batch.stop) for batch in damaged] == [(5, 10)]
+    assert found.without(damaged).n_proven == 5
+    assert found.damaged_batches(cancel=lambda: True) == []
+
+
+def test_nothing_published_is_written_again(sphere: Mesh, tmp_path: Path) -> None:
+    whole = synthetic(sphere.n_vertices, 10)
+    with open_store(sphere, tmp_path) as store:
+        fill(store, whole, 0, 6)
+        with pytest.raises(ValueError, match="published before"):
+            store.append(3, whole.eigenvalues[3:8], whole.residuals[3:8])
+        store.append(0, whole.eigenvalues[:6], whole.residuals[:6])
+        assert len(list(store.folder.glob("pairs-*"))) == 1
+
+
+def test_room_is_on_the_disk_before_anything_is_written(sphere: Mesh, tmp_path: Path) -> None:
+    with open_store(sphere, tmp_path) as store:
+        store.allocate(50)
+        status = (store.folder / "eigenvectors.f64").stat()
+        assert status.st_size == 8 * 50 * sphere.n_vertices
+        assert 512 * status.st_blocks >= status.st_size
+    # Nothing came of it.
+    EigenpairCache(tmp_path).tidy()
+    assert EigenpairCache(tmp_path).stores() == []
+
+
+@pytest.mark.parametrize("supported", [True, False])
+def test_a_full_disk_is_said_and_takes_nothing_away(
+    sphere: Mesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, supported: bool
+) -> None:
+    whole = synthetic(sphere.n_vertices, 10)
+    with open_store(sphere, tmp_path) as store:
+        store.finish(whole)
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC if supported else errno.EOPNOTSUPP, "No space left on device")
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
     store = open_store(sphere, tmp_path)
-    assert store.load() is None
-    assert "damaged" in store.notice
-    assert not store.folder.exists()
-    assert len(list((tmp_path / "aside").iterdir())) == 1
-    with store:
-        store.finish(whole)
-    assert open_store(sphere, tmp_path).load() is not None
+    if supported:
+        with pytest.raises(StoreUnusable, match="no space left"):
+            store.extend(40, None, np.arange(10))
+    else:
+        store.extend(40, None, np.arange(10))
+        store.close()
+    found = open_store(sphere, tmp_path).load()
+    assert found is not None
+    assert found.n_proven == 10
+    assert found.damaged_batches() == []
+    assert found.path.stat().st_size == 8 * 10 * sphere.n_vertices
+
+
+def test_left_overs_go_and_stores_of_other_versions_when_they_are_old(
+    sphere: Mesh, tmp_path: Path, whole: Decomposition
+) -> None:
+    with open_store(sphere, tmp_path) as store:
+        fill(store, whole, 0, 5)
+    part = store.folder / ".0123456789ab-proof.sealed"
+    part.touch()
+    with (store.folder / "eigenvectors.f64").open("ab") as file:
+        file.write(bytes(10_000))
+    removed = tmp_path / f"removed-{'0' * 32}-123"
+    removed.mkdir()
+    empty = tmp_path / ("1" * 32)
+    empty.mkdir()
+    others = {days: tmp_path / (str(days) * 32)[:32] for days in (2, 30)}
+    for days, other in others.items():
+        other.mkdir()
+        (other / "problem.json").write_text('{"format": 1, "mesh": {"n_vertices": 3}}')
+        then = time.time() - 86_400 * days
+        os.utime(other / "problem.json", (then, then))
+    with open_store(sphere, tmp_path) as busy:
+        busy.lock()
+        EigenpairCache(tmp_path).tidy()
+        assert part.exists(), "somebody writes there"
+    EigenpairCache(tmp_path).tidy()
+    assert not part.exists()
+    assert not removed.exists()
+    assert others[2].exists()
+    assert not others[30].exists()
+    found = open_store(sphere, tmp_path).load()
+    assert found is not None
+    assert found.path.stat().st_size == 8 * 5 * sphere.n_vertices
+    np.testing.assert_array_equal(found.rows, whole.rows[:5])
+
+
+def test_the_laplacian_is_kept(sphere: Mesh, tmp_path: Path) -> None:
+    stiffness, mass = cotangent_laplacian(sphere, robust=True)
+    store = open_store(sphere, tmp_path)
+    assert store.laplacian() is None
+    store.keep_laplacian(stiffness, mass)
+    kept = open_store(sphere, tmp_path).laplacian()
+    assert kept is not None
+    assert (kept[0] != stiffness).nnz == 0
+    np.testing.assert_array_equal(kept[1].diagonal(), mass.diagonal())
+    solved, again = solve(stiffness, mass, 12), solve(*kept, 12)
+    np.testing.assert_array_equal(again.rows, solved.rows)
+    flip_bit(store.folder / "laplacian.sealed")
+    assert open_store(sphere, tmp_path).laplacian() is None
 
 
 def _hold(mesh: Mesh, root: Path, ready: Any, go: Any) -> None:
@@ -263,19 +337,16 @@ def test_two_processes_never_write_at_once(
         store = open_store(sphere, tmp_path)
         with pytest.raises(StoreBusy, match="Another process"):
             store.allocate(10)
-        assert store.converged == 5  # looking is allowed
-        damage_row(store.folder)
-        assert store.load() is None  # seen, but not taken from under the other's feet
-        assert store.folder.exists()
+        assert loaded(sphere, tmp_path).n_converged == 5  # looking is allowed
         assert EigenpairCache(tmp_path).clear() == 0
     finally:
         go.set()
         other.join(30)
     assert other.exitcode == 9
-    # A killed process leaves no lock behind, and the damage is set aside now.
-    assert store.load() is None
+    # A killed process leaves no lock behind.
     with store:
         store.finish(whole)
+    assert loaded(sphere, tmp_path).n_proven == 10
 
 
 def test_same_process_is_no_exception(sphere: Mesh, tmp_path: Path) -> None:
@@ -283,7 +354,8 @@ def test_same_process_is_no_exception(sphere: Mesh, tmp_path: Path) -> None:
         first.allocate(3)
         with pytest.raises(StoreBusy):
             open_store(sphere, tmp_path).allocate(3)
-    open_store(sphere, tmp_path).allocate(3)
+    with open_store(sphere, tmp_path) as second:
+        second.allocate(3)
 
 
 def shifted(mesh: Mesh, by: int) -> Mesh:
@@ -314,12 +386,13 @@ def test_unwritable_cache_is_said(sphere: Mesh, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     store = open_store(sphere, tmp_path / "file")
     assert store.load() is None
-    with pytest.raises(InputError, match="cannot be written"):
+    with pytest.raises(StoreUnusable, match="Nothing can be kept in the cache folder"):
         store.allocate(3)
 
 
 def test_too_much_for_the_disk_is_refused_beforehand(sphere: Mesh, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="GB free"):
-        open_store(sphere, tmp_path).allocate(10**12)
+    with pytest.raises(StoreUnusable, match="no space left"):
+        open_store(sphere, tmp_path).allocate(10**8)
     assert open_store(sphere, tmp_path).load() is None
-    open_store(sphere, tmp_path).allocate(3)
+    with open_store(sphere, tmp_path) as store:
+        store.allocate(3)

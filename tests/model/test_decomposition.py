@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import dataclasses
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +10,7 @@ import shapes
 from listeners import Listener
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.spectrum import find_eigenpairs
 from meshmash_viewer.io.store import EigenpairStore
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
@@ -15,6 +18,7 @@ from meshmash_viewer.model import decomposition
 from meshmash_viewer.model.decomposition import decompose, find_known, refuse_what_cannot_fit
 from meshmash_viewer.model.jobs import (
     DecomposeJob,
+    ExportJob,
     InspectJob,
     ReadJob,
     RepairJob,
@@ -64,7 +68,7 @@ def test_what_is_stored_is_not_computed_again(
 ) -> None:
     first = decompose(sphere, OPERATOR, Target("count", 20), listener)
     assert find_known(Mesh(sphere.vertices + 1.0, sphere.faces), OPERATOR) == (None, "")
-    monkeypatch.delattr(decomposition, "solve")
+    monkeypatch.delattr("meshmash_viewer.eigensolver.solve")
     known, remark = find_known(sphere, OPERATOR)
     assert known is not None
     assert not remark
@@ -118,16 +122,46 @@ def test_what_cannot_fit_is_refused_with_a_way_out(
         decompose(sphere, OPERATOR, Target("max_eigenvalue", 20.0), listener)
 
 
-def test_damaged_store_is_set_aside_with_a_word(sphere: Mesh, listener: Listener) -> None:
-    decompose(sphere, OPERATOR, Target("count", 8), listener)
-    store = EigenpairStore.open_or_create(sphere, OPERATOR)
-    rows = np.load(store.folder / "eigenvectors.npy", mmap_mode="r+")
-    rows[5] += 1.0
-    rows.flush()
+def test_a_damaged_batch_is_found_before_a_number_is_used_and_only_it_is_made_again(
+    sphere: Mesh, listener: Listener, tmp_path: Path
+) -> None:
+    for count in (20, 40):
+        decompose(sphere, OPERATOR, Target("count", count), listener)
+    stored = find_eigenpairs(sphere, OPERATOR)
+    assert stored is not None
+    before = np.array(stored.rows)
+    n_first = stored.batches[-1].start
+    with stored.path.open("r+b") as file:
+        file.seek(8 * (sphere.n_vertices * (n_first + 3) + 100))
+        file.write(b"1")
+    # Opening looks at no row; whatever uses one does.
     known, remark = find_known(sphere, OPERATOR)
-    assert known is None
-    assert "damaged" in remark
-    assert decompose(sphere, OPERATOR, Target("count", 8), listener).spectrum.complete
+    assert known is not None
+    assert not remark
+    job = ExportJob(sphere, OPERATOR, tmp_path / "pairs.npz", "eigenpairs", 40)
+    with pytest.raises(InputError, match="damaged"):
+        job.run(listener)
+    dataclasses.replace(job, n_pairs=n_first).run(listener)
+    again = decompose(sphere, OPERATOR, Target("count", 40), listener)
+    assert f"eigenpairs {n_first} to 39" in again.remark
+    assert again.spectrum.complete
+    np.testing.assert_array_equal(again.spectrum.rows[:n_first], before[:n_first])
+    assert residuals(sphere, again).max() < 1e-8
+    job.run(listener)
+    assert not decompose(sphere, OPERATOR, Target("count", 40), listener).remark
+
+
+def test_a_damaged_file_of_a_batch_is_told_of_on_opening(sphere: Mesh, listener: Listener) -> None:
+    for count in (20, 40):
+        decompose(sphere, OPERATOR, Target("count", count), listener)
+    stored = find_eigenpairs(sphere, OPERATOR)
+    assert stored is not None
+    last = stored.batches[-1]
+    last.path.write_bytes(last.path.read_bytes()[:-1])
+    known, remark = find_known(sphere, OPERATOR)
+    assert known is not None
+    assert len(known.spectrum) == last.start
+    assert f"eigenpairs {last.start} to 39" in remark
 
 
 def test_without_a_cache_the_session_has_a_store(
@@ -137,9 +171,45 @@ def test_without_a_cache_the_session_has_a_store(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     listener = Listener(tmp_path)
     grew = decompose(sphere, OPERATOR, Target("count", 8), listener)
-    assert grew.rows_path.is_relative_to(tmp_path / "eigenpairs")
-    assert "until the window is closed" in listener.messages[0].remark
+    assert grew.stored is not None
+    assert grew.stored.path.is_relative_to(tmp_path / "eigenpairs")
+    assert "until the window is closed" in grew.remark
     assert len(decompose(sphere, OPERATOR, Target("count", 5), listener).spectrum) == 5
+    ExportJob(sphere, OPERATOR, tmp_path / "pairs.npz", "eigenpairs", 8).run(listener)
+    more = decompose(sphere, OPERATOR, Target("count", 30), listener)
+    assert more.spectrum.complete
+
+
+@pytest.mark.parametrize("from_known", [False, True])
+def test_a_cache_removed_while_computing_costs_nothing(
+    sphere: Mesh, tmp_path: Path, own_cache: Path, from_known: bool
+) -> None:
+    class Remover(Listener):
+        def send(self, message: object) -> None:
+            super().send(message)
+            shutil.rmtree(own_cache, ignore_errors=True)
+
+    if from_known:
+        decompose(sphere, OPERATOR, Target("count", 30), Listener(tmp_path))
+    grew = decompose(sphere, OPERATOR, Target("count", 300), Remover(tmp_path))
+    assert not list(own_cache.glob("**/*.sealed"))
+    assert "until the window is closed" in grew.remark
+    assert grew.spectrum.complete
+    assert residuals(sphere, grew).max() < 1e-7
+    ExportJob(sphere, OPERATOR, tmp_path / "pairs.npz", "eigenpairs", 300).run(Listener(tmp_path))
+    # The next mesh finds a cache again.
+    other = Mesh(sphere.vertices * 1.1, sphere.faces)
+    assert not decompose(other, OPERATOR, Target("count", 8), Listener(tmp_path)).remark
+
+
+def test_while_another_process_computes_the_same_it_is_computed_twice_and_said(
+    sphere: Mesh, tmp_path: Path
+) -> None:
+    with EigenpairStore.open_or_create(sphere, OPERATOR) as busy:
+        busy.lock()
+        grew = decompose(sphere, OPERATOR, Target("count", 20), Listener(tmp_path))
+        assert "Another process" in grew.remark
+        assert grew.spectrum.complete
 
 
 def test_read_repair_and_scale_bring_a_mesh_with_all_to_draw_it(

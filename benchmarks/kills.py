@@ -1,0 +1,63 @@
+"""Processes killed while they compute: what was proven or published stays, and nothing else.
+
+    python benchmarks/kills.py [--kills 50] [--disk-full 0] [--seed 0]
+
+The command line and the worker process of a window are killed at random moments with SIGKILL,
+SIGTERM and SIGINT, from an empty store and from 60 proven pairs; see `tests/fuzz/kills.py` for what
+must hold. `--disk-full` fills the disk of the cache at random moments instead; it mounts a tmpfs of
+its own, for which it has to be root.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from fuzz.kills import fill_once, kill_once, prepare
+
+
+def main() -> None:
+    """See the module."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("--kills", type=int, default=50)
+    parser.add_argument("--disk-full", type=int, default=0)
+    parser.add_argument("--vertices", type=int, default=4000)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    rng = np.random.default_rng(options.seed)
+    failed = 0
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        undisturbed = prepare(folder, options.vertices)
+        print("undisturbed:", {k: f"{v:.1f} s" for k, v in undisturbed.seconds.items()}, flush=True)
+        for title, trial, count in (
+            ("kills", kill_once, options.kills),
+            ("disks filled", fill_once, options.disk_full),
+        ):
+            began = time.perf_counter()
+            outcomes: collections.Counter[str] = collections.Counter()
+            for number in range(count):
+                try:
+                    what = trial(undisturbed, folder / f"{title} {number}", rng)
+                    outcomes[what.split(", at")[0]] += 1
+                except Exception as defect:  # noqa: BLE001  whatever it is, the next one is tried
+                    failed += 1
+                    print(f"  {title} {number}: {type(defect).__name__}: {defect}", flush=True)
+            if count:
+                took = time.perf_counter() - began
+                print(f"{count} {title} in {took:.0f} s, {failed} with a loss or a left-over")
+                for what, times in sorted(outcomes.items()):
+                    print(f"  {times:4d} {what}", flush=True)
+    sys.exit(failed > 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,221 @@
+"""The file of eigenvectors: rows of float64 one after the other, nothing else.
+
+One file for all rows of a spectrum, so that whoever reads maps one array. Rows that have been given
+out are final; more are added behind them, which leaves maps of the old length valid.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import threading
+import zlib
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.progress import CancelCallback
+
+__all__ = ["RowFile", "StoredRows", "checksums_of"]
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Bytes read at a time for a checksum.
+_CHUNK = 1 << 20
+#: Threads that compute checksums: zlib lets go of the interpreter's lock.
+_THREADS = 2
+#: What a file system answers that cannot allocate blocks beforehand.
+_NOT_SUPPORTED = (errno.EINVAL, errno.EOPNOTSUPP, errno.ENOSYS)
+
+
+@dataclass(frozen=True, eq=False)
+class StoredRows:
+    """Rows in a file, as they are told of between processes.
+
+    Parameters
+    ----------
+    path : Path
+    n_vertices : int
+        Length of a row.
+    checksums : ndarray of uint32, shape (k,)
+        CRC-32 of each row, where they are to be compared with the file; empty for rows that have
+        just been written.
+    """
+
+    path: Path
+    n_vertices: int
+    checksums: npt.NDArray[np.uint32] = field(default_factory=lambda: np.zeros(0, dtype=np.uint32))
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of a row."""
+        return 8 * self.n_vertices
+
+    def map(self, count: int, mode: Literal["r", "r+"] = "r") -> FloatArray:
+        """The first rows, shape (count, n), mapped.
+
+        Raises
+        ------
+        OSError, ValueError
+            If there are fewer, or none.
+        """
+        return np.memmap(self.path, np.float64, mode, shape=(count, self.n_vertices))
+
+    def damaged(
+        self,
+        indices: Iterable[int],
+        cancel: CancelCallback | None = None,
+        n_threads: int = _THREADS,
+    ) -> list[int]:
+        """Which of some rows do not agree with their checksums.
+
+        Parameters
+        ----------
+        indices : iterable of int
+        cancel : callable, optional
+            Asked often; once it returns True the rest goes unread.
+        n_threads : int
+
+        Returns
+        -------
+        list of int
+            Rows that cannot be read included.
+        """
+        local = threading.local()
+
+        def is_damaged(index: int) -> bool:
+            if not hasattr(local, "buffer"):
+                local.buffer = memoryview(bytearray(min(_CHUNK, self.row_bytes)))
+            found = self._checksum(file, index, local.buffer, cancel)
+            return found is not None and found != self.checksums[index]
+
+        indices = list(indices)
+        try:
+            with (
+                self.path.open("rb", buffering=0) as file,
+                ThreadPoolExecutor(n_threads) as threads,
+            ):
+                flags = list(threads.map(is_damaged, indices))
+        except OSError:
+            return indices
+        return [index for index, flag in zip(indices, flags, strict=True) if flag]
+
+    def _checksum(
+        self, file: Any, index: int, buffer: memoryview, cancel: CancelCallback | None
+    ) -> int | None:
+        """Of a row as it is in the file; None if asked to stop, -1 if the file ends before."""
+        found, place, end = 0, index * self.row_bytes, (index + 1) * self.row_bytes
+        while place < end:
+            if cancel is not None and cancel():
+                return None
+            part = buffer[: end - place]
+            size = _read_at(file, part, place)
+            if size == 0:
+                return -1
+            found = zlib.crc32(part[:size], found)
+            place += size
+        return found
+
+
+class RowFile:
+    """The file open for writing: room is made for rows, and some are flushed to the disk.
+
+    Parameters
+    ----------
+    path : Path
+        Made where it is missing.
+    n_vertices : int
+    """
+
+    def __init__(self, path: Path, n_vertices: int) -> None:
+        self.stored = StoredRows(path, n_vertices)
+        self._file = path.open("r+b" if path.exists() else "w+b", buffering=0)
+        self._map: np.memmap[Any, np.dtype[np.float64]] | None = None
+
+    def make_room(self, n_rows: int) -> FloatArray:
+        """All rows, shape (n_rows, n), mapped for writing; blocks of the disk are behind them.
+
+        Raises
+        ------
+        OSError
+            If the disk is full. Without the blocks a full disk would end the process, by a signal
+            where it writes into the map.
+        """
+        size, before = n_rows * self.stored.row_bytes, self.size
+        if size > before:
+            try:
+                _fill(self._file, before, size - before)
+            except BaseException:
+                self.cut(before)
+                raise
+        shape = n_rows, self.stored.n_vertices
+        self._map = np.memmap(self._file, np.float64, "r+", shape=shape)
+        return self._map
+
+    @property
+    def size(self) -> int:
+        """Bytes of the file."""
+        return os.fstat(self._file.fileno()).st_size
+
+    @property
+    def is_in_place(self) -> bool:
+        """Whether the file that was opened is still the one at its path."""
+        try:
+            return os.path.samestat(os.fstat(self._file.fileno()), os.stat(self.stored.path))
+        except FileNotFoundError:
+            return False
+
+    def flush(self) -> None:
+        """Bring all that was written into the map to the disk."""
+        if self._map is not None:
+            self._map.flush()
+        os.fsync(self._file.fileno())
+
+    def cut(self, size: int) -> None:
+        """Give back what lies behind so many bytes; no map may reach there."""
+        self._map = None
+        self._file.truncate(size)
+
+    def close(self) -> None:
+        """Close the file; maps stay."""
+        self._map = None
+        self._file.close()
+
+
+def checksums_of(rows: FloatArray) -> npt.NDArray[np.uint32]:
+    """CRC-32 of each row in memory, shape (k,)."""
+    with ThreadPoolExecutor(_THREADS) as threads:
+        return np.fromiter(threads.map(zlib.crc32, rows), dtype=np.uint32, count=len(rows))
+
+
+def _fill(file: Any, start: int, size: int) -> None:
+    """Lengthen a file by zeros that have a place on the disk."""
+    if hasattr(os, "posix_fallocate"):
+        try:
+            os.posix_fallocate(file.fileno(), start, size)
+        except OSError as fault:
+            if fault.errno not in _NOT_SUPPORTED:
+                raise
+        else:
+            return
+    zeros = bytes(min(size, _CHUNK))
+    file.seek(start)
+    while size > 0:
+        size -= file.write(zeros[:size])
+
+
+def _read_at(file: Any, part: memoryview, place: int) -> int:
+    """Read into memory from a place in a file, several threads at once where the system can."""
+    if hasattr(os, "preadv"):
+        return os.preadv(file.fileno(), [part], place)
+    with _seek_lock:
+        file.seek(place)
+        return int(file.readinto(part))
+
+
+_seek_lock = threading.Lock()

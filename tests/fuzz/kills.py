@@ -1,0 +1,293 @@
+"""Processes killed while they compute eigenpairs, and what must hold afterwards.
+
+What had been proven before is there to the last bit, what had been published since is not computed
+again, the next run gives what an undisturbed one gives, and it leaves nothing behind but a store.
+`benchmarks/kills.py` tries any number of kills.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+import numpy.typing as npt
+from fuzz.store_faults import OPERATOR, blanket
+
+from meshmash_viewer.io.spectrum import find_eigenpairs, obtain_eigenpairs
+from meshmash_viewer.io.stored_spectrum import ROWS
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.jobs import DecomposeJob
+from meshmash_viewer.model.process import child_command, end_group
+from meshmash_viewer.model.transport import Wire
+from meshmash_viewer.weyl import Target
+
+FloatArray = npt.NDArray[np.float64]
+
+SIGNALS = tuple(
+    getattr(signal, name) for name in ("SIGKILL", "SIGTERM", "SIGINT") if hasattr(signal, name)
+)
+#: Pairs that were proven before, and that are asked for.
+PROVEN, WANTED = 60, 300
+#: All that a cache folder may hold when nobody writes into it.
+_BELONGS = re.compile(
+    r"eigenpairs(/locks(/[0-9a-f]{32}\.lock)?"
+    r"|/[0-9a-f]{32}(/(problem\.json|eigenvectors\.f64|(proof|laplacian|pairs-\d+-\d+)\.sealed))?)?"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Undisturbed:
+    """What comes out if nobody interferes.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    path : Path
+        Its file.
+    eigenvalues, heat_kernel : ndarray of float64
+    proven : Path
+        A cache folder with the first pairs.
+    first_rows : ndarray of float64
+        These.
+    seconds : dict of float
+        That a run of each kind takes.
+    """
+
+    mesh: Mesh
+    path: Path
+    eigenvalues: FloatArray
+    heat_kernel: FloatArray
+    proven: Path
+    first_rows: FloatArray
+    seconds: dict[str, float]
+
+
+def prepare(folder: Path, n_vertices: int = 4000) -> Undisturbed:
+    """Make a mesh, and run everything once without a kill."""
+    mesh = blanket(n_vertices)
+    path = folder / "blanket.npz"
+    np.savez(path, vertices=mesh.vertices, faces=mesh.faces)
+    with cache_at(folder / "whole"):
+        whole = obtain_eigenpairs(mesh, OPERATOR, Target("count", WANTED)).decomposition
+        heat = _heat_kernel(whole.eigenvalues, whole.rows)
+    with cache_at(folder / "proven"):
+        first = obtain_eigenpairs(mesh, OPERATOR, Target("count", PROVEN)).decomposition
+    seconds = {}
+    for kind in ("command line", "worker"):
+        began = time.perf_counter()
+        with _running(kind, mesh, path, folder / f"timed {kind}") as process:
+            process.wait()
+        seconds[kind] = time.perf_counter() - began
+    eigenvalues = np.array(whole.eigenvalues)
+    return Undisturbed(
+        mesh, path, eigenvalues, heat, folder / "proven", np.array(first.rows), seconds
+    )
+
+
+def kill_once(undisturbed: Undisturbed, folder: Path, rng: np.random.Generator) -> str:
+    """Kill a process at a random moment, and see that nothing is lost.
+
+    Parameters
+    ----------
+    undisturbed : Undisturbed
+    folder : Path
+        An empty one; removed afterwards.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    str
+        What was done.
+
+    Raises
+    ------
+    AssertionError
+        If something was lost or left.
+    """
+    kind = str(rng.choice(list(undisturbed.seconds)))
+    from_proven = bool(rng.integers(2))
+    how = SIGNALS[int(rng.integers(len(SIGNALS)))]
+    # Later than the imports, which are a third of it.
+    delay = float(rng.uniform(0.3, 1.0)) * undisturbed.seconds[kind]
+    what = (
+        f"{how.name} to the {kind}, {PROVEN if from_proven else 0} pairs proven, at {delay:.2f} s"
+    )
+    if from_proven:
+        shutil.copytree(undisturbed.proven, folder / "cache")
+    with _running(kind, undisturbed.mesh, undisturbed.path, folder) as process:
+        time.sleep(delay)
+        process.send_signal(how)
+        if kind == "command line":
+            process.wait(60)
+    with cache_at(folder / "cache"):
+        _see_that_nothing_is_lost(undisturbed, folder / "cache", from_proven, what)
+    remaining = {path.name for path in (folder / "tmp").iterdir()}
+    assert not {name for name in remaining if "meshmash" in name}, (what, remaining)
+    shutil.rmtree(folder)
+    return what
+
+
+def _see_that_nothing_is_lost(
+    undisturbed: Undisturbed, cache: Path, from_proven: bool, what: str
+) -> None:
+    mesh = undisturbed.mesh
+    stored = find_eigenpairs(mesh, OPERATOR, count=WANTED)
+    published: dict[Path, tuple[int, int]] = {}
+    before = np.zeros((0, mesh.n_vertices))
+    if stored is not None:
+        assert not stored.faults, (what, stored.faults)
+        published = {b.path: (b.path.stat().st_mtime_ns, b.start) for b in stored.batches}
+        before = np.array(stored.rows[: stored.n_converged])
+    if from_proven:
+        assert stored is not None, what
+        assert stored.n_proven >= PROVEN, what
+        np.testing.assert_array_equal(before[:PROVEN], undisturbed.first_rows, err_msg=what)
+    found = obtain_eigenpairs(mesh, OPERATOR, Target("count", WANTED))
+    assert not found.remark, (what, found.remark)
+    pairs = found.decomposition
+    assert pairs.complete, what
+    np.testing.assert_allclose(
+        pairs.eigenvalues, undisturbed.eigenvalues, rtol=1e-9, atol=1e-12, err_msg=what
+    )
+    heat = _heat_kernel(pairs.eigenvalues, pairs.rows)
+    np.testing.assert_allclose(heat, undisturbed.heat_kernel, rtol=1e-6, err_msg=what)
+    for path, (written, _) in published.items():
+        assert path.stat().st_mtime_ns == written, f"{what}: {path.name} was written again"
+    np.testing.assert_array_equal(pairs.rows[: len(before)], before, err_msg=what)
+    root = cache / "meshmash-viewer"
+    odd = [
+        str(path.relative_to(root))
+        for path in root.rglob("*")
+        if not _BELONGS.fullmatch(path.relative_to(root).as_posix())
+    ]
+    assert not odd, (what, odd)
+    size = next(root.rglob(ROWS)).stat().st_size
+    assert size == 8 * WANTED * mesh.n_vertices, (what, size)
+
+
+@contextmanager
+def cache_at(folder: Path) -> Iterator[None]:
+    """Let this process have its cache in a folder."""
+    with mock.patch.dict(os.environ, {"XDG_CACHE_HOME": str(folder)}):
+        yield
+
+
+@contextmanager
+def _running(kind: str, mesh: Mesh, path: Path, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """A process that computes the pairs, on its command line or as a window's worker."""
+    (folder / "tmp").mkdir(parents=True)
+    environment = os.environ | {
+        "XDG_CACHE_HOME": str(folder / "cache"),
+        "TMPDIR": str(folder / "tmp"),
+    }
+    if kind == "command line":
+        command = [sys.executable, "-m", "meshmash_viewer", "features", str(path)]
+        command += ["--kind", "hks", "--count", str(WANTED), "-o", str(folder / "hks.npz")]
+        with subprocess.Popen(
+            command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        ) as process:
+            yield process
+            return
+    passing = folder / "passing"
+    passing.mkdir()
+    with subprocess.Popen(
+        child_command(passing),
+        env=environment,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    ) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        wire = Wire(process.stdout, process.stdin, passing)
+        wire.send(("run", DecomposeJob(mesh, OPERATOR, Target("count", WANTED))))
+        listener = threading.Thread(target=_listen, args=(wire, process))
+        listener.start()
+        try:
+            yield process
+        finally:
+            # As a window that closes: SIGINT alone does not end its worker.
+            end_group(process.pid, 2.0)
+            listener.join()
+
+
+def _listen(wire: Wire, process: subprocess.Popen[bytes]) -> None:
+    """Take what the worker sends; end it when it has finished."""
+    with suppress(EOFError, OSError, ValueError):
+        while True:
+            kind, _ = wire.receive()  # type: ignore[misc]
+            if kind in ("finished", "failed", "cancelled"):
+                process.kill()
+                return
+
+
+def _heat_kernel(eigenvalues: FloatArray, rows: FloatArray) -> FloatArray:
+    times = np.array([1.0, 10.0, 100.0]) / eigenvalues[-1]
+    return np.exp(-np.outer(times, eigenvalues)) @ np.square(rows)
+
+
+def fill_once(undisturbed: Undisturbed, folder: Path, rng: np.random.Generator) -> str:
+    """Fill the disk with the cache at a random moment of a run on the command line.
+
+    The arguments are those of `kill_once`; the process has to be allowed to mount.
+
+    Raises
+    ------
+    AssertionError
+        If the run ended by a signal, without a sentence, or with another result.
+    """
+    needed = 8 * WANTED * undisturbed.mesh.n_vertices
+    size = int(needed * rng.uniform(0.05, 2.0)) + (1 << 16)
+    seconds = undisturbed.seconds["command line"]
+    delay = float(rng.uniform(0.0, 1.0)) * seconds
+    disk, out = folder / "disk", folder / "hks.npz"
+    disk.mkdir(parents=True)
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(disk)]
+    subprocess.run(mount, check=True)
+    try:
+        from_proven = bool(rng.integers(2)) and size > 0.5 * needed
+        if from_proven:
+            shutil.copytree(undisturbed.proven, disk, dirs_exist_ok=True)
+        command = [sys.executable, "-m", "meshmash_viewer", "features", str(undisturbed.path)]
+        command += ["--kind", "hks", "--count", str(WANTED), "-o", str(out)]
+        environment = os.environ | {"XDG_CACHE_HOME": str(disk)}
+        with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE) as process:
+            time.sleep(delay)
+            with suppress(OSError), (disk / "filling").open("wb", buffering=0) as file:
+                while process.poll() is None:
+                    file.write(bytes(1 << 14))
+            said = process.communicate()[1].decode()
+        what = f"exit {process.returncode}, {'a remark' if said.strip() else 'silent'}"
+        about = (what, f"{size / needed:.2f} of the room", f"{delay:.2f} s", said)
+        assert process.returncode == 0, about
+        assert "Traceback" not in said, about
+        with np.load(out) as written:
+            assert len(written["eigenvalues"]) == WANTED
+            np.testing.assert_allclose(
+                written["eigenvalues"], undisturbed.eigenvalues, rtol=1e-9, atol=1e-12
+            )
+        (disk / "filling").unlink()
+        with cache_at(disk):
+            stored = find_eigenpairs(undisturbed.mesh, OPERATOR, count=WANTED)
+            if from_proven:
+                assert stored is not None, about
+                np.testing.assert_array_equal(stored.rows[:PROVEN], undisturbed.first_rows)
+            if stored is not None:
+                assert not stored.faults, about
+        return what
+    finally:
+        subprocess.run(["umount", "-l", str(disk)], check=False)
+        shutil.rmtree(folder, ignore_errors=True)
