@@ -313,7 +313,7 @@ class Tests:
         found = [reach for reach in self._reaches if reach.functions & users]
         for modules in ([mutation.path], self._importers.get(mutation.path, [])):
             found = found or [reach for reach in self._reaches if reach.modules & set(modules)]
-        return found or self._reaches
+        return found
 
     def start(self, mutation: Mutation, tests: Sequence[Reach], copy: Path, patience: float) -> Run:
         """Put a fault into a new copy of the tree and run tests there.

@@ -166,6 +166,10 @@ def _try_all(
             while waiting and len(running) < options.jobs:
                 number, mutation = waiting.pop()
                 chosen = tests.noticing(mutation, options.seconds)
+                if not chosen:
+                    outcome[mutation] = None
+                    _say(f"{len(outcome)} of {len(mutations)}: {mutation}: entered by no test")
+                    continue
                 copy = copies / str(number)
                 run = tests.start(mutation, chosen, copy, patience=60.0)
                 running[mutation] = run, copy, len(chosen)

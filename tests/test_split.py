@@ -187,6 +187,34 @@ def test_one_blas_thread_each(sphere: Mesh) -> None:
         assert set(pools) <= {1}
 
 
+def test_a_worker_plans_for_its_own_core_alone(fine_sphere: Mesh) -> None:
+    from joblib import cpu_count
+
+    def signature(piece: Any) -> Any:
+        from meshmash_viewer.decompose import compute_hks
+
+        return compute_hks(piece, max_eigenvalue=300.0, t_min=0.02, t_max=0.2, n_components=3)
+
+    def planned(piece: Any) -> int:
+        """Slices that are computed at a time, where nobody says how many."""
+        from meshmash_viewer.engine.factorization import order_pencil
+        from meshmash_viewer.engine.pencil import reduce_pencil
+        from meshmash_viewer.engine.workers import worker_count
+        from meshmash_viewer.laplacian import cotangent_laplacian
+
+        return worker_count(order_pencil(reduce_pencil(*cotangent_laplacian(piece))), None, 300)
+
+    found = {}
+    for n_jobs in (1, 2):
+        stitcher = MeshStitcher(fine_sphere, n_jobs=n_jobs)
+        stitcher.split_mesh(1500)
+        assert len(stitcher.pieces) > 1
+        # Defined here, so that workers get their code and need not import this file.
+        assert set(stitcher.apply(planned, stitch=False)) == {cpu_count() if n_jobs == 1 else 1}
+        found[n_jobs] = stitcher.apply(signature)
+    np.testing.assert_array_equal(found[2], found[1])
+
+
 def test_one_and_two_dimensions_and_types(sphere: Mesh, neuron: Mesh) -> None:
     stitcher = MeshStitcher(sphere, n_jobs=1)
     stitcher.split_mesh(300)
