@@ -117,6 +117,7 @@ def test_given_times_are_kept_and_ascend():
         ({"t_min": -1.0}, "t_min is -1"),
         ({"t_max": 0.0}, "t_max is 0"),
         ({"t_max": np.nan}, "t_max is nan"),
+        ({"t_min": np.inf}, "t_min is inf"),
         ({"n_scales": 0}, "whole number"),
     ],
 )
@@ -125,6 +126,19 @@ def test_senseless_times_are_refused(arguments, words):
         hks_times(SPECTRUM, **arguments)
     with pytest.raises(InputError, match=words):
         get_hks_filter(**arguments)
+
+
+def test_a_bound_beyond_the_automatic_range_asks_for_the_other():
+    shortest, longest = hks_time_range(SPECTRUM)
+    for make in (lambda **t: hks_times(SPECTRUM, **t), lambda **t: get_hks_filter(**t)(SPECTRUM)):
+        with pytest.raises(InputError, match=r"longest time.* give t_max too"):
+            make(t_min=1.001 * longest)
+        with pytest.raises(InputError, match=r"shortest time.* give t_min too"):
+            make(t_max=0.999 * shortest)
+    assert hks_times(SPECTRUM, t_min=longest, n_scales=2).tolist() == [longest, longest]
+    assert hks_times(SPECTRUM, t_max=shortest, n_scales=2).tolist() == [shortest, shortest]
+    far = hks_times(SPECTRUM, 2.0 * longest, 4.0 * longest, 3)
+    np.testing.assert_allclose(far / longest, [2.0, 2.0**1.5, 4.0])
 
 
 def test_a_spectrum_of_zeros_has_no_scale():

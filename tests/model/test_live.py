@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from solved import spectrum_of
 from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.features import accumulate_features
 from meshmash_viewer.filters import bspline_bank, heat_kernel_bank, hks_time_range, hks_times
+from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import FieldKind, SimilarityBasis
 from meshmash_viewer.model.field import FieldRequest
@@ -250,3 +252,93 @@ def test_tables_outlast_the_proof_of_the_same_pairs(rectangle: Mesh) -> None:
     live.band(band_request(proven, 1))
     other = replace(spectrum, eigenvalues=spectrum.eigenvalues[:59])
     assert not live.prepared(band_request(other, 1))
+
+
+def other_pairs(spectrum: Spectrum) -> Spectrum:
+    """As many pairs of the same vertices, of another mesh or another operator."""
+    rows = np.ascontiguousarray(spectrum.rows[:, ::-1])
+    return replace(spectrum, rows=rows, eigenvalues=1.3 * spectrum.eigenvalues)
+
+
+def similarity_request(spectrum: Spectrum, vertex: int = 77) -> FieldRequest:
+    times = hks_time_range(spectrum.eigenvalues)
+    kind = FieldKind.SIMILARITY
+    return FieldRequest(spectrum, "", kind, times=times, scales=8, vertex=vertex)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(other_pairs, id="other pairs"),
+        pytest.param(
+            lambda s: replace(s, rows=np.ascontiguousarray(s.rows[:, ::-1])), id="other rows"
+        ),
+        pytest.param(lambda s: replace(s, preview=True), id="a preview"),
+        pytest.param(lambda s: replace(s, operator=OperatorOptions(robust=False)), id="operator"),
+        pytest.param(
+            lambda s: replace(s, eigenvalues=s.eigenvalues[:50], rows=s.rows[:50]), id="fewer"
+        ),
+    ],
+)
+def test_no_table_answers_for_another_spectrum(rectangle: Mesh, change: Any) -> None:
+    spectrum = spectrum_of(rectangle, 60)
+    times = hks_time_range(spectrum.eigenvalues)
+    live = LiveFeatures()
+    for asked in (
+        hks_request(spectrum, times[1]),
+        band_request(spectrum, 3),
+        similarity_request(spectrum),
+    ):
+        live.prepare(asked)
+    other = change(spectrum)
+
+    heat = hks_request(other, times[1])
+    assert not live.prepared(heat)
+    values, draft = live.heat_kernel(heat)
+    wanted = direct(other, np.exp(-other.eigenvalues * times[1])[None])[:, 0]
+    np.testing.assert_allclose(values, wanted, rtol=1e-5)
+    assert not draft
+
+    band = replace(band_request(spectrum, 3), spectrum=other)
+    assert not live.prepared(band)
+    bank = bspline_bank(*band.eigenvalues, band.band_count)
+    wanted = direct(other, bank(other.eigenvalues))[:, 3]
+    np.testing.assert_allclose(live.band(band)[0], wanted, rtol=1e-5)
+
+    similar = replace(similarity_request(spectrum), spectrum=other)
+    assert not live.prepared(similar)
+    assert live.similarity(similar) == (None, True)
+    live.prepare(similar)
+    bank = heat_kernel_bank(hks_times(other.eigenvalues, *similar.times, 8))
+    wanted = feature_distance(direct(other, bank(other.eigenvalues)), 77)
+    found, draft = live.similarity(similar)
+    assert found is not None
+    assert not draft
+    assert np.abs(found - wanted).max() < 4e-3 * wanted.max()
+
+
+def test_a_table_of_fewer_pairs_answers_for_more_as_a_draft_alone() -> None:
+    mesh = shapes.icosphere(5)  # large enough for a direct sum to be felt
+    rng = np.random.default_rng(5)
+    values = np.sort(rng.random(320)) * 300.0
+    rows = rng.standard_normal((320, mesh.n_vertices)).astype(np.float32)
+    whole = Spectrum(values, rows, np.zeros(320))
+    part = Spectrum(values[:200], rows, np.zeros(200))
+    live = LiveFeatures()
+    time = hks_time_range(values)[1]
+    asked = hks_request(part, time)
+    live.prepare(asked)
+    live.prepare(similarity_request(part))
+    # What was made of fewer is near, and shown until the sum over all is there.
+    assert live.heat_kernel(asked)[1] is False
+    assert live.heat_kernel(hks_request(whole, time))[1] is True
+    assert live.similarity(similarity_request(whole))[1] is True
+    wanted = direct(whole, np.exp(-values * time)[None])[:, 0]
+    live.prepare(hks_request(whole, time))
+    live.prepare(similarity_request(whole))
+    found, draft = live.heat_kernel(hks_request(whole, time))
+    assert not draft
+    assert np.abs(found - wanted).max() <= 2e-4 * wanted.max()
+    assert live.similarity(similarity_request(whole))[1] is False
+    bands = replace(similarity_request(whole), basis=SimilarityBasis.BANDS, eigenvalues=(0.0, 9.0))
+    assert live.similarity(bands) == (None, True)
