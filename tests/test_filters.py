@@ -237,3 +237,18 @@ def test_banks_travel_to_other_processes(bank):
     np.testing.assert_array_equal(copy(SPECTRUM), bank(SPECTRUM))
     with pytest.raises(InputError, match="1-D"):
         bank(SPECTRUM.reshape(8, 8))
+
+
+@pytest.mark.parametrize("width", [0.0, -1.0, np.inf, np.nan])
+def test_a_width_of_bands_is_positive_and_finite(width):
+    with pytest.raises(InputError, match="width of the energy bands"):
+        wave_kernel_bank(SPECTRUM, 10, width)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 12])
+def test_bands_are_centred_so_that_they_reproduce_the_eigenvalue(count):
+    # Splines of degree one and more do, weighed by their Greville points (Marsden 1970).
+    bank = bspline_bank(2.0, 7.0, count)
+    values = np.linspace(2.0, 7.0, 41)
+    np.testing.assert_allclose(bank.parameters @ bank(values), values, rtol=1e-12)
+    assert bspline_bank(2.0, 7.0, 1).parameters == [4.5]

@@ -127,6 +127,12 @@ def test_coincident_vertices_are_merged_into_the_first_of_each_place():
     np.testing.assert_array_equal(merged.faces, [[0, 1, 2], [1, 3, 2], [1, 3, 2]])
 
 
+def test_a_face_is_flat_by_its_longest_edge():
+    vertices = [[0.0, 0, 0], [1, 0, 0], [0.1, 5e-13, 0], [0.1, 5e-12, 0]]
+    mesh = Mesh(vertices, [[0, 1, 2], [0, 1, 3]])
+    np.testing.assert_array_equal(mesh.degenerate_faces, [True, False])
+
+
 def test_minus_zero_is_at_zero():
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [-0.0, 0, 0]])
     assert mesh_health(Mesh(vertices, [[0, 1, 2]])).coincident_vertices == 1

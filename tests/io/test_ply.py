@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.features import Features
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.io.write import write_features
@@ -49,3 +51,84 @@ def test_another_element_may_have_coordinates_too(tmp_path: Path) -> None:
     mesh = read_mesh(path)
     np.testing.assert_array_equal(mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
     np.testing.assert_array_equal(mesh.faces, [[0, 1, 2]])
+
+
+def write_text(path: Path, header: str, body: str) -> Path:
+    path.write_text(f"ply\nformat ascii 1.0\n{header}end_header\n{body}")
+    return path
+
+
+VERTEX = "element vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+SQUARE = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n"
+
+
+def test_lists_of_differing_length_beside_other_properties(tmp_path: Path) -> None:
+    header = (
+        VERTEX + "element face 2\nproperty float quality\n"
+        "property list uchar int flags\nproperty list uchar int vertex_indices\n"
+    )
+    body = SQUARE + "0.5 1 7 3 0 1 2\n0.25 2 7 8 4 0 1 2 3\n"
+    mesh = read_mesh(write_text(tmp_path / "mesh.ply", header, body))
+    np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 1, 2], [0, 2, 3]])
+    np.testing.assert_array_equal(mesh.vertices, [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+
+
+def test_binary_lists_of_differing_length_beside_other_properties(tmp_path: Path) -> None:
+    header = (
+        "ply\nformat binary_big_endian 1.0\n" + VERTEX + "element face 2\n"
+        "property short first\nproperty list ushort int vertex_indices\nproperty double last\n"
+        "end_header\n"
+    )
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=">f4")
+    body = points.tobytes()
+    for corners in ([0, 1, 2], [0, 1, 2, 3]):
+        body += np.array([9], dtype=">i2").tobytes() + np.array([len(corners)], ">u2").tobytes()
+        body += np.array(corners, dtype=">i4").tobytes() + np.array([1.5], dtype=">f8").tobytes()
+    path = tmp_path / "mesh.ply"
+    path.write_bytes(header.encode() + body)
+    np.testing.assert_array_equal(read_mesh(path).faces, [[0, 1, 2], [0, 1, 2], [0, 2, 3]])
+
+
+@pytest.mark.parametrize(
+    ("header", "body", "words"),
+    [
+        (
+            VERTEX + "element face 1\nproperty int vertex_indices\n",
+            SQUARE + "3\n",
+            "faces without a list of vertex indices",
+        ),
+        (
+            VERTEX + "element face 1\nproperty list uchar int corners\n",
+            SQUARE + "3 0 1 2\n",
+            "faces without a list of vertex indices",
+        ),
+        (
+            VERTEX + "element face 2\nproperty list uchar int vertex_indices\n",
+            SQUARE + "3 0\n",
+            "promises 2 of its element 'face' but ends after 0",
+        ),
+        (
+            VERTEX + "element face 2\nproperty list uchar int vertex_indices\n",
+            SQUARE + "3 0 1 2\n4 0 1\n",
+            "promises 2 of its element 'face' but ends after 1",
+        ),
+        (
+            "element vertex 1\nproperty float x\nproperty float y\n",
+            "0 0\n",
+            "vertices without x, y and z",
+        ),
+        (
+            "element vertex 1\nproperty float x\nproperty float y\nproperty list uchar float z\n",
+            "0 0 1 0\n",
+            "vertices without x, y and z",
+        ),
+        (
+            VERTEX + "element face 1\nproperty list char int vertex_indices\n",
+            SQUARE + "-3 0 1 2\n",
+            "a list of -3 entries",
+        ),
+    ],
+)
+def test_what_a_ply_file_lacks_is_named(header: str, body: str, words: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=words):
+        read_mesh(write_text(tmp_path / "mesh.ply", header, body))
