@@ -175,7 +175,7 @@ def _children(node: ast.AST) -> Iterator[ast.AST]:
         for child in value if isinstance(value, list) else [value]:
             if not isinstance(child, ast.AST) or _is_idle(child):
                 continue
-            if isinstance(child, ast.arg):
+            if isinstance(child, ast.arg) or (_is_any_length(child) and _is_shape(node)):
                 continue
             yield child
 
@@ -198,6 +198,15 @@ def _is_idle(node: ast.AST) -> bool:
     if isinstance(node, ast.Call):
         return _name_of(node.func) in _SPOKEN | _DANGEROUS
     return False
+
+
+def _is_any_length(node: ast.AST) -> bool:
+    return isinstance(node, ast.UnaryOp) and ast.unparse(node) == "-1"
+
+
+def _is_shape(node: ast.AST) -> bool:
+    """Whether -1 in here is the length that numpy finds by itself, as any other below 0 is."""
+    return isinstance(node, ast.Call) and _name_of(node.func) == "reshape"
 
 
 def _name_of(function: ast.expr) -> str:

@@ -342,3 +342,77 @@ def test_a_table_of_fewer_pairs_answers_for_more_as_a_draft_alone() -> None:
     assert live.similarity(similarity_request(whole))[1] is False
     bands = replace(similarity_request(whole), basis=SimilarityBasis.BANDS, eigenvalues=(0.0, 9.0))
     assert live.similarity(bands) == (None, True)
+
+
+def test_each_table_counts_its_bytes(rectangle: Mesh) -> None:
+    spectrum = spectrum_of(rectangle, 60)
+    n, live, seen = rectangle.n_vertices, LiveFeatures(), [0]
+    assert live.nbytes == 0
+    asked = (hks_request(spectrum, 1.0), band_request(spectrum, 0), similarity_request(spectrum))
+    for one in asked:
+        live.prepare(one)
+        seen.append(live.nbytes)
+    heat, bands, similarity = np.diff(seen)
+    assert live.heat_table is not None
+    assert heat == live.heat_table.nbytes >= 2 * n * live.heat_table.n_nodes
+    assert bands == 4 * n * 12
+    assert 2 * n <= similarity <= 2 * n * 9
+    live.forget()
+    assert live.heat_table is None
+
+
+def test_expected_bytes_are_what_is_documented() -> None:
+    for count in (8, 32, 100):
+        columns = 58 / 2 + count + max(count, 32) / 2 + 4
+        assert expected_bytes(1000, count) == 4 * 1000 * columns
+
+
+def test_what_needs_no_table_is_prepared(rectangle: Mesh) -> None:
+    spectrum, live = spectrum_of(rectangle, 60), LiveFeatures()
+    asked = FieldRequest(spectrum, "", FieldKind.EIGENFUNCTION, index=4)
+    assert live.prepared(asked)
+    live.prepare(asked)
+    assert live.nbytes == 0
+    for one in (hks_request(spectrum, 1.0), band_request(spectrum, 0)):
+        assert not live.prepared(one)
+    live.prepare(hks_request(spectrum, 1.0))
+    assert not live.prepared(similarity_request(spectrum))
+    far = replace(hks_request(spectrum, 1.0), times=(1e-6, 1e6))
+    assert not live.prepared(far)
+    live.prepare(far)
+    assert live.prepared(far)
+    assert live.prepared(hks_request(spectrum, 1.0))
+
+
+def test_a_vertex_far_from_all_others_knows_its_distances(rectangle: Mesh) -> None:
+    """Its coordinates do not fit into 16 bits: they are kept apart, for both ends of a distance."""
+    spectrum = spectrum_of(rectangle, 60)
+    rows = np.array(spectrum.rows)
+    specks = [3, 70, 400]
+    rows[:, specks] *= np.array([100.0, 150.0, 150.0])
+    rows[:, 11] = np.nan
+    spiked = replace(spectrum, rows=rows)
+    asked = replace(similarity_request(spiked), times=(0.01, 1.0))
+    live = LiveFeatures()
+    live.prepare(asked)
+    features = direct(spiked, heat_kernel_bank(np.geomspace(0.01, 1.0, 8))(spiked.eigenvalues))
+    for vertex in (3, 70, 77):
+        found, _ = live.similarity(replace(asked, vertex=vertex))
+        assert found is not None
+        wanted = feature_distance(features, vertex)
+        assert found[vertex] == 0.0
+        assert np.isnan(found[11])
+        np.testing.assert_allclose(found[specks], wanted[specks], rtol=1e-2, atol=1e-3)
+        assert np.nanmax(np.abs(found - wanted)) < 1e-2 * np.nanmax(wanted)
+
+
+def test_at_times_when_nothing_is_left_the_signature_is_that_of_the_null_space(
+    rectangle: Mesh,
+) -> None:
+    spectrum = spectrum_of(rectangle, 60)
+    live = LiveFeatures()
+    asked = replace(hks_request(spectrum, 1e5), times=(1e-2, 1e6))  # exp(-λ t) is 0 long before
+    live.prepare(asked)
+    values, draft = live.heat_kernel(asked)
+    assert not draft
+    np.testing.assert_allclose(values, 1.0 / rectangle.area, rtol=1e-5)
