@@ -17,6 +17,7 @@ from test_eigensolver import check, torus
 from meshmash_viewer.eigensolver import solve
 from meshmash_viewer.engine import dissection
 from meshmash_viewer.engine.dissection import nested_dissection
+from meshmash_viewer.engine.symbolic import elimination_order
 from meshmash_viewer.progress import Cancelled
 
 pytest.importorskip("pymetis")
@@ -121,3 +122,13 @@ def test_without_metis_the_pairs_are_the_same(monkeypatch: pytest.MonkeyPatch) -
     mass = matrices[1].diagonal()
     cosines = scipy.linalg.svdvals((found.rows * mass) @ with_metis.rows.T)
     assert cosines.min() > 1.0 - 1e-9
+
+
+def test_without_metis_the_order_still_saves_fill(monkeypatch: pytest.MonkeyPatch) -> None:
+    graph = grid(40, 30)
+    laplacian = sp.csc_array(6.0 * sp.eye_array(graph.shape[0]) - graph)
+    with_metis = fill(graph, elimination_order(laplacian))
+    monkeypatch.setitem(sys.modules, "pymetis", None)
+    order = elimination_order(laplacian)
+    np.testing.assert_array_equal(np.sort(order), np.arange(graph.shape[0]))
+    assert fill(graph, order) < 1.5 * with_metis < 0.7 * fill(graph, np.arange(graph.shape[0]))
