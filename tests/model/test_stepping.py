@@ -89,6 +89,6 @@ def test_steps_of_a_time_chosen_by_hand_end_at_the_range(document: Document) -> 
 def test_zeros_have_no_time_to_step_through() -> None:
     document = Document()
     document.display.kind = FieldKind.HKS
-    document.accept_spectrum(Spectrum(np.zeros(3), np.zeros((3, 3)), np.zeros(3), complete=True))
+    document.accept_spectrum(Spectrum(np.zeros(3), np.zeros((3, 3)), np.zeros(3)))
     assert not step(document, 1)
     assert document.display.time is None
