@@ -194,7 +194,8 @@ def _is_idle(node: ast.AST) -> bool:
     if isinstance(node, ast.FunctionDef):
         return any("overload" in ast.unparse(mark) for mark in node.decorator_list)
     if isinstance(node, ast.keyword):
-        return node.arg in ("message", "unit_label", "name", "help", "doc", "prefix", "stage")
+        # What zip asserts, and what is text for a reader.
+        return node.arg in ("strict", "message", "name", "help", "prefix", "stage")
     if isinstance(node, ast.Call):
         return _name_of(node.func) in _SPOKEN | _DANGEROUS
     return False

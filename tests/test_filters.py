@@ -252,3 +252,24 @@ def test_bands_are_centred_so_that_they_reproduce_the_eigenvalue(count):
     values = np.linspace(2.0, 7.0, 41)
     np.testing.assert_allclose(bank.parameters @ bank(values), values, rtol=1e-12)
     assert bspline_bank(2.0, 7.0, 1).parameters == [4.5]
+
+
+@pytest.mark.parametrize("scale", [2.0**-20, 2.0**20])
+def test_the_parameter_of_a_column_has_the_power_of_the_unit_that_is_stated(scale):
+    """Lengths times a scale: eigenvalues are divided by its square."""
+
+    def banks(unit):
+        spectrum, high = SPECTRUM / unit**2, SPECTRUM[-1] / unit**2
+        return [
+            heat_kernel_bank(hks_times(spectrum, n_scales=4)),
+            wave_kernel_bank(spectrum, 4),
+            bspline_bank(0.0, high, 4),
+            low_pass_bank(0.5 * high),
+            band_pass_bank(0.2 * high, 0.5 * high),
+            gaussian_pyramid_bank(1.0 / high * np.array([1.0, 4.0])),
+        ]
+
+    for bank, scaled in zip(banks(1.0), banks(scale), strict=True):
+        wanted = bank.parameters * scale**bank.parameter_power
+        np.testing.assert_allclose(scaled.parameters, wanted, rtol=1e-9)
+        assert bank.kind == scaled.kind

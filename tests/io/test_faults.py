@@ -101,3 +101,14 @@ def test_what_a_library_says_of_a_broken_file_is_passed_on(tmp_path: Path) -> No
     path.write_text('<?xml version="1.0"?><GIFTI><DataArray></GIFTI>')
     with pytest.raises(InputError, match=r"is not readable \(\w+ .*\)"):  # more than its type
         read_mesh(path)
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "1e400"])
+def test_a_coordinate_of_a_text_stl_that_is_not_finite(value: str, tmp_path: Path) -> None:
+    path = tmp_path / "mesh.stl"
+    facet = "facet normal 0 0 1\nouter loop\n{}endloop\nendfacet\n"
+    good = "vertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
+    bad = f"vertex 0 0 0\nvertex 1 0 {value}\nvertex 0 1 1\n"
+    path.write_text(f"solid a\n{facet.format(good)}{facet.format(bad)}endsolid a\n")
+    with pytest.raises(InputError, match="not finite"):
+        read_mesh(path)

@@ -132,3 +132,22 @@ def test_binary_lists_of_differing_length_beside_other_properties(tmp_path: Path
 def test_what_a_ply_file_lacks_is_named(header: str, body: str, words: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=words):
         read_mesh(write_text(tmp_path / "mesh.ply", header, body))
+
+
+@pytest.mark.parametrize(
+    ("said", "unit"),
+    [
+        ('{"mesh": {"unit": "nm"}}', "nm"),
+        ('{"mesh": {"unit": ""}}', ""),
+        ('{"mesh": {"unit": "furlong"}}', ""),
+        ('{"mesh": {"unit": 8}}', ""),
+        ('{"mesh": "nm"}', ""),
+        ("by hand", ""),
+    ],
+)
+def test_a_unit_is_taken_from_our_own_comment_if_it_is_one(
+    said: str, unit: str, tmp_path: Path
+) -> None:
+    header = f"comment meshmash-viewer {said}\n" + VERTEX
+    header += "element face 1\nproperty list uchar int vertex_indices\n"
+    assert read_mesh(write_text(tmp_path / "mesh.ply", header, SQUARE + "3 0 1 2\n")).unit == unit

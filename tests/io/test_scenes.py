@@ -62,14 +62,26 @@ def test_a_mesh_is_turned_mirrored_and_moved_as_the_scene_says(
     assert volume(mesh) == pytest.approx(abs(np.linalg.det(linear)), rel=1e-5)
 
 
-def test_every_mesh_of_a_scene_has_its_own_place(tmp_path: Path) -> None:
-    places = [placement(np.eye(3)), placement(TURN, (10, 0, 0)), placement(MIRROR, (0, 10, 0))]
-    write_scene(tmp_path / "scene.glb", *places)
+def test_every_mesh_of_a_scene_has_its_own_corners_and_its_own_place(tmp_path: Path) -> None:
+    import trimesh
+
+    box = trimesh.creation.box((1.0, 2.0, 3.0))
+    ball = trimesh.creation.icosphere(subdivisions=1, radius=2.0)
+    parts = [
+        (trimesh.Trimesh(VERTICES, FACES, process=False), placement(np.eye(3))),
+        (box, placement(TURN, (10, 0, 0))),
+        (ball, placement(MIRROR, (0, 10, 0))),
+    ]
+    scene = trimesh.Scene()
+    for part, place in parts:
+        scene.add_geometry(part, transform=place)
+    (tmp_path / "scene.glb").write_bytes(scene.export(file_type="glb"))
     mesh = read_mesh(tmp_path / "scene.glb")
-    wanted = [VERTICES @ place[:3, :3].T + place[:3, 3] for place in places]
+    wanted = [part.vertices @ place[:3, :3].T + place[:3, 3] for part, place in parts]
     np.testing.assert_allclose(rows(mesh.vertices), rows(np.concatenate(wanted)), atol=1e-5)
-    assert (mesh.n_faces, mesh.n_components) == (12, 3)
-    assert volume(mesh) == pytest.approx(3.0, rel=1e-5)
+    assert (mesh.n_faces, mesh.n_components) == (4 + 12 + 80, 3)
+    assert volume(mesh) == pytest.approx(1.0 + box.volume + ball.volume, rel=1e-5)
+    assert mesh.area == pytest.approx(sum(part.area for part, _ in parts), rel=1e-5)
 
 
 def test_a_corner_that_no_vertex_has_is_named(tmp_path: Path) -> None:

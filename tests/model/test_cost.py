@@ -59,3 +59,14 @@ def test_memory_is_that_of_the_solver() -> None:
     assert decomposition_bytes(10_000, 99.7, 3) == estimate_memory(10_000, 70_000, 100, n_null=3)
     assert decomposition_bytes(900, 1e9) == estimate_memory(900, 6300, 900)
     assert decomposition_bytes(900, 0.1) == estimate_memory(900, 6300, 1)
+
+
+@pytest.mark.parametrize(
+    ("n_vertices", "n_pairs", "n_jobs", "measured"),
+    [(50_000, 300, 2, 491e6), (50_000, 300, 1, 354e6), (265_000, 300, 2, 2493e6)],
+)
+def test_predicted_memory_is_what_was_measured(
+    n_vertices: int, n_pairs: int, n_jobs: int, measured: float
+) -> None:
+    predicted = estimate_memory(n_vertices, 7 * n_vertices, n_pairs, n_jobs)
+    assert predicted == pytest.approx(measured, rel=0.35)
