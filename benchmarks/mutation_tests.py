@@ -7,6 +7,7 @@ in a copy of the tree of its own, so that processes which tests start see the fa
 from __future__ import annotations
 
 import ast
+import hashlib
 import json
 import os
 import resource
@@ -68,7 +69,10 @@ def import_what_is_slow() -> None:
 
 
 def copy_tree(root: Path, copy: Path) -> None:
-    """Copy what git knows or would add, with its times, which compiled kernels go by."""
+    """Copy what git knows or would add, with its times, which compiled kernels go by.
+
+    Over an older copy, whose test files that have gone go too.
+    """
     listed = subprocess.run(
         ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
         cwd=root,
@@ -76,6 +80,8 @@ def copy_tree(root: Path, copy: Path) -> None:
         capture_output=True,
         text=True,
     ).stdout
+    for old in (copy / "tests").rglob("test_*.py"):
+        old.unlink()
     for name in filter(None, listed.split("\0")):
         source = root / name
         if source.is_file() and not source.is_symlink():
@@ -254,25 +260,28 @@ class Tests:
 
     @classmethod
     def recorded(cls, tree: Path, record: Path, say: Callable[[str], None]) -> Tests:
-        """Run every test once, and write down what it reaches; what fails here is left out."""
-        if not record.exists():
-            say("recording which functions each test enters: once for a state of the tree")
-            files = sorted(
-                str(path.relative_to(tree))
-                for path in (tree / "tests").rglob("test_*.py")
-                if "app" not in path.parts
-            )
-            partial = record.with_suffix(".partial")
-            recorder = _Recorder(tree, partial)
-            run = Run(tree, files, 3600.0, recorder, first_failure=False)
-            while (status := run.status()) is None:
-                time.sleep(0.1)
-            if status not in (PASSED, FAILED):
-                raise SystemExit(f"the tests ended with {status}: see {run.log}")
-            partial.rename(record)
+        """Run the tests of every file that has changed since, and write down what each reaches.
+
+        What fails here is left out.
+        """
+        files = {
+            str(path.relative_to(tree)): hashlib.sha256(path.read_bytes()).hexdigest()
+            for path in sorted((tree / "tests").rglob("test_*.py"))
+            if "app" not in path.parts
+        }
+        known = json.loads(record.read_text()) if record.exists() else {}
+        known = {file: entry for file, entry in known.items() if entry["digest"] == files.get(file)}
+        if missing := [file for file in files if file not in known]:
+            say(f"recording which functions the tests of {len(missing)} files enter")
+            for file in missing:
+                known[file] = {"digest": files[file], "tests": []}
+            for test, *found in _record(tree, missing):
+                known[test.partition("::")[0]]["tests"].append([test, *found])
+            record.write_text(json.dumps(known))
         reaches = []
-        for line in record.read_text().splitlines():
-            test, seconds, passed, functions = json.loads(line)
+        for test, seconds, passed, functions in (
+            found for entry in known.values() for found in entry["tests"]
+        ):
             if passed:
                 reaches.append(Reach(test, seconds, frozenset(functions)))
             else:
@@ -357,6 +366,17 @@ def noticed_by(run: Run, status: int) -> str | None:
         raise RuntimeError(f"no test was found: {lines[-5:]}")
     named = [line for line in lines if line.startswith(("FAILED", "ERROR"))]
     return named[0].split(" - ")[0] if named else f"exit status {status}"
+
+
+def _record(tree: Path, files: Sequence[str]) -> list[Any]:
+    """Tests of some files: name, seconds, whether it passed, functions entered."""
+    record = tree / "record.txt"
+    run = Run(tree, files, 3600.0, _Recorder(tree, record), first_failure=False)
+    while (status := run.status()) is None:
+        time.sleep(0.1)
+    if status not in (PASSED, FAILED):
+        raise SystemExit(f"the tests ended with {status}: see {run.log}")
+    return [json.loads(line) for line in record.read_text().splitlines()]
 
 
 def _file(reach: Reach) -> str:

@@ -15,6 +15,7 @@ import hashlib
 import os
 import random
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -50,7 +51,7 @@ def main() -> int:
             print(f"{'=' if reasons[mutation] else ' '} {mutation}")
         return 0
     import_what_is_slow()
-    base = _base(source)
+    base = _base()
     tests = Tests.recorded(base / "tree", base / "reach.json", _say)
     outcome = _try_all(
         [mutation for mutation in chosen if reasons[mutation] is None], tests, base, options
@@ -136,18 +137,14 @@ def _reason(mutation: Mutation, equivalent: list[dict[str, str]]) -> str | None:
     return None
 
 
-def _base(source: dict[str, bytes]) -> Path:
-    """A copy of the tree as it is, kept until it changes: kernels compiled, tests recorded."""
+def _base() -> Path:
+    """A copy of the tree, kernels compiled and tests recorded, kept until a module changes."""
     digest = hashlib.sha256()
-    for path in sorted(
-        [*(ROOT / "tests").rglob("*.py"), *(ROOT / "meshmash_viewer").rglob("*.py")]
-    ):
+    tests = [path for path in (ROOT / "tests").rglob("*.py") if not path.stem.startswith("test_")]
+    for path in sorted([*tests, *(ROOT / "meshmash_viewer").rglob("*.py")]):
         digest.update(str(path.relative_to(ROOT)).encode() + b"\0" + path.read_bytes())
     base = Path(tempfile.gettempdir()) / f"meshmash-mutations-{digest.hexdigest()[:16]}"
-    if not base.exists():
-        making = Path(tempfile.mkdtemp(prefix="meshmash-mutations-making-"))
-        copy_tree(ROOT, making / "tree")
-        making.rename(base)
+    copy_tree(ROOT, base / "tree")
     return base
 
 
@@ -180,7 +177,8 @@ def _try_all(
                     continue
                 outcome[mutation] = noticed_by(run, status)
                 del running[mutation]
-                shutil.rmtree(copy, ignore_errors=True)
+                # Not waited for: a fault may have left a million files.
+                subprocess.Popen(["rm", "-rf", str(copy)])
                 said = outcome[mutation] or f"SURVIVED {n_tests} tests"
                 now = f"{time.perf_counter() - began:.0f} s"
                 _say(f"{len(outcome)} of {len(mutations)}, {now}: {mutation}: {said}")
