@@ -26,6 +26,7 @@ from meshmash_viewer.arguments import (
     command_parser,
     window_parser,
 )
+from meshmash_viewer.engine.compiler import check_compiler
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import Cancelled, Progress
 
@@ -62,9 +63,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     commands = {"info": _info, "features": _features, "render": _render}
     try:
         if arguments and arguments[0] in commands:
+            command = commands[arguments[0]]
             options = command_parser().parse_args(arguments)
-            return commands[arguments[0]](options)
-        return _window(window_parser().parse_args(arguments))
+        else:
+            command, options = _window, window_parser().parse_args(arguments)
+        check_compiler()
+        return command(options)
     except (KeyboardInterrupt, Cancelled):
         _say("interrupted")
         return _INTERRUPTED

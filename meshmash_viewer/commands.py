@@ -109,18 +109,19 @@ def describe(mesh: Mesh, target: Target) -> dict[str, Any]:
         for, and what the store of eigenpairs knows of the default Laplacian.
     """
     from meshmash_viewer.health import median_edge_length, mesh_health
-    from meshmash_viewer.io.spectrum import find_spectrum
-    from meshmash_viewer.io.store import EigenpairStore
+    from meshmash_viewer.io.spectrum import find_eigenpairs
     from meshmash_viewer.model.translation import Translation
 
     health = mesh_health(mesh)
     low, high = mesh.bounds
     n = health.n_vertices - health.unreferenced_vertices
     translation = Translation(health.area, n_vertices=n)
-    found = find_spectrum(EigenpairStore.open_or_create(mesh, OperatorOptions()), target)
-    if found is not None:
+    stored = find_eigenpairs(mesh, OperatorOptions())
+    count = None if stored is None else stored.covers(target)
+    if stored is not None and count is not None:
         bound = target.max_eigenvalue or 0.0
-        translation = replace(translation, eigenvalues=found.eigenvalues, known_to=bound)
+        known = stored.eigenvalues[:count]
+        translation = replace(translation, eigenvalues=known, known_to=bound)
     reach = {
         "n_eigenpairs": translation.count(target),
         "max_eigenvalue": translation.eigenvalue(target),

@@ -110,9 +110,18 @@ def hks_times(
     check_times(t_min, t_max)
     if t_min is None or t_max is None:
         shortest, longest = hks_time_range(eigenvalues, area)
+        if t_min is not None and t_min > longest:
+            raise InputError(
+                f"t_min ({t_min:.4g}) is above {longest:.4g}, the longest time at which anything"
+                " still changes, where t_max would be: give t_max too."
+            )
+        if t_max is not None and t_max < shortest:
+            raise InputError(
+                f"t_max ({t_max:.4g}) is below {shortest:.4g}, the shortest time that these"
+                " eigenvalues resolve, where t_min would be: give t_min too, or more eigenpairs."
+            )
         t_min = shortest if t_min is None else t_min
         t_max = longest if t_max is None else t_max
-        check_times(t_min, t_max)
     return np.geomspace(t_min, t_max, n_scales)
 
 

@@ -5,10 +5,9 @@ Imported when a preview is made; nothing else needs the compiler. All release th
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
-from meshmash_viewer.engine import compilation as _compilation  # noqa: F401  before any kernel
+from meshmash_viewer.engine.compilation import numba
 
 __all__ = ["border_flows", "interpolate", "join_nearest", "nearest_seeds"]
 

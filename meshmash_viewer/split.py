@@ -10,6 +10,7 @@ from __future__ import annotations
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from typing import Any, Literal, TypeAlias, overload
 
 import numpy as np
@@ -166,7 +167,8 @@ class MeshStitcher:
         Parameters
         ----------
         function : callable
-            Takes ``(vertices, faces)`` of a piece; may be a lambda. It runs with one BLAS thread.
+            Takes ``(vertices, faces)`` of a piece; may be a lambda. It runs with one BLAS thread,
+            and where pieces are worked on side by side, what it solves takes one core.
             To be stitched, it returns a value or a row of values for each vertex: shape (n_i,)
             or (n_i, f).
         stitch : bool
@@ -214,8 +216,9 @@ class MeshStitcher:
         After a failure or a cancel no further piece is handed out, and those that are being worked
         on are waited for: to abort them would kill workers that others may share.
         """
-        from joblib import Parallel, delayed
+        from joblib import Parallel, delayed, effective_n_jobs
 
+        alone = effective_n_jobs(self.n_jobs) == 1
         stopped = cancel is not None and cancel()
         outcome: Exception | None = Cancelled() if stopped else None
 
@@ -227,7 +230,7 @@ class MeshStitcher:
                     f"piece {number + 1} of {len(self.pieces)} ({len(piece)} vertices, "
                     f"the first is vertex {piece[0]})"
                 )
-                yield delayed(_call)(function, self.piece_mesh(number), name)
+                yield delayed(_call)(function, self.piece_mesh(number), name, alone)
 
         # max_nbytes=None: the function gets arrays of its own, not read-only maps of a file.
         parallel = Parallel(
@@ -301,12 +304,17 @@ class _FacesOfVertices:
         return np.asarray(local[(local >= 0).all(axis=1)])
 
 
-def _call(function: Callable[[PieceMesh], Any], piece: PieceMesh, name: str) -> Any:
-    """Run in the worker, with one BLAS thread; a failure comes back as a `PieceError`."""
+def _call(function: Callable[[PieceMesh], Any], piece: PieceMesh, name: str, alone: bool) -> Any:
+    """Run in the worker, with one BLAS thread; a failure comes back as a `PieceError`.
+
+    Unless alone, the worker has one core, and what it calls must not plan for those of the others.
+    """
+    from joblib import parallel_config
     from threadpoolctl import threadpool_limits
 
+    share = nullcontext() if alone else parallel_config(backend="sequential")
     try:
-        with threadpool_limits(limits=1), warnings.catch_warnings():
+        with share, threadpool_limits(limits=1), warnings.catch_warnings():
             # A piece that gathers small components has nothing but constants to offer.
             warnings.simplefilter("ignore", ConstantFeaturesWarning)
             return function(piece)

@@ -68,3 +68,13 @@ def test_scattered_vertices_are_in_faces(neuron: Mesh) -> None:
         some = scatter(neuron.faces, count)
         assert len(some.representatives) == min(count, neuron.n_faces) // 3 * 3
         assert neuron.referenced[some.representatives].all()
+
+
+@pytest.mark.parametrize("count", [300, 1000])
+def test_about_as_many_cells_are_met_as_asked_for_whatever_the_shape(count: int) -> None:
+    line = np.linspace(0.0, 100.0, 900)
+    path = np.stack([line, 0.0 * line, 0.0 * line], axis=1)
+    thin = Mesh(*shapes.tube(path, np.full((900, 12), 1.0), around=12))
+    for mesh in (thin, shapes.icosphere(5), shapes.rectangle(80, 60)):
+        coarse = cluster_vertices(mesh.vertices, mesh.faces, count)
+        assert 0.6 * count < len(coarse.representatives) < 1.6 * count

@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 CODE = """
 import os
 {patch}
@@ -31,3 +33,68 @@ def test_an_account_that_can_write_nowhere_gets_a_place_that_goes_with_the_proce
     folder = place("os.access = lambda *_: False").strip()
     assert "meshmash-kernels-" in folder
     assert not Path(folder).exists()
+
+
+WITHOUT = """
+import sys
+sys.modules["numba"] = None
+import meshmash_viewer as mv
+from meshmash_viewer.errors import InputError
+mesh = mv.Mesh([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2]])
+L, M = mv.cotangent_laplacian(mesh)
+def heat_table():
+    import numpy as np
+    from meshmash_viewer.model.compiled import field_kernels
+    field_kernels()
+def preview():
+    from meshmash_viewer.preview import preview_eigenpairs
+    preview_eigenpairs(mesh, 4)
+"""
+SENTENCE = "numba, which compiles the eigensolver, is missing; install it"
+
+
+def without_compiler(code: str) -> subprocess.CompletedProcess[str]:
+    run = [sys.executable, "-c", WITHOUT + code]
+    return subprocess.run(run, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize(
+    "work",
+    [
+        "mv.solve(L, M, 2)",
+        "list(mv.iterate(L, M, 2))",
+        "mv.compute_hks(mesh, max_eigenvalue=1.0)",
+        "heat_table()",
+        "preview()",
+        "mv.view(mesh)",
+    ],
+)
+def test_without_a_compiler_what_needs_it_says_so_at_once(work: str) -> None:
+    ended = without_compiler(f"try:\n    {work}\nexcept InputError as fault:\n    print(fault)")
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout.startswith(SENTENCE)
+    assert len(ended.stdout.splitlines()) == 1
+
+
+@pytest.mark.parametrize("arguments", [["info", "a.ply"], ["features", "a.ply", "-o", "b"], []])
+def test_without_a_compiler_the_command_ends_at_its_start(arguments: list[str]) -> None:
+    ended = without_compiler(f"from meshmash_viewer.cli import main\nsys.exit(main({arguments}))")
+    assert ended.returncode == 2
+    assert ended.stderr.startswith(f"meshmash-viewer: {SENTENCE}")
+    assert len(ended.stderr.splitlines()) == 1
+    # What needs no compiler is still there.
+    ended = without_compiler("from meshmash_viewer.cli import main\nmain(['--help'])")
+    assert ended.returncode == 0
+    assert "usage" in ended.stdout
+
+
+def test_a_compiler_that_does_not_work_beside_what_is_installed_says_why(tmp_path: Path) -> None:
+    (tmp_path / "numba.py").write_text("raise ImportError('Numba needs NumPy 2.2 or less')")
+    code = "try:\n    from meshmash_viewer.engine import compilation\n"
+    code += "except InputError as fault:\n    print(fault)"
+    header = WITHOUT.replace(
+        'sys.modules["numba"] = None', f"sys.path.insert(0, {str(tmp_path)!r})"
+    )
+    run = [sys.executable, "-c", header + code]
+    printed = subprocess.run(run, capture_output=True, text=True, check=True).stdout
+    assert "does not work here (Numba needs NumPy 2.2 or less); install it" in printed

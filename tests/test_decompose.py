@@ -559,3 +559,19 @@ def test_names_order_and_defaults_are_the_documented_ones(name):
         else:
             written.append(f"{parameter.name}={default!r}")
     assert ", ".join(written) == SIGNATURES[name]
+
+
+def test_the_mollification_asked_for_is_the_one_of_the_operator() -> None:
+    ball = shapes.icosphere(2)
+    mesh = Mesh(ball.vertices * [1.0, 1.0, 1e-3], ball.faces)  # slivers, or it would do nothing
+    times = {"t_min": 0.4, "t_max": 1.0, "n_components": 3}
+    operators = [cotangent_laplacian(mesh, robust=True, mollify_factor=f)[0] for f in (1e-5, 0.3)]
+    assert abs(operators[0] - operators[1]).max() > 1e-3
+    for factor in (1e-5, 0.3):
+        matrices = cotangent_laplacian(mesh, robust=True, mollify_factor=factor)
+        wanted = compute_hks(matrices, max_eigenvalue=50.0, **times)
+        found = compute_hks(mesh, max_eigenvalue=50.0, mollify_factor=factor, **times)
+        np.testing.assert_array_equal(found, wanted)
+    plain = compute_hks(cotangent_laplacian(mesh), max_eigenvalue=50.0, **times)
+    found = compute_hks(mesh, max_eigenvalue=50.0, robust=False, **times)
+    np.testing.assert_array_equal(found, plain)

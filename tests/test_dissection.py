@@ -10,10 +10,14 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
+import scipy.linalg
 import scipy.sparse as sp
+from test_eigensolver import check, torus
 
+from meshmash_viewer.eigensolver import solve
 from meshmash_viewer.engine import dissection
 from meshmash_viewer.engine.dissection import nested_dissection
+from meshmash_viewer.engine.symbolic import elimination_order
 from meshmash_viewer.progress import Cancelled
 
 pytest.importorskip("pymetis")
@@ -103,3 +107,28 @@ def test_a_crew_that_nobody_asks_leaves_nothing(monkeypatch: pytest.MonkeyPatch)
     del crew
     gc.collect()
     assert len(psutil.Process().children(recursive=True)) == children
+
+
+def test_without_metis_the_pairs_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    matrices, exact = torus(45, 40, 1.0, 1.2)
+    assert exact[79] - exact[78] > 1.0  # 79 pairs end with a whole multiplet
+    with_metis = solve(*matrices, 79)
+    monkeypatch.setitem(sys.modules, "pymetis", None)
+    found = solve(*matrices, 79)
+    check(found, exact[:79])
+    np.testing.assert_allclose(found.eigenvalues, with_metis.eigenvalues, rtol=1e-11, atol=1e-9)
+    # Another order of elimination rounds differently: the same space, not the same bits.
+    assert found.rows.tobytes() != with_metis.rows.tobytes()
+    mass = matrices[1].diagonal()
+    cosines = scipy.linalg.svdvals((found.rows * mass) @ with_metis.rows.T)
+    assert cosines.min() > 1.0 - 1e-9
+
+
+def test_without_metis_the_order_still_saves_fill(monkeypatch: pytest.MonkeyPatch) -> None:
+    graph = grid(40, 30)
+    laplacian = sp.csc_array(6.0 * sp.eye_array(graph.shape[0]) - graph)
+    with_metis = fill(graph, elimination_order(laplacian))
+    monkeypatch.setitem(sys.modules, "pymetis", None)
+    order = elimination_order(laplacian)
+    np.testing.assert_array_equal(np.sort(order), np.arange(graph.shape[0]))
+    assert fill(graph, order) < 1.5 * with_metis < 0.7 * fill(graph, np.arange(graph.shape[0]))

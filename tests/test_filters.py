@@ -117,6 +117,7 @@ def test_given_times_are_kept_and_ascend():
         ({"t_min": -1.0}, "t_min is -1"),
         ({"t_max": 0.0}, "t_max is 0"),
         ({"t_max": np.nan}, "t_max is nan"),
+        ({"t_min": np.inf}, "t_min is inf"),
         ({"n_scales": 0}, "whole number"),
     ],
 )
@@ -125,6 +126,19 @@ def test_senseless_times_are_refused(arguments, words):
         hks_times(SPECTRUM, **arguments)
     with pytest.raises(InputError, match=words):
         get_hks_filter(**arguments)
+
+
+def test_a_bound_beyond_the_automatic_range_asks_for_the_other():
+    shortest, longest = hks_time_range(SPECTRUM)
+    for make in (lambda **t: hks_times(SPECTRUM, **t), lambda **t: get_hks_filter(**t)(SPECTRUM)):
+        with pytest.raises(InputError, match=r"longest time.* give t_max too"):
+            make(t_min=1.001 * longest)
+        with pytest.raises(InputError, match=r"shortest time.* give t_min too"):
+            make(t_max=0.999 * shortest)
+    assert hks_times(SPECTRUM, t_min=longest, n_scales=2).tolist() == [longest, longest]
+    assert hks_times(SPECTRUM, t_max=shortest, n_scales=2).tolist() == [shortest, shortest]
+    far = hks_times(SPECTRUM, 2.0 * longest, 4.0 * longest, 3)
+    np.testing.assert_allclose(far / longest, [2.0, 2.0**1.5, 4.0])
 
 
 def test_a_spectrum_of_zeros_has_no_scale():
@@ -223,3 +237,39 @@ def test_banks_travel_to_other_processes(bank):
     np.testing.assert_array_equal(copy(SPECTRUM), bank(SPECTRUM))
     with pytest.raises(InputError, match="1-D"):
         bank(SPECTRUM.reshape(8, 8))
+
+
+@pytest.mark.parametrize("width", [0.0, -1.0, np.inf, np.nan])
+def test_a_width_of_bands_is_positive_and_finite(width):
+    with pytest.raises(InputError, match="width of the energy bands"):
+        wave_kernel_bank(SPECTRUM, 10, width)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 12])
+def test_bands_are_centred_so_that_they_reproduce_the_eigenvalue(count):
+    # Splines of degree one and more do, weighed by their Greville points (Marsden 1970).
+    bank = bspline_bank(2.0, 7.0, count)
+    values = np.linspace(2.0, 7.0, 41)
+    np.testing.assert_allclose(bank.parameters @ bank(values), values, rtol=1e-12)
+    assert bspline_bank(2.0, 7.0, 1).parameters == [4.5]
+
+
+@pytest.mark.parametrize("scale", [2.0**-20, 2.0**20])
+def test_the_parameter_of_a_column_has_the_power_of_the_unit_that_is_stated(scale):
+    """Lengths times a scale: eigenvalues are divided by its square."""
+
+    def banks(unit):
+        spectrum, high = SPECTRUM / unit**2, SPECTRUM[-1] / unit**2
+        return [
+            heat_kernel_bank(hks_times(spectrum, n_scales=4)),
+            wave_kernel_bank(spectrum, 4),
+            bspline_bank(0.0, high, 4),
+            low_pass_bank(0.5 * high),
+            band_pass_bank(0.2 * high, 0.5 * high),
+            gaussian_pyramid_bank(1.0 / high * np.array([1.0, 4.0])),
+        ]
+
+    for bank, scaled in zip(banks(1.0), banks(scale), strict=True):
+        wanted = bank.parameters * scale**bank.parameter_power
+        np.testing.assert_allclose(scaled.parameters, wanted, rtol=1e-9)
+        assert bank.kind == scaled.kind

@@ -84,6 +84,55 @@ def test_a_needle_is_flat_in_any_unit():
         assert mesh_health(mesh).degenerate_faces == 1
 
 
+#: Two triangles side by side and one apart, with three faces that are no triangles among them.
+SPOILED = Mesh(
+    [[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [5, 5, 5], [9, 0, 0], [9, 1, 0], [8, 1, 0]],
+    [[4, 4, 0], [0, 1, 2], [2, 2, 2], [0, 2, 3], [1, 3, 1], [5, 6, 7], [1, 2, 0]],
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "faces", "vertices"),
+    [
+        ("drop_degenerate_faces", [1, 3, 5, 6], range(8)),
+        ("drop_duplicate_faces", [0, 1, 2, 3, 4, 5], range(8)),
+        ("drop_unreferenced_vertices", [1, 3, 5, 6], [0, 1, 2, 3, 5, 6, 7]),
+        ("keep_largest_component", [1, 3, 6], [0, 1, 2, 3]),
+        ("merge_coincident_vertices", range(7), range(8)),
+    ],
+)
+def test_repairs_keep_the_right_faces_where_some_have_a_corner_twice(name, faces, vertices):
+    mended = REPAIRS[name].apply(SPOILED)
+    np.testing.assert_array_equal(mended.vertices, SPOILED.vertices[list(vertices)])
+    np.testing.assert_array_equal(
+        mended.vertices[mended.faces], SPOILED.vertices[SPOILED.faces[list(faces)]]
+    )
+
+
+def test_faults_are_counted_where_some_faces_have_a_corner_twice():
+    health = mesh_health(SPOILED)
+    assert (health.degenerate_faces, health.duplicate_faces) == (3, 1)
+    assert (health.unreferenced_vertices, health.n_components) == (1, 2)
+    assert health.largest_component == 4
+    # The diagonal has three faces, the four sides of the square one or two, the other three one.
+    assert (health.boundary_edges, health.nonmanifold_edges) == (5, 1)
+
+
+def test_coincident_vertices_are_merged_into_the_first_of_each_place():
+    vertices = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [1, 0, 0]]
+    mesh = Mesh(vertices, [[0, 1, 2], [3, 5, 4], [6, 5, 2]])
+    assert mesh_health(mesh).coincident_vertices == 3
+    merged = REPAIRS["merge_coincident_vertices"].apply(mesh)
+    np.testing.assert_array_equal(merged.vertices, np.array(vertices)[[0, 1, 2, 5]])
+    np.testing.assert_array_equal(merged.faces, [[0, 1, 2], [1, 3, 2], [1, 3, 2]])
+
+
+def test_a_face_is_flat_by_its_longest_edge():
+    vertices = [[0.0, 0, 0], [1, 0, 0], [0.1, 5e-13, 0], [0.1, 5e-12, 0]]
+    mesh = Mesh(vertices, [[0, 1, 2], [0, 1, 3]])
+    np.testing.assert_array_equal(mesh.degenerate_faces, [True, False])
+
+
 def test_minus_zero_is_at_zero():
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [-0.0, 0, 0]])
     assert mesh_health(Mesh(vertices, [[0, 1, 2]])).coincident_vertices == 1

@@ -151,3 +151,13 @@ def test_vertex_areas(neuron, sphere):
 
 def test_documented_defaults():
     assert OperatorOptions() == OperatorOptions(robust=True, mollify_factor=1e-5)
+
+
+def test_a_vertex_whose_faces_have_no_area_is_refused_unless_they_are_mollified() -> None:
+    vertices = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5], [6, 5, 5], [7, 5, 5]]
+    faces = [[0, 1, 2], [3, 4, 5]]
+    with pytest.raises(InputError, match=r"mollify_factor 0\.0 is too small"):
+        cotangent_laplacian((vertices, faces), robust=True, mollify_factor=0.0)
+    stiffness, mass = cotangent_laplacian((vertices, faces), robust=True)
+    assert np.isfinite(stiffness.data).all()
+    assert mass.diagonal().min() > 0.0

@@ -222,3 +222,10 @@ def test_coordinates_at_the_ends_of_the_range_are_decomposed(scale: float) -> No
     far = Mesh(one.vertices * scale, one.faces)
     values = decompose_mesh(far, 6)[0] * scale * scale
     np.testing.assert_allclose(values, decompose_mesh(one, 6)[0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("attribute", ["vertices", "faces"])
+def test_an_object_with_half_of_a_mesh_is_none(attribute):
+    thing = SimpleNamespace(**{attribute: np.eye(3)})
+    with pytest.raises(InputError, match="not of type SimpleNamespace"):
+        as_mesh(thing)

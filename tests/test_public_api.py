@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from importlib import import_module
+from inspect import signature
 from pathlib import Path
 
 import pytest
@@ -67,3 +68,38 @@ def test_importing_loads_nothing_heavy():
     )
     shown = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert (shown.stdout.strip(), shown.stderr) == ("[]", "")
+
+
+SIGMA = {"sigma": -1e-10, "tol": 1e-10}
+ROBUST = {"robust": True, "mollify_factor": 1e-5}
+FEATURES = {"max_eigenvalue": 1e-8, "n_components": 32, "band_size": 50, "verbose": False}
+DEFAULTS = {
+    "cotangent_laplacian": {"robust": False, "mollify_factor": 1e-5},
+    "compute_vertex_areas": {"robust": False, "mollify_factor": 1e-5},
+    "decompose_laplacian": {"n_components": 100, "op_inv": None, **SIGMA, "ncv": None},
+    "decompose_mesh": {"n_components": 100, "op_inv": None, **SIGMA, **ROBUST, "prefactor": None},
+    "decompose_laplacian_by_bands": {
+        "max_eigenvalue": 1e-9,
+        "band_size": 50,
+        "truncate_extra": True,
+        "verbose": False,
+    },
+    "spectral_geometry_filter": {
+        "filter": None,
+        "max_eigenvalue": 1e-8,
+        "band_size": 50,
+        "truncate_extra": True,
+        "drop_first": True,
+        **ROBUST,
+    },
+    "compute_hks": {**FEATURES, **ROBUST, "truncate_extra": False, "drop_first": False},
+    "compute_geometry_vectors": {**FEATURES, **ROBUST, "truncate_extra": False},
+    "get_hks_filter": {"t_max": None, "t_min": None, "n_scales": 32},
+}
+
+
+@pytest.mark.parametrize("name", DEFAULTS)
+def test_documented_defaults(name):
+    found = signature(getattr(meshmash_viewer, name)).parameters
+    for parameter, default in DEFAULTS[name].items():
+        assert found[parameter].default == default, parameter

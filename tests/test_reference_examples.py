@@ -449,11 +449,13 @@ def test_shape_matching(mesh, rng):
     assert (correspondences == np.arange(len(hks1)))[trunk].mean() > 0.99
     match_scores = np.min(distances, axis=1)
     confident_matches = match_scores < np.percentile(match_scores, 10)
-    assert 0 < confident_matches.sum() <= len(hks1) // 10 + 1
+    # On a turned copy scores are rounding, and equal ones may lie on either side of the percentile.
+    assert confident_matches.sum() <= len(hks1) // 10 + 1
 
     ours = match_features(hks1, hks2)
     np.testing.assert_allclose(ours.scores, match_scores, rtol=1e-4, atol=1e-4 * hks1.max() ** 2)
-    assert ours.confident.sum() == pytest.approx(len(hks1) / 10, abs=2)
+    assert ours.confident.sum() >= len(hks1) // 10
+    assert ours.scores[ours.confident].max() <= ours.scores[~ours.confident].min(initial=np.inf)
 
 
 def test_scales_to_plot(mesh):

@@ -101,6 +101,25 @@ def test_heat_kernel_at_short_times_is_that_of_the_whole() -> None:
     np.testing.assert_allclose(found[:, 1], whole[:, 1], rtol=1e-3)
 
 
+def test_vertices_at_one_place_are_neighbours_still() -> None:
+    # Two halves of a strip, sewn by faces whose corners coincide: an edge without length.
+    flat = shapes.rectangle(9, 5)
+    seam = np.isclose(flat.vertices[:, 0], np.unique(flat.vertices[:, 0])[4])
+    a, b = np.flatnonzero(seam)[:2]
+    vertices = flat.vertices.copy()
+    vertices[b] = vertices[a]
+    mesh = Mesh(vertices, flat.faces)
+    graph = edge_graph(mesh)
+    assert graph[a, b] > 0.0
+    assert graph[a, b] == graph[b, a] < 1e-6 * graph.max()
+    sides = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    edges = np.unique(sides, axis=0)
+    assert graph.nnz == 2 * len(edges)
+    # The deepest of all, beside a cut far away: what lies beyond the seam is reached across it.
+    members = np.flatnonzero(vertices[:, 0] > vertices[:, 0].min() + 1e-9)
+    assert np.isfinite(interior_depth(graph, members)).all()
+
+
 def test_components_are_whole_and_share_pieces(three_spheres: Mesh) -> None:
     stitcher = MeshStitcher(three_spheres, n_jobs=1)
     stitcher.split_mesh(330)
@@ -187,6 +206,34 @@ def test_one_blas_thread_each(sphere: Mesh) -> None:
         assert set(pools) <= {1}
 
 
+def test_a_worker_plans_for_its_own_core_alone(fine_sphere: Mesh) -> None:
+    from joblib import cpu_count
+
+    def signature(piece: Any) -> Any:
+        from meshmash_viewer.decompose import compute_hks
+
+        return compute_hks(piece, max_eigenvalue=300.0, t_min=0.02, t_max=0.2, n_components=3)
+
+    def planned(piece: Any) -> int:
+        """Slices that are computed at a time, where nobody says how many."""
+        from meshmash_viewer.engine.factorization import order_pencil
+        from meshmash_viewer.engine.pencil import reduce_pencil
+        from meshmash_viewer.engine.workers import worker_count
+        from meshmash_viewer.laplacian import cotangent_laplacian
+
+        return worker_count(order_pencil(reduce_pencil(*cotangent_laplacian(piece))), None, 300)
+
+    found = {}
+    for n_jobs in (1, 2):
+        stitcher = MeshStitcher(fine_sphere, n_jobs=n_jobs)
+        stitcher.split_mesh(1500)
+        assert len(stitcher.pieces) > 1
+        # Defined here, so that workers get their code and need not import this file.
+        assert set(stitcher.apply(planned, stitch=False)) == {cpu_count() if n_jobs == 1 else 1}
+        found[n_jobs] = stitcher.apply(signature)
+    np.testing.assert_array_equal(found[2], found[1])
+
+
 def test_one_and_two_dimensions_and_types(sphere: Mesh, neuron: Mesh) -> None:
     stitcher = MeshStitcher(sphere, n_jobs=1)
     stitcher.split_mesh(300)
@@ -199,8 +246,14 @@ def test_one_and_two_dimensions_and_types(sphere: Mesh, neuron: Mesh) -> None:
 
     assert not neuron.referenced.all()
     stitcher = MeshStitcher(neuron, n_jobs=1)
-    marked = stitcher.apply(lambda piece: np.ones(len(piece[0]), dtype=np.int32))
-    np.testing.assert_array_equal(np.isnan(marked), ~neuron.referenced)
+    # What holds nowhere is neither 0 nor True.
+    for dtype in (np.int32, np.uint8, np.bool_, np.float32, np.complex64):
+        marked = stitcher.apply(lambda piece, dtype=dtype: np.ones(len(piece[0]), dtype=dtype))
+        np.testing.assert_array_equal(np.isnan(marked), ~neuron.referenced)
+        np.testing.assert_array_equal(marked[neuron.referenced], 1)
+    whole_ones = MeshStitcher(sphere, n_jobs=1).apply(lambda piece: piece[0][:, 0] > 0.0)
+    assert whole_ones.dtype == np.bool_
+    np.testing.assert_array_equal(whole_ones, sphere.vertices[:, 0] > 0.0)
 
 
 def test_not_stitched_is_a_list_in_the_order_of_the_pieces(sphere: Mesh) -> None:

@@ -132,9 +132,11 @@ def view(
     MainWindow
         Its `document` can be read and driven from the script.
     """
+    from meshmash_viewer.engine.compiler import check_compiler
     from meshmash_viewer.mesh import as_mesh
     from meshmash_viewer.units import parse_unit
 
+    check_compiler()
     taken = as_mesh(mesh)
     if unit:
         taken = taken.in_voxels(*parse_unit(unit))

@@ -5,5 +5,6 @@
 and count eigenvalues, `plan` cuts the spectrum into slices by such counts, `lanczos` finds all
 pairs of a slice, `slices` runs them side by side, `output` makes them final, and `run` drives it
 all.
-`workers` says how many slices fit into memory; `arnoldi` serves an inverse given from outside.
+`cores` and `workers` say how many slices run at once, `compiler` and `compilation` how kernels are
+made; `arnoldi` serves an inverse given from outside.
 """

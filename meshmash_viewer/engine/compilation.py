@@ -1,4 +1,4 @@
-"""How kernels are compiled, and where they are kept; imported before the first is declared."""
+"""How kernels are compiled, and where they are kept; every kernel has its compiler from here."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numba
 import platformdirs
-from numba.core import config
 
-__all__ = ["compiled"]
+from meshmash_viewer.engine.compiler import import_compiler
+
+__all__ = ["compiled", "numba"]
+
+numba = import_compiler()
 
 
 def compiled(signature: str, *fast: str) -> Callable[[Any], Any]:
@@ -31,7 +33,7 @@ def compiled(signature: str, *fast: str) -> Callable[[Any], Any]:
     """
 
     def compile_now(function: Any) -> Any:
-        settings: Any = config
+        settings = numba.config
         before, settings.SLP_VECTORIZE = settings.SLP_VECTORIZE, 1
         try:
             kernel = numba.njit(signature, cache=True, nogil=True, fastmath=set(fast))
@@ -53,7 +55,7 @@ def _provide_cache() -> None:
 
     A system-wide installation used by an account without a home has neither of numba's two places.
     """
-    settings: Any = config
+    settings = numba.config
     places = (Path(__file__).parent / "__pycache__", Path(platformdirs.user_cache_dir("numba")))
     if settings.CACHE_DIR or any(_can_write_below(place) for place in places):
         return

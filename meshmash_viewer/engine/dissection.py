@@ -24,6 +24,7 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 from meshmash_viewer.engine import dissection_process
+from meshmash_viewer.engine.cores import core_count
 from meshmash_viewer.engine.dissection_process import HALVE, ORDER
 from meshmash_viewer.engine.waiting import wait_for
 
@@ -58,10 +59,8 @@ class DissectionCrew:
         # Inside another program the interpreter has no name to be started by.
         if cuts == 0 or not sys.executable or find_spec("pymetis") is None:
             return
-        from joblib import cpu_count
-
         shared = n_vertices < _VERTICES_TO_SHARE
-        for _ in range(1 if shared else min(2**cuts, int(cpu_count()))):
+        for _ in range(1 if shared else min(2**cuts, core_count())):
             self._processes.append(_Process())
             self._idle.put(self._processes[-1])
         if shared:

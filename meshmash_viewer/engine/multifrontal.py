@@ -6,10 +6,9 @@ All release the interpreter lock, so that slices run in threads. Blocks of vecto
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
-from meshmash_viewer.engine.compilation import compiled
+from meshmash_viewer.engine.compilation import compiled, numba
 
 __all__ = ["factor_numeric", "solve_block"]
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.engine.compiler import check_compiler
 from meshmash_viewer.engine.output import Allocate, Extend, PairsCallback
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
@@ -22,7 +23,7 @@ class Request:
     Raises
     ------
     InputError
-        If they make no sense.
+        If they make no sense, or nothing can be computed without a compiler.
     """
 
     n_components: int | None = None
@@ -41,6 +42,7 @@ class Request:
     ncv: int | None = None
 
     def __post_init__(self) -> None:
+        check_compiler()
         if (self.n_components is None) == (self.max_eigenvalue is None):
             raise InputError("Give either a number of eigenpairs or a largest eigenvalue.")
         if self.n_components is not None and self.n_components < 1:

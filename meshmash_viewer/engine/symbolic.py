@@ -12,12 +12,11 @@ from functools import cached_property
 from importlib.util import find_spec
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from meshmash_viewer.engine import compilation as _compilation  # noqa: F401  before any kernel
+from meshmash_viewer.engine.compilation import numba
 from meshmash_viewer.engine.dissection import DissectionCrew, nested_dissection
 
 __all__ = ["Structure", "analyse", "elimination_order"]

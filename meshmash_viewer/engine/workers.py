@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from meshmash_viewer.engine.cores import core_count
 from meshmash_viewer.engine.factorization import OrderedPencil
 from meshmash_viewer.engine.row_memory import CAN_LET_GO
 
@@ -57,13 +58,12 @@ def worker_count(ordered: OrderedPencil, asked: int | None, pairs: int, lean: bo
     if asked is not None:
         return asked
     import psutil
-    from joblib import cpu_count
 
     pencil = ordered.pencil
     nnz, n_null = int(pencil.matrix.nnz), pencil.n_null
     entries = ordered.structure.n_entries
     room = 0.8 * psutil.virtual_memory().available
-    for workers in range(int(cpu_count()), 1, -1):
+    for workers in range(core_count(), 1, -1):
         if memory_of_run(pencil.n, nnz, pairs, workers, n_null, entries, lean) <= room:
             return workers
     return 1

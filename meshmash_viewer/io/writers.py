@@ -126,9 +126,10 @@ def _property_names(columns: tuple[str, ...]) -> list[str]:
     names: list[str] = []
     for column in columns:
         name = re.sub(r"[^!-~]", "_", column.replace("λ", "lambda")) or "feature"
-        if name in names or name in ("x", "y", "z"):
-            name = f"{name}_{len(names)}"
-        names.append(name)
+        free, number = name, len(names)
+        while free in names or free in ("x", "y", "z"):
+            free, number = f"{name}_{number}", number + 1
+        names.append(free)
     return names
 
 

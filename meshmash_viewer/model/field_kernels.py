@@ -5,10 +5,9 @@ Imported by the thread that builds a table: a window without one needs no compil
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
-from meshmash_viewer.engine import compilation as _compilation  # noqa: F401  before any kernel
+from meshmash_viewer.engine.compilation import numba
 
 __all__ = ["combine", "distances"]
 

@@ -52,6 +52,8 @@ _BLOCK, _SAMPLE = 1 << 16, 100_000
 _NEGLIGIBLE = 1e-9
 #: Eigenvalues below this share of the largest are zero but for rounding.
 _ZERO_SHARE = 1e-10
+#: Stands for zero where something is divided by it: times can be so long that all else has died.
+_SMALLEST = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,7 +290,7 @@ def _fit(rates: FloatArray, first: float, step: float) -> FloatArray:
     size = decay.sum(axis=0)
     size[size == 0.0] = 1.0
     left, singular, right = np.linalg.svd(decay / size, full_matrices=False)
-    damped = singular / (singular**2 + (1e-6 * singular[0]) ** 2)
+    damped = singular / np.maximum(singular**2 + (1e-6 * singular[0]) ** 2, _SMALLEST)
     return np.asarray((right.T * damped) @ left.T / size[:, None])
 
 
@@ -299,7 +301,7 @@ def _error(rates: FloatArray, end: float, step: float, n_nodes: int, time: float
     nodes = np.exp(first + step * np.arange(_STENCIL))
     wanted = np.exp(-rates * time)
     misfit = np.exp(-np.outer(rates, nodes)) @ (_fit(rates, first, step) @ wanted) - wanted
-    return float(np.abs(misfit).sum() / max(wanted.sum(), 1e-300))
+    return float(np.abs(misfit).sum() / max(wanted.sum(), _SMALLEST))
 
 
 def _nonzero(eigenvalues: FloatArray) -> FloatArray:

@@ -192,6 +192,7 @@ def test_picture_comes_back(channels: int, mesh: Mesh, tmp_path: Path) -> None:
         np.testing.assert_array_equal(np.asarray(image), pixels)
         about: Any = image.info
         assert json.loads(about["meshmash-viewer"])["mesh"]["name"] == "ball"
+        assert about["Software"] == "meshmash-viewer"
     with pytest.raises(InputError, match=r"\.png"):
         write_picture(tmp_path / "picture.jpg", pixels)
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from solved import spectrum_of
 from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.features import accumulate_features
 from meshmash_viewer.filters import bspline_bank, heat_kernel_bank, hks_time_range, hks_times
+from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import FieldKind, SimilarityBasis
 from meshmash_viewer.model.field import FieldRequest
@@ -250,3 +252,167 @@ def test_tables_outlast_the_proof_of_the_same_pairs(rectangle: Mesh) -> None:
     live.band(band_request(proven, 1))
     other = replace(spectrum, eigenvalues=spectrum.eigenvalues[:59])
     assert not live.prepared(band_request(other, 1))
+
+
+def other_pairs(spectrum: Spectrum) -> Spectrum:
+    """As many pairs of the same vertices, of another mesh or another operator."""
+    rows = np.ascontiguousarray(spectrum.rows[:, ::-1])
+    return replace(spectrum, rows=rows, eigenvalues=1.3 * spectrum.eigenvalues)
+
+
+def similarity_request(spectrum: Spectrum, vertex: int = 77) -> FieldRequest:
+    times = hks_time_range(spectrum.eigenvalues)
+    kind = FieldKind.SIMILARITY
+    return FieldRequest(spectrum, "", kind, times=times, scales=8, vertex=vertex)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(other_pairs, id="other pairs"),
+        pytest.param(
+            lambda s: replace(s, rows=np.ascontiguousarray(s.rows[:, ::-1])), id="other rows"
+        ),
+        pytest.param(lambda s: replace(s, preview=True), id="a preview"),
+        pytest.param(lambda s: replace(s, operator=OperatorOptions(robust=False)), id="operator"),
+        pytest.param(
+            lambda s: replace(s, eigenvalues=s.eigenvalues[:50], rows=s.rows[:50]), id="fewer"
+        ),
+    ],
+)
+def test_no_table_answers_for_another_spectrum(rectangle: Mesh, change: Any) -> None:
+    spectrum = spectrum_of(rectangle, 60)
+    times = hks_time_range(spectrum.eigenvalues)
+    live = LiveFeatures()
+    for asked in (
+        hks_request(spectrum, times[1]),
+        band_request(spectrum, 3),
+        similarity_request(spectrum),
+    ):
+        live.prepare(asked)
+    other = change(spectrum)
+
+    heat = hks_request(other, times[1])
+    assert not live.prepared(heat)
+    values, draft = live.heat_kernel(heat)
+    wanted = direct(other, np.exp(-other.eigenvalues * times[1])[None])[:, 0]
+    np.testing.assert_allclose(values, wanted, rtol=1e-5)
+    assert not draft
+
+    band = replace(band_request(spectrum, 3), spectrum=other)
+    assert not live.prepared(band)
+    bank = bspline_bank(*band.eigenvalues, band.band_count)
+    wanted = direct(other, bank(other.eigenvalues))[:, 3]
+    np.testing.assert_allclose(live.band(band)[0], wanted, rtol=1e-5)
+
+    similar = replace(similarity_request(spectrum), spectrum=other)
+    assert not live.prepared(similar)
+    assert live.similarity(similar) == (None, True)
+    live.prepare(similar)
+    bank = heat_kernel_bank(hks_times(other.eigenvalues, *similar.times, 8))
+    wanted = feature_distance(direct(other, bank(other.eigenvalues)), 77)
+    found, draft = live.similarity(similar)
+    assert found is not None
+    assert not draft
+    assert np.abs(found - wanted).max() < 4e-3 * wanted.max()
+
+
+def test_a_table_of_fewer_pairs_answers_for_more_as_a_draft_alone() -> None:
+    mesh = shapes.icosphere(5)  # large enough for a direct sum to be felt
+    rng = np.random.default_rng(5)
+    values = np.sort(rng.random(320)) * 300.0
+    rows = rng.standard_normal((320, mesh.n_vertices)).astype(np.float32)
+    whole = Spectrum(values, rows, np.zeros(320))
+    part = Spectrum(values[:200], rows, np.zeros(200))
+    live = LiveFeatures()
+    time = hks_time_range(values)[1]
+    asked = hks_request(part, time)
+    live.prepare(asked)
+    live.prepare(similarity_request(part))
+    # What was made of fewer is near, and shown until the sum over all is there.
+    assert live.heat_kernel(asked)[1] is False
+    assert live.heat_kernel(hks_request(whole, time))[1] is True
+    assert live.similarity(similarity_request(whole))[1] is True
+    wanted = direct(whole, np.exp(-values * time)[None])[:, 0]
+    live.prepare(hks_request(whole, time))
+    live.prepare(similarity_request(whole))
+    found, draft = live.heat_kernel(hks_request(whole, time))
+    assert not draft
+    assert np.abs(found - wanted).max() <= 2e-4 * wanted.max()
+    assert live.similarity(similarity_request(whole))[1] is False
+    bands = replace(similarity_request(whole), basis=SimilarityBasis.BANDS, eigenvalues=(0.0, 9.0))
+    assert live.similarity(bands) == (None, True)
+
+
+def test_each_table_counts_its_bytes(rectangle: Mesh) -> None:
+    spectrum = spectrum_of(rectangle, 60)
+    n, live, seen = rectangle.n_vertices, LiveFeatures(), [0]
+    assert live.nbytes == 0
+    asked = (hks_request(spectrum, 1.0), band_request(spectrum, 0), similarity_request(spectrum))
+    for one in asked:
+        live.prepare(one)
+        seen.append(live.nbytes)
+    heat, bands, similarity = np.diff(seen)
+    assert live.heat_table is not None
+    assert heat == live.heat_table.nbytes >= 2 * n * live.heat_table.n_nodes
+    assert bands == 4 * n * 12
+    assert 2 * n <= similarity <= 2 * n * 9
+    live.forget()
+    assert live.heat_table is None
+
+
+def test_expected_bytes_are_what_is_documented() -> None:
+    for count in (8, 32, 100):
+        columns = 58 / 2 + count + max(count, 32) / 2 + 4
+        assert expected_bytes(1000, count) == 4 * 1000 * columns
+
+
+def test_what_needs_no_table_is_prepared(rectangle: Mesh) -> None:
+    spectrum, live = spectrum_of(rectangle, 60), LiveFeatures()
+    asked = FieldRequest(spectrum, "", FieldKind.EIGENFUNCTION, index=4)
+    assert live.prepared(asked)
+    live.prepare(asked)
+    assert live.nbytes == 0
+    for one in (hks_request(spectrum, 1.0), band_request(spectrum, 0)):
+        assert not live.prepared(one)
+    live.prepare(hks_request(spectrum, 1.0))
+    assert not live.prepared(similarity_request(spectrum))
+    far = replace(hks_request(spectrum, 1.0), times=(1e-6, 1e6))
+    assert not live.prepared(far)
+    live.prepare(far)
+    assert live.prepared(far)
+    assert live.prepared(hks_request(spectrum, 1.0))
+
+
+def test_a_vertex_far_from_all_others_knows_its_distances(rectangle: Mesh) -> None:
+    """Its coordinates do not fit into 16 bits: they are kept apart, for both ends of a distance."""
+    spectrum = spectrum_of(rectangle, 60)
+    rows = np.array(spectrum.rows)
+    specks = [3, 70, 400]
+    rows[:, specks] *= np.array([100.0, 150.0, 150.0])
+    rows[:, 11] = np.nan
+    spiked = replace(spectrum, rows=rows)
+    asked = replace(similarity_request(spiked), times=(0.01, 1.0))
+    live = LiveFeatures()
+    live.prepare(asked)
+    features = direct(spiked, heat_kernel_bank(np.geomspace(0.01, 1.0, 8))(spiked.eigenvalues))
+    for vertex in (3, 70, 77):
+        found, _ = live.similarity(replace(asked, vertex=vertex))
+        assert found is not None
+        wanted = feature_distance(features, vertex)
+        assert found[vertex] == 0.0
+        assert np.isnan(found[11])
+        np.testing.assert_allclose(found[specks], wanted[specks], rtol=1e-2, atol=1e-3)
+        assert np.nanmax(np.abs(found - wanted)) < 1e-2 * np.nanmax(wanted)
+
+
+def test_at_times_when_nothing_is_left_the_signature_is_that_of_the_null_space(
+    rectangle: Mesh,
+) -> None:
+    spectrum = spectrum_of(rectangle, 60)
+    live = LiveFeatures()
+    asked = replace(hks_request(spectrum, 1e5), times=(1e-2, 1e6))  # exp(-λ t) is 0 long before
+    live.prepare(asked)
+    values, draft = live.heat_kernel(asked)
+    assert not draft
+    np.testing.assert_allclose(values, 1.0 / rectangle.area, rtol=1e-5)

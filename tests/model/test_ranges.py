@@ -82,3 +82,36 @@ def test_with_all_pairs_every_time_is_resolved() -> None:
 def test_bands_span_the_spectrum_unless_told() -> None:
     assert band_range(TWO_PIECES, Display()) == (0.0, 8e-8)
     assert band_range(TWO_PIECES, Display(band_automatic=False, band_max=3e-8)) == (0.0, 3e-8)
+
+
+def test_an_end_left_open_by_hand_is_automatic_and_wrong_ends_are_exchanged() -> None:
+    low, high = hks_range(TWO_PIECES, Display())
+    middle = math.sqrt(low * high)
+    assert hks_range(TWO_PIECES, Display(hks_automatic=False)) == (low, high)
+    by_hand = Display(hks_automatic=False, hks_t_min=middle)
+    assert hks_range(TWO_PIECES, by_hand) == (middle, high)
+    by_hand = Display(hks_automatic=False, hks_t_max=middle)
+    assert hks_range(TWO_PIECES, by_hand) == (low, middle)
+    by_hand = Display(hks_automatic=False, hks_t_min=1000.0, hks_t_max=10.0)
+    assert hks_range(TWO_PIECES, by_hand) == (10.0, 1000.0)
+    assert hks_range(TWO_PIECES, Display(hks_t_min=5.0, hks_t_max=6.0)) == (low, high)
+
+
+def test_bands_by_hand_are_in_order_and_never_empty() -> None:
+    by_hand = Display(band_automatic=False, band_min=2e-8)
+    assert band_range(TWO_PIECES, by_hand) == (2e-8, 8e-8)
+    by_hand = Display(band_automatic=False, band_min=5e-8, band_max=2e-8)
+    assert band_range(TWO_PIECES, by_hand) == (2e-8, 5e-8)
+    by_hand = Display(band_automatic=False, band_min=2e-8, band_max=2e-8)
+    assert band_range(TWO_PIECES, by_hand) == (2e-8, 2e-8 + 1.0)
+    assert band_range(TWO_PIECES, Display(band_min=2e-8, band_max=3e-8)) == (0.0, 8e-8)
+    assert band_range(ZEROS, Display()) == (0.0, 1.0)
+
+
+def test_a_spectrum_of_rounding_has_no_times_of_its_own() -> None:
+    for values in ([0.0, 0.0], [-1e-9, 1e-19], [], [-1e-20, -1e-20]):
+        assert spectrum_of(np.array(values)).time_range == (1.0, 10.0)
+    assert spectrum_of(np.array([-1e-18, 1.0])).time_range == (
+        pytest.approx(4 * math.log(10)),
+        pytest.approx(4 * math.log(10)),
+    )

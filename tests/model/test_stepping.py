@@ -63,3 +63,32 @@ def test_nothing_to_step_through() -> None:
     assert not step(document, 1)
     go_to_end(document)
     assert document.display.index == 1
+
+
+def test_steps_of_a_time_chosen_by_hand_end_at_the_range(document: Document) -> None:
+    display = document.display
+    display.kind, display.hks_scales = FieldKind.HKS, 5
+    display.hks_automatic, display.hks_t_min, display.hks_t_max = False, 1.0, 10_000.0
+    display.time = 100.0
+    assert step(document, 1)
+    assert display.time == pytest.approx(1000.0)
+    assert step(document, -2)
+    assert display.time == pytest.approx(10.0)
+    assert step(document, -3)
+    assert display.time == pytest.approx(1.0)
+    assert not step(document, -1)
+    display.time = 9999.0  # a step that is short is one still
+    assert step(document, 1)
+    assert display.time == pytest.approx(10_000.0)
+    go_to_start(document)
+    assert display.time == pytest.approx(1.0)
+    go_to_end(document)
+    assert display.time == pytest.approx(10_000.0)
+
+
+def test_zeros_have_no_time_to_step_through() -> None:
+    document = Document()
+    document.display.kind = FieldKind.HKS
+    document.accept_spectrum(Spectrum(np.zeros(3), np.zeros((3, 3)), np.zeros(3)))
+    assert not step(document, 1)
+    assert document.display.time is None

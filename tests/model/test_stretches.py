@@ -59,3 +59,9 @@ def test_values_are_written_before_they_are_looked_at(processors, monkeypatch) -
 
     assert extremes(values, write) == (np.float32(row.min()), np.float32(row.max()))
     np.testing.assert_array_equal(values, row.astype(np.float32))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_extremes_of_values_of_one_sign(sign) -> None:
+    values = sign * np.linspace(2.0, 3.0, 200_001)
+    assert extremes(values) == (values.min(), values.max())

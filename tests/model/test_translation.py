@@ -66,3 +66,17 @@ def test_up_to_a_proven_threshold_the_count_is_exact() -> None:
     assert translation.count(Target("max_eigenvalue", 31.0)) == (36, True)
     # beyond, Weyl's law goes on from there
     assert translation.count(Target("max_eigenvalue", 40.0)) == (41, False)
+
+
+def test_the_last_known_eigenvalue_is_a_bound_that_is_known_no_more() -> None:
+    known = np.array([0.0, 2.0, 2.0, 2.0, 6.0])
+    translation = Translation(AREA, known)
+    for bound, count in ((0.5, 1), (2.0, 4), (5.9, 4)):
+        assert translation.count(Target("max_eigenvalue", bound)) == (count, True)
+    # Of the last there may be more copies than are known.
+    assert translation.count(Target("max_eigenvalue", 6.0)) == (5, False)
+    assert translation.count(Target("max_eigenvalue", 7.0)) == (6, False)
+    assert translation.count(Target("max_eigenvalue", 6.49)) == (5, False)
+    assert translation.eigenvalue(Target("count", 5)) == (6.0, True)
+    assert translation.eigenvalue(Target("count", 6)) == (pytest.approx(7.0), False)
+    assert Translation(AREA).count(Target("max_eigenvalue", 1e-6)) == (1, False)

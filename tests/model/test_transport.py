@@ -69,3 +69,32 @@ def test_end_of_the_other_side_is_an_end(tmp_path: Path) -> None:
     with pytest.raises(EOFError):
         wire.receive()
     wire.close()
+
+
+def test_large_arrays_of_a_message_arrive_each_in_its_place(wire: Wire, tmp_path: Path) -> None:
+    sent = [np.full(40_000 + i, float(i)) for i in range(3)]
+    wire.send(sent)
+    wire.send("after")
+    assert len(list(tmp_path.iterdir())) == 3
+    for one, two in zip(wire.receive(), sent, strict=True):
+        np.testing.assert_array_equal(one, two)
+        one[0] = -1.0  # it is the receiver's own
+    assert wire.receive() == "after"
+
+
+def test_a_file_cut_short_is_an_end_too(wire: Wire, tmp_path: Path) -> None:
+    wire.send(np.zeros(100_000))
+    (file,) = tmp_path.iterdir()
+    os.truncate(file, 1000)
+    with pytest.raises(EOFError, match="shorter than its 800000 bytes"):
+        wire.receive()
+
+
+def test_half_a_message_is_an_end(tmp_path: Path) -> None:
+    source, sink = os.pipe()
+    wire = Wire(os.fdopen(source, "rb"), os.fdopen(sink, "wb"), tmp_path)
+    wire._sink.write((100).to_bytes(8, "little") + b"half of it")
+    wire._sink.close()
+    with pytest.raises(EOFError, match="other end"):
+        wire.receive()
+    wire.close()

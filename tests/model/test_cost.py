@@ -1,0 +1,72 @@
+"""What a decomposition will take, in words."""
+
+from __future__ import annotations
+
+import pytest
+
+from meshmash_viewer.eigensolver import estimate_memory
+from meshmash_viewer.model.cost import (
+    decomposition_bytes,
+    decomposition_seconds,
+    written_bytes,
+    written_duration,
+)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [
+        (0.4, "under a second"),
+        (0.99, "under a second"),
+        (1.0, "1 s"),
+        (59.4, "59 s"),
+        (59.6, "1 min 0 s"),
+        (200.0, "3 min 20 s"),
+        (599.0, "9 min 59 s"),
+        (600.0, "10 min"),
+        (1234.0, "21 min"),
+        (7500.0, "2 h 5 min"),
+        (90_000.0, "25 h 0 min"),
+    ],
+)
+def test_durations_are_written_as_people_say_them(seconds: float, words: str) -> None:
+    assert written_duration(seconds) == words
+
+
+@pytest.mark.parametrize(
+    ("count", "words"),
+    [
+        (0, "0 B"),
+        (999, "999 B"),
+        (999.6, "1 kB"),
+        (1234, "1.23 kB"),
+        (5e6, "5 MB"),
+        (1.2e9, "1.2 GB"),
+        (3.45e12, "3.45e+03 GB"),
+    ],
+)
+def test_bytes_are_written_with_three_digits(count: float, words: str) -> None:
+    assert written_bytes(count) == words
+
+
+def test_time_grows_with_pairs_and_vertices_up_to_all_there_are() -> None:
+    assert decomposition_seconds(1000, 100, rate=1e-3) == pytest.approx(115.0)
+    assert decomposition_seconds(1000, 5000, rate=1e-3) == pytest.approx(1015.0)
+    assert decomposition_seconds(1000, 100) < decomposition_seconds(2000, 100)
+
+
+def test_memory_is_that_of_the_solver() -> None:
+    assert decomposition_bytes(10_000, 99.7, 3) == estimate_memory(10_000, 70_000, 100, n_null=3)
+    assert decomposition_bytes(900, 1e9) == estimate_memory(900, 6300, 900)
+    assert decomposition_bytes(900, 0.1) == estimate_memory(900, 6300, 1)
+
+
+@pytest.mark.parametrize(
+    ("n_vertices", "n_pairs", "n_jobs", "measured"),
+    [(50_000, 300, 2, 491e6), (50_000, 300, 1, 354e6), (265_000, 300, 2, 2493e6)],
+)
+def test_predicted_memory_is_what_was_measured(
+    n_vertices: int, n_pairs: int, n_jobs: int, measured: float
+) -> None:
+    predicted = estimate_memory(n_vertices, 7 * n_vertices, n_pairs, n_jobs)
+    assert predicted == pytest.approx(measured, rel=0.35)

@@ -1,0 +1,254 @@
+"""A document over time: another mesh, repairs and their undo, units, pins, jobs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from solved import spectrum_of
+
+from meshmash_viewer.health import mesh_health
+from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.model.document import PIN_COLORS, Document, Notice
+from meshmash_viewer.model.jobs import (
+    DecomposeJob,
+    InspectJob,
+    Job,
+    MeshReady,
+    PreviewJob,
+    ReadJob,
+    RepairJob,
+    ScaleJob,
+)
+from meshmash_viewer.progress import Progress
+from meshmash_viewer.weyl import Target
+
+
+@pytest.fixture
+def document(sphere: Mesh) -> Document:
+    document = Document()
+    document.accept_mesh(MeshReady(sphere, mesh_health(sphere), sphere.vertex_normals))
+    return document
+
+
+def ready(mesh: Mesh, *repairs: str, derived: bool = False) -> MeshReady:
+    return MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals, repairs=repairs, derived=derived)
+
+
+@pytest.fixture
+def requested(document: Document) -> list[Job]:
+    """Jobs that the document asks for."""
+    jobs: list[Job] = []
+    document.job_requested.connect(jobs.append)
+    return jobs
+
+
+def test_another_mesh_starts_without_what_was_chosen_on_the_last(
+    document: Document, three_spheres: Mesh
+) -> None:
+    display = document.display
+    display.index = 9
+    document.flip()
+    assert display.flipped == {9}
+    document.toggle_pin(3)
+    display.similarity_vertex = 3
+    display.kind = FieldKind.SIMILARITY
+    document.accept_mesh(ready(three_spheres))
+    assert display.flipped == frozenset()
+    assert display.index == 3  # the first that is not constant on all three
+    assert display.similarity_vertex is None
+    assert display.kind is FieldKind.EIGENFUNCTION
+    assert document.pins == ()
+    assert not document.can_undo
+
+
+def test_a_second_flip_takes_the_first_back(document: Document) -> None:
+    document.display.index = 4
+    document.flip()
+    document.display.index = 5
+    document.flip()
+    document.display.index = 4
+    document.flip()
+    assert document.display.flipped == {5}
+
+
+def test_undo_goes_back_a_repair_at_a_time_in_the_unit_given_since(
+    document: Document, sphere: Mesh
+) -> None:
+    first = Mesh(sphere.vertices, sphere.faces[1:])
+    second = Mesh(sphere.vertices, sphere.faces[2:])
+    spectrum = spectrum_of(sphere, 8)
+    document.accept_spectrum(spectrum)
+    document.accept_mesh(ready(first, "one", derived=True))
+    document.accept_mesh(ready(second, "one", "two", derived=True))
+    assert document.spectrum is None
+    document.set_unit("nm")
+    document.undo_repair()
+    assert document.mesh is not None
+    assert document.mesh.n_faces == first.n_faces
+    assert document.mesh.unit == "nm"
+    assert document.repairs == ("one",)
+    document.set_unit("µm")
+    document.undo_repair()
+    assert document.mesh.content_hash == sphere.content_hash
+    assert document.mesh.unit == "µm"
+    assert document.spectrum is spectrum
+    assert not document.can_undo
+    document.undo_repair()
+    assert document.mesh.n_faces == sphere.n_faces
+
+
+def test_undo_after_other_voxels_asks_for_the_mesh_before_in_those(
+    document: Document, sphere: Mesh, requested: list[Job]
+) -> None:
+    document.accept_mesh(ready(Mesh(sphere.vertices, sphere.faces[1:]), "one", derived=True))
+    document.set_unit("8 nm")
+    scaled = requested.pop()
+    assert isinstance(scaled, ScaleJob)
+    assert scaled.repairs == ("one",)
+    larger = scaled.mesh.in_voxels(scaled.voxel, scaled.unit)
+    document.accept_mesh(ready(larger, "one", derived=True))
+    assert document.can_undo
+
+    document.undo_repair()
+    # What lies in memory counts voxels of another size.
+    undone = requested.pop()
+    assert isinstance(undone, ScaleJob)
+    assert (undone.voxel, undone.unit, undone.repairs) == ((8.0, 8.0, 8.0), "nm", ())
+    document.accept_mesh(ready(undone.mesh.in_voxels(undone.voxel, undone.unit), derived=True))
+    assert document.mesh is not None
+    np.testing.assert_allclose(document.mesh.vertices, 8.0 * sphere.vertices)
+    assert document.mesh.n_faces == sphere.n_faces
+    assert not document.can_undo
+
+
+def test_pins_stay_where_a_repair_left_their_vertex(document: Document, sphere: Mesh) -> None:
+    for vertex in (3, 100, 641):
+        document.toggle_pin(vertex)
+    moved = sphere.vertices.copy()
+    moved[100] *= 1.01
+    kept = moved[:641], sphere.faces[(sphere.faces < 641).all(axis=1)]
+    document.accept_mesh(ready(Mesh(*kept), "one", derived=True))
+    assert [pin.vertex for pin in document.pins] == [3]
+    document.accept_mesh(ready(Mesh(*kept)))  # opened, not repaired
+    assert document.pins == ()
+
+
+def test_an_index_beyond_a_finished_spectrum_comes_back_to_its_end(
+    document: Document, sphere: Mesh
+) -> None:
+    document.display.index = 30
+    spectrum = spectrum_of(sphere, 8)
+    document.accept_spectrum(replace(spectrum, certificate=None))
+    assert document.display.index == 30  # it may still come
+    document.accept_spectrum(spectrum)
+    assert document.display.index == 7
+
+
+def test_exact_eigenvalues_translate_a_target_only_for_the_operator_they_belong_to(
+    document: Document, sphere: Mesh
+) -> None:
+    fifth = Target("count", 5)
+    spectrum = replace(spectrum_of(sphere, 8), operator=document.operator)
+    document.accept_spectrum(spectrum)
+    assert document.translation().eigenvalue(fifth) == (spectrum.eigenvalues[4], True)
+    document.operator = OperatorOptions(robust=not document.operator.robust)
+    assert not document.translation().eigenvalue(fifth)[1]
+    document.accept_spectrum(replace(spectrum, operator=document.operator, preview=True))
+    assert not document.translation().eigenvalue(fifth)[1]
+
+
+def test_more_pins_than_colours_go_round_them(document: Document) -> None:
+    for vertex in range(2 * len(PIN_COLORS) + 2):
+        document.toggle_pin(vertex)
+    assert [pin.color for pin in document.pins] == [*PIN_COLORS, *PIN_COLORS, *PIN_COLORS[:2]]
+    document.clear_pins()
+    assert document.pins == ()
+
+
+def test_a_mesh_that_comes_repaired_has_nothing_before_it(sphere: Mesh) -> None:
+    document = Document()
+    document.undo_repair()  # of nothing, quietly
+    document.accept_mesh(ready(sphere, "one"))
+    assert not document.can_undo
+    document.undo_repair()
+    assert document.mesh is sphere
+
+
+def test_what_is_asked_for_carries_what_it_needs(
+    document: Document, sphere: Mesh, requested: list[Job]
+) -> None:
+    document.operator = OperatorOptions(robust=False)
+    document.target = Target("count", 33)
+    document.accept_mesh(replace(ready(sphere, "one"), path=Path("a.ply")))
+    document.open_mesh("b.ply", "8 nm")
+    document.take_mesh(sphere)
+    document.repair("drop_duplicate_faces")
+    document.compute()
+    read, taken, repaired, computed = requested
+    assert isinstance(read, ReadJob)
+    assert (read.path, read.unit) == (Path("b.ply"), "8 nm")
+    assert isinstance(taken, InspectJob)
+    assert taken.mesh is sphere
+    assert isinstance(repaired, RepairJob)
+    assert (repaired.repair, repaired.earlier) == ("drop_duplicate_faces", ("one",))
+    assert (repaired.mesh, repaired.path) == (sphere, Path("a.ply"))
+    assert isinstance(computed, DecomposeJob)
+    assert (computed.mesh, computed.target) == (sphere, Target("count", 33))
+    assert {job.operator for job in (read, taken, repaired, computed)} == {document.operator}
+
+
+def test_settings_are_told_of_when_they_change(document: Document) -> None:
+    told: list[str] = []
+    document.settings_changed.connect(lambda: told.append("settings"))
+    document.operator = OperatorOptions()
+    document.target = Target("count", 100)
+    assert not told
+    document.operator = OperatorOptions(robust=False)
+    document.target = Target("count", 7)
+    assert told == ["settings", "settings"]
+
+
+def test_a_job_is_followed_from_start_to_end(document: Document, sphere: Mesh) -> None:
+    told: list[Any] = []
+    document.job_changed.connect(lambda: told.append(document.job))
+    document.noticed.connect(told.append)
+    document.cancel_requested.connect(lambda: told.append("cancel"))
+    document.cancel()
+    document.job_progressed(Progress("slices"))
+    assert told == []
+    assert document.can_compute
+    document.job_started(PreviewJob(sphere))
+    assert document.can_compute  # it gives way
+    job = DecomposeJob(sphere, document.operator, document.target)
+    document.job_started(job)
+    assert not document.can_compute
+    document.job_progressed(Progress("slices", 0.5))
+    document.cancel()
+    document.job_ended(Notice("done"))
+    assert document.can_compute
+    states, rest = told[1:4], told[4:]
+    assert [(state.job, state.progress.fraction, state.cancelling) for state in states] == [
+        (job, None, False),
+        (job, 0.5, False),
+        (job, 0.5, True),
+    ]
+    assert rest == ["cancel", None, Notice("done")]
+    document.job_ended()
+    assert told[-1] is None
+    assert not Document().can_compute
+
+
+def test_a_new_document_plays_nothing_and_takes_ranges_from_the_spectrum() -> None:
+    display = Document().display
+    assert not display.playing
+    assert not display.nodal_lines
+    assert display.hks_automatic
+    assert display.band_automatic
+    assert display.index == 1
+    assert display.flipped == frozenset()

@@ -1,0 +1,77 @@
+"""Files with features or eigenpairs, made of what is stored."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from listeners import Listener
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features import accumulate_features
+from meshmash_viewer.filters import bspline_bank, heat_kernel_bank, hks_times, wave_kernel_bank
+from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.decomposition import decompose
+from meshmash_viewer.model.jobs import ExportJob
+from meshmash_viewer.weyl import Target
+
+OPERATOR = OperatorOptions()
+
+
+@pytest.fixture
+def listener(tmp_path: Path) -> Listener:
+    return Listener(tmp_path)
+
+
+def exported(
+    mesh: Mesh, kind: str, n_pairs: int, listener: Listener, **parameters: Any
+) -> dict[str, np.ndarray]:
+    path = listener.folder / "out.npz"
+    ExportJob(mesh, OPERATOR, path, kind, n_pairs, parameters).run(listener)
+    with np.load(path) as content:
+        return dict(content)
+
+
+def test_as_many_pairs_as_asked_for_and_never_fewer(sphere: Mesh, listener: Listener) -> None:
+    grew = decompose(sphere, OPERATOR, Target("count", 20), listener)
+    for n_pairs in (20, 9):
+        content = exported(sphere, "eigenpairs", n_pairs, listener)
+        np.testing.assert_array_equal(content["eigenvalues"], grew.eigenvalues[:n_pairs])
+        assert content["eigenvectors"].shape == (sphere.n_vertices, n_pairs)
+    with pytest.raises(InputError, match="no longer in the cache"):
+        exported(sphere, "eigenpairs", 21, listener)
+    with pytest.raises(InputError, match="no longer in the cache"):
+        exported(Mesh(2.0 * sphere.vertices, sphere.faces), "eigenpairs", 5, listener)
+    with pytest.raises(InputError, match="choose one of"):
+        exported(sphere, "curvature", 5, listener)
+
+
+def test_features_are_the_sum_over_the_pairs_asked_for(sphere: Mesh, listener: Listener) -> None:
+    grew = decompose(sphere, OPERATOR, Target("count", 30), listener)
+    values, rows = grew.eigenvalues[:25], np.asarray(grew.spectrum.rows)[:25]
+    cases: list[tuple[str, dict[str, Any], Any]] = [
+        ("hks", {"n_scales": 5}, heat_kernel_bank(hks_times(values, n_scales=5))),
+        (
+            "hks",
+            {"n_scales": 5, "t_min": 0.1, "t_max": 2.0},
+            heat_kernel_bank(np.geomspace(0.1, 2.0, 5)),
+        ),
+        ("wks", {"n_energies": 7}, wave_kernel_bank(values, 7)),
+        ("geometry-vectors", {"n_bands": 6}, bspline_bank(0.0, float(values[-1]), 6)),
+        (
+            "geometry-vectors",
+            {"n_bands": 6, "e_min": 1.0, "e_max": 9.0},
+            bspline_bank(1.0, 9.0, 6),
+        ),
+    ]
+    for kind, parameters, bank in cases:
+        content = exported(sphere, kind, 25, listener, **parameters)
+        wanted = accumulate_features(values, rows, bank(values))
+        np.testing.assert_allclose(
+            content["features"], wanted, rtol=1e-5, atol=1e-7 * np.abs(wanted).max()
+        )
+        np.testing.assert_array_equal(content["eigenvalues"], values)
+        assert tuple(content["columns"]) == bank.columns

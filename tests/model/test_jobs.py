@@ -1,0 +1,122 @@
+"""What jobs say while they run, and what they hand over."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapes
+from listeners import Listener
+
+from meshmash_viewer.health import REPAIRS
+from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.jobs import (
+    DecomposeJob,
+    ExportJob,
+    InspectJob,
+    PreviewJob,
+    ReadJob,
+    RepairJob,
+    ScaleJob,
+)
+from meshmash_viewer.weyl import Target
+
+PLAIN = OperatorOptions(robust=False)
+
+
+@pytest.fixture
+def listener(tmp_path: Path) -> Listener:
+    return Listener(tmp_path)
+
+
+@pytest.fixture
+def file(sphere: Mesh, tmp_path: Path) -> Path:
+    path = tmp_path / "ball.npz"
+    np.savez(path, vertices=sphere.vertices, faces=sphere.faces)
+    return path
+
+
+def test_a_mesh_is_read_in_the_unit_given_or_in_that_of_its_file(
+    file: Path, sphere: Mesh, listener: Listener, tmp_path: Path
+) -> None:
+    ready = ReadJob(file).run(listener)
+    assert (ready.mesh.unit, ready.mesh.name, ready.path) == ("", "ball", file)
+    assert (ready.repairs, ready.derived) == ((), False)
+    assert listener.reports[0].message == "Reading ball.npz"
+    assert ReadJob(file, "µm").run(listener).mesh.unit == "µm"
+    from nibabel.freesurfer import write_geometry
+
+    surface = tmp_path / "lh.pial"
+    write_geometry(str(surface), sphere.vertices, sphere.faces, create_stamp="")
+    assert ReadJob(surface).run(listener).mesh.unit == "mm"
+    assert ReadJob(surface, "nm").run(listener).mesh.unit == "nm"
+
+
+def test_other_voxels_and_repairs_are_derived_and_add_up(sphere: Mesh, listener: Listener) -> None:
+    path = Path("ball.ply")
+    scaled = ScaleJob(sphere, (2.0, 2.0, 4.0), "nm", path, repairs=("one",)).run(listener)
+    np.testing.assert_allclose(scaled.mesh.vertices, sphere.vertices * [2.0, 2.0, 4.0])
+    assert (scaled.mesh.unit, scaled.path) == ("nm", path)
+    assert (scaled.repairs, scaled.derived) == (("one",), True)
+    listener.reports.clear()
+    name = "drop_duplicate_faces"
+    mended = RepairJob(scaled.mesh, name, path, earlier=("one",)).run(listener)
+    assert (mended.repairs, mended.derived, mended.path) == (("one", name), True, path)
+    assert listener.reports[0].message == REPAIRS[name].label
+
+
+def test_each_job_looks_for_the_pairs_of_its_own_operator(
+    file: Path, sphere: Mesh, listener: Listener
+) -> None:
+    DecomposeJob(sphere, PLAIN, Target("count", 8)).run(listener)
+    name = "drop_duplicate_faces"
+    for job in (
+        ReadJob(file, operator=PLAIN),
+        InspectJob(sphere, PLAIN),
+        ScaleJob(sphere, (1.0, 1.0, 1.0), "", operator=PLAIN),
+        RepairJob(sphere, name, operator=PLAIN),
+    ):
+        known = job.run(listener).known
+        assert known is not None
+        assert len(known.eigenvalues) == 8
+        assert known.operator == PLAIN
+    for job in (ReadJob(file), InspectJob(sphere), RepairJob(sphere, name)):
+        assert job.operator == OperatorOptions()
+        assert job.run(listener).known is None
+
+
+def test_what_is_ready_is_all_that_a_render_needs(neuron: Mesh, listener: Listener) -> None:
+    ready = InspectJob(neuron).run(listener)
+    np.testing.assert_array_equal(ready.normals, neuron.vertex_normals)
+    np.testing.assert_array_equal(ready.sample, neuron.area_sample())
+    assert ready.health.n_components == neuron.n_components
+
+
+def test_a_preview_is_made_of_large_meshes_alone(
+    sphere: Mesh, listener: Listener, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from meshmash_viewer.model import previews
+
+    assert PreviewJob(sphere).run(listener) is None
+    monkeypatch.setattr(previews, "FROM_VERTICES", 1000)
+    grew = PreviewJob(shapes.rectangle(50, 50), PLAIN).run(listener)
+    assert grew is not None
+    assert grew.spectrum.preview
+    assert grew.spectrum.operator == PLAIN
+    assert grew.n_exact == 0
+    assert not grew.spectrum.complete
+
+
+@pytest.mark.parametrize("mesh_name", ["ball", ""])
+def test_jobs_say_what_they_are_at(sphere: Mesh, mesh_name: str) -> None:
+    mesh = Mesh(sphere.vertices, sphere.faces, name=mesh_name)
+    shown = mesh_name or "the mesh"
+    assert ReadJob(Path("folder/ball.ply")).label == "Reading ball.ply"
+    assert InspectJob(mesh).label == f"Inspecting {shown}"
+    assert ScaleJob(mesh, (1.0, 1.0, 1.0), "").label == f"Scaling {shown}"
+    assert RepairJob(mesh, "x").label == f"Repairing {shown}"
+    assert PreviewJob(mesh).label == f"Previewing {shown}"
+    assert shown in DecomposeJob(mesh, PLAIN, Target()).label
+    assert "out.npz" in ExportJob(mesh, PLAIN, Path("out.npz"), "hks", 5).label

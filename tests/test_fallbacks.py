@@ -1,0 +1,120 @@
+"""Safety nets of the eigensolver: what is given wrong must not make a result wrong."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import scipy.sparse as sp
+from scipy.sparse.linalg import LinearOperator, splu
+from test_eigensolver import Matrices, check, dense, random_mesh
+
+from meshmash_viewer.eigensolver import Decomposition, iterate, solve
+from meshmash_viewer.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def matrices() -> Matrices:
+    return random_mesh(31)
+
+
+@pytest.fixture(scope="module")
+def exact(matrices: Matrices) -> npt.NDArray[np.float64]:
+    values = dense(matrices)
+    values[0] = 0.0
+    return values
+
+
+@pytest.fixture(scope="module")
+def whole(matrices: Matrices) -> Decomposition:
+    return solve(*matrices, 60)
+
+
+def test_an_inverse_that_is_blind_to_a_pair_does_not_hide_it(
+    matrices: Matrices, exact: npt.NDArray[np.float64], whole: Decomposition
+) -> None:
+    stiffness, mass = matrices
+    sigma = -0.01 * exact[1]
+    factor = splu(sp.csc_matrix(stiffness - sigma * mass))
+    missed = whole.rows[7]
+
+    def blind(column: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        answer = np.asarray(factor.solve(column)).ravel()
+        return answer - missed * (missed @ (mass @ answer))
+
+    inverse = LinearOperator(stiffness.shape, matvec=blind, dtype=np.float64)
+    check(solve(stiffness, mass, 20, sigma=sigma, op_inv=inverse), exact[:20])
+
+
+@pytest.mark.parametrize("size", [1e-2, 1e-5, 1e-8])
+def test_one_entry_of_an_asymmetric_matrix_is_enough_to_refuse_it(
+    matrices: Matrices, size: float
+) -> None:
+    stiffness, mass = matrices
+    wrong = sp.lil_array(stiffness)
+    row, column = (int(ends[3]) for ends in sp.triu(stiffness, k=1).nonzero())
+    wrong[row, column] += size * abs(stiffness).max()
+    with pytest.raises(InputError, match="not symmetric"):
+        solve(sp.csc_array(wrong), mass, 5)
+
+
+def test_rounding_in_a_symmetric_matrix_is_none(
+    matrices: Matrices, exact: npt.NDArray[np.float64]
+) -> None:
+    stiffness, mass = matrices
+    other = sp.csc_array(stiffness, copy=True)
+    other.data *= 1.0 + 1e-15 * np.arange(other.nnz) % 3e-15
+    assert abs(other - other.T).max() > 0.0
+    check(solve(other, mass, 20), exact[:20])
+
+
+@pytest.mark.parametrize(
+    "spoiled",
+    [
+        pytest.param(lambda rows, i: np.delete(rows, i, axis=0), id="a gap"),
+        pytest.param(lambda rows, i: _with_row(rows, i, rows[i - 1]), id="one twice"),
+        pytest.param(lambda rows, i: _with_row(rows, i, rows[i] + 0.5 * rows[i + 1]), id="mixed"),
+        pytest.param(lambda rows, i: _with_row(rows, i, np.nan * rows[i]), id="not finite"),
+    ],
+)
+@pytest.mark.parametrize("i", [12, 38])
+def test_known_pairs_that_are_not_the_lowest_are_not_built_on(
+    matrices: Matrices,
+    exact: npt.NDArray[np.float64],
+    whole: Decomposition,
+    spoiled: Any,
+    i: int,
+) -> None:
+    rows = spoiled(whole.rows[:40], i)
+    kept = np.delete(np.arange(40), i) if len(rows) < 40 else np.arange(40)
+    known = replace(
+        whole, eigenvalues=whole.eigenvalues[kept], rows=rows, residuals=whole.residuals[kept]
+    )
+    check(solve(*matrices, 60, known=known), exact[:60])
+
+
+def _with_row(rows: npt.NDArray[Any], i: int, row: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    rows = rows.copy()
+    rows[i] = row
+    return rows
+
+
+def test_an_iteration_that_is_left_does_not_run_on() -> None:
+    matrices = random_mesh(32, copies=2)
+    found: list[int] = []
+
+    def on_pairs(start: int, eigenvalues: npt.NDArray[Any], residuals: npt.NDArray[Any]) -> None:
+        found.append(start + len(eigenvalues))
+
+    # In float32 slices hold 50 pairs: there are ten, of which at most the next few have begun.
+    batches = iterate(*matrices, 500, dtype=np.float32, n_jobs=1, on_pairs=on_pairs)
+    next(batches)
+    first = next(batches)
+    batches.close()
+    assert first.stop < 150
+    assert found[-1] < 400
+    assert not [thread for thread in threading.enumerate() if thread.name == "eigenpairs"]
