@@ -96,7 +96,7 @@ def make_request(problem: Problem, spectrum: Spectrum) -> Request:
 def _is_level(spectrum: Spectrum) -> bool:
     """Whether dense `eigh` knows the eigenvectors, too, to many digits."""
     positive = spectrum.values[spectrum.values > spectrum.copies]
-    return spectrum.n < 800 and positive.max(initial=0.0) < 1e8 * positive.min(initial=np.inf)
+    return spectrum.n < 800 and 1e-8 * positive.max(initial=0.0) < positive.min(initial=np.inf)
 
 
 def _most(spectrum: Spectrum) -> int:
@@ -114,7 +114,8 @@ def _count(random: Random, spectrum: Spectrum) -> Request:
         return Request("all, or more than there are", count=spectrum.n + int(random.integers(0, 7)))
     if draw < 0.3:
         # Within a multiple eigenvalue, where there is one.
-        near = np.diff(spectrum.values[: _most(spectrum)]) <= spectrum.copies[: _most(spectrum)][1:]
+        values, copies = spectrum.values[: _most(spectrum)], spectrum.copies[: _most(spectrum)]
+        near = values[1:] - copies[1:] <= values[:-1]
         if near.any():
             return Request(
                 "count within copies", count=1 + int(random.choice(np.flatnonzero(near)))

@@ -48,7 +48,7 @@ _ORTHONORMALITY = {"float64": 1e-8, "float32": 1e-4}
 #: Relative errors of eigenvalues that the solver's tolerance allows.
 _RELATIVE = {"float64": 1e-9, "float32": 3e-7}
 #: Warnings that say nothing against eigenpairs.
-_OF_OTHER_THINGS = (errors.ConstantFeaturesWarning,)
+_OF_OTHER_THINGS = (errors.ConstantFeaturesWarning, errors.TruncationWarning)
 #: A threshold keeps eigenvalues up to so little above it, relatively.
 _MARGIN = 2e-11
 
