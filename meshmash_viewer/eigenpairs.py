@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, UnprovenWarning
 from meshmash_viewer.laplacian import SparseMatrix
 from meshmash_viewer.progress import Progress, ProgressCallback
 from meshmash_viewer.weyl import Target
@@ -64,6 +65,11 @@ def find_eigenpairs(
         Gets every report, bar or not.
     **options
         All others of `solve`.
+
+    Warns
+    -----
+    UnprovenWarning
+        If the certificate lacks something.
     """
     from meshmash_viewer.eigensolver import solve
 
@@ -76,6 +82,8 @@ def find_eigenpairs(
         result = solve(stiffness, mass, dtype=dtype, progress=reports, **options)
     if verbose:
         _say(result.proof(unit))
+    if not result.complete:
+        warnings.warn(result.proof(unit), UnprovenWarning, stacklevel=3)
     return result
 
 

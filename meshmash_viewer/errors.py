@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-__all__ = ["ConstantFeaturesWarning", "InputError", "TruncationWarning", "UnprovenError"]
+__all__ = [
+    "ConstantFeaturesWarning",
+    "InputError",
+    "TruncationWarning",
+    "UnprovenError",
+    "UnprovenWarning",
+]
 
 
 class InputError(ValueError):
@@ -15,6 +21,10 @@ class InputError(ValueError):
 
 class UnprovenError(InputError):
     """The eigenpairs of this matrix cannot be found, or not proven, in floating-point numbers."""
+
+
+class UnprovenWarning(UserWarning):
+    """Eigenpairs that a function returns, or makes features of, lack a part of their proof."""
 
 
 class ConstantFeaturesWarning(UserWarning):

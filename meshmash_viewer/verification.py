@@ -76,14 +76,24 @@ def _blocks(k: int) -> Iterator[slice]:
 def _residuals(
     decomposition: Decomposition, matrix: Any, diagonal: FloatArray, used: npt.NDArray[np.intp]
 ) -> FloatArray:
-    """‖Lφ - λMφ‖ / ‖Mφ‖ of every pair."""
-    values = decomposition.eigenvalues
+    """‖Lφ - λMφ‖ / ‖Mφ‖ of every pair, summed in more digits where the platform has them.
+
+    Of rows in float32 what their rounding explains is taken off.
+    """
+    values, exact = decomposition.eigenvalues, matrix.astype(np.longdouble)
     residuals = np.empty(len(values))
     for part in _blocks(len(values)):
-        rows = np.asarray(decomposition.rows[part][:, used], dtype=np.float64)
+        rows = np.asarray(decomposition.rows[part][:, used], dtype=np.longdouble)
         weighted = rows * diagonal
-        defect = (matrix @ rows.T).T - values[part, None] * weighted
-        residuals[part] = np.linalg.norm(defect, axis=1) / np.linalg.norm(weighted, axis=1)
+        defect = (exact @ rows.T).T - values[part, None] * weighted
+        # Scaled, for squares of small numbers vanish.
+        sizes = np.linalg.norm(np.asarray(weighted / diagonal.max(), dtype=np.float64), axis=1)
+        norms = np.linalg.norm(np.asarray(defect / diagonal.max(), dtype=np.float64), axis=1)
+        if decomposition.rows.dtype == np.float32:
+            rounded = (abs(matrix) @ np.abs(rows.astype(np.float64)).T).T / diagonal.max()
+            explained = np.finfo(np.float32).eps * np.linalg.norm(rounded, axis=1)
+            norms = np.maximum(norms - explained, 0.0)
+        residuals[part] = norms / sizes
     return residuals
 
 
@@ -113,7 +123,11 @@ def _count(
     low, first = None, 0
     if given.low is not None and given.low > 0.0:
         if not len(wide):
-            return 0, -1, values[-1] if len(values) else 0.0, values[0] if len(values) else 0.0
+            # One eigenvalue and copies of it, of which some may not have been asked for.
+            ends = float(values[0] - gap[0]), float(values[-1] + gap[-1])
+            below, upto = (_below(matrix, diagonal, end, spacing) for end in ends)
+            copies = upto - below
+            return copies, copies if copies >= len(values) else len(values), ends[1], ends[0]
         first = int(wide[0]) + 1
         low = 0.5 * float(values[first - 1] + values[first])
     # The bound that the solver counted to, if all below it are here; else the highest gap
@@ -140,7 +154,9 @@ def _below(matrix: Any, diagonal: FloatArray, bound: float, spacing: float) -> i
     if len(diagonal) <= _DENSE:
         root = np.sqrt(diagonal)
         reduced = matrix.toarray() / root[:, None] / root
-        return int(np.count_nonzero(eigvalsh(reduced) < bound))
+        rounding = np.finfo(np.float64).eps * np.abs(reduced).sum(axis=0).max()
+        if rounding < 1e-2 * _GAP * max(abs(bound), spacing):
+            return int(np.count_nonzero(eigvalsh(reduced) < bound))
     for move in (0.0, 1e-9, -1e-9, 1e-8, -1e-8):
         shift = bound + move * max(abs(bound), spacing)
         shifted = sp.csc_array(matrix - sp.diags_array(shift * diagonal))

@@ -232,7 +232,7 @@ class Factor:
     error : float
         Backward error of a probe solve: it grows with every pivot that is nearly zero.
     blur : float
-        How far that moves eigenvalues near the shift: the probe's defect by its answer's size.
+        How far that moves eigenvalues near the shift, to first order.
 
     Raises
     ------
@@ -287,16 +287,20 @@ class Factor:
         solve_block(*structure, self._blocks, self._inverse, block.reshape(-1))
 
     def _probe(self, pencil: Pencil) -> tuple[float, float]:
-        """Error and blur of a solve with a fixed right-hand side."""
+        """Error and blur of a solve with a fixed right-hand side, beside the known null space."""
         n = pencil.n
         block = np.zeros((n, 8))
-        block[:, 0] = probe = np.cos(np.arange(n, dtype=np.float64))
+        probe = np.cos(np.arange(n, dtype=np.float64))
+        pencil.remove_null(probe)
+        block[:, 0] = probe
         # A useless factor may overflow here; its error is then no number, and below no bound.
         with np.errstate(over="ignore", invalid="ignore"):
             self.solve(block)
             answer = block[:, 0].copy()
+            pencil.remove_null(answer)
             defect = pencil.matrix @ answer - self.shift * answer - probe
             size = abs(answer)
             scale = pencil.magnitudes @ size + abs(self.shift) * size + abs(probe)
-            missed = np.linalg.norm(defect)
-            return float(missed / np.linalg.norm(scale)), float(missed / np.linalg.norm(answer))
+            error = np.linalg.norm(defect) / np.linalg.norm(scale)
+            # To first order an eigenvalue moves by yᵀ E y, and the answer is rich in those y.
+            return float(error), float(size @ abs(defect) / (size @ size))

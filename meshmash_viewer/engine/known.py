@@ -102,6 +102,8 @@ class KnownPairs:
         for part in np.split(missing, np.flatnonzero(np.diff(missing) > 1) + 1):
             if len(part) == 0:
                 continue
+            if not self._are_lowest(plan, int(part[0]) - 1):
+                return None
             low, high = self._border(int(part[0]), -1), self._border(int(part[-1]) + 1, 1)
             if high is not None and high >= wanted:
                 high = None
@@ -117,6 +119,21 @@ class KnownPairs:
                 end = max(end, before)
             found.append((begin, end))
         return found
+
+    def _are_lowest(self, plan: SpectrumPlan, last: int) -> bool:
+        """Whether as many eigenvalues lie below a known pair, and its copies, as its index says."""
+        first = last
+        while first > self._pencil.n_null and self.kept(last + 1)[first - 1]:
+            if self.values[first - 1] < self.values[last] * (1.0 - _EQUAL):
+                break
+            first -= 1
+        if first <= self._pencil.n_null or not self.kept(first)[first - 1]:
+            return True  # nothing known to compare with
+        try:
+            below = plan.settle(float(self.values[last]), -1.0, wide=True)
+        except FactorizationError:
+            return False
+        return plan.count(below) == first
 
     def _between(self, plan: SpectrumPlan, index: int) -> float | None:
         """A value between a known pair and the one before, if the count there is right."""

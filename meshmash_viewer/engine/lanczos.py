@@ -155,7 +155,7 @@ def find_pairs(
             values, defect = rotate_to_pairs(ordered, rows, room)
         except UnclearBorder:
             raise
-        except ArithmeticError:
+        except (ArithmeticError, np.linalg.LinAlgError):
             # The basis lost its orthogonality and gave a pair twice.
             values, rows, defect = np.zeros(0), nothing, 0.0
             careful = True

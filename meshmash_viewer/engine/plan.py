@@ -93,18 +93,20 @@ class SpectrumPlan:
         below = -max(1e-6, 1e-9 * self.top)
         return self._each([below], lambda v: self._ordered.factor(v, -v, self._stop).count_below)[0]
 
-    def settle(self, value: float, outward: float = 1.0) -> float:
+    def settle(self, value: float, outward: float = 1.0, *, wide: bool = False) -> float:
         """A border at a value, or as little beyond as it takes to be clear of all eigenvalues.
 
         Counts on both sides that agree prove that nothing lies between them, wherever in between
         a pivot vanishes. Where they differ, the value is an eigenvalue or next to one, and counts
-        at larger and larger distances find the gap behind it.
+        at larger and larger distances find the gap behind it; the border goes into its middle.
 
         Parameters
         ----------
         value : float
         outward : {1.0, -1.0}
             The side on which the border may lie.
+        wide : bool
+            Whether it is to lie in the middle of the gap in any case: an eigenvalue is near.
 
         Returns
         -------
@@ -120,24 +122,34 @@ class SpectrumPlan:
             return value
         scale = max(abs(value), 1.0)
         places = [value + outward * scale * rung for rung in (-_RUNGS[0], *_RUNGS)]
-        before: tuple[float, int] | None = None
+        begin: tuple[float, int] | None = None
+        end: float | None = None
         # Two sides are always needed, so they are counted side by side.
         for group in (places[:2], *([place] for place in places[2:])):
             for place, counted in zip(group, self._each(group, self._count_at), strict=True):
                 if counted is None or _BLURS * counted[1] > abs(place - value):
                     continue
                 inside = min(max(place, 0.0), self.top)
-                if before is None or before[1] != counted[0]:
-                    before = inside, counted[0]
-                    continue
-                first = place is places[1]
-                border = value if first else 0.5 * (before[0] + inside)
-                if inside in (0.0, self.top):
-                    border = inside
-                self._note(border, counted[0], 0.5 * abs(inside - before[0]))
-                self._settled.add(border)
-                return border
-        raise FactorizationError(f"no gap in the spectrum near {value:.6g}")
+                if begin is not None and begin[1] == counted[0]:
+                    end = inside
+                    if not wide and place is places[1]:
+                        return self._settled_at(value, begin[1], 0.25 * abs(end - begin[0]))
+                elif end is None:
+                    begin = inside, counted[0]
+                else:
+                    break
+            else:
+                continue
+            break
+        if begin is None or end is None:
+            raise FactorizationError(f"no gap in the spectrum near {value:.6g}")
+        middle = end if end in (0.0, self.top) else 0.5 * (begin[0] + end)
+        return self._settled_at(middle, begin[1], 0.25 * abs(end - begin[0]))
+
+    def _settled_at(self, border: float, count: int, clearance: float) -> float:
+        self._note(border, count, clearance)
+        self._settled.add(border)
+        return border
 
     def _count_at(self, place: float) -> tuple[int, float] | None:
         """Eigenvalues below a place and the blur of that count, or None if a pivot vanishes."""
@@ -225,7 +237,7 @@ class SpectrumPlan:
             return min(fitting, key=lambda knot: abs(self._counts[knot] - middle)), True
         low, high = self._knots[i - 1], self._knots[i]
         if high - low < 1e-6 * high:
-            return self.settle(high), True
+            return self.settle(high, wide=True), True
         value = self._between(low, high, 0.5 * (least + most), last=i == len(self._knots) - 1)
         if turn % 2 and turn > 3:  # a multiple eigenvalue makes the count jump
             value = 0.5 * (low + high)
@@ -306,7 +318,7 @@ class SpectrumPlan:
             end = high
             if part < parts:
                 end = self.find(*_window(first, last, part, parts))
-                end = min(self.settle(end) if settled else end, high)
+                end = min(self.settle(end, wide=True) if settled else end, high)
             if self.count(end) > self.count(start):
                 yield self.interval(start, end, index)
                 index += 1

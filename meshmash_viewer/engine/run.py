@@ -40,6 +40,8 @@ _MOST_COPIES = 1000
 _LAST_SLICE = 80
 #: Pairs beyond those asked for that a given inverse is asked for.
 _EXTRA = 6
+#: Largest entry of an eigenvector that float32 can hold, with room for its products.
+_LARGEST_SINGLE = 1e30
 #: What is said of stages in which no pairs are counted yet.
 _MESSAGES = {
     "matrices": "Preparing the solver (the first run after an installation compiles it)",
@@ -97,7 +99,7 @@ class Run:
         with one_blas_thread():
             try:
                 yield from self._found()
-            except (ArithmeticError, FactorizationError) as fault:
+            except (ArithmeticError, FactorizationError, np.linalg.LinAlgError) as fault:
                 if self._plan is not None:
                     self._stop[0] = 0
                     self._refuse_negative(self._plan)
@@ -150,8 +152,8 @@ class Run:
         known = pairs_that_fit(request.known, ordered)
         below, held = 0.0, None
         if request.max_eigenvalue is not None:
-            threshold = request.max_eigenvalue / pencil.unit
-            top = plan.settle(min(threshold, plan.top))
+            threshold = min(request.max_eigenvalue / pencil.unit, plan.top)
+            top = plan.settle(threshold)
             wanted = plan.count(top)
             if wanted > plan.count(plan.settle(threshold, -1.0)):
                 below, held = self._around_threshold(ordered, plan, threshold, top)
@@ -279,7 +281,7 @@ class Run:
                 self._stop[0] = 0
                 if settled:
                     raise
-                stretches = [(low, plan.settle(high)) for low, high in stretches]
+                stretches = [(low, plan.settle(high, wide=True)) for low, high in stretches]
         yield from self._keep()
         self._spend("slices", started)
 
@@ -460,6 +462,12 @@ class Run:
 
     def _open(self, k: int, known: KnownPairs | None = None) -> None:
         request, n = self.request, self.pencil.n_all
+        smallest, largest = self.pencil.root_mass.min(), self.pencil.root_mass.max()
+        if request.lean and not 1.0 / _LARGEST_SINGLE < smallest <= largest < _LARGEST_SINGLE:
+            raise InputError(
+                f"Eigenvectors of masses from {smallest**2:.3g} to {largest**2:.3g} have entries "
+                "beyond the range of float32: ask for float64, or scale the mesh."
+            )
         self._known = known
         self._is_there = np.zeros(k, dtype=bool) if known is None else known.kept(k)
         kept = np.flatnonzero(self._is_there)
