@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.feature_kinds import KINDS
+from meshmash_viewer.laplacian import compute_vertex_areas
 from meshmash_viewer.model.jobs import Channel, ExportJob, Written
 from meshmash_viewer.progress import Cancelled, Progress
 
@@ -117,6 +119,11 @@ def _export(
         channel.report(Progress("writing", message=job.label))
         write_eigenpairs(job.path, decomposition, job.mesh, meta)
         return Written(job.path, f"{job.n_pairs} eigenpairs")
+    if not len(decomposition.mass):
+        # A solve that was cancelled has left pairs, but nothing that says how they are weighed.
+        operator = job.operator
+        areas = compute_vertex_areas(job.mesh, operator.robust, operator.mollify_factor)
+        decomposition = replace(decomposition, mass=areas)
     values = decomposition.eigenvalues
     bank = export_bank(job.kind, values, job.parameters)
     channel.report(Progress("features", message="Computing features"))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapes
 from listeners import Listener
 
 from meshmash_viewer.errors import InputError
@@ -16,6 +17,7 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.decomposition import decompose
 from meshmash_viewer.model.jobs import ExportJob
+from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.weyl import Target
 
 OPERATOR = OperatorOptions()
@@ -47,6 +49,14 @@ def test_as_many_pairs_as_asked_for_and_never_fewer(sphere: Mesh, listener: List
         exported(Mesh(2.0 * sphere.vertices, sphere.faces), "eigenpairs", 5, listener)
     with pytest.raises(InputError, match="choose one of"):
         exported(sphere, "curvature", 5, listener)
+
+
+def test_pairs_of_a_cancelled_solve_make_features_too(tmp_path: Path) -> None:
+    mesh = shapes.icosphere(4)
+    with pytest.raises(Cancelled):
+        decompose(mesh, OPERATOR, Target("count", 300), Listener(tmp_path, stop_at=50))
+    content = exported(mesh, "hks", 50, Listener(tmp_path), n_scales=4)
+    assert np.isfinite(content["features"]).all()
 
 
 def test_features_are_the_sum_over_the_pairs_asked_for(sphere: Mesh, listener: Listener) -> None:
