@@ -151,7 +151,8 @@ def test_a_gifti_surface_may_keep_its_numbers_beside_it_if_they_are_all_there(
             f'<DataArray Intent="NIFTI_INTENT_{intent}" DataType="NIFTI_TYPE_{kind}" '
             f'ArrayIndexingOrder="RowMajorOrder" Dimensionality="2" Dim0="{rows}" Dim1="3" '
             'Encoding="ExternalFileBinary" Endian="LittleEndian" '
-            f'ExternalFileName="numbers.bin" ExternalFileOffset="{offset}"><Data></Data></DataArray>'
+            f'ExternalFileName="numbers.bin" ExternalFileOffset="{offset}">'
+            "<Data></Data></DataArray>"
         )
 
     path, beside = tmp_path / "mesh.surf.gii", tmp_path / "numbers.bin"
