@@ -188,7 +188,7 @@ class Run:
     def __init__(
         self, tree: Path, tests: Sequence[str], seconds: float, plugin: Any, first_failure: bool
     ) -> None:
-        self.log = tree / "log.txt"
+        self.log = tree.parent / f"{tree.name}.log"
         self._end = time.monotonic() + seconds
         self._child = os.fork()
         if self._child == 0:
@@ -228,7 +228,7 @@ def _run(tree: Path, tests: Sequence[str], log: Path, plugin: Any, first_failure
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(sink, 1)
     os.dup2(sink, 2)
-    temporary = tree / "temporary"
+    temporary = tree.parent / f"{tree.name}-temporary"
     temporary.mkdir(exist_ok=True)
     os.environ.update(
         PYTHONPATH=str(tree), HOME=str(temporary), TMPDIR=str(temporary), PYTHONHASHSEED="0"
@@ -336,7 +336,7 @@ class Tests:
         patience : float
             Seconds that they may take beyond five times what they took without the fault.
         """
-        shutil.copytree(self._tree, copy, ignore=shutil.ignore_patterns("temporary"))
+        shutil.copytree(self._tree, copy)
         module = copy / mutation.path
         source = module.read_bytes()
         module.write_bytes(mutation.applied(source))
@@ -370,7 +370,7 @@ def noticed_by(run: Run, status: int) -> str | None:
 
 def _record(tree: Path, files: Sequence[str]) -> list[Any]:
     """Tests of some files: name, seconds, whether it passed, functions entered."""
-    record = tree / "record.txt"
+    record = tree.parent / "record.txt"
     run = Run(tree, files, 3600.0, _Recorder(tree, record), first_failure=False)
     while (status := run.status()) is None:
         time.sleep(0.1)

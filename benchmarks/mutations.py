@@ -178,7 +178,7 @@ def _try_all(
                 outcome[mutation] = noticed_by(run, status)
                 del running[mutation]
                 # Not waited for: a fault may have left a million files.
-                subprocess.Popen(["rm", "-rf", str(copy)])
+                subprocess.Popen(["rm", "-rf", str(copy), f"{copy}-temporary"])
                 said = outcome[mutation] or f"SURVIVED {n_tests} tests"
                 now = f"{time.perf_counter() - began:.0f} s"
                 _say(f"{len(outcome)} of {len(mutations)}, {now}: {mutation}: {said}")

@@ -21,6 +21,7 @@ from meshmash_viewer.decompose import (
     decompose_mesh,
     spectral_geometry_filter,
 )
+from meshmash_viewer.eigensolver import solve
 from meshmash_viewer.errors import ConstantFeaturesWarning, InputError
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
@@ -575,3 +576,26 @@ def test_the_mollification_asked_for_is_the_one_of_the_operator() -> None:
     plain = compute_hks(cotangent_laplacian(mesh), max_eigenvalue=50.0, **times)
     found = compute_hks(mesh, max_eigenvalue=50.0, robust=False, **times)
     np.testing.assert_array_equal(found, plain)
+
+
+@pytest.mark.parametrize("count", [2.5, 0, -3, np.nan, np.inf])
+def test_a_number_of_pairs_is_a_whole_one(count: float) -> None:
+    mesh = shapes.icosphere(1)
+    matrices = cotangent_laplacian(mesh)
+    for ask in (
+        lambda: decompose_laplacian(*matrices, n_components=count),
+        lambda: decompose_mesh(mesh, n_components=count),
+        lambda: decompose_laplacian_by_bands(*matrices, max_eigenvalue=3.0, band_size=count),
+    ):
+        with pytest.raises(InputError, match="give a whole number from 1"):
+            ask()
+    assert len(decompose_mesh(mesh, n_components=3.0)[0]) == 3
+
+
+def test_a_decomposition_says_what_its_stages_took() -> None:
+    matrices = cotangent_laplacian(shapes.icosphere(4))
+    timings = solve(*matrices, 30).timings
+    assert {"matrices", "order", "count", "slices", "output", "total"} <= timings.keys()
+    stages = [seconds for stage, seconds in timings.items() if stage != "total"]
+    assert min(stages) >= 0.0
+    assert timings["total"] >= max(stages)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -105,3 +107,66 @@ def test_a_coordinate_of_a_text_stl_that_is_not_finite(value: str, tmp_path: Pat
     path.write_text(f"solid a\n{facet.format(good)}{facet.format(bad)}endsolid a\n")
     with pytest.raises(InputError, match="not finite"):
         read_mesh(path)
+
+
+@pytest.mark.parametrize(
+    ("faces", "line", "words"),
+    [
+        ("f 1 2 3\nf 1 2 0\nf 2 3 1", 6, "vertex index 0"),
+        ("f 0 2 3\nf 1 2 3", 5, "vertex index 0"),
+        ("f 1 2 3\nf -1 -2 -3\nf 1 -2 -5", 7, "counts back to before the first vertex"),
+        ("f 1 2 3\nf 1 2 3\nf 1 2 9", 7, "vertex 9 of 3"),
+        ("f 1 2 3\nf 1 2 4\nf 1 5 3\nf 3 2 1", 6, "2 faces .* vertex 4 of 3"),
+    ],
+)
+def test_the_line_of_a_faulty_face_is_named(
+    faces: str, line: int, words: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "mesh.obj"
+    path.write_text(f"# three vertices\nv 0 0 0\nv 1 0 0\nv 0 1 0\n{faces}\n")
+    with pytest.raises(InputError, match=words) as caught:
+        read_mesh(path)
+    assert re.search(rf"\bline {line}\b", str(caught.value))
+
+
+@pytest.mark.parametrize(("n_vertices", "n_faces"), [(-1, 2), (4, -2), (-5, -5), (5, 3), (4, 4)])
+def test_a_freesurfer_surface_has_as_many_bytes_as_it_says(
+    n_vertices: int, n_faces: int, tmp_path: Path
+) -> None:
+    path = tmp_path / "lh.pial"
+    beginning = b"\xff\xff\xfecreated by nobody\n\n"
+    numbers = VERTICES.astype(">f4").tobytes() + FACES.astype(">i4").tobytes()
+    path.write_bytes(beginning + struct.pack(">ii", 4, 3) + numbers)
+    np.testing.assert_array_equal(read_mesh(path).faces, FACES)
+    path.write_bytes(beginning + struct.pack(">ii", n_vertices, n_faces) + numbers)
+    with pytest.raises(InputError, match=f"promises {n_vertices} vertices and {n_faces} faces"):
+        read_mesh(path)
+
+
+def test_a_gifti_surface_may_keep_its_numbers_beside_it_if_they_are_all_there(
+    tmp_path: Path,
+) -> None:
+    def array(intent: str, kind: str, rows: int, offset: int) -> str:
+        return (
+            f'<DataArray Intent="NIFTI_INTENT_{intent}" DataType="NIFTI_TYPE_{kind}" '
+            f'ArrayIndexingOrder="RowMajorOrder" Dimensionality="2" Dim0="{rows}" Dim1="3" '
+            'Encoding="ExternalFileBinary" Endian="LittleEndian" '
+            f'ExternalFileName="numbers.bin" ExternalFileOffset="{offset}">'
+            "<Data></Data></DataArray>"
+        )
+
+    path, beside = tmp_path / "mesh.surf.gii", tmp_path / "numbers.bin"
+    content = VERTICES.astype("<f4").tobytes() + FACES.astype("<i4").tobytes()
+    beside.write_bytes(content)
+    for last in (48, 49):
+        parts = array("POINTSET", "FLOAT32", 4, 0) + array("TRIANGLE", "INT32", 3, last)
+        path.write_text(
+            f'<?xml version="1.0"?><GIFTI Version="1.0" NumberOfDataArrays="2">{parts}</GIFTI>'
+        )
+        if last == 48:
+            mesh = read_mesh(path)
+            np.testing.assert_array_equal(mesh.vertices, VERTICES)
+            np.testing.assert_array_equal(mesh.faces, FACES)
+        else:
+            with pytest.raises(InputError, match=r"numbers\.bin that is not .* or too short"):
+                read_mesh(path)
