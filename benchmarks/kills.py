@@ -19,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from fuzz.kills import fill_once, kill_once, prepare
+from tests.fuzz.kills import fill_once, kill_once, prepare
 
 
 def main() -> None:

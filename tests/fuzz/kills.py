@@ -23,7 +23,6 @@ from unittest import mock
 
 import numpy as np
 import numpy.typing as npt
-from fuzz.store_faults import OPERATOR, blanket
 
 from meshmash_viewer.io.spectrum import find_eigenpairs, obtain_eigenpairs
 from meshmash_viewer.io.stored_spectrum import ROWS
@@ -32,6 +31,7 @@ from meshmash_viewer.model.jobs import DecomposeJob
 from meshmash_viewer.model.process import child_command, end_group
 from meshmash_viewer.model.transport import Wire
 from meshmash_viewer.weyl import Target
+from tests.fuzz.store_faults import OPERATOR, blanket
 
 FloatArray = npt.NDArray[np.float64]
 
