@@ -21,9 +21,9 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from fuzz.store_faults import Mutator, blanket, examine, make_store, mend
+from tests.fuzz.store_faults import Mutator, blanket, examine, make_store, mend
 
 
 def main() -> None:

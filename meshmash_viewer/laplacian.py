@@ -10,14 +10,18 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 from scipy import sparse
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import FloatArray, IntArray, Mesh, MeshLike, as_mesh
+from meshmash_viewer.space_curve import curve_order
 
 __all__ = ["OperatorOptions", "area_matrix", "compute_vertex_areas", "cotangent_laplacian"]
 
 SparseMatrix: TypeAlias = Any
+#: Two ends and the weight of each edge, shape (m,) each.
+Edges: TypeAlias = tuple[npt.NDArray[np.integer], npt.NDArray[np.integer], FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,16 +84,16 @@ def cotangent_laplacian(
        Computer Graphics Forum 39(5).
     """
     mesh = as_mesh(mesh)
-    vertices, faces, used = _referenced_part(mesh)
+    vertices, faces, used = _referenced_part(mesh, along_curve=robust)
     vertices, scale = _normalised(vertices)
     if robust:
-        stiffness, areas = _robust_operator(vertices, faces, mollify_factor)
+        edges, areas = _robust_operator(vertices, faces, mollify_factor)
     else:
         _refuse_flat_faces(mesh)
-        stiffness = _cotangent_weights(vertices, faces)
+        edges = _cotangent_weights(vertices, faces)
         areas = _corner_areas(vertices, faces)
     areas = areas * scale**2
-    return _spread(stiffness, used, mesh.n_vertices), _diagonal(areas, used, mesh.n_vertices)
+    return _stiffness(edges, used, mesh.n_vertices), _diagonal(areas, used, mesh.n_vertices)
 
 
 def area_matrix(mesh: MeshLike) -> SparseMatrix:
@@ -136,12 +140,21 @@ def compute_vertex_areas(
     return _corner_areas(vertices, mesh.faces) * scale**2
 
 
-def _referenced_part(mesh: Mesh) -> tuple[FloatArray, IntArray, IntArray]:
-    """Vertices in use, faces with three corners that name them, and their indices in the mesh."""
+def _referenced_part(mesh: Mesh, along_curve: bool) -> tuple[FloatArray, IntArray, IntArray]:
+    """Vertices in use, faces with three corners that name them, and their indices in the mesh.
+
+    Along a curve that fills space neighbours are near in memory too, which is worth a factor of two
+    to whoever walks from edge to edge.
+    """
     used = np.flatnonzero(mesh.referenced)
+    if along_curve:
+        used = used[np.argsort(curve_order(mesh.vertices[used]), kind="stable")]
     number = np.full(mesh.n_vertices, -1, dtype=np.int64)
     number[used] = np.arange(len(used))
-    return mesh.vertices[used], number[mesh.faces[mesh.distinct_corners]], used
+    faces = number[mesh.faces[mesh.distinct_corners]]
+    if along_curve:
+        faces = faces[np.argsort(faces.min(axis=1), kind="stable")]
+    return mesh.vertices[used], faces, used
 
 
 def _normalised(vertices: FloatArray) -> tuple[FloatArray, float]:
@@ -173,7 +186,7 @@ def _refuse_flat_faces(mesh: Mesh) -> None:
         )
 
 
-def _cotangent_weights(vertices: FloatArray, faces: IntArray) -> SparseMatrix:
+def _cotangent_weights(vertices: FloatArray, faces: IntArray) -> Edges:
     n = len(vertices)
     corners = [vertices[faces[:, corner]] for corner in range(3)]
     rows, columns, weights = [], [], []
@@ -188,20 +201,14 @@ def _cotangent_weights(vertices: FloatArray, faces: IntArray) -> SparseMatrix:
         weights.append(0.5 * np.einsum("ij,ij->i", u, v) / sine)
     upper = sparse.coo_array(
         (np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=(n, n)
-    ).tocsc()
-    return _from_upper_weights(upper)
-
-
-def _from_upper_weights(upper: SparseMatrix) -> SparseMatrix:
-    """L from the weights above the diagonal: symmetric to the last bit, rows summing to zero."""
-    adjacency = upper + upper.T
-    degree = np.asarray(adjacency.sum(axis=1)).ravel()
-    return sparse.csc_array(sparse.diags_array(degree) - adjacency)
+    )
+    upper.sum_duplicates()
+    return np.asarray(upper.row), np.asarray(upper.col), np.asarray(upper.data)
 
 
 def _robust_operator(
     vertices: FloatArray, faces: IntArray, mollify_factor: float
-) -> tuple[SparseMatrix, FloatArray]:
+) -> tuple[Edges, FloatArray]:
     import robust_laplacian
 
     if not mollify_factor >= 0.0:
@@ -216,25 +223,39 @@ def _robust_operator(
             "try a larger mollify_factor, or repair the mesh first."
         ) from error
     areas = np.asarray(mass.diagonal(), dtype=np.float64)
-    stiffness = sparse.csc_array(stiffness)
-    if not (np.isfinite(stiffness.data).all() and np.isfinite(areas).all() and areas.min() > 0):
+    entries = stiffness.tocoo()
+    if not (np.isfinite(entries.data).all() and np.isfinite(areas).all() and areas.min() > 0):
         raise InputError(
             "The robust Laplacian has entries that are not finite, or vertices without area: "
             f"mollify_factor {mollify_factor} is too small for the degenerate faces of this mesh."
         )
-    return _from_upper_weights(-sparse.triu(stiffness, k=1, format="csc")), areas
+    upper = entries.row < entries.col
+    return (entries.row[upper], entries.col[upper], -entries.data[upper]), areas
 
 
-def _spread(stiffness: SparseMatrix, used: IntArray, n: int) -> SparseMatrix:
-    """Matrix of all n vertices from that of the ones in use."""
-    if len(used) == n:
-        spread = stiffness
-    else:
-        entries = stiffness.tocoo()
-        spread = sparse.csc_array((entries.data, (used[entries.row], used[entries.col])), (n, n))
-    spread.sum_duplicates()
-    spread.sort_indices()
-    return spread
+def _stiffness(edges: Edges, used: IntArray, n: int) -> SparseMatrix:
+    """L of all n vertices: symmetric to the last bit, rows summing to zero.
+
+    Parameters
+    ----------
+    edges : Edges
+        Each once, between vertices as they are numbered in `used`.
+    used : ndarray of int
+    n : int
+    """
+    used = used.astype(sparse.get_index_dtype(maxval=2 * len(edges[2]) + n))
+    first, second, weights = used[edges[0]], used[edges[1]], edges[2]
+    degree = np.bincount(first, weights, n) + np.bincount(second, weights, n)
+    stiffness = sparse.csc_array(
+        (
+            np.concatenate([-weights, -weights, degree[used]]),
+            (np.concatenate([first, second, used]), np.concatenate([second, first, used])),
+        ),
+        shape=(n, n),
+    )
+    stiffness.sort_indices()
+    stiffness.eliminate_zeros()
+    return stiffness
 
 
 def _diagonal(areas: FloatArray, used: IntArray, n: int) -> SparseMatrix:

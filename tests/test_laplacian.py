@@ -94,6 +94,18 @@ def test_units_and_origins_change_rounding_only(neuron):
     close(moved[1], mass, 1e-7)
 
 
+def test_the_order_of_vertices_and_faces_changes_rounding_only(neuron, rng):
+    order = rng.permutation(neuron.n_vertices)
+    number = np.argsort(order)
+    faces = rng.permutation(number[neuron.faces])
+    shuffled = Mesh(neuron.vertices[order], faces)
+    stiffness, mass = cotangent_laplacian(neuron, robust=True)
+    other, other_mass = cotangent_laplacian(shuffled, robust=True)
+    assert stiffness.indices.dtype == other.indices.dtype == np.int32
+    assert abs(other - stiffness[order][:, order]).max() < 1e-12 * abs(stiffness).max()
+    np.testing.assert_allclose(other_mass.diagonal(), mass.diagonal()[order], rtol=1e-12)
+
+
 def test_robust_takes_every_fault(neuron):
     stiffness, mass = cotangent_laplacian(neuron, robust=True)
     used = neuron.referenced

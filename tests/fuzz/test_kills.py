@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fuzz.kills import kill_once, prepare
+
+from tests.fuzz.kills import kill_once, prepare
 
 
 @pytest.mark.slow

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from fuzz.store_faults import Mutator, blanket, examine, make_store, mend
+
+from tests.fuzz.store_faults import Mutator, blanket, examine, make_store, mend
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -195,7 +195,10 @@ def test_a_store_is_served_as_far_as_it_is_whole(sphere: Mesh, tmp_path: Path) -
     with open_store(sphere, tmp_path) as store:
         rows = store.extend(12, None, kept)
         rows[4:8] = whole.rows[4:8]
-        store.append(4, whole.eigenvalues[4:8], whole.residuals[4:8])
+        store.append(4, whole.eigenvalues[4:8], 2.0 * whole.residuals[4:8])
+        # Other numbers than those that the proof was made of.
+        found = loaded(sphere, tmp_path)
+        assert (found.n_proven, found.n_converged, found.faults) == (4, 12, ())
         store.finish(whole)
     assert [path.stat().st_mtime_ns for path in untouched] == written
     found = open_store(sphere, tmp_path).load()
