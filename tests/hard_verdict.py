@@ -310,6 +310,9 @@ def _excuse(problem: Problem, request: Request, pencil: Scaled, spectrum: Spectr
     """Why a refusal may be, or nothing."""
     if problem.refusal:
         return "the problem has no answer that float64 can hold"
+    roots = np.sqrt(problem.mass[problem.mass > 0.0])
+    if request.single and not 1e-30 < roots.min() <= roots.max() < 1e30:
+        return "eigenvectors have entries that float32 cannot hold"
     values = np.abs(spectrum.values)
     norm = float(values.max(initial=0.0))
     count = len(values) if request.count is None or request.sigma is not None else request.count

@@ -24,7 +24,7 @@ from meshmash_viewer.engine.pencil import Pencil, reduce_pencil
 from meshmash_viewer.engine.plan import SpectrumPlan
 from meshmash_viewer.engine.request import Request
 from meshmash_viewer.engine.slices import run_slices
-from meshmash_viewer.engine.workers import is_dense, worker_count
+from meshmash_viewer.engine.workers import can_be_dense, is_dense, worker_count
 from meshmash_viewer.errors import InputError, UnprovenError
 from meshmash_viewer.progress import Cancelled, Progress
 
@@ -125,7 +125,14 @@ class Run:
             if self._is_dense(self.request.n_components or 0):
                 yield from self._dense()
                 return
-        yield from self._sliced(ordered)
+        try:
+            yield from self._sliced(ordered)
+        except (ArithmeticError, FactorizationError, np.linalg.LinAlgError):
+            # What has been given out stays; before that, few vertices can go the sure way.
+            if hasattr(self, "output") or not can_be_dense(self.pencil.n):
+                raise
+            self._stop[0] = 0
+            yield from self._dense()
 
     def _is_dense(self, wanted: int) -> bool:
         return is_dense(self.pencil.n, self.pencil.n_null, wanted)

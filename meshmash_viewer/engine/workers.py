@@ -8,7 +8,7 @@ from meshmash_viewer.engine.cores import core_count
 from meshmash_viewer.engine.factorization import OrderedPencil
 from meshmash_viewer.engine.row_memory import CAN_LET_GO
 
-__all__ = ["is_dense", "memory_of_run", "slice_count", "worker_count"]
+__all__ = ["can_be_dense", "is_dense", "memory_of_run", "slice_count", "worker_count"]
 
 #: Pairs a slice should hold: more make its basis dear, fewer its factor and its ends. In float32
 #: pairs converge in fewer steps, and small slices take a third less memory in the same time.
@@ -51,6 +51,11 @@ def is_dense(n: int, n_null: int, wanted: int) -> bool:
     """Whether all pairs of n vertices at once, by dense `eigh`, are the fastest way."""
     most = wanted > n // 3 and n <= _DENSE_VERTICES_MOST_PAIRS
     return n <= _DENSE_VERTICES or most or n - n_null < 64
+
+
+def can_be_dense(n: int) -> bool:
+    """Whether dense `eigh` of n vertices takes no longer than a person would wait."""
+    return n <= _DENSE_VERTICES_MOST_PAIRS
 
 
 def worker_count(ordered: OrderedPencil, asked: int | None, pairs: int, lean: bool = False) -> int:
