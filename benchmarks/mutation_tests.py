@@ -234,7 +234,8 @@ def _run(tree: Path, tests: Sequence[str], log: Path, plugin: Any, first_failure
         PYTHONPATH=str(tree), HOME=str(temporary), TMPDIR=str(temporary), PYTHONHASHSEED="0"
     )
     os.chdir(tree)
-    sys.path.insert(0, str(tree))
+    # In the place of the folder of this script, whose modules have names that tests use too.
+    sys.path[0] = str(tree)
     files = list(dict.fromkeys(test.partition("::")[0] for test in tests))
     options = ["-q", "-p", "no:cacheprovider", "--tb=line", f"--basetemp={temporary}/pytest"]
     if first_failure:
