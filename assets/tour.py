@@ -23,10 +23,10 @@ from PySide6.QtWidgets import QApplication, QDialog
 from trimesh.remesh import subdivide
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.canvas import Canvas
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
+from meshmash_viewer.app.view.canvas import Canvas
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.samples import sample_path

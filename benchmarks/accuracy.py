@@ -33,7 +33,7 @@ from contestants import read_matrices
 from eigensolver import prepare
 from scipy.sparse.csgraph import connected_components
 
-from meshmash_viewer.eigensolver import Decomposition, solve
+from meshmash_viewer.spectral.eigensolver import Decomposition, solve
 
 #: Larger problems are not solved densely.
 _DENSE_VERTICES = 12_000

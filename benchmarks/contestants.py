@@ -43,7 +43,7 @@ def begin() -> None:
 
 def run_slices(folder: Path, k: int, jobs: int) -> dict[str, Any]:
     """This package, so many slices at a time."""
-    from meshmash_viewer.eigensolver import solve
+    from meshmash_viewer.spectral.eigensolver import solve
 
     stiffness, mass = read_matrices(folder)
     solve(stiffness[:1200][:, :1200], mass[:1200][:, :1200], 5)  # loads what is loaded late
@@ -149,8 +149,8 @@ def run_limit(folder: Path, k: int) -> dict[str, Any]:
     """Seconds of the parts that nobody can do without, each at its best, in one thread."""
     from threadpoolctl import threadpool_limits
 
-    from meshmash_viewer.engine.factorization import order_pencil
-    from meshmash_viewer.engine.pencil import reduce_pencil
+    from meshmash_viewer.spectral.engine.factorization import order_pencil
+    from meshmash_viewer.spectral.engine.pencil import reduce_pencil
 
     stop = np.zeros(1, dtype=np.uint8)
     pencil = reduce_pencil(*read_matrices(folder))
@@ -192,8 +192,8 @@ def quality(folder: Path, values: Any, rows: Any) -> dict[str, Any]:
     Residuals are ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``, of all pairs above a hundredth of Weyl's spacing.
     What is missing below the last eigenvalue tells a factor: the number of its negative pivots.
     """
-    from meshmash_viewer.engine.factorization import order_pencil
-    from meshmash_viewer.engine.pencil import reduce_pencil
+    from meshmash_viewer.spectral.engine.factorization import order_pencil
+    from meshmash_viewer.spectral.engine.pencil import reduce_pencil
 
     stiffness, matrix = read_matrices(folder)
     mass = matrix.diagonal()

@@ -46,8 +46,8 @@ from typing import Any
 
 import numpy as np
 
-from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.spectral.certificate import Certificate
 
 HERE = Path(__file__).parent
 PARTS = ("window", "solve", "peer", "start")
@@ -103,9 +103,9 @@ def _split_faces(faces: np.ndarray, middles: np.ndarray) -> np.ndarray:
 
 def prepare_store(mesh: Mesh, n_pairs: int, solved: bool) -> None:
     """Fill the cache with eigenpairs of a mesh, real or synthetic."""
-    from meshmash_viewer.eigensolver import Decomposition, solve
     from meshmash_viewer.io.store import EigenpairStore
     from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
+    from meshmash_viewer.spectral.eigensolver import Decomposition, solve
 
     operator = OperatorOptions()
     store = EigenpairStore.open_or_create(mesh, operator)

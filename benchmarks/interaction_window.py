@@ -27,15 +27,15 @@ from PySide6.QtGui import QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QTabWidget, QWidget
 
-import meshmash_viewer.app.picture as picture_module
+import meshmash_viewer.app.view.picture as picture_module
 from meshmash_viewer.app import heap
-from meshmash_viewer.app.canvas import Canvas
-from meshmash_viewer.app.facts import subscript
+from meshmash_viewer.app.controls.facts import subscript
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application, keep_what_is_loaded
+from meshmash_viewer.app.view.canvas import Canvas
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.jobs import ExportJob
-from meshmash_viewer.weyl import Target
+from meshmash_viewer.spectral.weyl import Target
 
 #: Ticks are done again, so many times at most, while the host of a virtual machine takes more than
 #: this share of a processor from it: no program can help that.
@@ -268,7 +268,7 @@ class Session:
         yield self.at_rest
 
     def picture(self) -> Script:
-        from meshmash_viewer.app.picture_dialog import PictureDialog
+        from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
 
         path = self.folder / "picture.png"
         dialog = PictureDialog((1920, 1080), path, self.window)

@@ -25,19 +25,19 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
-from meshmash_viewer.certificate import Certificate
-from meshmash_viewer.eigensolver import Decomposition
-from meshmash_viewer.features import truncated_features
-from meshmash_viewer.filters import (
+from meshmash_viewer.features.filters import (
     FilterBank,
     bspline_bank,
     heat_kernel_bank,
     low_pass_bank,
     wave_kernel_bank,
 )
+from meshmash_viewer.features.sums import truncated_features
 from meshmash_viewer.health import repair_mesh
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.laplacian import cotangent_laplacian
+from meshmash_viewer.spectral.certificate import Certificate
+from meshmash_viewer.spectral.eigensolver import Decomposition
 
 #: Times of HKS in units of 1 / λ_K: from "nearly all is missing" to "nothing is".
 _TIMES = np.geomspace(0.3, 9.0, 32)

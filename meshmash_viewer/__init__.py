@@ -28,24 +28,30 @@ if TYPE_CHECKING:
     )
     from meshmash_viewer.decompose import decompose_mesh as decompose_mesh
     from meshmash_viewer.decompose import spectral_geometry_filter as spectral_geometry_filter
-    from meshmash_viewer.eigensolver import Decomposition as Decomposition
-    from meshmash_viewer.eigensolver import iterate as iterate
-    from meshmash_viewer.eigensolver import solve as solve
     from meshmash_viewer.errors import InputError as InputError
     from meshmash_viewer.errors import TruncationWarning as TruncationWarning
-    from meshmash_viewer.features import Features as Features
-    from meshmash_viewer.features import compute_features as compute_features
-    from meshmash_viewer.filters import FilterBank as FilterBank
-    from meshmash_viewer.filters import band_pass_bank as band_pass_bank
-    from meshmash_viewer.filters import bspline_bank as bspline_bank
-    from meshmash_viewer.filters import construct_bspline_basis as construct_bspline_basis
-    from meshmash_viewer.filters import construct_bspline_filter as construct_bspline_filter
-    from meshmash_viewer.filters import gaussian_pyramid_bank as gaussian_pyramid_bank
-    from meshmash_viewer.filters import get_hks_filter as get_hks_filter
-    from meshmash_viewer.filters import heat_kernel_bank as heat_kernel_bank
-    from meshmash_viewer.filters import hks_times as hks_times
-    from meshmash_viewer.filters import low_pass_bank as low_pass_bank
-    from meshmash_viewer.filters import wave_kernel_bank as wave_kernel_bank
+    from meshmash_viewer.features.filters import FilterBank as FilterBank
+    from meshmash_viewer.features.filters import band_pass_bank as band_pass_bank
+    from meshmash_viewer.features.filters import bspline_bank as bspline_bank
+    from meshmash_viewer.features.filters import construct_bspline_basis as construct_bspline_basis
+    from meshmash_viewer.features.filters import (
+        construct_bspline_filter as construct_bspline_filter,
+    )
+    from meshmash_viewer.features.filters import gaussian_pyramid_bank as gaussian_pyramid_bank
+    from meshmash_viewer.features.filters import get_hks_filter as get_hks_filter
+    from meshmash_viewer.features.filters import heat_kernel_bank as heat_kernel_bank
+    from meshmash_viewer.features.filters import hks_times as hks_times
+    from meshmash_viewer.features.filters import low_pass_bank as low_pass_bank
+    from meshmash_viewer.features.filters import wave_kernel_bank as wave_kernel_bank
+    from meshmash_viewer.features.shape import feature_distance as feature_distance
+    from meshmash_viewer.features.shape import low_pass_vertices as low_pass_vertices
+    from meshmash_viewer.features.shape import match_features as match_features
+    from meshmash_viewer.features.shape import reconstruct as reconstruct
+    from meshmash_viewer.features.shape import spectral_coefficients as spectral_coefficients
+    from meshmash_viewer.features.shape import spectral_distance as spectral_distance
+    from meshmash_viewer.features.sums import Features as Features
+    from meshmash_viewer.features.sums import compute_features as compute_features
+    from meshmash_viewer.features.truncation import Truncation as Truncation
     from meshmash_viewer.health import largest_component as largest_component
     from meshmash_viewer.health import mesh_health as mesh_health
     from meshmash_viewer.health import repair_mesh as repair_mesh
@@ -57,16 +63,12 @@ if TYPE_CHECKING:
     from meshmash_viewer.laplacian import cotangent_laplacian as cotangent_laplacian
     from meshmash_viewer.mesh import Mesh as Mesh
     from meshmash_viewer.mesh import mesh_to_poly as mesh_to_poly
-    from meshmash_viewer.shape import feature_distance as feature_distance
-    from meshmash_viewer.shape import low_pass_vertices as low_pass_vertices
-    from meshmash_viewer.shape import match_features as match_features
-    from meshmash_viewer.shape import reconstruct as reconstruct
-    from meshmash_viewer.shape import spectral_coefficients as spectral_coefficients
-    from meshmash_viewer.shape import spectral_distance as spectral_distance
-    from meshmash_viewer.split import MeshStitcher as MeshStitcher
-    from meshmash_viewer.truncation import Truncation as Truncation
-    from meshmash_viewer.weyl import weyl_count as weyl_count
-    from meshmash_viewer.weyl import weyl_eigenvalue as weyl_eigenvalue
+    from meshmash_viewer.spectral.eigensolver import Decomposition as Decomposition
+    from meshmash_viewer.spectral.eigensolver import iterate as iterate
+    from meshmash_viewer.spectral.eigensolver import solve as solve
+    from meshmash_viewer.spectral.weyl import weyl_count as weyl_count
+    from meshmash_viewer.spectral.weyl import weyl_eigenvalue as weyl_eigenvalue
+    from meshmash_viewer.split.stitcher import MeshStitcher as MeshStitcher
 
 __version__ = "0.1.0"
 
@@ -81,8 +83,8 @@ _CONTENTS = {
     # Operators
     "laplacian": ("area_matrix", "compute_vertex_areas", "cotangent_laplacian"),
     # Eigenpairs
-    "weyl": ("weyl_count", "weyl_eigenvalue"),
-    "eigensolver": ("Decomposition", "iterate", "solve"),
+    "spectral.weyl": ("weyl_count", "weyl_eigenvalue"),
+    "spectral.eigensolver": ("Decomposition", "iterate", "solve"),
     "decompose": (
         "decompose_laplacian",
         "decompose_laplacian_by_bands",
@@ -93,7 +95,7 @@ _CONTENTS = {
         "spectral_geometry_filter",
     ),
     # Filter banks, and features in two steps
-    "filters": (
+    "features.filters": (
         "FilterBank",
         "band_pass_bank",
         "bspline_bank",
@@ -106,10 +108,10 @@ _CONTENTS = {
         "low_pass_bank",
         "wave_kernel_bank",
     ),
-    "features": ("Features", "compute_features"),
-    "truncation": ("Truncation",),
+    "features.sums": ("Features", "compute_features"),
+    "features.truncation": ("Truncation",),
     # Comparing shapes
-    "shape": (
+    "features.shape": (
         "feature_distance",
         "low_pass_vertices",
         "match_features",
@@ -118,7 +120,7 @@ _CONTENTS = {
         "spectral_distance",
     ),
     # Meshes too large for one go
-    "split": ("MeshStitcher",),
+    "split.stitcher": ("MeshStitcher",),
     # The window
     "app": ("view",),
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from meshmash_viewer.cli import main
+from meshmash_viewer.cli.main import main
 
 if __name__ == "__main__":
     raise SystemExit(main())

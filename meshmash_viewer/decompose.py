@@ -5,7 +5,7 @@ nm, and below every eigenvalue but zero for a mesh of size 1), times are in squa
 features of this module have the unit of φ², one over squared unit.
 
 The eigenvectors are orthonormal with respect to `M`, so a function `f` is projected on them by
-``eigenvectors.T @ (M @ f)``. `meshmash_viewer.shape.spectral_coefficients` does so where vertices
+``eigenvectors.T @ (M @ f)``. `meshmash_viewer.spectral_coefficients` does so where vertices
 that no face uses are NaN, too, and `reconstruct` goes back.
 """
 
@@ -16,14 +16,13 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.descriptors import (
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.descriptors import (
     compute_geometry_vectors,
     compute_hks,
     spectral_geometry_filter,
 )
-from meshmash_viewer.eigenpairs import check_bands, find_eigenpairs, whole_number
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.filters import (
+from meshmash_viewer.features.filters import (
     construct_bspline_basis,
     construct_bspline_filter,
     get_hks_filter,
@@ -31,6 +30,7 @@ from meshmash_viewer.filters import (
 from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
 from meshmash_viewer.mesh import MeshLike
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
+from meshmash_viewer.spectral.eigenpairs import check_bands, find_eigenpairs, whole_number
 
 __all__ = [
     "compute_geometry_vectors",
@@ -183,7 +183,7 @@ def decompose_laplacian_by_bands(
         See `decompose_laplacian`.
     max_eigenvalue : float
         Per squared unit of the mesh; pairs with λ ≤ max_eigenvalue are returned, all n if it is
-        above the whole spectrum. `meshmash_viewer.weyl.weyl_count` says about how many.
+        above the whole spectrum. `meshmash_viewer.spectral.weyl.weyl_count` says about how many.
     band_size : int
         Accepted for compatibility: the solver divides the spectrum by itself, and no choice of
         bands changes what it finds.

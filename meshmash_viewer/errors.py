@@ -38,5 +38,5 @@ class ConstantFeaturesWarning(UserWarning):
 class TruncationWarning(UserWarning):
     """More than 1 % of a feature column is missing, because too few eigenpairs took part.
 
-    By the estimate of `meshmash_viewer.truncation`; the features carry it with its bound.
+    By the estimate of `meshmash_viewer.features.truncation`; the features carry it with its bound.
     """

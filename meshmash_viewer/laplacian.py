@@ -15,7 +15,7 @@ from scipy import sparse
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import FloatArray, IntArray, Mesh, MeshLike, as_mesh
-from meshmash_viewer.space_curve import curve_order
+from meshmash_viewer.surface.space_curve import curve_order
 
 __all__ = ["OperatorOptions", "area_matrix", "compute_vertex_areas", "cotangent_laplacian"]
 

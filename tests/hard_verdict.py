@@ -28,13 +28,13 @@ from hard_requests import Request, make_request
 from hard_spectra import Problem, make_problem
 
 from meshmash_viewer import errors
-from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.decompose import compute_hks, decompose_laplacian_by_bands
-from meshmash_viewer.eigensolver import solve
-from meshmash_viewer.engine import run, workers
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.spectral.certificate import Certificate
+from meshmash_viewer.spectral.eigensolver import solve
+from meshmash_viewer.spectral.engine import run, workers
 
 __all__ = ["Verdict", "judge", "judge_seed", "through"]
 

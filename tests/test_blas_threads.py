@@ -7,9 +7,9 @@ import threading
 import shapes
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from meshmash_viewer.eigensolver import solve
-from meshmash_viewer.engine.blas_threads import one_blas_thread
 from meshmash_viewer.laplacian import cotangent_laplacian
+from meshmash_viewer.spectral.eigensolver import solve
+from meshmash_viewer.spectral.engine.blas_threads import one_blas_thread
 
 
 def blas_threads() -> set[int]:

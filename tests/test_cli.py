@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 import shapes
 
-from meshmash_viewer import cli
+from meshmash_viewer.cli import main as cli
 from meshmash_viewer.decompose import compute_geometry_vectors, compute_hks
-from meshmash_viewer.eigensolver import solve
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.spectral.eigensolver import solve
 
 
 @pytest.fixture(autouse=True)
@@ -258,7 +258,7 @@ def test_what_cannot_be_is_said_before_the_work(
     def never(*_: object, **__: object) -> None:
         raise AssertionError("eigenpairs were computed first")
 
-    monkeypatch.setattr("meshmash_viewer.commands.Solver.__call__", never)
+    monkeypatch.setattr("meshmash_viewer.cli.commands.Solver.__call__", never)
     status, out, err = run(capsys, "features", ball, ball.with_suffix(".ply"), *wrong, "-o", "f/")
     assert (status, out, len(err.splitlines())) == (2, "", 1)
 
@@ -346,7 +346,7 @@ def test_no_fault_ends_a_batch(
             raise fault
         return solve(*arguments, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("meshmash_viewer.eigensolver.solve", failing)
+    monkeypatch.setattr("meshmash_viewer.spectral.eigensolver.solve", failing)
     arguments = ("features", ball, tmp_path / "absent.ply", sheet, "--count", 9)
     said = run(capsys, *arguments, "-o", f"{tmp_path / 'out'}/")
     assert said[0] == status
@@ -372,7 +372,7 @@ def test_a_defect_is_said_where_its_details_cannot_be_kept(
     def failing(*_: object) -> None:
         raise KeyError("lost")
 
-    monkeypatch.setattr("meshmash_viewer.commands.output_paths", failing)
+    monkeypatch.setattr("meshmash_viewer.cli.commands.output_paths", failing)
     status, out, err = run(capsys, "features", ball, "-o", tmp_path / "out.npz")
     assert (status, out, len(err.splitlines())) == (1, "", 1)
     assert "KeyError: 'lost' at failing" in err
@@ -400,7 +400,7 @@ def test_stored_eigenpairs_are_not_computed_again(
         runs.append(1)
         return solve(*arguments, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("meshmash_viewer.eigensolver.solve", counted)
+    monkeypatch.setattr("meshmash_viewer.spectral.eigensolver.solve", counted)
     out = tmp_path / "out.npz"
     for options in ((), ("--kind", "geometry-vectors"), ("--no-robust",)):
         assert run(capsys, "features", ball, "--count", 9, *options, "-o", out)[0] == 0
@@ -525,7 +525,7 @@ def environment(folder: Path) -> dict[str, str]:
 def test_version_and_help_load_nothing_heavy(tmp_path: Path) -> None:
     heavy = ("PySide6", "pyvista", "vtkmodules", "scipy", "trimesh")
     code = (
-        "import sys\nfrom meshmash_viewer.cli import main\n"
+        "import sys\nfrom meshmash_viewer.cli.main import main\n"
         "try:\n    main(['features', '--help'])\nexcept SystemExit:\n    pass\n"
         f"sys.exit([name for name in {heavy!r} if name in sys.modules] or 0)"
     )

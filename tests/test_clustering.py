@@ -5,8 +5,8 @@ import pytest
 import shapes
 from scipy.spatial import KDTree
 
-from meshmash_viewer.clustering import cluster_vertices, scatter
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.surface.clustering import cluster_vertices, scatter
 
 
 def test_a_sphere_stays_a_sphere() -> None:

@@ -12,7 +12,7 @@ import pytest
 CODE = """
 import os
 {patch}
-from meshmash_viewer.engine import compilation
+from meshmash_viewer.spectral.engine import compilation
 from numba.core import config
 print(config.CACHE_DIR)
 assert not config.CACHE_DIR or os.path.isdir(config.CACHE_DIR)
@@ -47,7 +47,7 @@ def heat_table():
     from meshmash_viewer.model.compiled import field_kernels
     field_kernels()
 def preview():
-    from meshmash_viewer.preview import preview_eigenpairs
+    from meshmash_viewer.spectral.preview import preview_eigenpairs
     preview_eigenpairs(mesh, 4)
 """
 SENTENCE = "numba, which compiles the eigensolver, is missing; install it"
@@ -78,19 +78,21 @@ def test_without_a_compiler_what_needs_it_says_so_at_once(work: str) -> None:
 
 @pytest.mark.parametrize("arguments", [["info", "a.ply"], ["features", "a.ply", "-o", "b"], []])
 def test_without_a_compiler_the_command_ends_at_its_start(arguments: list[str]) -> None:
-    ended = without_compiler(f"from meshmash_viewer.cli import main\nsys.exit(main({arguments}))")
+    ended = without_compiler(
+        f"from meshmash_viewer.cli.main import main\nsys.exit(main({arguments}))"
+    )
     assert ended.returncode == 2
     assert ended.stderr.startswith(f"meshmash-viewer: {SENTENCE}")
     assert len(ended.stderr.splitlines()) == 1
     # What needs no compiler is still there.
-    ended = without_compiler("from meshmash_viewer.cli import main\nmain(['--help'])")
+    ended = without_compiler("from meshmash_viewer.cli.main import main\nmain(['--help'])")
     assert ended.returncode == 0
     assert "usage" in ended.stdout
 
 
 def test_a_compiler_that_does_not_work_beside_what_is_installed_says_why(tmp_path: Path) -> None:
     (tmp_path / "numba.py").write_text("raise ImportError('Numba needs NumPy 2.2 or less')")
-    code = "try:\n    from meshmash_viewer.engine import compilation\n"
+    code = "try:\n    from meshmash_viewer.spectral.engine import compilation\n"
     code += "except InputError as fault:\n    print(fault)"
     header = WITHOUT.replace(
         'sys.modules["numba"] = None', f"sys.path.insert(0, {str(tmp_path)!r})"

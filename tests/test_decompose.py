@@ -11,8 +11,7 @@ from scipy import sparse
 from scipy.linalg import eigh
 from scipy.sparse.linalg import LinearOperator, splu
 
-from meshmash_viewer import decompose, eigenpairs
-from meshmash_viewer import features as feature_sums
+from meshmash_viewer import decompose
 from meshmash_viewer.decompose import (
     compute_geometry_vectors,
     compute_hks,
@@ -21,11 +20,13 @@ from meshmash_viewer.decompose import (
     decompose_mesh,
     spectral_geometry_filter,
 )
-from meshmash_viewer.eigensolver import solve
 from meshmash_viewer.errors import ConstantFeaturesWarning, InputError
+from meshmash_viewer.features import sums as feature_sums
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.spectral import eigenpairs
+from meshmash_viewer.spectral.eigensolver import solve
 
 #: Of the neuron, per nm²: some 150 pairs lie below it.
 THRESHOLD = 1e-4

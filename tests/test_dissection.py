@@ -14,11 +14,11 @@ import scipy.linalg
 import scipy.sparse as sp
 from test_eigensolver import check, torus
 
-from meshmash_viewer.eigensolver import solve
-from meshmash_viewer.engine import dissection
-from meshmash_viewer.engine.dissection import nested_dissection
-from meshmash_viewer.engine.symbolic import elimination_order
 from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.spectral.eigensolver import solve
+from meshmash_viewer.spectral.engine import dissection
+from meshmash_viewer.spectral.engine.dissection import nested_dissection
+from meshmash_viewer.spectral.engine.symbolic import elimination_order
 
 pytest.importorskip("pymetis")
 

@@ -14,10 +14,10 @@ import pytest
 import scipy.linalg
 import scipy.sparse as sp
 
-from meshmash_viewer.certificate import Certificate
-from meshmash_viewer.eigensolver import Decomposition, estimate_memory, iterate, solve
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import Cancelled, Progress
+from meshmash_viewer.spectral.certificate import Certificate
+from meshmash_viewer.spectral.eigensolver import Decomposition, estimate_memory, iterate, solve
 
 Matrices = tuple[Any, Any]
 N_POINTS = 800

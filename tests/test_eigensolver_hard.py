@@ -20,13 +20,13 @@ import scipy.sparse as sp
 from test_eigensolver import Matrices, check, dense, random_mesh, torus
 from threadpoolctl import threadpool_limits
 
-from meshmash_viewer.eigensolver import Decomposition, solve
-from meshmash_viewer.engine.factorization import order_pencil
-from meshmash_viewer.engine.lanczos import Interval, find_pairs
-from meshmash_viewer.engine.pencil import reduce_pencil
-from meshmash_viewer.engine.plan import SpectrumPlan
-from meshmash_viewer.engine.slices import _find_pairs_alone, _with_rows, run_slices
 from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.spectral.eigensolver import Decomposition, solve
+from meshmash_viewer.spectral.engine.factorization import order_pencil
+from meshmash_viewer.spectral.engine.lanczos import Interval, find_pairs
+from meshmash_viewer.spectral.engine.pencil import reduce_pencil
+from meshmash_viewer.spectral.engine.plan import SpectrumPlan
+from meshmash_viewer.spectral.engine.slices import _find_pairs_alone, _with_rows, run_slices
 
 
 def icosphere(subdivisions: int) -> Matrices:

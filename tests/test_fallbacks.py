@@ -13,8 +13,8 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, splu
 from test_eigensolver import Matrices, check, dense, random_mesh
 
-from meshmash_viewer.eigensolver import Decomposition, iterate, solve
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.spectral.eigensolver import Decomposition, iterate, solve
 
 
 @pytest.fixture(scope="module")

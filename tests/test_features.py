@@ -7,11 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from meshmash_viewer.eigensolver import solve
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features import Features, accumulate_features, compute_features
-from meshmash_viewer.filters import bspline_bank, heat_kernel_bank
+from meshmash_viewer.features.filters import bspline_bank, heat_kernel_bank
+from meshmash_viewer.features.sums import Features, accumulate_features, compute_features
 from meshmash_viewer.laplacian import cotangent_laplacian
+from meshmash_viewer.spectral.eigensolver import solve
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import pytest
 import shapes
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.filters import (
+from meshmash_viewer.features.filters import (
     band_pass_bank,
     bspline_bank,
     construct_bspline_basis,

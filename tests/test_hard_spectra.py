@@ -23,7 +23,7 @@ from hard_spectra import Problem, graph_laplacian, grid_edges, matrices_of
 from hard_verdict import Verdict, judge, judge_seed
 from shapes import icosphere
 
-from meshmash_viewer.eigensolver import Decomposition, solve
+from meshmash_viewer.spectral.eigensolver import Decomposition, solve
 
 _PROBLEMS, _CHUNK = 300, 10
 #: Of a longer series of examples, each third is enough here.

@@ -11,12 +11,12 @@ import scipy.sparse as sp
 from test_eigensolver import torus
 from test_eigensolver_hard import icosphere
 
-from meshmash_viewer.engine import lanczos
-from meshmash_viewer.engine.basis import BLOCK, KrylovBasis
-from meshmash_viewer.engine.factorization import order_pencil
-from meshmash_viewer.engine.lanczos import Interval, measure_pairs, rotate_to_pairs
-from meshmash_viewer.engine.orthogonality import add_product
-from meshmash_viewer.engine.pencil import reduce_pencil
+from meshmash_viewer.spectral.engine import lanczos
+from meshmash_viewer.spectral.engine.basis import BLOCK, KrylovBasis
+from meshmash_viewer.spectral.engine.factorization import order_pencil
+from meshmash_viewer.spectral.engine.lanczos import Interval, measure_pairs, rotate_to_pairs
+from meshmash_viewer.spectral.engine.orthogonality import add_product
+from meshmash_viewer.spectral.engine.pencil import reduce_pencil
 
 STOP = np.zeros(1, dtype=np.uint8)
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import shapes
 
-from meshmash_viewer.nodal_lines import nodal_lines
+from meshmash_viewer.surface.nodal_lines import nodal_lines
 
 
 def length(segments: np.ndarray) -> float:

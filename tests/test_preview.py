@@ -7,8 +7,8 @@ from solved import spectrum_of
 
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.preview import Preview, expected_error, preview_eigenpairs
 from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.spectral.preview import Preview, expected_error, preview_eigenpairs
 
 
 def captured(mesh: Mesh, preview: Preview, n_exact: int) -> np.ndarray:

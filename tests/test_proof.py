@@ -14,9 +14,9 @@ import shapes
 from test_eigensolver import dense, random_mesh, torus
 
 from meshmash_viewer.decompose import compute_hks, decompose_laplacian_by_bands
-from meshmash_viewer.eigensolver import Decomposition, solve
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.laplacian import cotangent_laplacian
+from meshmash_viewer.spectral.eigensolver import Decomposition, solve
 
 
 def path_graph(n: int, periodic: bool) -> Any:

@@ -8,7 +8,7 @@ import numpy as np
 import psutil
 import pytest
 
-from meshmash_viewer.engine.row_memory import CAN_LET_GO, allocate, let_go
+from meshmash_viewer.spectral.engine.row_memory import CAN_LET_GO, allocate, let_go
 
 
 def resident() -> int:

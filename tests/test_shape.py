@@ -7,12 +7,8 @@ import pytest
 import shapes
 
 from meshmash_viewer.decompose import compute_hks
-from meshmash_viewer.eigensolver import solve
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features import Features
-from meshmash_viewer.laplacian import cotangent_laplacian
-from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.shape import (
+from meshmash_viewer.features.shape import (
     column_spread,
     feature_distance,
     low_pass_vertices,
@@ -21,6 +17,10 @@ from meshmash_viewer.shape import (
     spectral_coefficients,
     spectral_distance,
 )
+from meshmash_viewer.features.sums import Features
+from meshmash_viewer.laplacian import cotangent_laplacian
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.spectral.eigensolver import solve
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from test_eigensolver import torus
 
-from meshmash_viewer.eigensolver import solve
-from meshmash_viewer.engine import factorization
-from meshmash_viewer.engine.plan import SpectrumPlan
+from meshmash_viewer.spectral.eigensolver import solve
+from meshmash_viewer.spectral.engine import factorization
+from meshmash_viewer.spectral.engine.plan import SpectrumPlan
 
 STOP = np.zeros(1, dtype=np.uint8)
 

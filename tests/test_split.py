@@ -13,9 +13,9 @@ import shapes
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.partition import edge_graph, interior_depth
 from meshmash_viewer.progress import Cancelled, Progress
-from meshmash_viewer.split import MeshStitcher, PieceError
+from meshmash_viewer.split.partition import edge_graph, interior_depth
+from meshmash_viewer.split.stitcher import MeshStitcher, PieceError
 
 
 def coordinates(piece: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
@@ -216,10 +216,10 @@ def test_a_worker_plans_for_its_own_core_alone(fine_sphere: Mesh) -> None:
 
     def planned(piece: Any) -> int:
         """Slices that are computed at a time, where nobody says how many."""
-        from meshmash_viewer.engine.factorization import order_pencil
-        from meshmash_viewer.engine.pencil import reduce_pencil
-        from meshmash_viewer.engine.workers import worker_count
         from meshmash_viewer.laplacian import cotangent_laplacian
+        from meshmash_viewer.spectral.engine.factorization import order_pencil
+        from meshmash_viewer.spectral.engine.pencil import reduce_pencil
+        from meshmash_viewer.spectral.engine.workers import worker_count
 
         return worker_count(order_pencil(reduce_pencil(*cotangent_laplacian(piece))), None, 300)
 

@@ -13,16 +13,13 @@ import pytest
 import scipy.integrate
 import shapes
 
-from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.decompose import (
     compute_geometry_vectors,
     compute_hks,
     spectral_geometry_filter,
 )
-from meshmash_viewer.eigensolver import Decomposition, solve
 from meshmash_viewer.errors import InputError, TruncationWarning
-from meshmash_viewer.features import compute_features, truncated_features
-from meshmash_viewer.filters import (
+from meshmash_viewer.features.filters import (
     FilterBank,
     band_pass_bank,
     bspline_bank,
@@ -31,9 +28,12 @@ from meshmash_viewer.filters import (
     low_pass_bank,
     wave_kernel_bank,
 )
+from meshmash_viewer.features.sums import compute_features, truncated_features
+from meshmash_viewer.features.truncation import mean_shares
 from meshmash_viewer.laplacian import cotangent_laplacian
-from meshmash_viewer.truncation import mean_shares
-from meshmash_viewer.weyl import required_eigenvalue, resolved_time
+from meshmash_viewer.spectral.certificate import Certificate
+from meshmash_viewer.spectral.eigensolver import Decomposition, solve
+from meshmash_viewer.spectral.weyl import required_eigenvalue, resolved_time
 
 SHARES = (0.05, 0.2, 0.6)
 

@@ -8,7 +8,7 @@ import pytest
 import shapes
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.weyl import (
+from meshmash_viewer.spectral.weyl import (
     Target,
     wavelength,
     wavelength_eigenvalue,

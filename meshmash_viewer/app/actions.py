@@ -13,7 +13,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QMainWindow, QMenu, QToolBar
 
-from meshmash_viewer.app import icons
+from meshmash_viewer.app.controls import icons
 
 __all__ = ["COMMANDS", "MENUS", "MOUSE_HELP", "Actions", "Command", "command"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from PySide6.QtCore import QByteArray, Qt
 from PySide6.QtWidgets import QMainWindow, QTabBar, QTabWidget, QWidget
 
-from meshmash_viewer.app.dock import Dock
+from meshmash_viewer.app.controls.dock import Dock
 
 __all__ = ["Arrangement"]
 

@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QDialog, QFileDialog, QInputDialog, QMessageBox
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS
 from meshmash_viewer.app.faults import notice_of
-from meshmash_viewer.app.picture_writer import PictureWriter
+from meshmash_viewer.app.view.picture_writer import PictureWriter
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.read import READABLE_ENDINGS
 from meshmash_viewer.io.session import SESSION_ENDING
@@ -23,9 +23,9 @@ from meshmash_viewer.model.document import Notice, Severity
 from meshmash_viewer.model.failure import Failure
 
 if TYPE_CHECKING:
-    from meshmash_viewer.app.export_dialog import ExportDialog
+    from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
+    from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
     from meshmash_viewer.app.main_window import MainWindow
-    from meshmash_viewer.app.picture_dialog import PictureDialog
 
 __all__ = ["Commands"]
 
@@ -194,7 +194,7 @@ class Commands:
 
     def export(self) -> None:
         """Ask what to write, and have it written."""
-        from meshmash_viewer.app.export_dialog import ExportDialog
+        from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 
         dialog = ExportDialog(self._document, self._window.settings.folder, self._window)
         self._ask(dialog, lambda: self._start_export(dialog))
@@ -206,7 +206,7 @@ class Commands:
 
     def save_picture(self) -> None:
         """Ask for size and background, and save the render."""
-        from meshmash_viewer.app.picture_dialog import PictureDialog
+        from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
 
         scene = self._window.scene
         name = (self._document.mesh.name or "mesh") + ".png"
@@ -310,12 +310,12 @@ class Commands:
 
     def help(self) -> None:
         """Show the table of commands."""
-        from meshmash_viewer.app.help_dialog import HelpDialog
+        from meshmash_viewer.app.dialogs.help_dialog import HelpDialog
 
         self._ask(HelpDialog(self._window))
 
     def about(self) -> None:
         """Show version, licence and methods."""
-        from meshmash_viewer.app.help_dialog import AboutDialog
+        from meshmash_viewer.app.dialogs.help_dialog import AboutDialog
 
         self._ask(AboutDialog(self._window))

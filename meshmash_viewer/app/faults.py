@@ -11,7 +11,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Qt, Signal
 
-from meshmash_viewer.app.help_dialog import versions
+from meshmash_viewer.app.dialogs.help_dialog import versions
 from meshmash_viewer.model.document import Notice, Severity
 from meshmash_viewer.model.failure import Failure, failure_of
 

@@ -22,15 +22,16 @@ from PySide6.QtWidgets import (
     QToolBar,
 )
 
-from meshmash_viewer.app import icons, theme
+from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import Actions
 from meshmash_viewer.app.arrangement import Arrangement
 from meshmash_viewer.app.commands import Commands
+from meshmash_viewer.app.controls import icons
+from meshmash_viewer.app.controls.focus_keys import FocusKeys
 from meshmash_viewer.app.field_source import FieldSource
-from meshmash_viewer.app.focus_keys import FocusKeys
 from meshmash_viewer.app.last_look import LastLook
 from meshmash_viewer.app.listening import follow, later
-from meshmash_viewer.app.mesh_panel import MeshPanel
+from meshmash_viewer.app.panels.mesh_panel import MeshPanel
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.tasks import Tasks
@@ -143,11 +144,11 @@ class MainWindow(QMainWindow):
         """Build the render and the plots; importing their libraries takes a moment."""
         if self.loaded or self._closed:
             return
-        from meshmash_viewer.app.field_panel import FieldPanel
-        from meshmash_viewer.app.profile_panel import ProfilePanel
+        from meshmash_viewer.app.panels.field_panel import FieldPanel
+        from meshmash_viewer.app.panels.profile_panel import ProfilePanel
+        from meshmash_viewer.app.panels.spectrum_panel import SpectrumPanel
         from meshmash_viewer.app.row_check import RowCheck
-        from meshmash_viewer.app.scene import Scene
-        from meshmash_viewer.app.spectrum_panel import SpectrumPanel
+        from meshmash_viewer.app.view.scene import Scene
 
         self.scene = Scene(self.document, self.stage)
         self.stage.set_scene(self.scene)

@@ -20,7 +20,8 @@ from PySide6.QtCore import QObject, QTimer
 from PySide6.QtGui import QFont
 from PySide6.QtWidgets import QApplication
 
-from meshmash_viewer.app import heap, icons, theme
+from meshmash_viewer.app import heap, theme
+from meshmash_viewer.app.controls import icons
 from meshmash_viewer.units import UNIT_FORMS
 
 if TYPE_CHECKING:
@@ -31,10 +32,10 @@ __all__ = ["application", "run_app", "view"]
 
 #: What the window waits for, and what it says meanwhile.
 _LIBRARIES = (
-    ("meshmash_viewer.app.scene", "Loading the render …"),
-    ("meshmash_viewer.app.spectrum_panel", "Loading the plots …"),
-    ("meshmash_viewer.app.profile_panel", "Loading the plots …"),
-    ("meshmash_viewer.app.field_panel", "Loading the controls …"),
+    ("meshmash_viewer.app.view.scene", "Loading the render …"),
+    ("meshmash_viewer.app.panels.spectrum_panel", "Loading the plots …"),
+    ("meshmash_viewer.app.panels.profile_panel", "Loading the plots …"),
+    ("meshmash_viewer.app.panels.field_panel", "Loading the controls …"),
 )
 #: Seconds for which a thread may keep the interpreter while the window waits for it, ten times
 #: shorter than Python's own choice: to paint the window once takes it some twenty times.
@@ -132,8 +133,8 @@ def view(
     MainWindow
         Its `document` can be read and driven from the script.
     """
-    from meshmash_viewer.engine.compiler import check_compiler
     from meshmash_viewer.mesh import as_mesh
+    from meshmash_viewer.spectral.engine.compiler import check_compiler
     from meshmash_viewer.units import parse_unit
 
     check_compiler()

@@ -6,14 +6,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from meshmash_viewer.app.render.camera import View
+from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.session import Session, read_session, write_session
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model.display_json import display_from_json, display_to_json, read_display
 from meshmash_viewer.model.document import Notice, Severity
 from meshmash_viewer.model.jobs import ReadJob
-from meshmash_viewer.weyl import Target
+from meshmash_viewer.spectral.weyl import Target
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.main_window import MainWindow

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtWidgets import QStackedLayout, QWidget
 
-from meshmash_viewer.app.message_bar import MessageBar
+from meshmash_viewer.app.controls.message_bar import MessageBar
 from meshmash_viewer.app.welcome import Welcome
 
 __all__ = ["Stage"]

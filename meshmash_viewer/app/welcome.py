@@ -16,7 +16,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from meshmash_viewer.app import icons, theme
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import icons
 
 __all__ = ["Welcome"]
 

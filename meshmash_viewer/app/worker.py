@@ -12,7 +12,7 @@ from typing import cast
 
 from PySide6.QtCore import QObject, QThread, QTimer, Signal
 
-from meshmash_viewer.app.render.geometry import geometry_of
+from meshmash_viewer.app.view.geometry import geometry_of
 from meshmash_viewer.io.scratch import ScratchFolder, remove_abandoned
 from meshmash_viewer.model.failure import Failure, failure_of
 from meshmash_viewer.model.jobs import Job, MeshReady, SpectrumGrew
@@ -273,7 +273,7 @@ def _crash(job: Job, code: int, details: str) -> Failure:
 
 def _warm_up() -> None:
     """Import here what the interface thread would otherwise have to wait for."""
-    from meshmash_viewer.filters import bspline_bank
+    from meshmash_viewer.features.filters import bspline_bank
     from meshmash_viewer.model.cost import decomposition_bytes
 
     decomposition_bytes(1000, 10)

@@ -23,8 +23,8 @@ from meshmash_viewer.io.schema import (
     understood,
     whole,
 )
+from meshmash_viewer.spectral.weyl import TARGET_KINDS
 from meshmash_viewer.units import parse_unit
-from meshmash_viewer.weyl import TARGET_KINDS
 
 __all__ = ["MOST_INDEX", "SESSION_ENDING", "Session", "read_session", "write_session"]
 

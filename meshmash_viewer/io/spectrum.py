@@ -22,10 +22,10 @@ from meshmash_viewer.io.stored_spectrum import StoredSpectrum
 from meshmash_viewer.progress import CancelCallback, Cancelled, Progress, ProgressCallback
 
 if TYPE_CHECKING:
-    from meshmash_viewer.eigensolver import Decomposition
     from meshmash_viewer.laplacian import OperatorOptions, SparseMatrix
     from meshmash_viewer.mesh import Mesh
-    from meshmash_viewer.weyl import Target
+    from meshmash_viewer.spectral.eigensolver import Decomposition
+    from meshmash_viewer.spectral.weyl import Target
 
 __all__ = [
     "Eigenpairs",
@@ -125,7 +125,7 @@ def obtain_eigenpairs(
     spare : Path, optional
         Cache folder for what the user's cannot take; without it memory.
     progress, cancel : callable, optional
-        As for `meshmash_viewer.eigensolver.solve`.
+        As for `meshmash_viewer.spectral.eigensolver.solve`.
     follower : Follower, optional
     check : callable, optional
         Asked before the computation begins, and again when the number of pairs is known.
@@ -199,7 +199,7 @@ def _computed(
     check: FitCheck | None,
     n_jobs: int | None,
 ) -> Eigenpairs:
-    from meshmash_viewer.eigensolver import solve
+    from meshmash_viewer.spectral.eigensolver import solve
 
     if progress is not None:
         progress(Progress("operator", message="Building the Laplacian"))

@@ -46,9 +46,9 @@ from meshmash_viewer.io.stored_spectrum import (
 )
 
 if TYPE_CHECKING:
-    from meshmash_viewer.eigensolver import Decomposition
     from meshmash_viewer.laplacian import OperatorOptions, SparseMatrix
     from meshmash_viewer.mesh import Mesh
+    from meshmash_viewer.spectral.eigensolver import Decomposition
 
 __all__ = ["EigenpairStore", "StoreBusy", "StoreUnusable", "StoredSpectrum"]
 

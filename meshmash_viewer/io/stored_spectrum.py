@@ -23,9 +23,9 @@ from meshmash_viewer.io.sealed import Damaged, read_sealed, write_sealed
 from meshmash_viewer.progress import CancelCallback
 
 if TYPE_CHECKING:
-    from meshmash_viewer.certificate import Certificate
-    from meshmash_viewer.eigensolver import Decomposition
-    from meshmash_viewer.weyl import Target
+    from meshmash_viewer.spectral.certificate import Certificate
+    from meshmash_viewer.spectral.eigensolver import Decomposition
+    from meshmash_viewer.spectral.weyl import Target
 
 __all__ = [
     "PROOF",
@@ -213,8 +213,8 @@ class StoredSpectrum:
             None for all that there are, as `known` of a run that goes on from there: with
             eigenvalues of NaN where some are missing.
         """
-        from meshmash_viewer.certificate import Certificate
-        from meshmash_viewer.eigensolver import Decomposition
+        from meshmash_viewer.spectral.certificate import Certificate
+        from meshmash_viewer.spectral.eigensolver import Decomposition
 
         k = len(self.eigenvalues) if count is None else count
         proof = self.proof if 0 < k <= self.n_proven else None
@@ -381,7 +381,7 @@ def write_proof(folder: Path, key: str, proof: Proof) -> None:
 
 
 def _read_proof(path: Path, key: str, n_vertices: int) -> Proof:
-    from meshmash_viewer.certificate import Certificate
+    from meshmash_viewer.spectral.certificate import Certificate
 
     sealed = read_sealed(path, key)
     content = sealed.content

@@ -24,9 +24,9 @@ from meshmash_viewer.io.provenance import provenance
 from meshmash_viewer.io.writers import EIGENPAIR_WRITERS, WITHOUT_PROVENANCE, WRITERS, FeatureTable
 
 if TYPE_CHECKING:
-    from meshmash_viewer.eigensolver import Decomposition
-    from meshmash_viewer.features import Features
+    from meshmash_viewer.features.sums import Features
     from meshmash_viewer.mesh import Mesh
+    from meshmash_viewer.spectral.eigensolver import Decomposition
 
 __all__ = [
     "EIGENPAIR_WRITERS",

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
-    from meshmash_viewer.eigensolver import Decomposition
     from meshmash_viewer.mesh import Mesh
+    from meshmash_viewer.spectral.eigensolver import Decomposition
 
 __all__ = ["EIGENPAIR_WRITERS", "WITHOUT_PROVENANCE", "WRITERS", "FeatureTable"]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from meshmash_viewer.eigensolver import estimate_memory
+from meshmash_viewer.spectral.eigensolver import estimate_memory
 
 __all__ = ["decomposition_bytes", "decomposition_seconds", "written_bytes", "written_duration"]
 

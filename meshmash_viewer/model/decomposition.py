@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.eigensolver import estimate_memory
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.row_file import StoredRows
 from meshmash_viewer.io.spectrum import (
@@ -25,7 +24,8 @@ from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.jobs import Channel, SpectrumGrew
 from meshmash_viewer.model.previews import StoredPreview, open_preview
 from meshmash_viewer.progress import Cancelled
-from meshmash_viewer.weyl import Target
+from meshmash_viewer.spectral.eigensolver import estimate_memory
+from meshmash_viewer.spectral.weyl import Target
 
 __all__ = ["SPARE", "decompose", "find_known", "refuse_what_cannot_fit"]
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from psygnal import Signal
 
+from meshmash_viewer.features.truncation import sufficient_target
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display, FieldKind
@@ -27,9 +28,8 @@ from meshmash_viewer.model.jobs import (
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.model.translation import Translation
 from meshmash_viewer.progress import Progress
-from meshmash_viewer.truncation import sufficient_target
+from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import Voxel, parse_unit, written_unit
-from meshmash_viewer.weyl import Target
 
 __all__ = ["PIN_COLORS", "Document", "Notice", "Pin", "Severity"]
 

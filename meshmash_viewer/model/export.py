@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.feature_kinds import KINDS
+from meshmash_viewer.features.kinds import KINDS
 from meshmash_viewer.laplacian import compute_vertex_areas
 from meshmash_viewer.model.jobs import Channel, ExportJob, Written
 from meshmash_viewer.progress import Cancelled, Progress
 
 if TYPE_CHECKING:
-    from meshmash_viewer.filters import FilterBank
+    from meshmash_viewer.features.filters import FilterBank
     from meshmash_viewer.io.stored_spectrum import StoredSpectrum
 
 __all__ = ["export", "export_bank"]
@@ -31,7 +31,7 @@ def export_bank(
     Parameters
     ----------
     kind : str
-        One of `meshmash_viewer.feature_kinds.KINDS`, but not eigenpairs.
+        One of `meshmash_viewer.features.kinds.KINDS`, but not eigenpairs.
     eigenvalues : ndarray of float64, shape (k,)
         Of the pairs that are used.
     parameters : dict
@@ -42,7 +42,7 @@ def export_bank(
     InputError
         If there are too few eigenvalues for it.
     """
-    from meshmash_viewer.filters import (
+    from meshmash_viewer.features.filters import (
         bspline_bank,
         heat_kernel_bank,
         hks_times,
@@ -101,7 +101,7 @@ def _export(
     job: ExportJob, stored: StoredSpectrum, check: Callable[[], None], channel: Channel
 ) -> Written:
     """Write; `check` is called before."""
-    from meshmash_viewer.features import truncated_features
+    from meshmash_viewer.features.sums import truncated_features
     from meshmash_viewer.io.write import provenance, write_eigenpairs, write_features
 
     decomposition = stored.decomposition(job.n_pairs)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from meshmash_viewer.engine.compilation import numba
+from meshmash_viewer.spectral.engine.compilation import numba
 
 __all__ = ["combine", "distances"]
 

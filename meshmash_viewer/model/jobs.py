@@ -15,8 +15,8 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.results import MeshReady, SpectrumGrew, Written
 from meshmash_viewer.progress import Progress
+from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import Voxel
-from meshmash_viewer.weyl import Target
 
 __all__ = [
     "Channel",
@@ -230,7 +230,7 @@ class ExportJob:
     path : Path
         Its ending says the format.
     kind : str
-        One of `meshmash_viewer.feature_kinds.KINDS`.
+        One of `meshmash_viewer.features.kinds.KINDS`.
     n_pairs : int
         Number of leading eigenpairs to use.
     parameters : dict

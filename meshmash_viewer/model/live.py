@@ -20,7 +20,7 @@ from meshmash_viewer.model.squares import sum_squares
 from meshmash_viewer.progress import CancelCallback
 
 if TYPE_CHECKING:
-    from meshmash_viewer.filters import FilterBank
+    from meshmash_viewer.features.filters import FilterBank
     from meshmash_viewer.model.field import FieldRequest
 
 __all__ = ["LiveFeatures", "expected_bytes"]
@@ -155,7 +155,7 @@ class LiveFeatures:
 
 
 def _bank(request: FieldRequest) -> FilterBank:
-    from meshmash_viewer.filters import bspline_bank, heat_kernel_bank, hks_times
+    from meshmash_viewer.features.filters import bspline_bank, heat_kernel_bank, hks_times
 
     by_time = request.kind is FieldKind.SIMILARITY and request.basis is SimilarityBasis.HKS
     if by_time:

@@ -14,8 +14,8 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.alignment import Alignment, align
 from meshmash_viewer.model.jobs import Channel, MeshReady, SpectrumGrew
-from meshmash_viewer.preview import preview_eigenpairs
 from meshmash_viewer.progress import Progress
+from meshmash_viewer.spectral.preview import preview_eigenpairs
 
 __all__ = ["FROM_VERTICES", "StoredPreview", "is_worthwhile", "open_preview"]
 
@@ -37,7 +37,7 @@ class StoredPreview:
         ``.npy`` file of its rows, float32, shape (k, n).
     eigenvalues : ndarray of float64, shape (k,)
     error : float
-        See `meshmash_viewer.preview.Preview`.
+        See `meshmash_viewer.spectral.preview.Preview`.
     """
 
     path: Path

@@ -289,8 +289,8 @@ def _warm_up_solver() -> None:
     """Solve and preview something small, which loads compiled kernels: a second otherwise."""
     from scipy import sparse
 
-    from meshmash_viewer.eigensolver import solve
-    from meshmash_viewer.preview import preview_eigenpairs
+    from meshmash_viewer.spectral.eigensolver import solve
+    from meshmash_viewer.spectral.preview import preview_eigenpairs
 
     ring = sparse.diags_array([2.0, -1.0, -1.0], offsets=[0, 1, -1], shape=(50, 50)).tolil()
     ring[0, 0] = ring[-1, -1] = 1.0

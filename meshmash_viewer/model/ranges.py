@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from meshmash_viewer.features.truncation import FloatArray, mean_shares
 from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.spectrum import Spectrum
-from meshmash_viewer.truncation import FloatArray, mean_shares
-from meshmash_viewer.weyl import resolved_time
+from meshmash_viewer.spectral.weyl import resolved_time
 
 if TYPE_CHECKING:
-    from meshmash_viewer.filters import FilterBank
+    from meshmash_viewer.features.filters import FilterBank
 
 __all__ = [
     "band_range",
@@ -65,7 +65,7 @@ def hks_time(spectrum: Spectrum, display: Display) -> float:
 def resolved_from(spectrum: Spectrum) -> float:
     """Time from which the known pairs tell the HKS but for 1 %; 0 where these are all there are.
 
-    See `meshmash_viewer.weyl.resolved_time`. The automatic range begins above it.
+    See `meshmash_viewer.spectral.weyl.resolved_time`. The automatic range begins above it.
     """
     if 0 < spectrum.n_vertices <= len(spectrum):
         return 0.0

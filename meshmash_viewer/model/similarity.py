@@ -112,7 +112,7 @@ def build_similarity_table(
     coefficients = response(spectrum.eigenvalues)
     features = sum_squares(spectrum.rows, coefficients, np.float64, cancel)
     used = np.isfinite(features[0])
-    from meshmash_viewer.shape import column_spread
+    from meshmash_viewer.features.shape import column_spread
 
     features -= np.median(features[:, used], axis=1, keepdims=True)
     spread = column_spread(np.asarray(features[:, used].T, dtype=np.float64))

@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.certificate import Certificate
-from meshmash_viewer.filters import hks_time_range
+from meshmash_viewer.features.filters import hks_time_range
 from meshmash_viewer.io.row_file import StoredRows
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model.alignment import Alignment, ShownRows
+from meshmash_viewer.spectral.certificate import Certificate
 
 __all__ = ["Multiplet", "Spectrum"]
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.weyl import (
+from meshmash_viewer.spectral.weyl import (
     Target,
     resolved_time,
     wavelength,

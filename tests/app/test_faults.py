@@ -22,15 +22,15 @@ from pytestqt.qtbot import QtBot
 
 import meshmash_viewer
 from meshmash_viewer.app import run
-from meshmash_viewer.app.canvas import Canvas
 from meshmash_viewer.app.faults import FaultBoundary
 from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.view.canvas import Canvas
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.session import Session, write_session
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.failure import failure_of
-from meshmash_viewer.weyl import Target
+from meshmash_viewer.spectral.weyl import Target
 
 PATIENCE = 60_000
 LEFT, RIGHT = Qt.MouseButton.LeftButton, Qt.MouseButton.RightButton

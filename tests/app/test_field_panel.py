@@ -12,7 +12,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QWidget
 from scipy.linalg import eigh
 
-from meshmash_viewer.app.field_panel import FieldPanel
+from meshmash_viewer.app.panels.field_panel import FieldPanel
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.model.display import FieldKind, SimilarityBasis
 from meshmash_viewer.model.document import Document
@@ -20,7 +20,7 @@ from meshmash_viewer.model.field import compute_field, request_of
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, PercentileLimits
 from meshmash_viewer.model.live import LiveFeatures
 from meshmash_viewer.model.ranges import hks_range, resolved_from
-from meshmash_viewer.weyl import required_eigenvalue
+from meshmash_viewer.spectral.weyl import required_eigenvalue
 
 LEFT = Qt.MouseButton.LeftButton
 pytestmark = pytest.mark.usefixtures("shown_at_once")

@@ -29,22 +29,22 @@ from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS, MENUS
-from meshmash_viewer.app.export_dialog import FORMATS, ExportDialog
+from meshmash_viewer.app.controls.number_box import QuantityBox
+from meshmash_viewer.app.dialogs.export_dialog import FORMATS, ExportDialog
+from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.number_box import QuantityBox
-from meshmash_viewer.app.picture_dialog import PictureDialog
-from meshmash_viewer.app.render.text_layer import text_size
 from meshmash_viewer.app.run import application
 from meshmash_viewer.app.sessions import restore_session, store_session
+from meshmash_viewer.app.view.text_layer import text_size
 from meshmash_viewer.io.write import WRITERS
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display, FieldKind
 from meshmash_viewer.model.document import Notice, Severity
 from meshmash_viewer.model.limits import LockedLimits
+from meshmash_viewer.spectral.weyl import Target, required_eigenvalue, weyl_eigenvalue
 from meshmash_viewer.units import power_unit
-from meshmash_viewer.weyl import Target, required_eigenvalue, weyl_eigenvalue
 
 LEFT = Qt.MouseButton.LeftButton
 PATIENCE = 60_000

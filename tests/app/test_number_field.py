@@ -7,7 +7,7 @@ from closed_form import give
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
-from meshmash_viewer.app.number_field import NumberField
+from meshmash_viewer.app.controls.number_field import NumberField
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from meshmash_viewer.app.picture import draw_picture, render_picture
-from meshmash_viewer.app.render.drawing import Drawing
+from meshmash_viewer.app.view.drawing import Drawing
+from meshmash_viewer.app.view.picture import draw_picture, render_picture
 from meshmash_viewer.mesh import Mesh
 
 
@@ -83,7 +83,7 @@ def test_wrong_fields_and_colour_maps_are_refused(sphere: Mesh, tmp_path: Path) 
 SCRIPT = """
 import sys
 import numpy as np
-from meshmash_viewer.app.picture import render_picture
+from meshmash_viewer.app.view.picture import render_picture
 from meshmash_viewer.mesh import Mesh
 corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 mesh = Mesh(corners, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))

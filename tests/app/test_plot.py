@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from meshmash_viewer.app.listening import catch_up
-from meshmash_viewer.app.plot import Plot
+from meshmash_viewer.app.plots.plot import Plot
 
 
 def test_painting_waits_for_a_turn_of_its_own(qtbot) -> None:

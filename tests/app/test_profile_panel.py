@@ -7,8 +7,8 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QToolButton
 
-from meshmash_viewer.app.profile_panel import ProfilePanel
-from meshmash_viewer.filters import bspline_bank, hks_times
+from meshmash_viewer.app.panels.profile_panel import ProfilePanel
+from meshmash_viewer.features.filters import bspline_bank, hks_times
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.ranges import band_range, hks_range, resolved_from

@@ -16,7 +16,7 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice
 from meshmash_viewer.model.jobs import DecomposeJob, InspectJob
-from meshmash_viewer.weyl import Target
+from meshmash_viewer.spectral.weyl import Target
 
 OPERATOR = OperatorOptions()
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from meshmash_viewer.app.scale_marks import decade_marks, linear_texts, power_text
+from meshmash_viewer.app.controls.scale_marks import decade_marks, linear_texts, power_text
 
 
 @pytest.mark.parametrize(

@@ -13,12 +13,12 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMainWindow
 from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
 
-import meshmash_viewer.app.render.upload as upload_module
-import meshmash_viewer.app.scene as scene_module
-import meshmash_viewer.app.stand_in as stand_in_module
+import meshmash_viewer.app.view.scene as scene_module
+import meshmash_viewer.app.view.stand_in as stand_in_module
+import meshmash_viewer.app.view.upload as upload_module
 from meshmash_viewer.app import heap
-from meshmash_viewer.app.render.drawing import read_pixels
-from meshmash_viewer.app.scene import Scene
+from meshmash_viewer.app.view.drawing import read_pixels
+from meshmash_viewer.app.view.scene import Scene
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Pin
 

@@ -13,13 +13,13 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QLabel
 from pytestqt.qtbot import QtBot
 
-from meshmash_viewer.app.canvas import Canvas
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
-from meshmash_viewer.certificate import Certificate
+from meshmash_viewer.app.view.canvas import Canvas
 from meshmash_viewer.model.limits import SymmetricLimits
 from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.spectral.certificate import Certificate
 
 CONTROL = Qt.KeyboardModifier.ControlModifier
 PATIENCE = 60_000

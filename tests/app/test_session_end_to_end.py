@@ -16,10 +16,10 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDialog, QLabel, QSlider, QWidget
 from pytestqt.qtbot import QtBot
 
-from meshmash_viewer.app.canvas import Canvas
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
+from meshmash_viewer.app.view.canvas import Canvas
 from meshmash_viewer.decompose import decompose_mesh
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.model.display import FieldKind

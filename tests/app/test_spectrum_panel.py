@@ -9,13 +9,18 @@ from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.band_curves import band_centers, band_curves, band_responses, band_support
-from meshmash_viewer.app.spectrum_panel import SpectrumPanel
-from meshmash_viewer.filters import bspline_bank
+from meshmash_viewer.app.panels.spectrum_panel import SpectrumPanel
+from meshmash_viewer.app.plots.band_curves import (
+    band_centers,
+    band_curves,
+    band_responses,
+    band_support,
+)
+from meshmash_viewer.features.filters import bspline_bank
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.ranges import band_range, hks_range, hks_time
-from meshmash_viewer.weyl import weyl_eigenvalue
+from meshmash_viewer.spectral.weyl import weyl_eigenvalue
 
 LEFT = Qt.MouseButton.LeftButton
 pytestmark = pytest.mark.usefixtures("shown_at_once")

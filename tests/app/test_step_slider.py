@@ -5,7 +5,7 @@ from closed_form import drag, turn_wheel
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 
-from meshmash_viewer.app.step_slider import Mark, StepSlider
+from meshmash_viewer.app.controls.step_slider import Mark, StepSlider
 
 
 @pytest.fixture

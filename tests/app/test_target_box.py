@@ -11,12 +11,12 @@ from PySide6.QtWidgets import QAbstractSpinBox, QLabel
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.listening import catch_up
-from meshmash_viewer.app.target_box import TargetBox
+from meshmash_viewer.app.panels.target_box import TargetBox
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.jobs import MeshReady
-from meshmash_viewer.weyl import Target
+from meshmash_viewer.spectral.weyl import Target
 
 
 @pytest.fixture

@@ -12,12 +12,12 @@ from long_jobs import DyingJob, EndlessJob, FailingJob
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.tasks import Tasks
-from meshmash_viewer.feature_kinds import KINDS
+from meshmash_viewer.features.kinds import KINDS
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.jobs import DecomposeJob, ExportJob, PreviewJob
-from meshmash_viewer.weyl import Target
+from meshmash_viewer.spectral.weyl import Target
 
 _PATIENCE = 30_000
 

@@ -30,7 +30,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.jobs import DecomposeJob
 from meshmash_viewer.model.process import child_command, end_group
 from meshmash_viewer.model.transport import Wire
-from meshmash_viewer.weyl import Target
+from meshmash_viewer.spectral.weyl import Target
 from tests.fuzz.store_faults import OPERATOR, blanket
 
 FloatArray = npt.NDArray[np.float64]

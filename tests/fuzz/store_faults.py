@@ -15,14 +15,14 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.certificate import Certificate
-from meshmash_viewer.eigensolver import Decomposition
 from meshmash_viewer.io.spectrum import find_eigenpairs, obtain_eigenpairs
 from meshmash_viewer.io.store import EigenpairStore
 from meshmash_viewer.io.stored_spectrum import PROOF, ROWS, StoredSpectrum
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.weyl import Target
+from meshmash_viewer.spectral.certificate import Certificate
+from meshmash_viewer.spectral.eigensolver import Decomposition
+from meshmash_viewer.spectral.weyl import Target
 
 FloatArray = npt.NDArray[np.float64]
 

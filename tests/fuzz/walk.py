@@ -58,10 +58,10 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from meshmash_viewer.app.canvas import Canvas
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.plot import Plot
+from meshmash_viewer.app.plots.plot import Plot
 from meshmash_viewer.app.sessions import store_session
+from meshmash_viewer.app.view.canvas import Canvas
 from meshmash_viewer.model.document import Notice
 
 __all__ = ["Walk", "Weight", "make_files"]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features import Features
+from meshmash_viewer.features.sums import Features
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.io.write import write_features
 from meshmash_viewer.mesh import Mesh

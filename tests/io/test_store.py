@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from meshmash_viewer.certificate import Certificate
-from meshmash_viewer.eigensolver import Decomposition, solve
 from meshmash_viewer.io.cache import EigenpairCache, folder_size
 from meshmash_viewer.io.store import EigenpairStore, StoreBusy, StoredSpectrum, StoreUnusable
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.weyl import Target
+from meshmash_viewer.spectral.certificate import Certificate
+from meshmash_viewer.spectral.eigensolver import Decomposition, solve
+from meshmash_viewer.spectral.weyl import Target
 
 OPERATOR = OperatorOptions()
 

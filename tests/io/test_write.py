@@ -14,10 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from meshmash_viewer.certificate import Certificate
-from meshmash_viewer.eigensolver import Decomposition
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features import Features
+from meshmash_viewer.features.sums import Features
 from meshmash_viewer.io.atomic import written_whole
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.io.write import (
@@ -29,6 +27,8 @@ from meshmash_viewer.io.write import (
     write_picture,
 )
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.spectral.certificate import Certificate
+from meshmash_viewer.spectral.eigensolver import Decomposition
 from meshmash_viewer.units import NO_VOXEL
 
 COLUMNS = ("hks_t=1.23e+05", "wks_λ=2", "band 03")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from meshmash_viewer.eigensolver import estimate_memory
 from meshmash_viewer.model.cost import (
     decomposition_bytes,
     decomposition_seconds,
     written_bytes,
     written_duration,
 )
+from meshmash_viewer.spectral.eigensolver import estimate_memory
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from meshmash_viewer.model.jobs import (
     SpectrumGrew,
 )
 from meshmash_viewer.progress import Cancelled
-from meshmash_viewer.weyl import Target
+from meshmash_viewer.spectral.weyl import Target
 
 OPERATOR = OperatorOptions()
 
@@ -68,7 +68,7 @@ def test_what_is_stored_is_not_computed_again(
 ) -> None:
     first = decompose(sphere, OPERATOR, Target("count", 20), listener)
     assert find_known(Mesh(sphere.vertices + 1.0, sphere.faces), OPERATOR) == (None, "")
-    monkeypatch.delattr("meshmash_viewer.eigensolver.solve")
+    monkeypatch.delattr("meshmash_viewer.spectral.eigensolver.solve")
     known, remark = find_known(sphere, OPERATOR)
     assert known is not None
     assert not remark

@@ -12,7 +12,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import PIN_COLORS, Document
 from meshmash_viewer.model.jobs import MeshReady
 from meshmash_viewer.model.spectrum import Spectrum
-from meshmash_viewer.weyl import Target
+from meshmash_viewer.spectral.weyl import Target
 
 
 @pytest.fixture

@@ -26,7 +26,7 @@ from meshmash_viewer.model.jobs import (
     ScaleJob,
 )
 from meshmash_viewer.progress import Progress
-from meshmash_viewer.weyl import Target
+from meshmash_viewer.spectral.weyl import Target
 
 
 @pytest.fixture

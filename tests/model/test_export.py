@@ -11,14 +11,19 @@ import shapes
 from listeners import Listener
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features import accumulate_features
-from meshmash_viewer.filters import bspline_bank, heat_kernel_bank, hks_times, wave_kernel_bank
+from meshmash_viewer.features.filters import (
+    bspline_bank,
+    heat_kernel_bank,
+    hks_times,
+    wave_kernel_bank,
+)
+from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.decomposition import decompose
 from meshmash_viewer.model.jobs import ExportJob
 from meshmash_viewer.progress import Cancelled
-from meshmash_viewer.weyl import Target
+from meshmash_viewer.spectral.weyl import Target
 
 OPERATOR = OperatorOptions()
 

@@ -76,7 +76,7 @@ def test_hks_names_time_and_length(document: Document) -> None:
 
 @pytest.mark.parametrize(("count", "band"), [(1, 0), (3, 1), (12, 0), (12, 4), (12, 11)])
 def test_band_names_its_support(document: Document, count: int, band: int) -> None:
-    from meshmash_viewer.filters import bspline_bank
+    from meshmash_viewer.features.filters import bspline_bank
 
     document.display.kind = FieldKind.BAND
     document.display.band_count, document.display.band = count, band

@@ -21,7 +21,7 @@ from meshmash_viewer.model.jobs import (
     RepairJob,
     ScaleJob,
 )
-from meshmash_viewer.weyl import Target
+from meshmash_viewer.spectral.weyl import Target
 
 PLAIN = OperatorOptions(robust=False)
 

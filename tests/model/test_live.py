@@ -8,9 +8,14 @@ import pytest
 import shapes
 from solved import spectrum_of
 
-from meshmash_viewer.certificate import Certificate
-from meshmash_viewer.features import accumulate_features
-from meshmash_viewer.filters import bspline_bank, heat_kernel_bank, hks_time_range, hks_times
+from meshmash_viewer.features.filters import (
+    bspline_bank,
+    heat_kernel_bank,
+    hks_time_range,
+    hks_times,
+)
+from meshmash_viewer.features.shape import feature_distance
+from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import FieldKind, SimilarityBasis
@@ -19,7 +24,7 @@ from meshmash_viewer.model.heat_table import build_heat_table
 from meshmash_viewer.model.live import LiveFeatures, expected_bytes
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.progress import Cancelled
-from meshmash_viewer.shape import feature_distance
+from meshmash_viewer.spectral.certificate import Certificate
 
 
 def direct(spectrum: Spectrum, coefficients: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.field import FieldRequest, compute_field
 from meshmash_viewer.model.jobs import PreviewJob
 from meshmash_viewer.model.live import LiveFeatures
-from meshmash_viewer.weyl import Target
+from meshmash_viewer.spectral.weyl import Target
 
 OPERATOR = OperatorOptions()
 

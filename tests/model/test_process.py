@@ -12,7 +12,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model import previews
 from meshmash_viewer.model.jobs import DecomposeJob, InspectJob, Job, PreviewJob
 from meshmash_viewer.model.process import prepare_preview
-from meshmash_viewer.weyl import Target
+from meshmash_viewer.spectral.weyl import Target
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from meshmash_viewer.filters import heat_kernel_bank
+from meshmash_viewer.features.filters import heat_kernel_bank
 from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.ranges import (
     band_range,
@@ -16,7 +16,7 @@ from meshmash_viewer.model.ranges import (
     resolved_from,
 )
 from meshmash_viewer.model.spectrum import Spectrum
-from meshmash_viewer.weyl import required_eigenvalue
+from meshmash_viewer.spectral.weyl import required_eigenvalue
 
 
 def spectrum_of(eigenvalues: np.ndarray, n_vertices: int = 1000) -> Spectrum:

@@ -5,13 +5,13 @@ import pytest
 import shapes
 from solved import spectrum_of
 
-from meshmash_viewer.features import accumulate_features
-from meshmash_viewer.filters import FilterBank, heat_kernel_bank
+from meshmash_viewer.features.filters import FilterBank, heat_kernel_bank
+from meshmash_viewer.features.shape import feature_distance
+from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.field_kernels import distances
 from meshmash_viewer.model.similarity import SimilarityTable, build_similarity_table
 from meshmash_viewer.model.spectrum import Spectrum
-from meshmash_viewer.shape import feature_distance
 
 
 @pytest.fixture(scope="module")

@@ -3,12 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmash_viewer.certificate import Certificate
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.ranges import hks_range
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.model.stepping import advance, go_to_end, go_to_start, step
+from meshmash_viewer.spectral.certificate import Certificate
 
 
 @pytest.fixture

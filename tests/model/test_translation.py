@@ -5,7 +5,7 @@ import pytest
 import shapes
 
 from meshmash_viewer.model.translation import Translation
-from meshmash_viewer.weyl import Target, wavelength, weyl_count, weyl_eigenvalue
+from meshmash_viewer.spectral.weyl import Target, wavelength, weyl_count, weyl_eigenvalue
 
 AREA = 4 * np.pi  # of the unit sphere, so that Weyl's law says λ of them
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
-from meshmash_viewer.app.picture import draw_picture
-from meshmash_viewer.app.render.colors import DARK, LIGHT, RenderTheme, rgb
-from meshmash_viewer.app.render.drawing import Drawing, read_pixels
+from meshmash_viewer.app.view.colors import DARK, LIGHT, RenderTheme, rgb
+from meshmash_viewer.app.view.drawing import Drawing, read_pixels
+from meshmash_viewer.app.view.picture import draw_picture
 from meshmash_viewer.mesh import Mesh
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from vtkmodules.vtkRenderingCore import vtkRenderer
 
-from meshmash_viewer.app.render.colors import LIGHT, color_table
-from meshmash_viewer.app.render.overlay import PARTS, Caption, ColorBar, Sheet
-from meshmash_viewer.app.render.painter import Painter
-from meshmash_viewer.app.render.text_layer import Block, Text
+from meshmash_viewer.app.view.colors import LIGHT, color_table
+from meshmash_viewer.app.view.overlay import PARTS, Caption, ColorBar, Sheet
+from meshmash_viewer.app.view.painter import Painter
+from meshmash_viewer.app.view.text_layer import Block, Text
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from vtkmodules.vtkRenderingCore import vtkRenderer
 
-from meshmash_viewer.app.render.painter import Painter
+from meshmash_viewer.app.view.painter import Painter
 
 
 def paint(painter: Painter, places: list[int]) -> None:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import shapes
 
-from meshmash_viewer.app.render import picking
-from meshmash_viewer.app.render.picking import Picker
+from meshmash_viewer.app.view import picking
+from meshmash_viewer.app.view.picking import Picker
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.rays import RayTarget
+from meshmash_viewer.surface.rays import RayTarget
 
 
 def _picker(level: int) -> tuple[Picker, np.ndarray]:

@@ -8,9 +8,9 @@ import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the window)
 from vtkmodules.vtkCommonCore import VTK_FONT_FILE
 from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow, vtkTextActor
 
-from meshmash_viewer.app.render.colors import rgb
-from meshmash_viewer.app.render.drawing import read_pixels
-from meshmash_viewer.app.render.text_layer import Block, Text, TextLayer, _font_file, text_size
+from meshmash_viewer.app.view.colors import rgb
+from meshmash_viewer.app.view.drawing import read_pixels
+from meshmash_viewer.app.view.text_layer import Block, Text, TextLayer, _font_file, text_size
 
 WIDTH, HEIGHT = 400, 240
 LINES = [

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmash_viewer.app.render.ticks import exponent_text, round_length, scale_bar_text, ticks
+from meshmash_viewer.app.view.ticks import exponent_text, round_length, scale_bar_text, ticks
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,46 @@
+"""Docks with a title bar in the colours of the theme."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtGui import QIcon
+from PySide6.QtWidgets import QDockWidget, QHBoxLayout, QLabel, QMainWindow, QToolButton, QWidget
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import icons
+
+__all__ = ["Dock"]
+
+
+class Dock(QDockWidget):
+    """A panel that can be moved, floated by a double click on its title, and closed.
+
+    Parameters
+    ----------
+    name : str
+        Its ``objectName`` is ``<name>_dock``.
+    title : str
+    window : QMainWindow
+    """
+
+    def __init__(self, name: str, title: str, window: QMainWindow) -> None:
+        super().__init__(title, window)
+        self.setObjectName(f"{name}_dock")
+        self.setAccessibleName(title)
+        self.setWidget(QWidget())
+        bar = QWidget(objectName="dock_title")
+        bar.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        self._close = QToolButton(objectName=f"{name}_dock_close", toolTip=f"Hide {title}")
+        self._close.setAccessibleName(f"Hide {title}")
+        self._close.setIconSize(QSize(12, 12))
+        self._close.clicked.connect(self.close)
+        row = QHBoxLayout(bar)
+        row.setContentsMargins(theme.MARGIN, 4, 6, 4)
+        row.addWidget(QLabel(title), 1)
+        row.addWidget(self._close)
+        self.setTitleBarWidget(bar)
+        theme.notifier().changed.connect(self._refresh)
+        self._refresh()
+
+    def _refresh(self) -> None:
+        self._close.setIcon(QIcon(icons.pixmap("close", theme.palette().muted, 12)))

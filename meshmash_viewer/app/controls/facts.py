@@ -1,0 +1,91 @@
+"""Names and values in two columns, and the ways numbers are written in the panels."""
+
+from __future__ import annotations
+
+import math
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.model.translation import Translation
+from meshmash_viewer.spectral.weyl import Target, wavelength
+from meshmash_viewer.units import format_quantity
+
+__all__ = ["Facts", "estimated_pairs", "format_wavelength", "note", "show_note", "subscript"]
+
+_SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+
+
+def subscript(number: int) -> str:
+    """Write an index small and low: "₁₂"."""
+    return str(number).translate(_SUBSCRIPTS)
+
+
+def format_wavelength(eigenvalue: float, unit: str) -> str:
+    """Write the length of a wave of an eigenvalue; "∞" for a zero mode."""
+    length = wavelength(eigenvalue)
+    return format_quantity(length, unit) if math.isfinite(length) else "∞"
+
+
+def estimated_pairs(spectrum: Spectrum, area: float, eigenvalue: float) -> str:
+    """Say about how many pairs reach up to an eigenvalue, and if that is all there are."""
+    translation = Translation(
+        area, spectrum.eigenvalues, spectrum.n_vertices, known_to=spectrum.known_to
+    )
+    count, exact = translation.count(Target("max_eigenvalue", eigenvalue))
+    if count >= translation.n_vertices:
+        return f"all {count:,} pairs that the mesh has"
+    return f"{count:,} pairs in all" if exact else f"about {count:,} pairs in all"
+
+
+def note(name: str, role: str = "muted", parent: QWidget | None = None) -> QLabel:
+    """A line of explanation that wraps, and takes no room while it is empty."""
+    label = theme.with_role(QLabel(parent), role)
+    label.setObjectName(name)
+    label.setWordWrap(True)
+    label.setVisible(False)
+    return label
+
+
+class Facts(QWidget):
+    """Rows of a name and a value that can be selected and copied.
+
+    Parameters
+    ----------
+    rows : dict of str to str
+        Object name of the value to the text before it.
+    """
+
+    def __init__(self, rows: dict[str, str], parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        grid = QGridLayout(self)
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.setHorizontalSpacing(theme.GAP * 2)
+        grid.setVerticalSpacing(4)
+        grid.setColumnStretch(1, 1)
+        self._values: dict[str, QLabel] = {}
+        self._names: dict[str, QLabel] = {}
+        for row, (name, text) in enumerate(rows.items()):
+            label = theme.with_role(QLabel(text, self), "muted")
+            value = theme.with_role(QLabel("–", self), "value")
+            value.setObjectName(name)
+            value.setAccessibleName(text)
+            value.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+            grid.addWidget(label, row, 0)
+            grid.addWidget(value, row, 1)
+            self._names[name], self._values[name] = label, value
+
+    def show_value(self, name: str, text: str) -> None:
+        """Show a value; an empty one becomes a dash."""
+        self._values[name].setText(text or "–")
+
+
+def show_note(label: QLabel, text: str) -> None:
+    """Say a sentence in a `note`, or nothing, which takes no room."""
+    if label.text() != text:
+        label.setText(text)
+    # of a hidden tab nothing is visible: ask the flag, not the screen
+    if label.isHidden() == bool(text):
+        label.setVisible(bool(text))

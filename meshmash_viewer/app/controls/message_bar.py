@@ -1,0 +1,145 @@
+"""The bar over the render that says what happened and what to do next."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QEvent, QObject, QSize, Qt, QTimer
+from PySide6.QtGui import QGuiApplication, QIcon
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QToolButton, QWidget
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import icons
+from meshmash_viewer.model.document import Notice, Severity
+
+__all__ = ["MessageBar"]
+
+#: How long good news stays, in milliseconds; warnings and errors stay until dismissed.
+_STAY = 7000
+_WIDEST = 620
+_NARROWEST = 360
+#: With fewer pixels than this it rather covers the colour bar.
+_TIGHTEST = 180
+
+
+class MessageBar(QFrame):
+    """One notice at a time, floating at the top of its parent.
+
+    Parameters
+    ----------
+    parent : QWidget
+        The widget that it floats over; it follows its size.
+    """
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setObjectName("message_bar")
+        self.setAccessibleName("Message")
+        self.notice: Notice | None = None
+        self._title, self._bar = QSize(0, 0), 0
+
+        self._icon = QLabel(objectName="message_icon")
+        self._text = QLabel(objectName="message_text", wordWrap=True)
+        self._text.setAccessibleName("Message text")
+        self._text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self._text.setTextFormat(Qt.TextFormat.PlainText)
+        self._copy = theme.with_role(QPushButton("Copy details", objectName="copy_details"), "link")
+        self._copy.setAccessibleName("Copy details of the message")
+        self._copy.setToolTip("Copy the message and its technical details to the clipboard")
+        self._copy.clicked.connect(self._copy_details)
+        self._dismiss = QToolButton(objectName="dismiss_message", toolTip="Dismiss")
+        self._dismiss.setAccessibleName("Dismiss the message")
+        self._dismiss.setIconSize(QSize(14, 14))
+        self._dismiss.clicked.connect(self.dismiss)
+
+        row = QHBoxLayout(self)
+        row.setContentsMargins(12, 8, 8, 8)
+        row.setSpacing(theme.GAP)
+        row.addWidget(self._icon, 0, Qt.AlignmentFlag.AlignTop)
+        row.addWidget(self._text, 1)
+        row.addWidget(self._copy, 0, Qt.AlignmentFlag.AlignTop)
+        row.addWidget(self._dismiss, 0, Qt.AlignmentFlag.AlignTop)
+
+        self._timer = QTimer(self, singleShot=True)
+        self._timer.timeout.connect(self.dismiss)
+        parent.installEventFilter(self)
+        theme.notifier().changed.connect(self._refresh)
+        self.hide()
+
+    def show_notice(self, notice: Notice) -> None:
+        """Show a notice in place of the one before."""
+        self.notice = notice
+        self._text.setText(notice.text)
+        self._copy.setText("Copy details")
+        self._copy.setVisible(bool(notice.details) or notice.severity is Severity.ERROR)
+        self.setProperty("severity", notice.severity.value)
+        self._refresh()
+        self.show()
+        self._place()
+        self.raise_()
+        self._timer.stop()
+        if notice.severity is Severity.INFORMATION:
+            self._timer.start(_STAY)
+
+    def dismiss(self) -> None:
+        """Take the bar away."""
+        self._timer.stop()
+        self.notice = None
+        self.hide()
+
+    def forget_error(self) -> None:
+        """Take an error away that what came after it has made past: the next try succeeded."""
+        if self.notice is not None and self.notice.severity is Severity.ERROR:
+            self.dismiss()
+
+    def keep_clear(self, title: QSize, bar: int) -> None:
+        """Leave parts of the parent alone, so that they can still be read.
+
+        Parameters
+        ----------
+        title : QSize
+            In its upper left corner.
+        bar : int
+            Width at its right, some way below its upper edge.
+        """
+        if (title, bar) != (self._title, self._bar):
+            self._title, self._bar = title, bar
+            if self.isVisible():
+                self._place()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Follow the size of the widget it floats over."""
+        if watched is self.parent() and event.type() == QEvent.Type.Resize and self.isVisible():
+            self._place()
+        return super().eventFilter(watched, event)
+
+    def _place(self) -> None:
+        room = self.parentWidget().rect()
+        margin = theme.MARGIN
+        top, free, right = margin, room.width() - 2 * margin, room.width() - margin
+        beside = room.width() - self._title.width() - margin
+        if not self._title.isEmpty() and beside >= _NARROWEST:
+            free = beside
+        elif not self._title.isEmpty():
+            top = self._title.height()
+            if free - self._bar >= _TIGHTEST:
+                free, right = free - self._bar, right - self._bar
+        width = min(free, _WIDEST)
+        self.ensurePolished()
+        height = self.heightForWidth(width)
+        if height < 0:
+            height = self.sizeHint().height()
+        self.setGeometry(right - width, top, width, height)
+
+    def _refresh(self) -> None:
+        self.style().unpolish(self)
+        self.style().polish(self)
+        colors = theme.palette()
+        self._dismiss.setIcon(QIcon(icons.pixmap("close", colors.text, 14)))
+        if self.notice is not None:
+            severity = self.notice.severity.value
+            self._icon.setPixmap(icons.pixmap(severity, getattr(colors, severity), 18))
+
+    def _copy_details(self) -> None:
+        if self.notice is not None:
+            parts = [self.notice.text, self.notice.details]
+            QGuiApplication.clipboard().setText("\n\n".join(part for part in parts if part))
+            self._copy.setText("Copied")

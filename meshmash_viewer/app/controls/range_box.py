@@ -1,0 +1,101 @@
+"""The two ends of a range, automatic until someone edits one."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QWidget
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.facts import note, show_note
+from meshmash_viewer.app.controls.number_field import NumberField
+
+__all__ = ["RangeBox"]
+
+
+class RangeBox(QWidget):
+    """A check for automatic, and a field for each end, which always show the range in force.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Object names of the check and of the fields for the low and the high end.
+    texts : tuple of str
+        What is before each of them.
+    noun : str
+        What is ranged over, with its article left out: "time", "eigenvalue".
+
+    Signals
+    -------
+    automatic_chosen(bool)
+    range_given(float, float)
+        The second is above the first.
+    """
+
+    automatic_chosen = Signal(bool)
+    range_given = Signal(float, float)
+
+    def __init__(
+        self,
+        names: tuple[str, str, str],
+        texts: tuple[str, str, str],
+        noun: str,
+        parent: QWidget | None = None,
+        *,
+        zero_allowed: bool,
+    ) -> None:
+        super().__init__(parent)
+        self._noun = noun
+        self._zero_allowed = zero_allowed
+        grid = QGridLayout(self)
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.setHorizontalSpacing(theme.GAP)
+        grid.setVerticalSpacing(theme.GAP // 2)
+        grid.setColumnStretch(1, 1)
+        self.check = QCheckBox(texts[0], self)
+        self.check.setObjectName(names[0])
+        self.check.setAccessibleName(f"Range of {noun}s: automatic")
+        self.check.toggled.connect(self.automatic_chosen)
+        grid.addWidget(self.check, 0, 0, 1, 3)
+        self.low = NumberField(names[1], f"{texts[1]} {noun}", self)
+        self.high = NumberField(names[2], f"{texts[2]} {noun}", self)
+        self._units: list[QLabel] = []
+        for row, (text, field) in enumerate(((texts[1], self.low), (texts[2], self.high)), 1):
+            name, unit = (theme.with_role(QLabel(part, self), "muted") for part in (text, ""))
+            name.setBuddy(field)
+            self._units.append(unit)
+            grid.addWidget(name, row, 0)
+            grid.addWidget(field, row, 1)
+            grid.addWidget(unit, row, 2)
+            field.edited.connect(self._give)
+            field.refused.connect(self._complain)
+        self.fault = note(f"{names[1]}_fault", "warning", self)
+        grid.addWidget(self.fault, 3, 0, 1, 3)
+
+    def show_range(
+        self, between: tuple[float, float] | None, unit: str, *, automatic: bool
+    ) -> None:
+        """Show what the model holds; None while there is no range."""
+        blocked = self.check.blockSignals(True)
+        self.check.setChecked(automatic)
+        self.check.blockSignals(blocked)
+        for label in self._units:
+            label.setText(unit)
+            label.setVisible(bool(unit))
+        low, high = between if between is not None else (None, None)
+        self.low.show_value(low, unit)
+        self.high.show_value(high, unit)
+
+    def _give(self, _value: float) -> None:
+        low, high = self.low.value, self.high.value
+        if low is None or high is None:
+            return
+        if low <= 0.0 and not self._zero_allowed:
+            self._complain(f"The {self._noun} has to be above 0.")
+        elif high <= low:
+            self._complain(f"The first {self._noun} has to be below the second.")
+        else:
+            self._complain("")
+            self.range_given.emit(low, high)
+
+    def _complain(self, sentence: str) -> None:
+        show_note(self.fault, sentence)

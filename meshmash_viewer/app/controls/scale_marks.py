@@ -1,0 +1,68 @@
+"""Numbers at the ticks of axes and sliders, written as people write them: 2×10⁻⁸."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from meshmash_viewer.app.controls.step_slider import Mark
+
+__all__ = ["decade_marks", "linear_texts", "power_text"]
+
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def power_text(exponent: int, factor: int = 1) -> str:
+    """Write a power of ten, ``10⁻⁸`` or ``2×10⁻⁸``; powers near one are written out."""
+    if -3 <= exponent <= 3:
+        return f"{factor * 10.0**exponent:.10g}"
+    power = "10" + str(exponent).translate(_SUPERSCRIPTS)
+    return power if factor == 1 else f"{factor}×{power}"
+
+
+def linear_texts(values: Sequence[float], spacing: float) -> list[str]:
+    """Write evenly spaced ticks with just the digits that tell them apart.
+
+    Parameters
+    ----------
+    values : sequence of float
+    spacing : float
+        Distance of neighbouring ticks.
+    """
+    if not len(values):
+        return []
+    largest = max(abs(value) for value in values)
+    if not (largest > 0.0 and spacing > 0.0):
+        return ["0"] * len(values)
+    exponent = math.floor(math.log10(largest) + 1e-9)
+    if -3 <= exponent <= 4:
+        exponent = 0
+    step = spacing / 10.0**exponent
+    digits = max(0, -math.floor(math.log10(step) + 1e-9))
+    digits += abs(round(step, digits) - step) > 0.05 * step  # a quarter takes one more
+    power = "×10" + str(exponent).translate(_SUPERSCRIPTS) if exponent else ""
+    texts = []
+    for value in values:
+        if abs(value) < 1e-6 * spacing:
+            texts.append("0")
+        else:
+            texts.append(f"{value / 10.0**exponent:.{digits}f}{power}".replace("-", "−"))
+    return texts
+
+
+def decade_marks(low: float, high: float) -> tuple[Mark, ...]:
+    """Marks at the powers of ten of a range in log scale; at 2 and 5 too where it is short."""
+    if not (0.0 < low < high):
+        return ()
+    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+    decades = math.log10(high / low)
+    factors = (1,) if decades > 2.5 else (1, 3) if decades > 1.6 else (1, 2, 5)
+    stride = max(1, round(decades / 6))
+    marks = []
+    for exponent in range(first, last + 1):
+        for factor in factors:
+            value = factor * 10.0**exponent
+            if low <= value <= high and exponent % stride == 0:
+                share = math.log(value / low) / math.log(high / low)
+                marks.append(Mark(share, power_text(exponent, factor)))
+    return tuple(marks)

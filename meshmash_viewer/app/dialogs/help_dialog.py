@@ -1,0 +1,145 @@
+"""Help: every command with its keys, and what the mouse does, from the table of commands."""
+
+from __future__ import annotations
+
+import platform
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QKeySequence
+from PySide6.QtWidgets import (
+    QDialog,
+    QDialogButtonBox,
+    QHeaderView,
+    QLabel,
+    QLineEdit,
+    QTreeWidget,
+    QTreeWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.actions import COMMANDS, MENUS, MOUSE_HELP
+from meshmash_viewer.app.controls import icons
+
+__all__ = ["AboutDialog", "HelpDialog"]
+
+_METHODS = (
+    "Robust Laplacian: Sharp & Crane 2020. Manifold harmonics: Vallet & Lévy 2008. "
+    "Spectrum slices certified by inertia: Grimes, Lewis & Simon 1994. "
+    "Heat kernel signature: Sun, Ovsjanikov & Guibas 2009. "
+    "Wave kernel signature: Aubry, Schlickewei & Cremers 2011. "
+    "Spline bands: Litman & Bronstein 2013."
+)
+
+
+class HelpDialog(QDialog):
+    """A searchable list of commands and gestures."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("help_dialog")
+        self.setWindowTitle("Help and shortcuts")
+        self.resize(860, 660)
+
+        self.search = QLineEdit(objectName="help_search", clearButtonEnabled=True)
+        self.search.setPlaceholderText("Find a command, a key or a gesture")
+        self.search.setAccessibleName("Find a command")
+        self.search.textChanged.connect(self._filter)
+
+        self.tree = QTreeWidget(objectName="help_table", columnCount=3)
+        self.tree.setAccessibleName("Commands")
+        self.tree.setHeaderLabels(["Command", "Keys", "What it does"])
+        self.tree.setRootIsDecorated(False)
+        self.tree.setIndentation(12)
+        self.tree.setWordWrap(True)
+        for menu in MENUS:
+            self._add_group(
+                menu,
+                [
+                    (each.text.rstrip("…"), _keys(each.shortcuts), each.tooltip)
+                    for each in COMMANDS
+                    if each.menu == menu
+                ],
+            )
+        self._add_group(
+            "Mouse over the render", [(gesture, "", what) for gesture, what in MOUSE_HELP]
+        )
+        self.tree.expandAll()
+        self.tree.header().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        self.tree.header().setStretchLastSection(True)
+
+        buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
+        buttons.rejected.connect(self.reject)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(16, 16, 16, 12)
+        column.setSpacing(theme.GAP)
+        column.addWidget(self.search)
+        column.addWidget(self.tree, 1)
+        column.addWidget(buttons)
+
+    def _add_group(self, name: str, rows: list[tuple[str, str, str]]) -> None:
+        group = QTreeWidgetItem(self.tree, [name])
+        font = group.font(0)
+        font.setBold(True)
+        group.setFont(0, font)
+        group.setFirstColumnSpanned(True)
+        group.setFlags(Qt.ItemFlag.ItemIsEnabled)
+        for row in rows:
+            item = QTreeWidgetItem(group, list(row))
+            item.setToolTip(2, row[2])
+
+    def _filter(self, text: str) -> None:
+        wanted = text.casefold()
+        for at in range(self.tree.topLevelItemCount()):
+            group = self.tree.topLevelItem(at)
+            shown = 0
+            for row in range(group.childCount()):
+                item = group.child(row)
+                hit = any(wanted in item.text(column).casefold() for column in range(3))
+                item.setHidden(not hit)
+                shown += hit
+            group.setHidden(shown == 0)
+
+
+class AboutDialog(QDialog):
+    """Version, licence and methods, with the versions of what it stands on for bug reports."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("about_dialog")
+        self.setWindowTitle("About MeshMash Viewer")
+        picture = QLabel()
+        picture.setPixmap(icons.application_icon().pixmap(64, 64))
+        title = theme.with_role(QLabel("MeshMash Viewer"), "title")
+        version = theme.with_role(QLabel(versions()), "muted")
+        version.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        version.setWordWrap(True)
+        text = QLabel(
+            "Laplacian eigenfunctions, heat kernel signatures and spectral bands of triangle "
+            "meshes, live and certified. MIT licence.",
+            wordWrap=True,
+        )
+        methods = theme.with_role(QLabel(_METHODS, wordWrap=True), "muted")
+        buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
+        buttons.rejected.connect(self.reject)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(24, 20, 24, 16)
+        column.setSpacing(theme.MARGIN)
+        for widget in (picture, title, text, methods, version, buttons):
+            column.addWidget(widget)
+        self.setFixedWidth(460)
+
+
+def versions() -> str:
+    """The versions that a bug report needs, in one line."""
+    from importlib.metadata import version
+
+    names = ("meshmash-viewer", "numpy", "scipy", "PySide6_Essentials", "vtk", "pyvista")
+    parts = [f"{name.removesuffix('_Essentials')} {version(name)}" for name in names]
+    return " · ".join([*parts, f"Python {platform.python_version()}", platform.platform()])
+
+
+def _keys(shortcuts: tuple[str, ...]) -> str:
+    native = QKeySequence.SequenceFormat.NativeText
+    return ", ".join(QKeySequence(text).toString(native) for text in shortcuts)

@@ -1,0 +1,103 @@
+"""The Field panel: which field is on the render, and in which colours."""
+
+from __future__ import annotations
+
+from PySide6.QtWidgets import QFrame, QScrollArea, QTabWidget, QVBoxLayout, QWidget
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.facts import note, show_note
+from meshmash_viewer.app.listening import follow
+from meshmash_viewer.app.panels.color_section import ColorSection
+from meshmash_viewer.app.tabs.band_tab import BandTab
+from meshmash_viewer.app.tabs.eigenfunction_tab import EigenfunctionTab
+from meshmash_viewer.app.tabs.hks_tab import HksTab
+from meshmash_viewer.app.tabs.play_button import Player
+from meshmash_viewer.app.tabs.similarity_tab import SimilarityTab
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.field import Field
+
+__all__ = ["FieldPanel"]
+
+
+class FieldPanel(QWidget):
+    """One tab for each family of fields; turning to a tab puts its field on the render."""
+
+    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("field_panel")
+        self.setAccessibleName("Field")
+        self._document = document
+        self._player = Player(document, self)
+
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(0)
+        self.tabs = QTabWidget(self)
+        self.tabs.setObjectName("field_tabs")
+        self.tabs.setAccessibleName("Family of fields")
+        self.tabs.setDocumentMode(True)
+        self.tabs.tabBar().setObjectName("field_tab_bar")
+        self.tabs.tabBar().setExpanding(False)
+        self.tabs.setUsesScrollButtons(True)
+        self._pages = (
+            EigenfunctionTab(document, self),
+            HksTab(document, self),
+            BandTab(document, self),
+            SimilarityTab(document, self),
+        )
+        for page, text, tip in zip(
+            self._pages,
+            ("Eigenfunctions", "HKS", "Geometry vectors", "Similar"),
+            (
+                "Eigenfunctions of the Laplacian",
+                "Heat kernel signature",
+                "B-spline bands of the spectrum",
+                "Distance in feature space from a pinned vertex",
+            ),
+            strict=True,
+        ):
+            area = QScrollArea(self)
+            area.setFrameShape(QFrame.Shape.NoFrame)
+            area.setWidgetResizable(True)
+            page.setObjectName("panel_content")
+            area.setWidget(page)
+            self.tabs.setTabToolTip(self.tabs.addTab(area, text), tip)
+        self.tabs.currentChanged.connect(self._choose_kind)
+        self.hint = note("field_hint", "muted", self)
+        self.hint.setContentsMargins(theme.MARGIN, theme.MARGIN, theme.MARGIN, 0)
+        self.colors = ColorSection(document, self)
+        line = theme.with_role(QFrame(self), "line")
+        column.addWidget(self.hint)
+        column.addWidget(self.tabs, 1)
+        column.addWidget(line)
+        column.addWidget(self.colors)
+
+        follow(document.display.events.kind, self._refresh_tab)
+        follow(document.spectrum_changed, self._refresh_use)
+        follow(document.mesh_changed, self._refresh_use)
+        self._refresh_tab()
+        self._refresh_use()
+
+    def set_field(self, field: Field | None, limits: tuple[float, float] | None) -> None:
+        """Show the limits of the field that has arrived on the render."""
+        self.colors.set_field(field, limits)
+
+    def _choose_kind(self, tab: int) -> None:
+        self._document.display.kind = self._pages[tab].kind
+
+    def _refresh_tab(self) -> None:
+        kinds = [page.kind for page in self._pages]
+        blocked = self.tabs.blockSignals(True)
+        self.tabs.setCurrentIndex(kinds.index(self._document.display.kind))
+        self.tabs.blockSignals(blocked)
+
+    def _refresh_use(self) -> None:
+        usable = self._document.spectrum is not None and len(self._document.spectrum) > 0
+        for page in self._pages:
+            page.setEnabled(usable)
+        if usable:
+            show_note(self.hint, "")
+        elif self._document.mesh is None:
+            show_note(self.hint, "Open a mesh, and compute its eigenpairs to see fields on it.")
+        else:
+            show_note(self.hint, "Press Compute: the first eigenfunctions come within seconds.")

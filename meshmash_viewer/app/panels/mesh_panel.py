@@ -1,0 +1,372 @@
+"""The Mesh panel: what was read, its health, the Laplacian, how much to compute, and the proof."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QFrame,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QProgressBar,
+    QPushButton,
+    QScrollArea,
+    QSizePolicy,
+    QVBoxLayout,
+    QWidget,
+)
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.number_box import QuantityBox
+from meshmash_viewer.app.listening import follow
+from meshmash_viewer.app.panels.health_table import HealthTable
+from meshmash_viewer.app.panels.target_box import TargetBox
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.model import cost
+from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.live import expected_bytes
+from meshmash_viewer.units import LENGTH_UNITS, format_quantity, power_unit
+
+__all__ = ["MeshPanel"]
+
+#: Least width, in pixels: that of the panel before a mesh is open.
+_WIDTH = 280
+#: Of the unit, from "nm" to "4 × 4 × 40 nm" and longer ones.
+_NARROWEST_UNIT, _WIDEST_UNIT = 144, 216
+
+
+class MeshPanel(QWidget):
+    """Left panel; its foot with Compute and the proof stays in view while the rest scrolls."""
+
+    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("mesh_panel")
+        self.setAccessibleName("Mesh")
+        self._document = document
+        self.seconds_rate: float | None = None
+
+        content = QWidget(objectName="panel_content")
+        column = QVBoxLayout(content)
+        column.setContentsMargins(theme.MARGIN, theme.GAP, theme.MARGIN, theme.MARGIN)
+        column.setSpacing(6)
+        self._build_facts(column)
+        self._heading(column, "Health")
+        column.addWidget(HealthTable(document))
+        self.undo_button = theme.with_role(
+            QPushButton("Undo repair", objectName="undo_repair_button"), "link"
+        )
+        self.undo_button.setAccessibleName("Undo the last repair")
+        self.undo_button.clicked.connect(document.undo_repair)
+        column.addWidget(self.undo_button, 0, Qt.AlignmentFlag.AlignLeft)
+        self._heading(column, "Laplacian")
+        self._build_operator(column)
+        self._heading(column, "Decomposition")
+        self.target_box = TargetBox(document)
+        column.addWidget(self.target_box)
+        self.cost_label = theme.with_role(QLabel(objectName="cost_label", wordWrap=True), "muted")
+        self.cost_label.setAccessibleName("Estimated memory and time")
+        column.addWidget(self.cost_label)
+        column.addStretch(1)
+
+        scroll = QScrollArea(widgetResizable=True)
+        scroll.setWidget(content)
+        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        outer = QVBoxLayout(self)
+        outer.setContentsMargins(0, 0, 0, 0)
+        outer.setSpacing(0)
+        outer.addWidget(scroll, 1)
+        outer.addWidget(theme.with_role(QFrame(), "line"))
+        outer.addWidget(self._build_foot())
+        self._content = content
+        content.installEventFilter(self)
+
+        follow(document.mesh_changed, self._refresh_facts)
+        follow(document.mesh_changed, self._refresh_cost)
+        follow(document.settings_changed, self._refresh_operator)
+        follow(document.settings_changed, self._refresh_cost)
+        follow(document.spectrum_changed, self._refresh_cost)
+        follow(document.job_changed, self._refresh_job)
+        follow(document.spectrum_changed, self._refresh_proof)
+        follow(document.mesh_changed, self._refresh_job)
+        self._refresh_facts()
+        self._refresh_operator()
+        self._refresh_cost()
+        self._refresh_job()
+        self._fit()
+
+    def _fit(self) -> None:
+        """Be wide enough that no row is cut off: the scroll area only scrolls up and down."""
+        self.setMinimumWidth(max(_WIDTH, self._content.minimumSizeHint().width() + 16))
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Follow the contents, whatever makes them wider: a count, a unit, a style."""
+        if watched is self._content and event.type() == QEvent.Type.LayoutRequest:
+            self._fit()
+        return super().eventFilter(watched, event)
+
+    # -- what was read ------------------------------------------------------------------------
+
+    def _heading(self, column: QVBoxLayout, text: str) -> None:
+        column.addSpacing(theme.GAP)
+        column.addWidget(theme.with_role(QLabel(text), "heading"))
+
+    def _build_facts(self, column: QVBoxLayout) -> None:
+        self.name_label = theme.with_role(QLabel(objectName="mesh_name_label"), "heading")
+        self.name_label.setAccessibleName("Name of the mesh")
+        self.path_label = theme.with_role(QLabel(objectName="mesh_path_label"), "muted")
+        self.path_label.setAccessibleName("Path of the mesh")
+        column.addWidget(self.name_label)
+        column.addWidget(self.path_label)
+        grid = QGridLayout()
+        grid.setHorizontalSpacing(theme.GAP)
+        grid.setVerticalSpacing(5)
+        grid.setColumnStretch(1, 1)
+        self._facts: dict[str, QLabel] = {}
+        for at, name in enumerate(("Vertices", "Faces", "Area", "Extent")):
+            label = QLabel("–", objectName=f"mesh_{name.lower()}_label")
+            label.setAccessibleName(name)
+            label.setAlignment(Qt.AlignmentFlag.AlignRight)
+            label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+            # a long value is cut off rather than widening the panel; the tooltip has all of it
+            label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+            self._facts[name] = label
+            grid.addWidget(QLabel(name), at, 0)
+            grid.addWidget(label, at, 1)
+        self.unit_combo = QComboBox(objectName="unit_combo", editable=True)
+        # the last ones show that a voxel size can be said too, whichever it is
+        voxels = ("8 nm", "4 × 4 × 40 nm")
+        self.unit_combo.addItems([*(unit or "none" for unit in LENGTH_UNITS), *voxels])
+        self.unit_combo.setInsertPolicy(QComboBox.InsertPolicy.NoInsert)
+        self.unit_combo.setAccessibleName("Unit of the coordinates")
+        self.unit_combo.setToolTip(
+            "Unit of the coordinates in the file; or the size of a voxel, such as “8 nm” or "
+            "“4 × 4 × 40 nm”, by which coordinates counted in voxels are multiplied"
+        )
+        self.unit_combo.lineEdit().editingFinished.connect(self._choose_unit)
+        self.unit_combo.activated.connect(self._choose_unit)
+        grid.addWidget(QLabel("Unit"), 4, 0)
+        grid.addWidget(self.unit_combo, 4, 1, Qt.AlignmentFlag.AlignRight)
+        column.addLayout(grid)
+
+    def _choose_unit(self) -> None:
+        ready = self._document.ready
+        text = self.unit_combo.currentText().strip()
+        if ready is None or text == self._document.unit_text:
+            return
+        try:
+            self._document.set_unit(text)
+        except InputError as fault:
+            self._document.notify(Notice(str(fault), Severity.ERROR))
+        self._refresh_facts()
+
+    def _refresh_facts(self) -> None:
+        ready = self._document.ready
+        self.unit_combo.setEnabled(ready is not None)
+        self.undo_button.setVisible(self._document.can_undo)
+        if ready is None:
+            self.name_label.setText("No mesh open")
+            self.path_label.setText("Drop one on the window, or press Ctrl+O.")
+            for label in self._facts.values():
+                label.setText("–")
+            self._show_unit("none")
+            return
+        mesh, health = ready.mesh, ready.health
+        self.name_label.setText(mesh.name or "Mesh in memory")
+        where = str(ready.path) if ready.path else "handed over in memory"
+        self.path_label.setToolTip(where)
+        self.path_label.setText(
+            self.path_label.fontMetrics().elidedText(where, Qt.TextElideMode.ElideMiddle, 244)
+        )
+        extent = mesh.bounds[1] - mesh.bounds[0]
+        self._facts["Vertices"].setText(f"{health.n_vertices:,}")
+        self._facts["Faces"].setText(f"{health.n_faces:,}")
+        self._facts["Area"].setText(format_quantity(health.area, mesh.unit, 2))
+        self._facts["Extent"].setText(_size(extent, mesh.unit))
+        for label in self._facts.values():
+            label.setToolTip(label.text())
+        self._show_unit(self._document.unit_text)
+
+    def _show_unit(self, text: str) -> None:
+        """Write the unit, from its beginning and in the width that it takes."""
+        self.unit_combo.setCurrentText(text)
+        self.unit_combo.lineEdit().setCursorPosition(0)
+        wide = self.unit_combo.fontMetrics().horizontalAdvance(text) + 58
+        self.unit_combo.setFixedWidth(min(max(wide, _NARROWEST_UNIT), _WIDEST_UNIT))
+
+    # -- the Laplacian ------------------------------------------------------------------------
+
+    def _build_operator(self, column: QVBoxLayout) -> None:
+        self.robust_check = QCheckBox("Robust", objectName="robust_check")
+        self.robust_check.setAccessibleName("Robust Laplacian")
+        self.robust_check.setToolTip(
+            "Sharp & Crane 2020: right for any triangle mesh, also non-manifold ones. "
+            "Without it, the plain cotangent Laplacian, for clean meshes only"
+        )
+        self.mollify_spin = QuantityBox()
+        self.mollify_spin.setObjectName("mollify_spin")
+        self.mollify_spin.setAccessibleName("Mollify factor")
+        self.mollify_spin.setToolTip(
+            "How far edges are lengthened, relative to their mean, so that no triangle is "
+            "degenerate (no unit; 1e-05 suits nearly every mesh)"
+        )
+        self.mollify_spin.setFixedWidth(96)
+        self.mollify_spin.bounds = (1e-15, 1.0)
+        self.mollify_label = QLabel("Mollify")
+        row = QHBoxLayout()
+        row.setSpacing(theme.GAP)
+        row.addWidget(self.robust_check)
+        row.addStretch(1)
+        row.addWidget(self.mollify_label)
+        row.addWidget(self.mollify_spin)
+        column.addLayout(row)
+        self.robust_check.toggled.connect(self._choose_operator)
+        self.mollify_spin.valueChanged.connect(self._choose_operator)
+
+    def _choose_operator(self) -> None:
+        robust = self.robust_check.isChecked()
+        self._document.operator = OperatorOptions(robust, self.mollify_spin.value())
+
+    def _refresh_operator(self) -> None:
+        operator = self._document.operator
+        blocked = self.robust_check.blockSignals(True)
+        self.robust_check.setChecked(operator.robust)
+        self.robust_check.blockSignals(blocked)
+        if not self.mollify_spin.hasFocus():
+            self.mollify_spin.show_quantity(operator.mollify_factor)
+        self.mollify_spin.setEnabled(operator.robust)
+        self.mollify_label.setEnabled(operator.robust)
+
+    # -- cost, progress and proof -------------------------------------------------------------
+
+    def _refresh_cost(self) -> None:
+        ready, target = self._document.ready, self._document.target
+        if ready is None or not ready.health.area > 0.0:
+            self.cost_label.setText("")
+            return
+        n = ready.health.n_vertices
+        translation, spectrum = self._document.translation(), self._document.spectrum
+        if len(translation.eigenvalues):
+            wanted, exact = translation.count(target)
+            if exact and wanted <= len(translation.eigenvalues):
+                computed = "Already computed" if spectrum.complete else "Converged already"
+                self.cost_label.setText(f"{computed}: {wanted:,} eigenpairs are in the store.")
+                return
+        pairs = min(translation.count(target)[0], n)
+        memory = cost.written_bytes(cost.decomposition_bytes(n, pairs, ready.health.n_components))
+        time = cost.written_duration(cost.decomposition_seconds(n, pairs, self.seconds_rate))
+        window = cost.written_bytes(expected_bytes(n, self._document.display.band_count))
+        self.cost_label.setText(
+            f"Takes about {memory} of memory and {time}. Live features then take {window}."
+        )
+
+    def _build_foot(self) -> QWidget:
+        foot = QWidget(objectName="mesh_panel_foot")
+        column = QVBoxLayout(foot)
+        column.setContentsMargins(theme.MARGIN, theme.MARGIN, theme.MARGIN, theme.MARGIN)
+        column.setSpacing(6)
+        self.compute_button = theme.with_role(
+            QPushButton("Compute", objectName="compute_button"), "primary"
+        )
+        self.compute_button.setAccessibleName("Compute eigenpairs")
+        self.compute_button.setToolTip("Decompose the mesh (Ctrl+Return)")
+        self.compute_button.clicked.connect(self._document.compute)
+        self.cancel_button = QPushButton("Cancel", objectName="cancel_button")
+        self.cancel_button.setAccessibleName("Cancel what runs")
+        self.cancel_button.setToolTip("Stop; eigenpairs that have converged stay (Esc)")
+        self.cancel_button.clicked.connect(self._document.cancel)
+        row = QHBoxLayout()
+        row.setSpacing(theme.GAP)
+        row.addWidget(self.compute_button, 2)
+        row.addWidget(self.cancel_button, 1)
+        self.progress_bar = QProgressBar(objectName="progress_bar", textVisible=False)
+        self.progress_bar.setAccessibleName("Progress")
+        self.progress_bar.setRange(0, 1000)
+        self.progress_label = theme.with_role(
+            QLabel(objectName="progress_label", wordWrap=True), "muted"
+        )
+        self.progress_label.setAccessibleName("What is being done")
+        self.proof_label = theme.with_role(QLabel(objectName="proof_label", wordWrap=True), "proof")
+        self.proof_label.setAccessibleName("Proof of the eigenpairs")
+        self.proof_label.setToolTip(
+            "Pairs computed, whether the count is certified complete, the worst residual "
+            "‖Lφ − λMφ‖ / λ‖Mφ‖, and the largest entry of |ΦᵀMΦ − I|"
+        )
+        self.proof_label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        column.addLayout(row)
+        column.addWidget(self.progress_bar)
+        column.addWidget(self.progress_label)
+        column.addWidget(self.proof_label)
+        return foot
+
+    def _refresh_job(self) -> None:
+        state = self._document.job
+        self.compute_button.setEnabled(self._document.can_compute)
+        self.cancel_button.setEnabled(state is not None and not state.cancelling)
+        self.progress_bar.setVisible(state is not None)
+        self.progress_label.setVisible(state is not None)
+        if state is not None:
+            progress = state.progress
+            if progress.fraction is None:
+                self.progress_bar.setRange(0, 0)
+            else:
+                self.progress_bar.setRange(0, 1000)
+                self.progress_bar.setValue(round(1000 * min(max(progress.fraction, 0.0), 1.0)))
+            what = "Stopping" if state.cancelling else progress.message or progress.stage
+            parts = [what[:1].upper() + what[1:] if what else state.job.label]
+            if progress.remaining is not None and not state.cancelling:
+                parts.append(f"{cost.written_duration(progress.remaining)} left")
+            self.progress_label.setText(" · ".join(parts))
+        self._refresh_proof()
+
+    def _refresh_proof(self) -> None:
+        spectrum, state = self._document.spectrum, self._document.job
+        text, role = "", "muted"
+        if spectrum is not None and spectrum.certificate is not None:
+            text = spectrum.certificate.sentence(len(spectrum), self._document.mesh.unit)
+            role = "proof" if spectrum.complete else "warning"
+        elif spectrum is not None and state is None and spectrum.preview and not spectrum.n_exact:
+            text = f"A preview of {len(spectrum):,} pairs: Compute makes them exact."
+        elif spectrum is not None and state is None and len(spectrum):
+            owed = f" of {spectrum.total:,}" if spectrum.total else ""
+            text = f"{len(spectrum):,}{owed} pairs, stopped early: Compute goes on from here."
+            role = "warning"
+        elif state is None and self._document.ready is None:
+            text = "Open a mesh to compute its eigenfunctions."
+        elif state is None and spectrum is None:
+            text = "Nothing computed yet."
+        self.proof_label.setVisible(bool(text))
+        self.proof_label.setText(text)
+        if self.proof_label.property("role") != role:
+            theme.with_role(self.proof_label, role)
+            self.proof_label.style().unpolish(self.proof_label)
+            self.proof_label.style().polish(self.proof_label)
+
+
+#: The unit a thousand times as long, in which long meshes are easier to read.
+_LARGER = {"nm": "µm", "µm": "mm", "mm": "m"}
+
+
+def _size(extent: np.ndarray, unit: str) -> str:
+    """Three lengths that fit the panel: "150 × 207 × 142 µm", "(1.92 × 2.65 × 0.18)·10⁷"."""
+    largest = float(extent.max())
+    while largest >= 99_950 and unit in _LARGER:
+        unit, extent, largest = _LARGER[unit], extent / 1000.0, largest / 1000.0
+    unit = power_unit(unit, 1)
+    if largest == 0.0 or 1e-3 <= largest < 999_500:
+        return f"{' × '.join(_short(length) for length in extent)} {unit}".strip()
+    power = math.floor(math.log10(largest))
+    digits = " × ".join(f"{length / 10.0**power:.2f}" for length in extent)
+    return f"({digits})·{power_unit('10', power)} {unit}".strip()
+
+
+def _short(length: float) -> str:
+    """Three digits without an exponent where that is short: "15,900", "0.0123"."""
+    if length >= 1e3:
+        return f"{float(f'{length:.3g}'):,.0f}"
+    return f"{round(length, 6):.3g}"

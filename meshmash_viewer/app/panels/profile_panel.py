@@ -1,0 +1,255 @@
+"""The Profiles panel: what the features say about the pinned vertices, in their pins' colours."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QCloseEvent
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QStackedLayout, QVBoxLayout, QWidget
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.segments import Segments
+from meshmash_viewer.app.listening import follow
+from meshmash_viewer.app.panels.panel_head import PanelHead
+from meshmash_viewer.app.panels.pin_legend import PinLegend
+from meshmash_viewer.app.plots.plot import Plot, color, hatch, solid
+from meshmash_viewer.app.plots.profile_curves import Samples, samples_of
+from meshmash_viewer.app.profile_reader import ProfileReader
+from meshmash_viewer.model.display import FieldKind, SimilarityBasis
+from meshmash_viewer.model.document import Document, Pin
+from meshmash_viewer.model.ranges import (
+    band_range,
+    first_nonzero,
+    hks_range,
+    hks_time,
+    resolved_from,
+)
+from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.units import power_unit
+
+__all__ = ["ProfilePanel"]
+
+_VIEWS = {"hks": "HKS", "bands": "Geometry vectors", "eigenfunctions": "Eigenfunctions"}
+
+
+class ProfilePanel(QWidget):
+    """Bottom panel; shows the family of fields on the render until someone chooses otherwise."""
+
+    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("profile_panel")
+        self.setAccessibleName("Profiles")
+        self._document = document
+        self._shown = ""
+        self._drawn: tuple[object, ...] = ()
+        self._curves: dict[Pin, tuple[pg.PlotCurveItem, pg.ScatterPlotItem]] = {}
+        self._reader = ProfileReader(self)
+        self._reader.changed.connect(self._refresh)
+        self._build()
+        follow(document.spectrum_changed, self._refresh)
+        follow(document.pins_changed, self._refresh)
+        follow(document.display.events, self._refresh_display)
+        follow(document.display.events.kind, self._follow_kind)
+        theme.notifier().changed.connect(self._dress)
+        self._dress()
+        self._follow_kind()
+
+    def _build(self) -> None:
+        column = QVBoxLayout(self)
+        column.setContentsMargins(theme.MARGIN, theme.GAP // 2, theme.GAP, theme.GAP // 2)
+        column.setSpacing(theme.GAP // 2)
+        self.view_choice = Segments("profile_view", "What the profiles show", _VIEWS, self)
+        self.view_choice.chosen.connect(self._show_view)
+        self.missing_label = theme.with_role(QLabel(self), "muted")
+        self.missing_label.setObjectName("profile_missing_label")
+        self.head = PanelHead((self.view_choice,), (self.missing_label,), self)
+        column.addWidget(self.head)
+        self.plot = Plot("profile_plot", "Profiles of the pinned vertices", self)
+        self.legend = PinLegend(self._document, self)
+        shown = QWidget(self)
+        line = QHBoxLayout(shown)
+        line.setContentsMargins(0, 0, 0, 0)
+        line.setSpacing(0)
+        line.addWidget(self.plot, 1)
+        line.addWidget(self.legend)
+        self.empty = theme.with_role(
+            QLabel("Click a vertex on the render to compare its profile.", self), "muted"
+        )
+        self.empty.setObjectName("profile_empty_label")
+        self.empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.empty.setWordWrap(True)
+        holder = QWidget(self)
+        self._stack = QStackedLayout(holder)
+        self._stack.addWidget(shown)
+        self._stack.addWidget(self.empty)
+        column.addWidget(holder, 1)
+        self._missing = pg.LinearRegionItem(movable=False)
+        self._zero = pg.InfiniteLine(pos=0.0, angle=0)
+        self._marker = pg.InfiniteLine(angle=90, movable=True)
+        self._marker.setCursor(Qt.CursorShape.SizeHorCursor)
+        self._marker.sigDragged.connect(self._drag)
+        for item in (self._missing, self._zero, self._marker):
+            self.plot.addItem(item, ignoreBounds=True)
+        self.plot.clicked.connect(self._select)
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """Read nothing any more."""
+        self._reader.close()
+        super().closeEvent(event)
+
+    # -- from the person --------------------------------------------------------------------
+
+    def _show_view(self, key: str) -> None:
+        self.view_choice.show_key(key)
+        if key != self._shown:
+            self._shown = key
+            self._refresh()
+            self.plot.show_all()
+
+    def _select(self, x: float, _y: float) -> None:
+        """Put on the render what is at a place of the plot."""
+        display, spectrum = self._document.display, self._document.spectrum
+        if spectrum is None:
+            return
+        if self._shown == "eigenfunctions":
+            display.index = min(max(round(x), 0), len(spectrum) - 1)
+            display.kind = FieldKind.EIGENFUNCTION
+        elif self._shown == "bands":
+            display.band = min(max(round(x), 0), display.band_count - 1)
+            display.kind = FieldKind.BAND
+        elif first_nonzero(spectrum) < len(spectrum):
+            low, high = hks_range(spectrum, display)
+            display.time = min(max(10.0**x, low), high)
+            display.kind = FieldKind.HKS
+
+    def _drag(self, marker: pg.InfiniteLine) -> None:
+        self._select(float(marker.value()), 0.0)
+
+    # -- from the model ---------------------------------------------------------------------
+
+    def _follow_kind(self) -> None:
+        display = self._document.display
+        key = {
+            FieldKind.HKS: "hks",
+            FieldKind.BAND: "bands",
+            FieldKind.EIGENFUNCTION: "eigenfunctions",
+            FieldKind.SIMILARITY: "bands"
+            if display.similarity_basis is SimilarityBasis.BANDS
+            else "hks",
+        }[display.kind]
+        self._show_view(key)
+
+    def _refresh(self) -> None:
+        """Draw all profiles of which the values are there, and have the others read."""
+        pins, spectrum = self._document.pins, self._document.spectrum
+        there = bool(pins) and spectrum is not None and len(spectrum) > 0
+        self.plot.paint_later()
+        self._stack.setCurrentIndex(0 if there else 1)
+        self.head.show_controls(there)
+        self.empty.setText(
+            "Compute eigenpairs to see the profiles of the pinned vertices."
+            if pins and not there
+            else "Click a vertex on the render to compare its profile."
+        )
+        for pin in [pin for pin in self._curves if pin not in pins or not there]:
+            for item in self._curves.pop(pin):
+                self.plot.removeItem(item)
+        self._reader.want(spectrum, tuple(pin.vertex for pin in pins))
+        if not there:
+            return
+        self._name_axes()
+        samples = samples_of(self._shown, spectrum, self._document.display)
+        for pin in pins:
+            values = self._reader.values(pin.vertex)
+            if values is not None:
+                self._draw(pin, values[: len(spectrum)], samples)
+        self._drawn = self._key()
+        self._mark(spectrum)
+
+    def _refresh_display(self) -> None:
+        spectrum = self._document.spectrum
+        if not self._curves or spectrum is None:
+            return
+        if self._key() != self._drawn:
+            self._refresh()
+        else:
+            self._mark(spectrum)
+
+    def _key(self) -> tuple[object, ...]:
+        """What the curves depend on beside the spectrum and the pins."""
+        display, spectrum = self._document.display, self._document.spectrum
+        if self._shown == "eigenfunctions" or spectrum is None:
+            return (self._shown, display.flipped)
+        if self._shown == "bands":
+            return (self._shown, display.band_count, band_range(spectrum, display))
+        return (self._shown, display.hks_scales, hks_range(spectrum, display))
+
+    def _name_axes(self) -> None:
+        mesh = self._document.mesh
+        unit = mesh.unit if mesh is not None else ""
+
+        def named(text: str, power: int) -> str:
+            written = power_unit(unit, power)
+            return f"{text} ({written})" if written else text
+
+        bottom, left = {
+            "hks": (named("Time t", 2), named("HKS", -2)),
+            "bands": ("Band", named("Geometry vector", -2)),
+            "eigenfunctions": ("Index", named("φ at the vertex", -1)),
+        }[self._shown]
+        self.plot.set_log(self._shown == "hks", self._shown == "hks")
+        self.plot.set_labels(bottom, left)
+
+    def _draw(self, pin: Pin, values: np.ndarray, samples: tuple[Samples, Samples]) -> None:
+        if pin not in self._curves:
+            curve, dots = pg.PlotCurveItem(), pg.ScatterPlotItem(pxMode=True)
+            dots.setPen(None)
+            dots.setBrush(color(pin.color))
+            self._curves[pin] = curve, dots
+            self.plot.addItem(curve)
+            self.plot.addItem(dots)
+        curve, dots = self._curves[pin]
+        if not np.isfinite(values).all():  # on no face: it has no values
+            curve.setData([], [])
+            dots.setData([], [])
+            return
+        raw = self._shown == "eigenfunctions"
+        curve.setPen(solid(pin.color, 1.0, 0.45) if raw else solid(pin.color, 2.0))
+        curve.setData(*samples[0].values(values))
+        places, heights = samples[1].values(values)
+        dots.setData(places, heights, size=5.0 if len(places) <= 200 else 3.5)
+
+    def _mark(self, spectrum: Spectrum) -> None:
+        """Mark what is on the render, and hatch what needs more eigenpairs."""
+        display = self._document.display
+        self._zero.setVisible(self._shown == "eigenfunctions")
+        missing: tuple[float, float] | None = None
+        if self._shown == "eigenfunctions":
+            at = float(min(display.index, len(spectrum) - 1))
+        elif self._shown == "bands":
+            at = float(min(display.band, display.band_count - 1))
+        else:
+            at = float(np.log10(hks_time(spectrum, display)))
+            low, high = hks_range(spectrum, display)
+            resolved = resolved_from(spectrum)
+            if resolved > low * (1.0 + 1e-9):
+                missing = float(np.log10(low)), float(np.log10(min(resolved, high)))
+        if not self._marker.moving:
+            self._marker.setValue(at)
+        self._missing.setVisible(missing is not None)
+        self.missing_label.setText(
+            "" if missing is None else "Hatched: misses more than 1 %, for want of eigenpairs"
+        )
+        self.head.fit()
+        if missing is not None:
+            self._missing.setRegion(missing)
+
+    def _dress(self) -> None:
+        colors = theme.plot_colors()
+        self._marker.setPen(solid(colors.marker, 1.2, 0.8))
+        self._marker.setHoverPen(solid(colors.marker, 3.0))
+        self._zero.setPen(solid(colors.reference, 1.0))
+        self._missing.setBrush(hatch(colors.hatch))
+        for line in self._missing.lines:
+            line.setPen(solid(colors.hatch, 1.0, 0.0))

@@ -1,0 +1,198 @@
+"""The Spectrum panel: eigenvalues against index, or filter responses over them."""
+
+from __future__ import annotations
+
+import math
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QLabel,
+    QStackedLayout,
+    QVBoxLayout,
+    QWidget,
+)
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.facts import format_wavelength, subscript
+from meshmash_viewer.app.controls.segments import Segments
+from meshmash_viewer.app.listening import follow
+from meshmash_viewer.app.panels.panel_head import PanelHead
+from meshmash_viewer.app.plots.eigenvalue_view import EigenvalueView
+from meshmash_viewer.app.plots.plot import Plot
+from meshmash_viewer.app.plots.response_view import ResponseView, shows_bands
+from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.units import format_quantity
+
+__all__ = ["SpectrumPanel"]
+
+
+class SpectrumPanel(QWidget):
+    """Bottom panel; shows what suits the field on the render until someone chooses otherwise."""
+
+    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("spectrum_panel")
+        self.setAccessibleName("Spectrum")
+        self._document = document
+        self._build()
+        # In turns of their own: to lay out what was hidden takes as long as to fill it.
+        for signal in (document.spectrum_changed, document.mesh_changed):
+            follow(signal, self._show_what_is_there)
+            follow(signal, self._refresh_spectrum)
+        follow(document.display.events, self._refresh_current)
+        follow(document.display.events.kind, self._follow_kind)
+        theme.notifier().changed.connect(self._dress)
+        self._follow_kind()
+
+    def _build(self) -> None:
+        column = QVBoxLayout(self)
+        column.setContentsMargins(theme.MARGIN, theme.GAP // 2, theme.GAP, theme.GAP // 2)
+        column.setSpacing(theme.GAP // 2)
+        self.view_choice = Segments(
+            "spectrum_view",
+            "What the spectrum shows",
+            {"eigenvalues": "Eigenvalues", "responses": "Filter responses"},
+            self,
+        )
+        self.view_choice.chosen.connect(self._choose_view)
+        self.log_check = QCheckBox("Log λ", self)
+        self.log_check.setObjectName("spectrum_log_check")
+        self.log_check.setAccessibleName("Eigenvalues in log scale")
+        self.log_check.toggled.connect(self._set_log)
+        self.readout = QLabel(self)
+        self.readout.setObjectName("spectrum_readout")
+        self.legend = theme.with_role(QLabel(self), "muted")
+        self.legend.setObjectName("spectrum_legend")
+        self.legend.setTextFormat(Qt.TextFormat.RichText)
+        self.head = PanelHead((self.view_choice, self.log_check), (self.readout, self.legend), self)
+        column.addWidget(self.head)
+        self.plot = Plot("spectrum_plot", "Spectrum", self)
+        self.empty = theme.with_role(
+            QLabel("The eigenvalues appear here as they converge.", self), "muted"
+        )
+        self.empty.setObjectName("spectrum_empty_label")
+        self.empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        holder = QWidget(self)
+        self._stack = QStackedLayout(holder)
+        self._stack.addWidget(self.plot)
+        self._stack.addWidget(self.empty)
+        column.addWidget(holder, 1)
+        self._views = {
+            "eigenvalues": EigenvalueView(self.plot, self._document),
+            "responses": ResponseView(self.plot, self._document),
+        }
+        self._shown = self._drawn_scale = ""
+        # heat kernels differ where λ is small; eigenvalues and bands are spread evenly
+        self._log = {"eigenvalues": False, "bands": False, "hks": True}
+        self.plot.clicked.connect(self._select)
+        self.plot.hovered.connect(self._hover)
+
+    @property
+    def view(self) -> EigenvalueView | ResponseView:
+        """What is drawn now."""
+        return self._views[self._shown]
+
+    # -- from the person --------------------------------------------------------------------
+
+    def _choose_view(self, key: str) -> None:
+        self._show_view(key)
+
+    def _set_log(self, on: bool) -> None:
+        self._log[self._scale_key()] = on
+        self._refresh_spectrum()
+        self.plot.show_all()
+
+    def _select(self, x: float, y: float) -> None:
+        if self._document.spectrum is not None:
+            self.view.select(x, y)
+
+    def _hover(self, x: float, _y: float) -> None:
+        if self._shown == "eigenvalues" and math.isfinite(x):
+            self._read(self._views["eigenvalues"].index_at(x))
+        else:
+            self._read(None)
+
+    # -- from the model ---------------------------------------------------------------------
+
+    def _scale_key(self) -> str:
+        if self._shown == "eigenvalues":
+            return "eigenvalues"
+        return "bands" if shows_bands(self._document.display) else "hks"
+
+    def _follow_kind(self) -> None:
+        eigenfunctions = self._document.display.kind is FieldKind.EIGENFUNCTION
+        self._show_view("eigenvalues" if eigenfunctions else "responses")
+
+    def _show_view(self, key: str) -> None:
+        self.view_choice.show_key(key)
+        if key != self._shown:
+            if self._shown:
+                for item in self.view.items:
+                    self.plot.removeItem(item)
+            self._shown = key
+            for item in self.view.items:
+                self.plot.addItem(item, ignoreBounds=item in self.view.unbounded)
+            self.plot.set_heights(self.view.heights())
+            self._refresh_spectrum()
+            self.plot.show_all()
+
+    def _show_what_is_there(self) -> None:
+        """The plot, or what to do to have one."""
+        spectrum = self._document.spectrum
+        there = spectrum is not None and len(spectrum) > 0
+        self.plot.paint_later()
+        self._stack.setCurrentWidget(self.plot if there else self.empty)
+        self.head.show_controls(there)
+
+    def _refresh_spectrum(self) -> None:
+        self._show_what_is_there()
+        bottom, left = self.view.labels()
+        log = self._log[self._scale_key()]
+        blocked = self.log_check.blockSignals(True)
+        self.log_check.setChecked(log)
+        self.log_check.blockSignals(blocked)
+        self.view.set_log(log)
+        responses = self._shown == "responses"
+        self.plot.set_log(log and responses, log and not responses)
+        self.plot.set_labels(bottom, left)
+        self.view.refresh_spectrum()
+        self._drawn_scale = self._scale_key()
+        self._describe()
+
+    def _refresh_current(self) -> None:
+        if self._scale_key() != self._drawn_scale:
+            self._refresh_spectrum()
+            self.plot.show_all()
+        else:
+            self.view.refresh_current()
+            self._describe()
+
+    def _describe(self) -> None:
+        self.legend.setText(self.view.legend())
+        self._read(None)
+        self.head.fit()
+
+    def _read(self, index: int | None) -> None:
+        """Say what is pointed at, or else what is on the render."""
+        spectrum, mesh = self._document.spectrum, self._document.mesh
+        if spectrum is None or not len(spectrum) or self._shown != "eigenvalues":
+            self.readout.setText("")
+            self.plot.setToolTip("")
+            return
+        unit = mesh.unit if mesh is not None else ""
+        index = min(self._document.display.index if index is None else index, len(spectrum) - 1)
+        value = float(spectrum.eigenvalues[index])
+        text = (
+            f"λ{subscript(index)} {'=' if spectrum.is_exact(index) else '≈'} "
+            f"{format_quantity(value, unit, -2)}, "
+            f"wavelength {format_wavelength(value, unit)}"
+        )
+        self.readout.setText(text)
+        self.plot.setToolTip(text)  # for a panel too narrow for the readout
+
+    def _dress(self) -> None:
+        for view in self._views.values():
+            view.dress()
+        self._refresh_spectrum()

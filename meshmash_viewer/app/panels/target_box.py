@@ -1,0 +1,227 @@
+"""How much of the spectrum to compute: by count, eigenvalue, wavelength, or time of the HKS."""
+
+from __future__ import annotations
+
+from PySide6.QtWidgets import (
+    QAbstractSpinBox,
+    QButtonGroup,
+    QGridLayout,
+    QLabel,
+    QRadioButton,
+    QScrollArea,
+    QSizePolicy,
+    QWidget,
+)
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.facts import note, show_note
+from meshmash_viewer.app.controls.number_box import CountBox, QuantityBox, dress
+from meshmash_viewer.app.listening import follow, later
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.spectral.weyl import Target, wavelength, weyl_eigenvalue
+from meshmash_viewer.units import power_unit
+
+__all__ = ["TargetBox"]
+
+#: Most eigenpairs while no mesh says how many it has.
+_MOST = 100_000
+#: How far eigenvalues may lie beyond those that Weyl's law gives the first and the last pair.
+_BELOW, _ABOVE = 1e-6, 1e3
+
+
+class TargetBox(QWidget):
+    """Four ways to say one thing; what is typed in one is translated live into the others.
+
+    The way that was edited last is the target, the others are estimates by Weyl's law.
+    """
+
+    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("target_box")
+        self._document = document
+        self._refused = "", ""
+
+        self.count_spin = CountBox(objectName="target_count_spin")
+        self.count_spin.setRange(1, _MOST)
+        self.count_spin.setSingleStep(10)
+        self.count_spin.setAccessibleName("Number of eigenpairs")
+        self.eigenvalue_spin = QuantityBox()
+        self.eigenvalue_spin.setObjectName("target_eigenvalue_spin")
+        self.eigenvalue_spin.setAccessibleName("Largest eigenvalue")
+        self.wavelength_spin = QuantityBox()
+        self.wavelength_spin.setObjectName("target_wavelength_spin")
+        self.wavelength_spin.setAccessibleName("Shortest wavelength")
+        self.time_spin = QuantityBox()
+        self.time_spin.setObjectName("target_time_spin")
+        self.time_spin.setAccessibleName("Shortest time of the heat kernel signature")
+        rows: dict[str, tuple[str, str, QAbstractSpinBox]] = {
+            "count": ("Eigenpairs", "That many of the lowest eigenpairs", self.count_spin),
+            "max_eigenvalue": (
+                "Largest λ",
+                "Every eigenpair up to this eigenvalue; the count is then exact",
+                self.eigenvalue_spin,
+            ),
+            "wavelength": (
+                "Shortest wave",
+                "Every eigenfunction with at least this wavelength 2π/√λ: "
+                "the smallest detail that is told apart",
+                self.wavelength_spin,
+            ),
+            "time": (
+                "Shortest time",
+                "As many eigenpairs as heat kernel signatures from this time on take, "
+                "so that less than 1 % of them is missing",
+                self.time_spin,
+            ),
+        }
+        self._boxes = {kind: row[2] for kind, row in rows.items()}
+        self._radios: dict[str, QRadioButton] = {}
+        group = QButtonGroup(self)
+        grid = QGridLayout(self)
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.setHorizontalSpacing(theme.GAP)
+        grid.setVerticalSpacing(6)
+        for at, (kind, (text, tooltip, box)) in enumerate(rows.items()):
+            radio = QRadioButton(text, objectName=f"target_{kind}_radio")
+            radio.setToolTip(tooltip)
+            radio.setAccessibleName(f"Compute by {text.lower()}")
+            box.setToolTip(tooltip)
+            # as wide as the panel, not as the longest number there is
+            box.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+            box.setMinimumWidth(132)
+            group.addButton(radio)
+            self._radios[kind] = radio
+            radio.clicked.connect(lambda _checked=False, kind=kind: self._choose(kind))
+            box.valueChanged.connect(lambda _value, kind=kind: self._choose(kind))
+            box.refused.connect(lambda number, kind=kind: self._refuse(kind, number))
+            grid.addWidget(radio, at, 0)
+            grid.addWidget(box, at, 1)
+        grid.setColumnStretch(1, 1)
+        self.note = theme.with_role(QLabel(wordWrap=True, objectName="weyl_note"), "muted")
+        grid.addWidget(self.note, len(rows), 0, 1, 2)
+        self.fault = note("target_fault", "warning", self)
+        grid.addWidget(self.fault, len(rows), 0, 1, 2)  # one or the other: nothing moves
+        follow(document.mesh_changed, self._forgive)
+        follow(document.mesh_changed, self.refresh)
+        follow(document.settings_changed, self.refresh)
+        follow(document.spectrum_changed, self.refresh)
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Show the document's target, and its translations where there is a mesh."""
+        target, ready = self._document.target, self._document.ready
+        self._radios[target.kind].setChecked(True)
+        self.setEnabled(ready is not None)
+        unit = ready.mesh.unit if ready else ""
+        powers = ((self.eigenvalue_spin, -2), (self.wavelength_spin, 1), (self.time_spin, 2))
+        for box, power in powers:
+            written = power_unit(unit, power)
+            dress(box, box.prefix(), f" {written}" if written else "")
+        if ready is None or not ready.health.area > 0.0:
+            self._show_count(target.estimated_count(1.0))
+            for box, _ in powers:
+                box.show_nothing()
+            self.note.setText("All four say the same thing: each is translated into the others.")
+            return
+        translation = self._document.translation()
+        self._limit(ready.health.area)
+        count, counted = translation.count(target)
+        eigenvalue, bounded = translation.eigenvalue(target)
+        length, measured = translation.wavelength(target)
+        time, resolved = translation.time(target)
+        for kind, exact in (
+            ("count", counted),
+            ("max_eigenvalue", bounded),
+            ("wavelength", measured),
+            ("time", resolved),
+        ):
+            box = self._boxes[kind]
+            dress(box, "" if exact else "≈ ", box.suffix())
+        # the box being typed in is left alone, so that the text under the cursor stays
+        if target.kind != "count" or not self.count_spin.hasFocus():
+            self._show_count(count)
+        if target.kind != "max_eigenvalue" or not self.eigenvalue_spin.hasFocus():
+            self.eigenvalue_spin.show_quantity(eigenvalue)
+        if target.kind != "wavelength" or not self.wavelength_spin.hasFocus():
+            self.wavelength_spin.show_quantity(length)
+        if target.kind != "time" or not self.time_spin.hasFocus():
+            self.time_spin.show_quantity(time)
+        zeros = ready.health.n_components
+        parts = [f"{zeros:,} of them are zero, one for each component."] if zeros > 1 else []
+        if count >= translation.n_vertices:
+            parts.append("The mesh has no more eigenpairs: shorter waves are not on it.")
+        if not (counted and bounded and measured and resolved):
+            parts.append(
+                "≈ by Weyl's law, onwards from the last known eigenvalue."
+                if len(translation.eigenvalues)
+                else "≈ by Weyl's law from the area: within a factor of two for many pairs, but "
+                "along thin branches the first hundred can lie ten times lower."
+            )
+        self.note.setText(" ".join(parts))
+        self._show_note()
+
+    @property
+    def _most(self) -> int:
+        """Number of eigenpairs that there are."""
+        ready = self._document.ready
+        if ready is None:
+            return _MOST
+        return max(ready.health.n_vertices - ready.health.unreferenced_vertices, 1)
+
+    def _limit(self, area: float) -> None:
+        """Let the fields take what this mesh can have, and what has been asked for already."""
+        self.count_spin.setMaximum(self._most)
+        low = min(max(_BELOW * weyl_eigenvalue(area, 1), 1e-140), 1e140)
+        high = min(max(_ABOVE * weyl_eigenvalue(area, self._most), low), 1e140)
+        self.eigenvalue_spin.bounds = (low, high)
+        self.wavelength_spin.bounds = (wavelength(high), wavelength(low))
+
+    def _show_count(self, count: float) -> None:
+        blocked = self.count_spin.blockSignals(True)
+        self.count_spin.setValue(max(1, min(int(count), self._most)))
+        self.count_spin.blockSignals(blocked)
+
+    def _refuse(self, kind: str, number: float) -> None:
+        """Say at the field why this mesh cannot have what was typed."""
+        most = self._most
+        if kind == "count" and number > most:
+            text = f"This mesh has {most:,} vertices, and so at most {most:,} eigenpairs."
+        elif kind == "count":
+            text = "The number of eigenpairs is a whole number from 1."
+        else:
+            box = self._boxes[kind]
+            unit = box.suffix()
+            low, high = box.bounds
+            name = "Eigenvalues" if kind == "max_eigenvalue" else "Waves"
+            text = f"{name} of this mesh lie between about {low:.1g} and {high:.1g}{unit}."
+        self._refused = kind, text
+        later(self._show_reason)  # Qt tells the number that it takes instead, which is no mending
+
+    def _show_reason(self) -> None:
+        kind, text = self._refused
+        show_note(self.fault, text)
+        self._show_note()
+        self._boxes[kind].selectAll()
+        parent = self.parentWidget()
+        while parent is not None and not isinstance(parent, QScrollArea):
+            parent = parent.parentWidget()
+        if parent is not None:
+            self.window().layout().activate()
+            parent.ensureWidgetVisible(self.fault, 0, theme.GAP)
+
+    def _forgive(self) -> None:
+        show_note(self.fault, "")
+        self._show_note()
+
+    def _show_note(self) -> None:
+        self.note.setVisible(bool(self.note.text()) and self.fault.isHidden())
+
+    def _choose(self, kind: str) -> None:
+        self._forgive()
+        box = self._boxes[kind]
+        try:
+            self._document.target = Target(kind, float(box.value()))
+        except InputError:
+            # half-typed; the next digit mends it
+            return

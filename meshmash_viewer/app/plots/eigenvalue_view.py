@@ -1,0 +1,150 @@
+"""Eigenvalues against their index, beside Weyl's law."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import Qt
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.plots.plot import Plot, color, dashed, solid
+from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.ranges import first_nonzero
+from meshmash_viewer.spectral.weyl import weyl_eigenvalue
+from meshmash_viewer.units import power_unit
+
+__all__ = ["EigenvalueView"]
+
+
+class EigenvalueView:
+    """What is drawn on the spectrum plot while eigenfunctions are looked at.
+
+    The marker can be dragged along, a click selects; zero modes are hollow.
+    """
+
+    def __init__(self, plot: Plot, document: Document) -> None:
+        self._plot = plot
+        self._document = document
+        self._log = False
+        self.weyl = pg.PlotCurveItem()
+        self.points = pg.ScatterPlotItem(pxMode=True)
+        self.zeros = pg.ScatterPlotItem(pxMode=True)
+        self.current = pg.ScatterPlotItem(pxMode=True)
+        self.marker = pg.InfiniteLine(angle=90, movable=True)
+        self.marker.setCursor(Qt.CursorShape.SizeHorCursor)
+        self.marker.sigDragged.connect(self._drag)
+        self.owed = pg.PlotCurveItem()  # unseen: keeps room for the pairs that are still to come
+        self.items = (
+            self.owed, self.weyl, self.points, self.zeros, self.marker, self.current,
+        )  # fmt: skip
+        # a neuron has far more eigenvalues than its area says: the law must not set the scale
+        self.unbounded = (self.weyl, self.marker)
+        self.dress()
+
+    def dress(self) -> None:
+        """Put on the colours of the theme."""
+        colors = theme.plot_colors()
+        self.owed.setPen(None)
+        self.weyl.setPen(dashed(colors.reference, 1.5))
+        self.points.setPen(None)
+        self.points.setBrush(color(colors.curve))
+        self.zeros.setBrush(color(colors.background))
+        self.zeros.setPen(solid(colors.curve, 1.5))
+        self.current.setBrush(color(colors.marker))
+        self.current.setPen(solid(colors.background, 1.5))
+        self.marker.setPen(solid(colors.marker, 1.0, 0.7))
+        self.marker.setHoverPen(solid(colors.marker, 3.0))
+
+    def set_log(self, on: bool) -> None:
+        """Draw the logarithm of the eigenvalues."""
+        self._log = on
+
+    def labels(self) -> tuple[str, str]:
+        """Names of the axes, with units."""
+        mesh = self._document.mesh
+        unit = power_unit(mesh.unit if mesh is not None else "", -2)
+        return "Index", f"λ ({unit})" if unit else "λ"
+
+    def legend(self) -> str:
+        """What the marks mean, as rich text."""
+        colors, spectrum = theme.plot_colors(), self._document.spectrum
+        preview = spectrum is not None and spectrum.preview
+        what = "approximate eigenvalue" if preview else "eigenvalue"
+        parts = [f'<span style="color:{colors.curve}">●</span> {what}']
+        if spectrum is not None and first_nonzero(spectrum):
+            count = first_nonzero(spectrum)
+            what = "zero mode" if count == 1 else f"{count} zero modes"
+            parts.append(f'<span style="color:{colors.curve}">○</span> {what}')
+        parts.append(f'<span style="color:{colors.reference}">╌╌</span> Weyl’s law')
+        return "&nbsp;&nbsp; ".join(parts)
+
+    def heights(self) -> tuple[float, float] | None:
+        """Range of the left axis: that of the eigenvalues."""
+        return None
+
+    def refresh_spectrum(self) -> None:
+        """Draw what has converged so far; the axis already has room for all that is owed."""
+        spectrum, mesh = self._document.spectrum, self._document.mesh
+        if spectrum is None or not len(spectrum):
+            for item in (self.points, self.zeros, self.current):
+                item.setData([], [])
+            self.weyl.setData([], [])
+            self.owed.setData([], [])
+            self.marker.setVisible(False)
+            return
+        zeros, length = first_nonzero(spectrum), len(spectrum)
+        index = np.arange(length, dtype=np.float64)
+        heights = self._heights(spectrum.eigenvalues, zeros)
+        size = 5.0 if length <= 400 else 3.5
+        # approximate ones are pale: the exact ones will take their places
+        self.points.setBrush(color(theme.plot_colors().curve, 0.45 if spectrum.preview else 1.0))
+        self.points.setData(index[zeros:], heights[zeros:], size=size)
+        self.zeros.setData(index[:zeros], heights[:zeros], size=6.0)
+        last = max(spectrum.total, length) - 1
+        top = heights[-1] if self._log else heights[-1] * max(last, 1) / max(length - 1, 1)
+        self.owed.setData([0.0, float(last)], [heights[0], top])
+        if mesh is not None:
+            area = float(mesh.area)
+            along = np.linspace(1.0 if self._log else 0.0, max(last, 1), 200)
+            law = np.array([weyl_eigenvalue(area, each) for each in along])
+            self.weyl.setData(along, np.log10(law) if self._log else law)
+        self.refresh_current()
+
+    def refresh_current(self) -> None:
+        """Move the marker to the eigenfunction on the render."""
+        spectrum = self._document.spectrum
+        if spectrum is None or not len(spectrum):
+            return
+        index = min(self._document.display.index, len(spectrum) - 1)
+        height = self._heights(spectrum.eigenvalues, first_nonzero(spectrum))[index]
+        self.current.setData([index], [height], size=10.0)
+        self.marker.setVisible(True)
+        if not self.marker.moving:
+            self.marker.setValue(index)
+
+    def select(self, x: float, _y: float) -> None:
+        """Put the eigenfunction at a place of the plot on the render."""
+        display = self._document.display
+        display.index = self.index_at(x)
+        display.kind = FieldKind.EIGENFUNCTION
+
+    def index_at(self, x: float) -> int:
+        """Index of the pair nearest to a place of the plot."""
+        spectrum = self._document.spectrum
+        last = len(spectrum) - 1 if spectrum is not None else 0
+        return min(max(round(x), 0), max(last, 0)) if math.isfinite(x) else 0
+
+    def _drag(self, marker: pg.InfiniteLine) -> None:
+        if self._document.spectrum is not None:
+            self.select(float(marker.value()), 0.0)
+
+    def _heights(self, eigenvalues: np.ndarray, zeros: int) -> np.ndarray:
+        if not self._log:
+            return np.maximum(eigenvalues, 0.0)
+        # zero has no logarithm: zero modes stand a little under the first that is not
+        rest = eigenvalues[zeros:]
+        floor = rest[0] / 3.0 if len(rest) else 1.0
+        return np.log10(np.concatenate([np.full(zeros, floor), rest]))

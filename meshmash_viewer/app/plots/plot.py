@@ -1,0 +1,195 @@
+"""The plots' common ground: colours of the theme, ticks that read 2×10⁻⁸, and a quiet mouse."""
+
+from __future__ import annotations
+
+import math
+
+import pyqtgraph as pg
+from PySide6.QtCore import QPointF, Qt, Signal
+from PySide6.QtGui import QBrush, QColor, QFont, QPen
+from PySide6.QtWidgets import QWidget
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.scale_marks import linear_texts, power_text
+from meshmash_viewer.app.listening import later
+
+__all__ = ["Plot", "ScientificAxis", "color", "dashed", "hatch", "solid"]
+
+
+def color(name: str, alpha: float = 1.0) -> QColor:
+    """A colour of the theme, more or less transparent."""
+    result = QColor(name)
+    result.setAlphaF(alpha)
+    return result
+
+
+def solid(name: str, width: float = 1.0, alpha: float = 1.0) -> QPen:
+    """A pen as wide in pixels whatever the zoom."""
+    return pg.mkPen(color(name, alpha), width=width)
+
+
+def dashed(name: str, width: float = 1.0) -> QPen:
+    """A dashed pen as wide in pixels whatever the zoom."""
+    return pg.mkPen(color(name), width=width, style=Qt.PenStyle.DashLine)
+
+
+def hatch(name: str) -> QBrush:
+    """The brush of what is in doubt: needs more eigenpairs."""
+    return QBrush(color(name, 0.8), Qt.BrushStyle.BDiagPattern)
+
+
+class ScientificAxis(pg.AxisItem):
+    """An axis that writes 2×10⁻⁸ where pyqtgraph would rescale its unit, or round it to 0."""
+
+    def __init__(self, orientation: str) -> None:
+        super().__init__(orientation)
+        self.enableAutoSIPrefix(False)
+
+    def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
+        """Labels of evenly spaced ticks."""
+        if self.logMode:
+            return self._log_texts(values)
+        return linear_texts([value * scale for value in values], spacing * scale)
+
+    def tickValues(self, low: float, high: float, size: float) -> list[tuple[float, list[float]]]:
+        """Ticks: in log scale whole decades, and 2 to 9 between them."""
+        if not self.logMode:
+            return super().tickValues(low, high, size)[:2]
+        first, last = math.floor(low), math.ceil(high)
+        room = 45.0 if self.orientation in ("bottom", "top") else 26.0
+        stride = max(1, math.ceil((last - first) / max(size / room, 1.0)))
+
+        def inside(factors: tuple[int, ...]) -> list[float]:
+            places = (p + math.log10(f) for p in range(first - 1, last + 1) for f in factors)
+            return [place for place in places if low <= place <= high]
+
+        whole = [place for place in inside((1,)) if round(place) % stride == 0]
+        return [(1.0, whole), (0.3, inside((2, 5))), (0.1, inside((3, 4, 6, 7, 8, 9)))]
+
+    def _log_texts(self, values: list[float]) -> list[str | None]:
+        low, high = self.range
+        factors = (1,) if high - low > 2.2 else (1, 2, 5)
+        texts: list[str | None] = []
+        for value in values:
+            power = math.floor(value + 1e-9)
+            factor = round(10.0 ** (value - power))
+            texts.append(power_text(power, factor) if factor in factors else None)
+        return texts
+
+
+class Plot(pg.PlotWidget):
+    """A plot in the theme's colours.
+
+    The wheel zooms, a drag moves, a double click shows everything again.
+
+    Signals
+    -------
+    clicked(float, float)
+        Where, in the plot's own coordinates.
+    hovered(float, float)
+        Likewise; NaN once the pointer has left.
+    """
+
+    clicked = Signal(float, float)
+    hovered = Signal(float, float)
+
+    def __init__(self, name: str, accessible_name: str, parent: QWidget | None = None) -> None:
+        axes = {side: ScientificAxis(side) for side in ("left", "bottom")}
+        super().__init__(parent, axisItems=axes)
+        self.setObjectName(name)
+        self.setAccessibleName(accessible_name)
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setFrameShape(self.Shape.NoFrame)
+        self.setMinimumSize(220, 110)
+        self.setAntialiasing(True)
+        self.setMenuEnabled(False)
+        self.hideButtons()
+        self._labels = {"left": "", "bottom": ""}
+        self._heights: tuple[float, float] | None = None
+        self.scene().sigMouseClicked.connect(self._click)
+        self.scene().sigMouseMoved.connect(self._move)
+        theme.notifier().changed.connect(self.dress)
+        self.dress()
+
+    def paint_later(self) -> None:
+        """Paint in a later turn of the event loop: laying out anew takes long enough for one."""
+        self.setUpdatesEnabled(False)
+        later(self._paint)
+
+    def _paint(self) -> None:
+        self.setUpdatesEnabled(True)
+
+    def set_labels(self, bottom: str, left: str) -> None:
+        """Name both axes, units included."""
+        if self._labels != {"left": left, "bottom": bottom}:
+            self._labels = {"left": left, "bottom": bottom}
+            self._dress_axes()
+
+    def set_log(self, bottom: bool, left: bool) -> None:
+        """Write powers of ten on an axis; what is drawn is then the logarithm already."""
+        for side, on in (("bottom", bottom), ("left", left)):
+            axis = self.getAxis(side)
+            if axis.logMode != on:
+                axis.setLogMode(on)
+
+    def dress(self) -> None:
+        """Put on the colours of the theme."""
+        self.setBackground(theme.plot_colors().background)
+        self._dress_axes()
+
+    def _dress_axes(self) -> None:
+        colors = theme.plot_colors()
+        font = theme.tabular(QFont(self.font()))
+        font.setPointSizeF(max(self.font().pointSizeF() * 0.9, 6.0))
+        for side, text in self._labels.items():
+            axis = self.getAxis(side)
+            axis.setPen(solid(theme.palette().border_strong))
+            axis.setTextPen(solid(colors.foreground))
+            axis.setStyle(
+                tickFont=font, tickLength=-4, autoExpandTextSpace=True, hideOverlappingLabels=True
+            )
+            axis.label.setFont(font)
+            axis.setLabel(
+                text, **{"color": colors.foreground, "font-size": f"{font.pointSizeF()}pt"}
+            )
+            axis.setGrid(False)
+
+    def show_all(self) -> None:
+        """Zoom out to everything that is drawn."""
+        self.plotItem.vb.enableAutoRange()
+        if self._heights is not None:
+            self.plotItem.vb.setYRange(*self._heights, padding=0.0)
+
+    def set_heights(self, heights: tuple[float, float] | None) -> None:
+        """Fix the range of the left axis, or let it follow what is drawn."""
+        self._heights = heights
+        self.setMouseEnabled(x=True, y=heights is None)
+
+    def pixel_of(self, x: float, y: float) -> QPointF:
+        """Where a point of the plot is on the widget."""
+        return QPointF(self.mapFromScene(self.plotItem.vb.mapViewToScene(QPointF(x, y))))
+
+    def leaveEvent(self, event: object) -> None:
+        """Tell that nothing is pointed at any more."""
+        self.hovered.emit(math.nan, math.nan)
+        super().leaveEvent(event)
+
+    def _point(self, position: QPointF) -> QPointF | None:
+        box = self.plotItem.vb
+        if not box.sceneBoundingRect().contains(position):
+            return None
+        return box.mapSceneToView(position)
+
+    def _click(self, event: object) -> None:
+        point = self._point(event.scenePos())
+        if event.button() != Qt.MouseButton.LeftButton or point is None:
+            return
+        if event.double():
+            self.show_all()
+        else:
+            self.clicked.emit(point.x(), point.y())
+
+    def _move(self, position: QPointF) -> None:
+        point = self._point(position)
+        if point is not None:
+            self.hovered.emit(point.x(), point.y())

@@ -1,0 +1,355 @@
+"""The whole picture: mesh, field, lines, pins and overlay, for any window that shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
+from vtkmodules.vtkRenderingCore import vtkLight, vtkRenderer, vtkRenderWindow
+
+from meshmash_viewer.app.view import overlay
+from meshmash_viewer.app.view.background import Background
+from meshmash_viewer.app.view.camera import View, fitted_view
+from meshmash_viewer.app.view.colors import DARK, LIGHT, color_table, rgb
+from meshmash_viewer.app.view.geometry import geometry_of
+from meshmash_viewer.app.view.overlay import Caption, Mark
+from meshmash_viewer.app.view.painter import Painter
+from meshmash_viewer.app.view.picking import Picker
+from meshmash_viewer.app.view.surface import LineSet, Surface
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.surface.clustering import CoarseMesh
+
+__all__ = ["Drawing", "read_pixels"]
+
+
+class Drawing:
+    """What is drawn, without a window: `renderer` is added to one, and `prepare` runs per frame.
+
+    Coordinates are moved to the middle of the mesh before they become single precision; `view`
+    is in mesh coordinates.
+
+    Parameters
+    ----------
+    dark : bool
+        Which theme.
+    """
+
+    def __init__(self, dark: bool = False) -> None:
+        self.renderer = vtkRenderer()
+        self.renderer.SetUseDepthPeeling(False)
+        self.renderer.AutomaticLightCreationOff()
+        # From over the left shoulder, and a weak one from the other side; both go with the eye.
+        for x, y, z, intensity in ((-0.5, 0.7, 1.6, 0.92), (0.9, -0.5, 0.8, 0.30)):
+            light = vtkLight()
+            light.SetLightTypeToCameraLight()
+            light.SetPosition(x, y, z)
+            light.SetFocalPoint(0.0, 0.0, 0.0)
+            light.SetIntensity(intensity)
+            self.renderer.AddLight(light)
+        self.renderer.GetActiveCamera().ParallelProjectionOn()
+        self.background = Background(self.renderer)  # the first: the others cover it
+        self._lines = LineSet()
+        self._lines.actor.GetProperty().SetLineWidth(2.0)
+        self.renderer.AddActor(self._lines.actor)
+        self._painter = Painter(self.renderer, overlay.PARTS)
+        self.mesh: Mesh | None = None
+        self.normals: npt.NDArray[np.float32] | None = None
+        self.centre = np.zeros(3)
+        self._sample = np.zeros((1, 3))
+        self._axes = np.eye(3)
+        self._bounds = np.zeros((2, 3))
+        self.view: View | None = None
+        self._placed: tuple[View, int, int] | None = None
+        self.caption: Caption | None = None
+        self.surface: Surface | None = None
+        self.coarse: Surface | None = None
+        self.picker: Picker | None = None
+        self._coarse_mesh: CoarseMesh | None = None
+        #: The values of the mesh that the stand-in has those of its vertices from.
+        self._coarse_of: npt.NDArray[np.float32] | None = None
+        self._segments: npt.NDArray[np.float32] | None = None
+        self._pins: tuple[tuple[int, str], ...] = ()
+        self.set_theme(dark)
+
+    # -- what is drawn ----------------------------------------------------------------------
+
+    def smooth_afterwards(self, smooth: bool) -> None:
+        """Smooth edges in the finished frame, where more samples a pixel would take too long."""
+        self.renderer.SetUseFXAA(smooth)
+        self.background.come_first(smooth)
+
+    def set_theme(self, dark: bool) -> None:
+        """Colours of the background and of all that is not the field."""
+        self.dark = dark
+        self.theme = DARK if dark else LIGHT
+        self.background.show(self.theme.background_bottom, self.theme.background_top)
+        self._lines.actor.GetProperty().SetColor(*rgb(self.theme.line))
+        for surface in (self.surface, self.coarse):
+            if surface is not None:
+                surface.actor.GetProperty().SetColor(*rgb(self.theme.surface))
+
+    def set_mesh(
+        self, mesh: Mesh | None, normals: npt.NDArray[np.float32] | None, *, picking: bool = False
+    ) -> None:
+        """Take a mesh with normals of shape (n, 3), or none; field, lines and pins go."""
+        for surface in (self.surface, self.coarse):
+            if surface is not None:
+                self.renderer.RemoveActor(surface.actor)
+        if self.picker is not None:
+            self.picker.stop()
+        self.surface = self.coarse = self.picker = self._coarse_mesh = self._coarse_of = None
+        self.mesh, self.normals = mesh, normals
+        self.caption, self._pins = None, ()
+        self.set_segments(None)
+        if mesh is None:
+            self.view = None
+            return
+        self._placed = None
+        geometry = geometry_of(mesh)
+        self._sample, self._axes = geometry.sample, geometry.axes
+        self.centre, self._bounds = geometry.centre, geometry.bounds
+        self.surface = self._new_surface(geometry.points, geometry.faces, normals)
+        if picking:
+            size = float(np.linalg.norm(geometry.bounds[1] - geometry.bounds[0]))
+            self.picker = Picker(geometry.points, geometry.faces, size)
+
+    def _new_surface(self, points, faces, normals) -> Surface:
+        surface = Surface(points, faces, normals)
+        surface.actor.GetProperty().SetColor(*rgb(self.theme.surface))
+        if self.caption is not None:
+            _dress(surface, self.caption)
+        self.renderer.AddActor(surface.actor)
+        return surface
+
+    def set_coarse(
+        self,
+        coarse: CoarseMesh,
+        points: npt.NDArray[np.float32],
+        normals: npt.NDArray[np.float32],
+        dot_size: float = 0.0,
+    ) -> None:
+        """Take a stand-in that `show_coarse` draws in place of the mesh, and of one before it.
+
+        Parameters
+        ----------
+        coarse : CoarseMesh
+        points, normals : ndarray of float32, shape (c, 3)
+            Of its representatives, relative to `centre`.
+        dot_size : float
+            Pixels; other than 0, only the vertices are drawn, in dots of that size.
+        """
+        if self.coarse is not None:
+            self.renderer.RemoveActor(self.coarse.actor)
+        self.coarse = self._new_surface(points, coarse.faces, normals)
+        self.coarse.actor.VisibilityOff()
+        if dot_size:
+            self.coarse.show_as_dots(dot_size)
+        self._coarse_mesh, self._coarse_of = coarse, None
+
+    def show_coarse(self, shown: bool) -> None:
+        """Draw the stand-in, if it is there yet, or the mesh with its lines."""
+        self._lines.actor.SetVisibility(not shown and self._segments is not None)
+        if self.surface is not None:
+            self.surface.actor.SetVisibility(not shown)
+        if self.coarse is not None:
+            self.coarse.actor.SetVisibility(shown)
+
+    @property
+    def shows_coarse(self) -> bool:
+        """Whether the stand-in is drawn."""
+        return self.coarse is not None and bool(self.coarse.actor.GetVisibility())
+
+    def set_field(
+        self,
+        values: npt.NDArray[np.floating] | None,
+        limits: tuple[float, float],
+        colormap: str,
+        title: str = "",
+        quantity: str = "",
+        unit: str = "",
+        *,
+        complete: bool = False,
+    ) -> None:
+        """Colour the mesh by values of shape (n,), or by none.
+
+        `complete` says that none of them is NaN, so that this need not be looked for.
+
+        Raises
+        ------
+        ValueError
+            If there is not one value a vertex, or no such colour map.
+        """
+        if self.surface is None:
+            return
+        before = None
+        if values is None:
+            self.caption = None
+        else:
+            if values.shape != (self.mesh.n_vertices,):
+                raise ValueError(
+                    f"A field of shape {values.shape} does not fit a mesh of "
+                    f"{self.mesh.n_vertices} vertices."
+                )
+            colors = color_table(colormap)
+            low, high = (float(limit) for limit in limits)
+            missing = self.surface.write(values, complete=complete)
+            before = self.caption
+            self.caption = Caption(title, quantity, unit, low, high, colors, missing)
+        for surface in (self.surface, self.coarse):
+            if surface is None:
+                continue
+            if self.caption is None:
+                surface.show_field(False)
+            else:
+                _dress(surface, self.caption, before)
+
+    def set_segments(self, segments: npt.NDArray[np.float32] | None) -> None:
+        """Draw segments of shape (s, 2, 3) relative to `centre`, or none."""
+        self._segments = segments if segments is not None and len(segments) else None
+        self._lines.show(segments)
+
+    def set_pins(self, pins: Sequence[tuple[int, str]]) -> None:
+        """Mark vertices in their colours."""
+        self._pins = tuple(pins)
+
+    # -- the eye ----------------------------------------------------------------------------
+
+    def reset_view(self, width: int, height: int, scale: float) -> None:
+        """Show the whole mesh from its best side."""
+        if self.mesh is not None:
+            self.fit_view(self._axes, width, height, scale)
+
+    def fit_view(self, axes: npt.NDArray, width: int, height: int, scale: float) -> None:
+        """Show the whole mesh along given axes."""
+        space = overlay.margins(self.caption is not None, width, height, scale)
+        self.view = fitted_view(self._sample, axes, width, height, space)
+
+    def prepare(self, width: int, height: int, scale: float, plates: bool = True) -> None:
+        """Upload the field, set the camera and paint the overlay for a frame of this size.
+
+        Parameters
+        ----------
+        width, height : int
+            In pixels.
+        scale : float
+            Pixels to one point of the overlay.
+        plates : bool
+            Whether the overlay has plates in the colour of the background behind it.
+        """
+        if self.shows_coarse and self._coarse_of is not self.surface.values:
+            self._coarse_of = self.surface.values
+            self.coarse.write(self._coarse_of[self._coarse_mesh.representatives])
+        for surface in (self.surface, self.coarse):
+            if surface is not None and surface.actor.GetVisibility():
+                surface.upload(self.renderer.GetRenderWindow())
+        painter = self._painter
+        painter.begin()
+        if self.mesh is not None:
+            if self.view is None:
+                self.reset_view(width, height, scale)
+            self._place_camera(width, height)
+            self._lines.actor.GetProperty().SetLineWidth(2.0 * scale)
+            sheet = overlay.Sheet(painter, self.theme, width, height, scale, plates)
+            view, caption, unit = self.view, self.caption, self.mesh.unit
+            place = (self.dark, width, height, scale, plates)
+            ready = self.picker is not None and self.picker.ready
+            painter.part(
+                "marks",
+                (place, view, self._pins, ready),
+                lambda: overlay.paint_marks(sheet, self._marks(), view),
+            )
+            painter.part("axes", (place, view), lambda: overlay.paint_axes(sheet, view))
+            painter.part(
+                "scale", (place, view, unit), lambda: overlay.paint_scale(sheet, view, unit)
+            )
+            if caption is not None:
+                said = (place, caption.title, caption.quantity)
+                painter.part("title", said, lambda: overlay.paint_title(sheet, caption))
+                bar = overlay.ColorBar.on(sheet, caption)
+                if bar is not None:
+                    painter.part("bar", (place, bar.key), lambda: bar.paint(sheet))
+                    painter.part("labels", (place, caption), lambda: bar.paint_labels(sheet))
+        painter.end()
+
+    def _place_camera(self, width: int, height: int) -> None:
+        camera = self.renderer.GetActiveCamera()
+        view = self.view
+        place = (view, width, height)
+        if place == self._placed:  # VTK would take it for another camera
+            return
+        self._placed = place
+        focus = view.focus - self.centre
+        # Not the surface's own bounds: VTK goes through all faces to find them.
+        reach = float(np.linalg.norm(self._bounds).clip(1e-300)) + float(np.linalg.norm(focus))
+        # Nodal lines lie in the surface: some pixels nearer to the eye they are seen whole, and, in
+        # a parallel projection, at the same place.
+        lift = 5.0 * view.length_per_pixel(width, height)
+        self._lines.actor.SetPosition(*(lift * view.axes[2]))
+        camera.SetFocalPoint(*focus)
+        camera.SetPosition(*(focus + 2.0 * reach * view.axes[2]))
+        camera.SetViewUp(*view.axes[1])
+        camera.SetParallelScale(view.half_size * height / max(min(width, height), 1))
+        camera.SetClippingRange(0.9 * reach, 3.1 * reach)
+
+    def _marks(self) -> list[Mark]:
+        marks = []
+        for number, (vertex, color) in enumerate(self._pins, start=1):
+            hidden = self.picker is not None and self.picker.hidden(vertex, self.view.axes[2])
+            label = str(number) if len(self._pins) > 1 else ""
+            marks.append(Mark(self.mesh.vertices[vertex], color, label, hidden))
+        return marks
+
+    # -- another one of the same ------------------------------------------------------------
+
+    def twin(self) -> Drawing:
+        """The same picture for another window; the arrays of mesh and field are shared."""
+        other = Drawing(self.dark)
+        if self.mesh is None:
+            return other
+        other.set_mesh(self.mesh, self.normals)
+        other.view, other.picker, other._pins = self.view, self.picker, self._pins
+        if self.caption is not None:
+            other.surface.write(self.surface.values)
+            _dress(other.surface, self.caption)
+            other.caption = self.caption
+        other.set_segments(self._segments)
+        return other
+
+    def camera_state(self) -> dict[str, Any] | None:
+        """The view for a session file."""
+        return self.view.to_json() if self.view is not None else None
+
+
+def _dress(surface: Surface, caption: Caption, before: Caption | None = None) -> None:
+    """Give a surface the colours of a caption, as far as they are not those of the one before."""
+    if before is None or caption.table is not before.table:
+        surface.set_colors(caption.table)
+    if before is None or (caption.low, caption.high) != (before.low, before.high):
+        surface.set_range(caption.low, caption.high)
+    if before is None:
+        surface.show_field(True)
+
+
+def read_pixels(
+    window: vtkRenderWindow, alpha: bool, bottom: int, rows: int
+) -> npt.NDArray[np.uint8]:
+    """Rows of the frame that was rendered last, shape (rows, width, 3 or 4), upper row first.
+
+    A view: VTK has the lowest row first. `bottom` is the lowest, counted from below.
+    """
+    width, _ = window.GetSize()
+    pixels = vtkUnsignedCharArray()
+    corners = (0, bottom, width - 1, bottom + rows - 1)
+    if alpha:
+        # The samples of a pixel are averaged here once more: VTK averages light, not colours
+        # times opacity, for the frame on the screen.
+        window.GetRGBACharPixelData(*corners, 0, pixels, 0)
+    else:
+        # The frame as it would be on the screen; averaged already, while it was drawn.
+        window.GetPixelData(*corners, 1, pixels, 0)
+    return vtk_to_numpy(pixels).reshape(rows, width, -1)[::-1]

@@ -1,0 +1,173 @@
+"""Pictures without a window, and without Qt; on a machine without a display where VTK can."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Generator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from vtkmodules.vtkRenderingCore import vtkRenderWindow
+
+from meshmash_viewer.app.view.drawing import Drawing, read_pixels
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, SymmetricLimits
+
+__all__ = ["RawPicture", "draw_in_steps", "draw_picture", "render_picture"]
+
+#: Rows of pixels that are read back at a time.
+_ROWS = 256
+
+
+def render_picture(
+    mesh: Mesh,
+    values: npt.NDArray[np.floating] | None,
+    path: str | Path,
+    *,
+    size: tuple[int, int] = (1600, 1200),
+    colormap: str = "RdBu_r",
+    limits: tuple[float, float] | None = None,
+    title: str = "",
+    quantity: str = "",
+    unit: str = "",
+    transparent: bool = False,
+    dark: bool = False,
+) -> None:
+    """Draw a field on a mesh and write it as PNG.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    values : ndarray, shape (n,), or None
+        A value a vertex, NaN where there is none; None draws the bare mesh.
+    path : str or Path
+        Where the PNG goes; an older file is replaced only when the new one is whole.
+    size : (int, int)
+        Width and height in pixels.
+    colormap : str
+        Name of one of matplotlib's colour maps.
+    limits : (float, float) or None
+        Ends of the colour bar; None takes the smallest and the largest value, or a range
+        symmetric about zero if there are values of both signs.
+    title, quantity : str
+        First and second line of the caption.
+    unit : str
+        Unit of the values.
+    transparent : bool
+        Leave the background out.
+    dark : bool
+        Light text on a dark ground.
+    """
+    drawing = Drawing(dark)
+    drawing.set_mesh(mesh, mesh.vertex_normals)
+    if values is not None:
+        values = np.asarray(values, dtype=np.float32)
+        limits = _limits(values, limits)
+        drawing.set_field(mesh.on_surface(values), limits, colormap, title, quantity, unit)
+    pixels = draw_picture(drawing, size, transparent)
+    # Late: the writers load more than a picture on the screen needs.
+    from meshmash_viewer.io.write import write_picture
+
+    write_picture(path, pixels)
+
+
+def _limits(
+    values: npt.NDArray[np.float32], wanted: tuple[float, float] | None
+) -> tuple[float, float]:
+    """Ends of the colour bar, the lower below the upper for a constant field, too."""
+    if wanted is not None:
+        return LockedLimits(*wanted).limits(values)
+    signed = bool((values < 0.0).any() and (values > 0.0).any())
+    return (SymmetricLimits() if signed else MinMaxLimits()).limits(values)
+
+
+@dataclass(frozen=True, eq=False)
+class RawPicture:
+    """A frame as it was read back; what is left to do needs no graphics, and any thread can do it.
+
+    Parameters
+    ----------
+    pixels : ndarray of uint8, shape (height, width, 3 or 4)
+        With four channels, the colours are multiplied by the opacity.
+    """
+
+    pixels: npt.NDArray[np.uint8]
+
+    def rgba(self) -> npt.NDArray[np.uint8]:
+        """Straight colours and opacity, shape (height, width, 4), first row on top."""
+        height, width, channels = self.pixels.shape
+        picture = np.full((height, width, 4), 255, dtype=np.uint8)
+        if channels == 3:
+            picture[..., :3] = self.pixels
+            return picture
+        opacity = self.pixels[..., 3:].astype(np.float32) / 255.0
+        straight = self.pixels[..., :3] / np.maximum(opacity, 1.0 / 255.0)
+        picture[..., :3] = np.minimum(straight, 255.0).round().astype(np.uint8)
+        picture[..., 3] = self.pixels[..., 3]
+        return picture
+
+
+def draw_picture(
+    drawing: Drawing, size: tuple[int, int], transparent: bool = False
+) -> npt.NDArray[np.uint8]:
+    """Draw off the screen; returns RGBA, shape (height, width, 4), first row on top."""
+    steps = draw_in_steps(drawing, size, transparent)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value.rgba()
+
+
+def draw_in_steps(
+    drawing: Drawing, size: tuple[int, int], transparent: bool = False
+) -> Generator[None, None, RawPicture]:
+    """The part of `draw_picture` that needs the thread of the graphics, in steps.
+
+    Between them it may do something else; the last one returns the picture. The overlay grows
+    with the picture, so that text stays as legible as on the screen.
+    """
+    width, height = (int(side) for side in size)
+    window = _new_window()
+    try:
+        window.SetOffScreenRendering(True)
+        window.SetMultiSamples(8)
+        window.SetAlphaBitPlanes(transparent)
+        window.SetDPI(72)
+        window.SetSize(width, height)
+        window.AddRenderer(drawing.renderer)
+        if transparent:
+            # What comes out is colour times opacity, which is then undone.
+            drawing.background.leave()
+        scale = max(1.0, min(width / 1000, height / 750))
+        drawing.prepare(width, height, scale, plates=not transparent)
+        yield
+        window.Render()
+        yield
+        pixels = None
+        for bottom in range(0, height, _ROWS):
+            part = read_pixels(window, transparent, bottom, min(_ROWS, height - bottom))
+            if pixels is None:
+                pixels = np.empty((height, width, part.shape[2]), dtype=np.uint8)
+            pixels[height - bottom - len(part) : height - bottom] = part
+            yield
+        return RawPicture(pixels)
+    finally:
+        window.RemoveRenderer(drawing.renderer)
+        window.Finalize()
+
+
+def _new_window() -> vtkRenderWindow:
+    """A render window that needs no display where there is none."""
+    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        # Asked for by name: the general one tries the display first, and complains.
+        import vtkmodules.vtkRenderingOpenGL2 as opengl
+
+        for name in ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"):
+            kind = getattr(opengl, name, None)
+            if kind is not None:
+                return kind()
+    return vtkRenderWindow()

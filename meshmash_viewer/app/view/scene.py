@@ -1,0 +1,460 @@
+"""The render in the window: draws the document's field, turns with the mouse, picks vertices."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from PySide6.QtCore import QEvent, QPoint, QPointF, QSize, QThreadPool, QTimer, Signal
+from PySide6.QtWidgets import QVBoxLayout, QWidget
+from vtkmodules.vtkRenderingCore import vtkRenderWindow
+
+from meshmash_viewer.app import heap
+from meshmash_viewer.app.listening import frame_drawn
+from meshmash_viewer.app.view.camera import View
+from meshmash_viewer.app.view.canvas import Canvas, Ring
+from meshmash_viewer.app.view.drawing import Drawing
+from meshmash_viewer.app.view.overlay import BAR_SPACE, title_size
+from meshmash_viewer.app.view.picture import draw_picture
+from meshmash_viewer.app.view.stand_in import StandIn
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.surface.nodal_lines import nodal_lines
+
+__all__ = ["Scene"]
+
+#: How long (ms) nothing must move before the full mesh is drawn again.
+REST = 220
+#: The same (ms) after a mesh has come for which a stand-in is being made.
+FIRST_REST = 3000
+#: How long (ms) the full mesh must have been looked at before its driver's memory is given back.
+GIVE_BACK = 400
+
+
+class Scene(QWidget):
+    """The render, its pointer and its camera.
+
+    Drag turns, with Shift or the right button it shifts, with Ctrl it rolls; the wheel zooms to
+    the pointer, and with Ctrl it steps; a click picks, a click of the middle button puts what is
+    under the pointer in the middle. There are no keys here.
+
+    Parameters
+    ----------
+    document : meshmash_viewer.model.document.Document
+    parent : QWidget or None
+    """
+
+    #: Vertex under the pointer, -1 for none.
+    vertex_hovered = Signal(int)
+    #: Vertex that was clicked (not dragged from).
+    vertex_clicked = Signal(int)
+    #: Ctrl and the wheel: one step forward or back in whatever is being scrolled.
+    stepped = Signal(int)
+    #: The first frame is on the screen.
+    first_frame = Signal()
+    #: The search structure for picking is there.
+    picking_ready = Signal()
+
+    _computed = Signal(object, object, object)
+
+    def __init__(self, document: Any, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("scene")
+        self.setAccessibleName("Render of the mesh")
+        self.document = document
+        self._drawing = Drawing()
+        self._stand_in = StandIn(self._drawing)
+        self._canvas = Canvas(self)
+        self._canvas.window.AddRenderer(self._drawing.renderer)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(self._canvas)
+        self._ring = Ring(self._canvas)
+        self._user_moved_camera = False
+        self._closed = False
+        self._first = True
+        self._quantity = self._awaited = ""
+        self._line_values: npt.NDArray[np.floating] | None = None
+        self._hovered = -1
+        self._generation = 0
+        # One thread for what takes longer than a frame; the newest request counts.
+        self._pool = QThreadPool(self)
+        self._pool.setMaxThreadCount(1)
+        self._computed.connect(self._take_computed)
+        self._rest = self._timer(REST, self._come_to_rest)
+        self._give_back = self._timer(GIVE_BACK, lambda: self._pool.start(heap.give_back))
+        self._line_delay = self._timer(90, self._compute_lines)
+        self._hover_delay = self._timer(15, self._hover)
+        self._connect_canvas()
+        self._picking_poll = QTimer(self, interval=30)
+        self._picking_poll.timeout.connect(self._poll_picking)
+
+    def _connect_canvas(self) -> None:
+        canvas = self._canvas
+        canvas.frame_due.connect(self._draw_frame)
+        canvas.resized.connect(self._resized)
+        canvas.dragged.connect(self._dragged)
+        canvas.drag_ended.connect(self._come_to_rest)
+        canvas.wheeled.connect(self._wheeled)
+        canvas.stepped.connect(self.stepped)
+        canvas.clicked.connect(self._clicked)
+        canvas.middle_clicked.connect(self._centre_on)
+        canvas.pointer_moved.connect(self._pointed)
+
+    def _timer(self, interval: int, slot: Any) -> QTimer:
+        timer = QTimer(self, interval=interval, singleShot=True)
+        timer.timeout.connect(slot)
+        return timer
+
+    # -- what is drawn ----------------------------------------------------------------------
+
+    @property
+    def mesh(self) -> Mesh | None:
+        """The mesh that is drawn."""
+        return self._drawing.mesh
+
+    def set_mesh(self, mesh: Mesh | None, normals: npt.NDArray[np.float32] | None = None) -> None:
+        """Draw a mesh with vertex normals of shape (n, 3), or nothing."""
+        if mesh is not None and normals is None:
+            normals = mesh.vertex_normals
+        self._generation += 1
+        self._stand_in.forget()
+        self._line_values = None
+        self._line_delay.stop()
+        self._rest.stop()
+        self._drawing.set_mesh(mesh, normals, picking=True)
+        self._begin_with_stand_in()
+        self._set_hovered(-1)
+        if mesh is not None:
+            self._picking_poll.start()
+            self.reset_camera()
+        self._canvas.update()
+
+    def set_field(
+        self, field: Any | None, limits: tuple[float, float] = (-1.0, 1.0), colormap: str = "RdBu_r"
+    ) -> None:
+        """Colour the mesh by a field (`meshmash_viewer.model.field.Field`), or by none.
+
+        One write into the displayed array and one frame, however often it is called meanwhile.
+        """
+        if self._drawing.mesh is None:
+            return
+        had_caption = self._drawing.caption is not None
+        self._quantity = "" if field is None else field.quantity
+        if field is None:
+            self._drawing.set_field(None, limits, colormap)
+        else:
+            values = self._drawing.mesh.on_surface(field.values)
+            words = field.title, self._awaited or field.quantity, field.unit
+            self._drawing.set_field(values, limits, colormap, *words, complete=field.complete)
+        if self._line_values is not None:
+            # The lines of another field would be wrong; new ones follow `set_nodal_lines`.
+            self._drawing.set_segments(None)
+            self._line_delay.stop()
+        if had_caption != (field is not None) and not self._user_moved_camera:
+            self.reset_camera()
+        self._moves()
+
+    def set_awaited(self, title: str) -> None:
+        """Say that another field than the one drawn is being computed; "" when it has come."""
+        before, self._awaited = self._awaited, title and f"{title} is being computed …"
+        caption = self._drawing.caption
+        if caption is not None and self._awaited != before:
+            self._drawing.caption = replace(caption, quantity=self._awaited or self._quantity)
+            self._canvas.update()
+
+    @property
+    def title_size(self) -> QSize:
+        """What title and quantity take of the upper left corner; empty where there are none."""
+        caption = self._drawing.caption
+        if caption is None:
+            return QSize(0, 0)
+        wide, tall = title_size(caption)
+        # rounded up, so that what keeps clear of it does not tremble as numbers change
+        return QSize(-(-wide // 40) * 40, tall)
+
+    @property
+    def bar_width(self) -> int:
+        """What the colour bar takes of the right edge; 0 where there is none."""
+        return 0 if self._drawing.caption is None else BAR_SPACE
+
+    def set_pins(self, pins: Iterable[Any]) -> None:
+        """Mark vertices: objects with `vertex` and `color`."""
+        self._drawing.set_pins([(pin.vertex, pin.color) for pin in pins])
+        self._canvas.update()
+
+    def set_nodal_lines(self, values: npt.NDArray[np.floating] | None) -> None:
+        """Draw the zeros of values of shape (n,) as soon as they rest, or none."""
+        before, self._line_values = self._line_values, values
+        if self._drawing.mesh is None or (values is None and before is None):
+            return
+        if values is None:
+            self._line_delay.stop()
+            self._drawing.set_segments(None)
+            self._canvas.update()
+        else:
+            self._line_delay.start()
+
+    def set_theme(self, dark: bool) -> None:
+        """Light or dark."""
+        self._drawing.set_theme(dark)
+        self._canvas.update()
+
+    # -- the camera -------------------------------------------------------------------------
+
+    def reset_camera(self) -> None:
+        """Show the whole mesh from its best side."""
+        self._drawing.reset_view(*self._canvas.pixels())
+        self._user_moved_camera = False
+        self._canvas.update()
+
+    def camera(self) -> dict[str, Any] | None:
+        """The camera as plain numbers for a session, None without a mesh."""
+        return self._drawing.camera_state()
+
+    def set_camera(self, state: dict[str, Any]) -> None:
+        """Look from where `camera` was taken; ValueError if that is not a camera."""
+        self._drawing.view = View.from_json(state)
+        self._user_moved_camera = True
+        self._canvas.update()
+
+    def _set_view(self, view: View) -> None:
+        self._drawing.view = view
+        self._user_moved_camera = True
+        self._moves()
+
+    # -- pictures and places ----------------------------------------------------------------
+
+    def picture(
+        self, size: tuple[int, int] | None = None, transparent: bool = False
+    ) -> npt.NDArray[np.uint8]:
+        """What is on the screen as RGBA of shape (height, width, 4), at any size."""
+        return draw_picture(self.twin(), size or self._canvas.pixels()[:2], transparent)
+
+    def twin(self) -> Drawing:
+        """What is on the screen, to be drawn elsewhere."""
+        twin = self._drawing.twin()
+        if twin.caption is not None:
+            twin.caption = replace(twin.caption, quantity=self._quantity)
+        return twin
+
+    def display_point(self, vertex: int) -> QPoint:
+        """Where a vertex is on this widget."""
+        width, height, ratio = self._canvas.pixels()
+        x, y, _ = self._drawing.view.to_pixels(self.mesh.vertices[vertex], width, height)[0]
+        return QPoint(round(x / ratio - 0.5), round((height - y) / ratio - 0.5))
+
+    def vertex_at(self, x: float, y: float) -> int:
+        """Vertex that is drawn at a place of this widget, -1 for none."""
+        drawing = self._drawing
+        if drawing.picker is None or drawing.view is None:
+            return -1
+        width, height, _ = self._canvas.pixels()
+        through = drawing.view.from_pixels(*self._canvas.to_pixels(x, y), width, height)
+        return drawing.picker.vertex(through - drawing.centre, drawing.view.axes[2])
+
+    @property
+    def can_pick(self) -> bool:
+        """Whether the search structure for picking is there."""
+        return self._drawing.picker is not None and self._drawing.picker.ready
+
+    def _poll_picking(self) -> None:
+        if self.can_pick:
+            self._picking_poll.stop()
+            self._canvas.update()  # pins know now whether they are hidden
+            self.picking_ready.emit()
+
+    # -- frames -----------------------------------------------------------------------------
+
+    def _moves(self) -> None:
+        """Something moves: a frame is due, and one in full when it has come to rest."""
+        self._give_back.stop()
+        if self._stand_in.software or self._stand_in.slow:
+            self._rest.start(FIRST_REST if self._stand_in.awaited else REST)
+            self._set_hovered(-1)
+        self._canvas.update()
+
+    def _come_to_rest(self) -> None:
+        if self._canvas.dragging:
+            self._rest.start(REST)
+        else:
+            self._canvas.update()
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the mesh is drawn in full and nothing is being made for it, or given back."""
+        waiting = self._rest.isActive() or self._give_back.isActive()
+        return not waiting and self._pool.activeThreadCount() == 0
+
+    @property
+    def shows_stand_in(self) -> bool:
+        """Whether the last frame had the stand-in in it."""
+        return self._drawing.shows_coarse and not self._stand_in.awaited
+
+    def _begin_with_stand_in(self) -> None:
+        """Draw it before the first frame in full, if that is slow without a doubt."""
+        if self._stand_in.begin(self._canvas.pixels()[2]):
+            self._run("coarse", self._stand_in.task())
+            self._rest.start(FIRST_REST)
+
+    def _draw_frame(self) -> None:
+        """Draw now; only the canvas calls it, when Qt says that a frame is due."""
+        if self._closed:
+            return
+        drawing, window = self._drawing, self._canvas.window
+        if self._first:
+            # Not before: a window tells what draws it when it is on the screen.
+            window.Initialize()
+            self._stand_in.software = _draws_by_software(window)
+            self._begin_with_stand_in()
+        stand_in, at_rest = self._stand_in, not self._rest.isActive()
+        coarse = not at_rest and stand_in.slow and stand_in.asked
+        drawing.show_coarse(coarse)
+        # Several samples a pixel cost a processor as much again for each frame: they wait for
+        # rest, and where frames are very slow, edges are smoothed afterwards instead.
+        quickly = stand_in.software and (stand_in.very_slow or not at_rest)
+        window.SetMultiSamples(0 if quickly else 4)
+        drawing.smooth_afterwards(quickly and at_rest)
+        started = perf_counter()
+        drawing.prepare(*self._canvas.pixels())
+        window.Render()
+        window.WaitForCompletion()  # a graphics card would otherwise look fast and be late
+        took = perf_counter() - started
+        frame_drawn()
+        if stand_in.slow and stand_in.software and not coarse:
+            # The driver kept lists of all triangles, which the C library keeps when it is done.
+            self._give_back.start()
+        if self._first:
+            self._first = False
+            self.first_frame.emit()
+        elif drawing.surface is not None and not coarse and stand_in.measure(took):
+            self._run("coarse", stand_in.task())
+
+    def _compute_lines(self) -> None:
+        mesh, values, centre = self._drawing.mesh, self._line_values, self._drawing.centre
+
+        def compute() -> npt.NDArray[np.float32]:
+            return (nodal_lines(mesh.vertices, mesh.faces, values) - centre).astype(np.float32)
+
+        self._run("lines", compute, values)
+
+    def _run(self, what: str, compute: Any, key: Any = None) -> None:
+        """Compute in the pool; `_take_computed` gets the result on this thread."""
+        generation, computed = self._generation, self._computed
+
+        def work() -> None:
+            try:
+                result = compute()
+            except Exception as fault:  # noqa: BLE001  raised again where it is waited for
+                result = fault
+            computed.emit((what, generation), key, result)
+
+        self._pool.start(work)
+
+    def _take_computed(self, what: tuple[str, int], key: Any, result: Any) -> None:
+        if self._closed or what[1] != self._generation:
+            return
+        if isinstance(result, Exception):
+            if what[0] == "coarse":
+                self._stand_in.give_up()
+                self._rest.start(REST)
+            raise result
+        if what[0] == "coarse":
+            self._stand_in.take(result)
+            if self._rest.isActive():
+                self._rest.start(REST)
+                self._canvas.update()
+        elif key is self._line_values:
+            self._drawing.set_segments(result)
+            self._canvas.update()
+
+    # -- the mouse --------------------------------------------------------------------------
+
+    def _dragged(self, how: str, dx: float, dy: float) -> None:
+        view = self._drawing.view
+        if view is None:
+            return
+        width, height, ratio = self._canvas.pixels()
+        angle = np.pi * ratio / min(width, height)
+        if how == "shift":
+            self._set_view(view.moved(ratio * dx, ratio * dy, width, height))
+        elif how == "roll":
+            self._set_view(view.turned(0.0, 0.0, angle * dx))
+        else:
+            self._set_view(view.turned(angle * dx, angle * dy))
+
+    def _wheeled(self, notches: float, at: QPointF) -> None:
+        view = self._drawing.view
+        if view is not None:
+            width, height, _ = self._canvas.pixels()
+            x, y = self._canvas.to_pixels(at.x(), at.y())
+            self._set_view(view.zoomed(1.15**notches, x, y, width, height))
+
+    def _pointed(self) -> None:
+        # At a steady rate: starting the timer anew at each move would wait for the last one.
+        if not self._hover_delay.isActive():
+            self._hover_delay.start()
+
+    def _hover(self) -> None:
+        inside = self._canvas.pointer
+        if inside is None or self._canvas.dragging:
+            self._set_hovered(-1)
+        else:
+            self._set_hovered(self.vertex_at(inside.x(), inside.y()))
+
+    def _set_hovered(self, vertex: int) -> None:
+        if vertex >= 0:
+            self._ring.show_at(self.display_point(vertex))
+        else:
+            self._ring.hide()
+        if vertex != self._hovered:
+            self._hovered = vertex
+            self.vertex_hovered.emit(vertex)
+
+    def _clicked(self, at: QPointF) -> None:
+        vertex = self.vertex_at(at.x(), at.y())
+        if vertex >= 0:
+            self.vertex_clicked.emit(vertex)
+
+    def _centre_on(self, at: QPointF) -> None:
+        vertex = self.vertex_at(at.x(), at.y())
+        if vertex >= 0:
+            view = self._drawing.view
+            self._set_view(View(self.mesh.vertices[vertex], view.axes, view.half_size))
+
+    def _resized(self) -> None:
+        if self._drawing.view is not None and not self._user_moved_camera:
+            self._drawing.fit_view(self._drawing.view.axes, *self._canvas.pixels())
+        self._set_hovered(-1)
+
+    # -- the end ----------------------------------------------------------------------------
+
+    def closeEvent(self, event: QEvent) -> None:
+        """Let go of the graphics, once; nothing is drawn afterwards."""
+        self.release()
+        super().closeEvent(event)
+
+    def release(self) -> None:
+        """Wait for the threads and free what the graphics card holds."""
+        if self._closed:
+            return
+        self._closed = True
+        timers = self._rest, self._give_back, self._line_delay, self._hover_delay
+        for timer in (*timers, self._picking_poll):
+            timer.stop()
+        self._ring.hide()
+        self._pool.waitForDone()
+        if self._drawing.picker is not None:
+            self._drawing.picker.stop()
+        self._canvas.window.RemoveRenderer(self._drawing.renderer)
+        self._canvas.close()
+        self._drawing.set_mesh(None, None)
+
+
+def _draws_by_software(window: vtkRenderWindow) -> bool:
+    """Whether OpenGL runs on the processor."""
+    told = window.ReportCapabilities().lower()
+    return any(name in told for name in ("llvmpipe", "softpipe", "swrast", "swiftshader"))

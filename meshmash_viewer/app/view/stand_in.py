@@ -1,0 +1,111 @@
+"""What is drawn of a mesh whose frames are slow, while something moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.app.view.drawing import Drawing
+from meshmash_viewer.surface.clustering import CoarseMesh, cluster_vertices, scatter
+
+__all__ = ["StandIn"]
+
+#: A frame that takes longer than this (s) is slow.
+SLOW_FRAME = 0.045
+#: One that takes longer than this is not made slower by smoothing its edges well.
+VERY_SLOW_FRAME = 0.3
+#: About how many vertices the stand-in has; it takes a mesh of twice as many to be worth one.
+COARSE_VERTICES = 40_000
+#: How many dots are drawn until it is there, and how wide they are in points.
+DOTS, DOT_SIZE = 36_000, 6.0
+
+
+class StandIn:
+    """Learns how slow frames are, and puts a coarse mesh into the drawing where that helps.
+
+    Parameters
+    ----------
+    drawing : Drawing
+    """
+
+    def __init__(self, drawing: Drawing) -> None:
+        self._drawing = drawing
+        #: Whether OpenGL runs on the processor, as far as is known.
+        self.software = False
+        self.forget()
+
+    def forget(self) -> None:
+        """Start anew with another mesh."""
+        self._seconds: float | None = None
+        self._frames = 0
+        #: Whether the coarse mesh has been asked for, and whether it has not come yet.
+        self.asked = self.awaited = False
+
+    @property
+    def slow(self) -> bool:
+        """Whether frames of the full mesh are."""
+        return self._seconds is not None and self._seconds > SLOW_FRAME
+
+    @property
+    def very_slow(self) -> bool:
+        """Whether nothing may be added to frames of the full mesh."""
+        return self._seconds is not None and self._seconds > VERY_SLOW_FRAME
+
+    @property
+    def _helps(self) -> bool:
+        mesh = self._drawing.mesh
+        return mesh is not None and mesh.n_vertices > 2 * COARSE_VERTICES
+
+    def begin(self, scale: float) -> bool:
+        """Draw dots before the first full frame, if that will be slow without a doubt.
+
+        Parameters
+        ----------
+        scale : float
+            Pixels to a point.
+
+        Returns
+        -------
+        bool
+            Whether a coarse mesh is to be made.
+        """
+        if not (self.software and self._helps):
+            return False
+        self._seconds = np.inf
+        self._put(scatter(self._drawing.mesh.faces, DOTS), DOT_SIZE * scale)
+        self.asked = self.awaited = True
+        return True
+
+    def measure(self, seconds: float) -> bool:
+        """Learn from a frame of the full mesh; returns whether a coarse mesh is to be made."""
+        self._frames += 1
+        if self._frames == 1:
+            # It also compiled shaders and filled the card's memory, and tells nothing.
+            return False
+        self._seconds = seconds
+        if not (self.slow and self._helps) or self.asked:
+            return False
+        self.asked = self.awaited = True
+        return True
+
+    def task(self) -> Callable[[], CoarseMesh]:
+        """What makes the coarse mesh of the mesh that is there now; it takes its time."""
+        mesh = self._drawing.mesh
+        return lambda: cluster_vertices(mesh.vertices, mesh.faces, COARSE_VERTICES)
+
+    def take(self, coarse: CoarseMesh) -> None:
+        """Draw what was made from now on."""
+        self.awaited = False
+        self._put(coarse)
+
+    def give_up(self) -> None:
+        """Do without what could not be made; dots stay where they were drawn first."""
+        self.awaited = False
+
+    def _put(self, coarse: CoarseMesh, dot_size: float = 0.0) -> None:
+        drawing, chosen = self._drawing, coarse.representatives
+        points: npt.NDArray[np.float32]
+        points = (drawing.mesh.vertices[chosen] - drawing.centre).astype(np.float32)
+        drawing.set_coarse(coarse, points, drawing.normals[chosen], dot_size)

@@ -1,0 +1,198 @@
+"""One triangle surface on the graphics card, with a field that is overwritten in its buffer."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the mappers)
+from vtkmodules.util.numpy_support import numpy_to_vtk
+from vtkmodules.vtkCommonCore import vtkPoints
+from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkPolyData
+from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper, vtkRenderWindow
+
+from meshmash_viewer.app.view.colors import NAN_COLOR
+from meshmash_viewer.app.view.upload import overwrite
+
+__all__ = ["LineSet", "Surface"]
+
+#: Lit from the eye's side, whichever way round the corners of a face are: raw meshes mix both.
+_FACING = """//VTK::Normal::Impl
+  if (normalVCVSOutput.z < 0.0) { normalVCVSOutput = -normalVCVSOutput; }
+"""
+#: Darker where the surface turns away, so that pale values keep an outline on a pale ground;
+#: `normalVCVSOutput.z` is the cosine between the normal and the line of sight.
+_RIM = """//VTK::Light::Impl
+  fragOutput0.rgb *= mix(0.58, 1.0, smoothstep(0.0, 0.5, abs(normalVCVSOutput.z)));
+"""
+#: The field goes to the graphics card as it is and is coloured there, from a table of 256 colours:
+#: VTK's own colouring computes texture coordinates on the processor, 25 ms for a million vertices.
+_COLORS = 256
+#: Stands for "no value": not every driver knows NaN when it sees it.
+_MISSING = np.float32(-3e38)
+_FIELD_IN = """//VTK::Normal::Dec
+in float fieldMC;
+out float fieldVC;
+"""
+_FIELD_THROUGH = """//VTK::Normal::Impl
+  fieldVC = fieldMC;
+"""
+_FIELD_OUT = """//VTK::Color::Dec
+in float fieldVC;
+"""
+#: Values are interpolated and then coloured: large faces show the right colours inside.
+_FIELD_COLOR = f"""//VTK::Color::Impl
+  if (fieldShown > 0) {{
+    float along = (fieldVC - fieldLow) * fieldScale;
+    // In a face with one such corner, too: at its far edge, rounding may turn the sign.
+    bool missing = !(abs(along) < 1e20);
+    int place = missing ? 0 : int(clamp(along, 0.0, {_COLORS - 1}.0));
+    int packedColor = missing ? fieldMissing : fieldColors[place];
+    vec3 fieldColor =
+      vec3(packedColor >> 16, (packedColor >> 8) & 255, packedColor & 255) / 255.0;
+    ambientColor = ambientIntensity * fieldColor;
+    diffuseColor = diffuseIntensity * fieldColor;
+  }}
+"""
+
+
+class Surface:
+    """An actor whose points, faces and field share memory with NumPy.
+
+    Parameters
+    ----------
+    points : ndarray of float32, shape (n, 3)
+        Near the origin, so that single precision is enough.
+    faces : ndarray of int, shape (m, 3)
+    normals : ndarray of float32, shape (n, 3)
+    """
+
+    def __init__(
+        self,
+        points: npt.NDArray[np.float32],
+        faces: npt.NDArray[np.integer],
+        normals: npt.NDArray[np.float32],
+    ) -> None:
+        self.values = np.zeros(len(points), dtype=np.float32)
+        self._stale = False
+        # VTK holds a reference to each array that it was given without a copy.
+        self._array = numpy_to_vtk(self.values)
+        self._array.SetName("field")
+        vertices = vtkPoints()
+        vertices.SetData(numpy_to_vtk(np.ascontiguousarray(points, dtype=np.float32)))
+        corners = np.ascontiguousarray(faces, dtype=np.int32).ravel()
+        starts = np.arange(0, len(corners) + 1, 3, dtype=np.int32)
+        cells = vtkCellArray()
+        cells.SetData(numpy_to_vtk(starts), numpy_to_vtk(corners))
+        self.data = vtkPolyData()
+        self.data.SetPoints(vertices)
+        self.data.SetPolys(cells)
+        arrows = numpy_to_vtk(np.ascontiguousarray(normals, dtype=np.float32))
+        arrows.SetName("normals")
+        self.data.GetPointData().SetNormals(arrows)
+        self.data.GetPointData().AddArray(self._array)
+        self._mapper = vtkPolyDataMapper()
+        self._mapper.SetInputData(self.data)
+        self._mapper.ScalarVisibilityOff()
+        points_have_it = vtkDataObject.FIELD_ASSOCIATION_POINTS
+        self._mapper.MapDataArrayToVertexAttribute("fieldMC", "field", points_have_it, -1)
+        self.actor = vtkActor()
+        self.actor.SetMapper(self._mapper)
+        look = self.actor.GetProperty()
+        look.SetAmbient(0.32)
+        look.SetDiffuse(0.72)
+        look.SetSpecular(0.06)
+        look.SetSpecularPower(25.0)
+        shaders = self.actor.GetShaderProperty()
+        shaders.AddFragmentShaderReplacement("//VTK::Normal::Impl", True, _FACING, False)
+        shaders.AddFragmentShaderReplacement("//VTK::Light::Impl", True, _RIM, False)
+        shaders.AddVertexShaderReplacement("//VTK::Normal::Dec", True, _FIELD_IN, False)
+        shaders.AddVertexShaderReplacement("//VTK::Normal::Impl", True, _FIELD_THROUGH, False)
+        shaders.AddFragmentShaderReplacement("//VTK::Color::Dec", True, _FIELD_OUT, False)
+        shaders.AddFragmentShaderReplacement("//VTK::Color::Impl", True, _FIELD_COLOR, False)
+        self._uniforms = shaders.GetFragmentCustomUniforms()
+        self._uniforms.SetUniformi("fieldMissing", int(NAN_COLOR[1:], 16))
+        self.set_colors(np.zeros((_COLORS, 4), dtype=np.uint8))
+        self.set_range(0.0, 1.0)
+        self.show_field(False)
+
+    def write(self, values: npt.NDArray[np.floating], *, complete: bool = False) -> bool:
+        """Show values of shape (n,), NaN where there is none; returns whether there are such.
+
+        `complete` says that there are none.
+        They are not copied, and must not be changed while they are shown.
+        """
+        # Field values are never changed, so the array that came is shown and no copy of it.
+        shown = np.ascontiguousarray(values, dtype=np.float32)
+        # The least is NaN as soon as one entry is: one pass, without a temporary array.
+        missing = not complete and bool(np.isnan(shown.min(initial=0.0)))
+        if missing:
+            shown = np.where(np.isnan(shown), _MISSING, shown)
+        self._array.SetVoidArray(shown, len(shown), 1)
+        self._array._numpy_reference = shown  # held as long as VTK has its address
+        self.values = shown
+        self._stale = True
+        return missing
+
+    def upload(self, window: vtkRenderWindow | None) -> None:
+        """Bring what was written to the graphics card, before a frame of a window that draws it."""
+        if not self._stale:
+            return
+        self._stale = False
+        if not overwrite(window, self._mapper.GetVBOs().GetVBO("fieldMC"), self.values):
+            self._array.Modified()
+            self.data.Modified()
+
+    def set_colors(self, colors: npt.NDArray[np.uint8]) -> None:
+        """Take a table of colours of shape (256, 4)."""
+        packed = colors[:, :3].astype(np.int64) @ [1 << 16, 1 << 8, 1]
+        self._uniforms.SetUniform1iv("fieldColors", _COLORS, packed.tolist())
+
+    def set_range(self, low: float, high: float) -> None:
+        """Set the values of the first and of the last colour."""
+        self._uniforms.SetUniformf("fieldLow", low)
+        self._uniforms.SetUniformf("fieldScale", _COLORS / (high - low))
+
+    def show_as_dots(self, size: float) -> None:
+        """Draw the corners of the faces and not the faces, in dots that many pixels wide."""
+        look = self.actor.GetProperty()
+        look.SetRepresentationToPoints()
+        look.SetPointSize(size)
+
+    def show_field(self, shown: bool) -> None:
+        """Colour by the field, or in one colour."""
+        self._uniforms.SetUniformi("fieldShown", int(shown))
+
+
+class LineSet:
+    """Line segments on the surface."""
+
+    def __init__(self) -> None:
+        self._data = vtkPolyData()
+        mapper = vtkPolyDataMapper()
+        mapper.SetInputData(self._data)
+        self.actor = vtkActor()
+        self.actor.SetMapper(mapper)
+        self.actor.GetProperty().LightingOff()
+        # As ribbons: plain lines leave gaps where a segment is shorter than a pixel.
+        self.actor.GetProperty().RenderLinesAsTubesOn()
+        self.actor.PickableOff()
+        self.actor.VisibilityOff()
+
+    def show(self, segments: npt.NDArray[np.float32] | None) -> None:
+        """Show segments of shape (s, 2, 3), or none."""
+        self.actor.SetVisibility(segments is not None and len(segments) > 0)
+        if segments is None or not len(segments):
+            if self._data.GetNumberOfPoints():
+                self._data.Initialize()
+            return
+        points = vtkPoints()
+        points.SetData(numpy_to_vtk(segments.reshape(-1, 3).astype(np.float32, copy=False)))
+        cells = vtkCellArray()
+        count = 2 * len(segments)
+        cells.SetData(
+            numpy_to_vtk(np.arange(0, count + 1, 2, dtype=np.int32)),
+            numpy_to_vtk(np.arange(count, dtype=np.int32)),
+        )
+        self._data.SetPoints(points)
+        self._data.SetLines(cells)
+        self._data.Modified()

@@ -1,0 +1,273 @@
+"""The arguments of the command ``meshmash-viewer``, and what is asked for with them."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.kinds import KINDS
+from meshmash_viewer.units import UNIT_FORMS
+
+if TYPE_CHECKING:
+    from meshmash_viewer.laplacian import OperatorOptions
+    from meshmash_viewer.spectral.weyl import Target
+
+__all__ = [
+    "FAULT",
+    "PROGRAM",
+    "check_repairs",
+    "check_times",
+    "chosen_operator",
+    "chosen_target",
+    "command_parser",
+    "window_parser",
+]
+
+PROGRAM = "meshmash-viewer"
+#: Exit status for what the user can mend.
+FAULT = 2
+_DEFAULT_COUNT = 200
+_FIELDS = ("hks", "eigenfunction", "band", "none")
+_FORMATS = ("npz", "npy", "csv", "parquet", "vtp", "ply", "func.gii")
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, as everything here does."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(FAULT, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+
+def window_parser() -> argparse.ArgumentParser:
+    """For the window: ``meshmash-viewer [MESH ...]``."""
+    parser = _Parser(
+        prog=PROGRAM,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description="Open the window, on meshes or a session if given.",
+        epilog="commands without a window (each has its own --help):\n"
+        f"  {PROGRAM} info MESH...                 health, area, length of the spectrum\n"
+        f"  {PROGRAM} features MESH... -o OUT      HKS, geometry vectors, WKS or eigenpairs\n"
+        f"  {PROGRAM} render MESH -o OUT.png       a picture\n",
+    )
+    parser.add_argument("mesh", nargs="*", help="mesh file or session")
+    _add_unit(parser)
+    parser.add_argument("--fresh", action="store_true", help="ignore stored settings")
+    from meshmash_viewer import __version__
+
+    parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
+    return parser
+
+
+def command_parser() -> argparse.ArgumentParser:
+    """For the commands without a window."""
+    parser = _Parser(prog=PROGRAM)
+    commands = parser.add_subparsers(dest="command", required=True, parser_class=_Parser)
+
+    info = commands.add_parser("info", help="say what a mesh is like")
+    info.add_argument("mesh", nargs="+", type=Path)
+    _add_mesh(info)
+    _add_target(info)
+    _add_json(info)
+
+    features = commands.add_parser("features", help="compute features of meshes")
+    features.add_argument("mesh", nargs="+", type=Path)
+    features.add_argument("--kind", choices=tuple(KINDS), default="hks", help="default: hks")
+    _add_mesh(features)
+    _add_target(features, automatic=True)
+    features.add_argument(
+        "--n-components",
+        type=_positive,
+        default=32,
+        metavar="N",
+        help="number of columns, default 32",
+    )
+    features.add_argument(
+        "--t-min",
+        type=float,
+        metavar="T",
+        help="shortest diffusion time (unit²); default by the λ of each mesh, so give both times"
+        " where columns of many meshes are to agree",
+    )
+    features.add_argument("--t-max", type=float, metavar="T", help="longest diffusion time (unit²)")
+    features.add_argument(
+        "--tail",
+        choices=("weyl",),
+        help="add to the HKS what Weyl's law expects of the eigenpairs that are not computed",
+    )
+    features.add_argument(
+        "--component-column",
+        action="store_true",
+        help="a last column with the connected component of each vertex, from 0",
+    )
+    features.add_argument("--drop-first", action="store_true", help="leave out the first eigenpair")
+    _add_solver(features)
+    features.add_argument(
+        "-o",
+        "--output",
+        required=True,
+        metavar="OUT",
+        help="file whose ending is the format ("
+        + " ".join(f".{name}" for name in _FORMATS)
+        + '), a folder, or a template such as "{name}_{kind}.csv"',
+    )
+    features.add_argument(
+        "--format", choices=_FORMATS, default="npz", help="of the files in a folder, default npz"
+    )
+    _add_json(features)
+
+    render = commands.add_parser("render", help="draw a picture of a mesh")
+    render.add_argument("mesh", type=Path)
+    render.add_argument("--field", choices=_FIELDS, default="hks", help="default: hks")
+    render.add_argument(
+        "--index", type=int, metavar="I", help="which eigenfunction or band, from 0"
+    )
+    render.add_argument("--time", type=float, metavar="T", help="diffusion time of the HKS (unit²)")
+    render.add_argument(
+        "--n-components", type=_positive, default=32, metavar="N", help="number of bands"
+    )
+    _add_mesh(render)
+    _add_target(render)
+    _add_solver(render)
+    render.add_argument("-o", "--output", required=True, type=Path, metavar="OUT.png")
+    render.add_argument("--size", type=_size, default=(1600, 1200), metavar="WIDTHxHEIGHT")
+    render.add_argument("--colormap", metavar="NAME", help="one of matplotlib's")
+    render.add_argument("--limits", type=float, nargs=2, metavar=("LOW", "HIGH"))
+    render.add_argument("--transparent", action="store_true", help="leave the background out")
+    render.add_argument("--dark", action="store_true", help="light text on a dark ground")
+    _add_json(render)
+    return parser
+
+
+def _add_unit(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--unit", metavar="U", help=f"of coordinates: {UNIT_FORMS}")
+
+
+def _add_mesh(parser: argparse.ArgumentParser) -> None:
+    """What is done to each mesh after it was read."""
+    _add_unit(parser)
+    parser.add_argument(
+        "--repair",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="repair the mesh first, in the order given; `info` counts what each would mend",
+    )
+    parser.add_argument(
+        "--largest-component",
+        dest="repair",
+        action="append_const",
+        const="keep_largest_component",
+        help="leave out all but the largest connected component",
+    )
+
+
+def _add_target(parser: argparse.ArgumentParser, *, automatic: bool = False) -> None:
+    target = parser.add_mutually_exclusive_group()
+    target.add_argument(
+        "--count",
+        type=_count,
+        metavar="K",
+        help=f"number of eigenpairs, default {_DEFAULT_COUNT}"
+        + ("; auto: as many as --t-min needs" if automatic else ""),
+    )
+    target.add_argument(
+        "--max-eigenvalue", type=float, metavar="X", help="all eigenvalues up to X (per unit²)"
+    )
+    target.add_argument(
+        "--wavelength", type=float, metavar="W", help="all waves of length W (unit) and longer"
+    )
+
+
+def _add_solver(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--no-robust", action="store_true", help="plain cotangent Laplacian, for clean manifolds"
+    )
+    parser.add_argument("--mollify-factor", type=float, default=1e-5, metavar="F")
+    parser.add_argument(
+        "--no-cache", action="store_true", help="neither use nor keep stored eigenpairs"
+    )
+    parser.add_argument(
+        "--jobs", type=_positive, metavar="J", help="processes; default: as many as fit"
+    )
+
+
+def _add_json(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", action="store_true", help="one line of JSON for each mesh")
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.lower().partition("x")
+    try:
+        size = int(width), int(height)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a size like 1600x1200") from None
+    if not all(1 <= side <= 16384 for side in size):
+        raise argparse.ArgumentTypeError(f"{text!r} is not between 1x1 and 16384x16384")
+    return size
+
+
+def _count(text: str) -> int | str:
+    if text == "auto":
+        return text
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither a whole number nor auto") from None
+
+
+def _positive(text: str) -> int:
+    if not (text.isdecimal() and int(text) >= 1):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1")
+    return int(text)
+
+
+def chosen_target(options: argparse.Namespace) -> Target:
+    """How much of the spectrum is asked for."""
+    from meshmash_viewer.spectral.weyl import Target
+
+    if options.max_eigenvalue is not None:
+        return Target("max_eigenvalue", options.max_eigenvalue)
+    if options.wavelength is not None:
+        return Target("wavelength", options.wavelength)
+    if options.count == "auto":
+        if getattr(options, "kind", "") != "hks" or options.t_min is None:
+            raise InputError(
+                "--count auto takes as many eigenpairs as the shortest time of --kind hks needs:"
+                " give --t-min, or a number."
+            )
+        return Target("count", _DEFAULT_COUNT)  # until the mesh is known
+    return Target("count", _DEFAULT_COUNT if options.count is None else options.count)
+
+
+def check_repairs(options: argparse.Namespace) -> None:
+    """Complain of repairs that there are none of, before the first mesh is read."""
+    from meshmash_viewer.health import REPAIRS
+
+    for name in options.repair:
+        if name not in REPAIRS:
+            raise InputError(f"There is no repair {name}; the repairs are {', '.join(REPAIRS)}.")
+
+
+def chosen_operator(options: argparse.Namespace) -> OperatorOptions:
+    """The Laplacian that is asked for."""
+    from meshmash_viewer.laplacian import OperatorOptions
+
+    if not options.mollify_factor >= 0.0:
+        raise InputError(
+            f"--mollify-factor is {options.mollify_factor}: give zero or a small positive one."
+        )
+    return OperatorOptions(robust=not options.no_robust, mollify_factor=options.mollify_factor)
+
+
+def check_times(options: argparse.Namespace) -> None:
+    """Complain of diffusion times now, not after the first decomposition."""
+    if options.kind == "hks":
+        from meshmash_viewer.features.filters import get_hks_filter
+
+        get_hks_filter(options.t_max, options.t_min)
+    elif options.t_min is not None or options.t_max is not None:
+        raise InputError(f"--t-min and --t-max are of --kind hks; {options.kind} has no times.")
+    elif options.tail is not None:
+        raise InputError(f"--tail is of --kind hks, not of {options.kind}.")

@@ -1,0 +1,483 @@
+"""What the command line does, apart from speaking: one function a command.
+
+Each takes a mesh and plain options and returns a result or writes a file, so it works from a
+script as well.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.spectral.weyl import Target, required_eigenvalue, wavelength
+
+if TYPE_CHECKING:
+    from meshmash_viewer.features.filters import FilterBank
+    from meshmash_viewer.features.sums import Features
+    from meshmash_viewer.progress import CancelCallback, ProgressCallback
+    from meshmash_viewer.spectral.eigensolver import Decomposition
+
+__all__ = [
+    "FIELD_KINDS",
+    "Solver",
+    "describe",
+    "is_folder",
+    "output_paths",
+    "write_kind",
+    "write_render",
+]
+
+FIELD_KINDS = ("hks", "eigenfunction", "band", "none")
+
+
+@dataclass
+class Solver:
+    """How eigenpairs are to be had.
+
+    Parameters
+    ----------
+    target : Target
+        How many.
+    operator : OperatorOptions
+        Of which Laplacian.
+    use_cache : bool
+        Whether to look into the user's store of eigenpairs and add to it.
+    n_jobs : int, optional
+        Processes; None for as many as cores and memory allow.
+    progress : callable, optional
+        As for `meshmash_viewer.spectral.eigensolver.solve`.
+    interruptible : callable
+        Makes the context in which the eigenpairs are computed; it gives the solver's `cancel`.
+
+    Attributes
+    ----------
+    remark : str
+        A sentence for the user about the store, or empty.
+    """
+
+    target: Target
+    operator: OperatorOptions
+    use_cache: bool = True
+    n_jobs: int | None = None
+    progress: ProgressCallback | None = None
+    interruptible: Callable[[], AbstractContextManager[CancelCallback | None]] = nullcontext
+    remark: str = ""
+
+    def __call__(self, mesh: Mesh) -> Decomposition:
+        """Eigenpairs of a mesh, from the store or computed."""
+        from meshmash_viewer.io.spectrum import obtain_eigenpairs
+        from meshmash_viewer.model.decomposition import free_memory, refuse_what_cannot_fit
+
+        free = free_memory()
+        with self.interruptible() as cancel:
+            found = obtain_eigenpairs(
+                mesh,
+                self.operator,
+                self.target,
+                use_cache=self.use_cache,
+                progress=self.progress,
+                cancel=cancel,
+                check=lambda n, nnz, k: refuse_what_cannot_fit(n, nnz, k, free, mesh.n_components),
+                n_jobs=self.n_jobs,
+            )
+        self.remark = found.remark
+        return found.decomposition
+
+    def options(self) -> dict[str, Any]:
+        """The choices, as an export states them."""
+        return {"target": asdict(self.target), "operator": asdict(self.operator)}
+
+
+def describe(mesh: Mesh, target: Target) -> dict[str, Any]:
+    """Health, size and the length of spectrum that a request comes to.
+
+    Returns
+    -------
+    dict
+        JSON-able. Lengths are in ``unit``, eigenvalues in its inverse square; the entries of
+        ``weyl`` are estimates by Weyl's law, except those that its ``exact`` names: what was asked
+        for, and what the store of eigenpairs knows of the default Laplacian.
+    """
+    from meshmash_viewer.health import median_edge_length, mesh_health
+    from meshmash_viewer.io.spectrum import find_eigenpairs
+    from meshmash_viewer.model.translation import Translation
+
+    health = mesh_health(mesh)
+    low, high = mesh.bounds
+    n = health.n_vertices - health.unreferenced_vertices
+    translation = Translation(health.area, n_vertices=n)
+    stored = find_eigenpairs(mesh, OperatorOptions())
+    count = None if stored is None else stored.covers(target)
+    if stored is not None and count is not None:
+        bound = target.max_eigenvalue or 0.0
+        known = stored.eigenvalues[:count]
+        translation = replace(translation, eigenvalues=known, known_to=bound)
+    reach = {
+        "n_eigenpairs": translation.count(target),
+        "max_eigenvalue": translation.eigenvalue(target),
+        "wavelength": translation.wavelength(target),
+    }
+    return {
+        "name": mesh.name,
+        "unit": mesh.unit,
+        "voxel": mesh.voxel,
+        "hash": mesh.content_hash,
+        **asdict(health),
+        "bounds": [low.tolist(), high.tolist()],
+        "median_edge": median_edge_length(mesh),
+        "weyl": {
+            "target": target.kind,
+            **{name: _finite(value) for name, (value, _) in reach.items()},
+            "exact": [name for name, (_, exact) in reach.items() if exact],
+        },
+    }
+
+
+def _finite(value: float) -> float | None:
+    """A number as JSON has it: the wavelength of a constant is none."""
+    return value if math.isfinite(value) else None
+
+
+def is_folder(output: str) -> bool:
+    """Whether results go into a folder, which may still have to be made."""
+    return "{" not in output and (output.endswith(("/", "\\")) or Path(output).is_dir())
+
+
+def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> list[Path]:
+    """Where the result of each mesh goes.
+
+    Parameters
+    ----------
+    meshes : list of Path
+        Input files.
+    output : str
+        A file (for one mesh), a folder, or a template such as "out/{name}_{kind}.csv".
+    kind : str
+        Goes in place of ``{kind}``.
+    ending : str
+        Of the files in a folder, with its dot.
+
+    Raises
+    ------
+    InputError
+        If two results would go to one file, or one over a mesh.
+    """
+    from meshmash_viewer.io.read import mesh_name
+
+    if "{" in output:
+        template = output
+    elif is_folder(output):
+        template = (
+            f"{Path(output).as_posix().replace('{', '{{').replace('}', '}}')}/{{name}}{ending}"
+        )
+    elif len(meshes) == 1:
+        template = output.replace("{", "{{").replace("}", "}}")
+    else:
+        raise InputError(
+            f"{len(meshes)} meshes cannot all go to {output}; name a folder (with a slash at its"
+            ' end) or a template such as "{name}_{kind}.npz".'
+        )
+    try:
+        paths = [Path(template.format(name=mesh_name(mesh), kind=kind)) for mesh in meshes]
+    except (KeyError, IndexError, ValueError, AttributeError) as fault:
+        raise InputError(
+            f"The template {output} is not one; it may hold {{name}} and {{kind}}."
+        ) from fault
+    taken: dict[Path, Path] = {mesh.resolve(): mesh for mesh in meshes}
+    for mesh, path in zip(meshes, paths, strict=True):
+        other = taken.get(path.resolve())
+        if other is not None:
+            raise InputError(
+                f"{path}, the result of {mesh}, would go over that of {other} or over"
+                " the mesh itself; choose another name."
+            )
+        taken[path.resolve()] = mesh
+    return paths
+
+
+def write_kind(
+    mesh: Mesh,
+    path: Path,
+    kind: str,
+    solver: Solver,
+    *,
+    n_components: int = 32,
+    t_min: float | None = None,
+    t_max: float | None = None,
+    drop_first: bool = False,
+    tail: Literal["weyl"] | None = None,
+    automatic: bool = False,
+    component_column: bool = False,
+    repairs: tuple[str, ...] = (),
+) -> dict[str, Any]:
+    """Compute one kind of features, or the eigenpairs, and write them.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    path : Path
+        Its ending says the format.
+    kind : str
+        One of `meshmash_viewer.features.kinds.KINDS`.
+    solver : Solver
+    n_components : int
+        Number of columns: times, bands or energies.
+    t_min, t_max : float, optional
+        Range of diffusion times in squared unit; None takes that of Sun et al. 2009.
+    drop_first : bool
+        Whether to leave out the first pair.
+    tail : {None, "weyl"}
+        See `meshmash_viewer.features.sums.compute_features`.
+    automatic : bool
+        Whether to take as many pairs as `t_min` needs, in place of the solver's target.
+    component_column : bool
+        Whether to add the connected component of each vertex as a column.
+    repairs : tuple of str
+        What has been done to the mesh, for the file to say.
+
+    Returns
+    -------
+    dict
+        JSON-able report.
+    """
+    from meshmash_viewer.features.sums import truncated_features
+    from meshmash_viewer.features.truncation import (
+        farther_target,
+        mesh_limit,
+        sufficient_target,
+    )
+    from meshmash_viewer.health import median_edge_length
+    from meshmash_viewer.io.write import write_eigenpairs, write_features
+
+    began = time.perf_counter()
+    n = mesh.n_vertices - len(mesh.unreferenced)
+    remarks: list[str] = []
+    features: Features | None = None
+    if automatic:
+        assert t_min is not None
+        solver.target = sufficient_target(t_min, mesh.area, n)
+    while True:
+        try:
+            pairs = solver(mesh)
+        except InputError as fault:
+            if not automatic or t_min is None:
+                raise
+            reach = mesh_limit(t_min, mesh.area, n, mesh.unit, median_edge_length(mesh))
+            raise InputError(f"{fault} {reach}") from fault
+        solved = time.perf_counter()
+        if kind == "eigenpairs":
+            break
+        bank = _bank(mesh, kind, pairs.eigenvalues, solver.target, n_components, t_min, t_max)
+        features = truncated_features(
+            pairs,
+            bank,
+            unit=mesh.unit,
+            drop_first=drop_first,
+            tail=tail,
+            known_to=solver.target.max_eigenvalue if pairs.complete else None,
+        )
+        missing = features.truncation
+        if not automatic or missing is None or not len(missing.flagged):
+            break
+        solver.target = farther_target(solver.target, mesh.area, n)
+
+    options = {**solver.options(), "proof": pairs.proof(mesh.unit)}
+    if repairs:
+        options["repairs"] = list(repairs)
+    largest = float(pairs.eigenvalues[-1])
+    report: dict[str, Any] = {
+        "mesh": mesh.name,
+        "output": str(path),
+        "kind": kind,
+        "n_vertices": mesh.n_vertices,
+        "n_eigenpairs": pairs.n_components,
+        "max_eigenvalue": largest,
+        "wavelength": _finite(wavelength(largest)),
+        "complete": pairs.complete,
+        "worst_residual": float(pairs.residuals.max(initial=0.0)),
+        "orthonormality": float(pairs.orthonormality),
+        "proof": pairs.proof(mesh.unit),
+        "seconds_eigenpairs": round(solved - began, 3),
+        "remarks": remarks,
+    }
+    wanted = solver.target.n_components
+    if automatic and t_min is not None:
+        edge = median_edge_length(mesh)
+        if wavelength(required_eigenvalue(t_min)) < 2.0 * edge:
+            remarks.append(mesh_limit(t_min, mesh.area, n, mesh.unit, edge))
+    elif wanted is not None and wanted > n:
+        remarks.append(
+            f"{wanted:,} eigenpairs were asked for; the mesh has {n:,}, and all of them are used."
+        )
+    if features is None:
+        write_eigenpairs(path, pairs, mesh, options)
+    else:
+        if kind != "wks" and not (pairs.eigenvalues > 0.0).any():
+            remarks.append(
+                f"all {pairs.n_components} eigenvalues are zero, one for each connected component,"
+                " so the features are the same all over a component: go further up the spectrum"
+                " (a larger --count or --max-eigenvalue, a shorter --wavelength)."
+            )
+        missing = features.truncation
+        report["truncation"] = None if missing is None else missing.as_dict()
+        if missing is not None and len(missing.flagged):
+            remarks.append(f"{missing.sentence()}{_more_pairs(kind, t_min)}.")
+        remarks += features.remarks(mesh)
+        if component_column:
+            features = features.with_components(mesh)
+        report["n_features"] = len(features.columns)
+        write_features(path, features, mesh, eigenvalues=pairs.eigenvalues, meta=options)
+    report["seconds"] = round(time.perf_counter() - began, 3)
+    return report
+
+
+def _more_pairs(kind: str, t_min: float | None) -> str:
+    """The way out of a truncated column."""
+    if kind == "hks" and t_min is not None:
+        return ": --count auto takes as many as it needs"
+    return ": take more of them (--count, --max-eigenvalue, --wavelength)"
+
+
+def _bank(
+    mesh: Mesh,
+    kind: str,
+    eigenvalues: Any,
+    target: Target,
+    n_components: int,
+    t_min: float | None,
+    t_max: float | None,
+) -> FilterBank:
+    from meshmash_viewer.features.filters import (
+        bspline_bank,
+        heat_kernel_bank,
+        hks_times,
+        wave_kernel_bank,
+    )
+    from meshmash_viewer.spectral.weyl import weyl_eigenvalue
+
+    if kind == "hks":
+        return heat_kernel_bank(hks_times(eigenvalues, t_min, t_max, n_components, mesh.area))
+    if kind == "wks":
+        return wave_kernel_bank(eigenvalues, n_components)
+    # As compute_geometry_vectors: from zero to the threshold, where there is one.
+    bound = target.max_eigenvalue
+    top = float(eigenvalues[-1]) if bound is None else bound
+    if not top > 0.0:
+        top = weyl_eigenvalue(mesh.area, len(eigenvalues))
+    return bspline_bank(0.0, top, n_components)
+
+
+def write_render(
+    mesh: Mesh,
+    path: Path,
+    field: str,
+    solver: Solver,
+    *,
+    index: int | None = None,
+    diffusion_time: float | None = None,
+    n_components: int = 32,
+    size: tuple[int, int] = (1600, 1200),
+    colormap: str | None = None,
+    limits: tuple[float, float] | None = None,
+    transparent: bool = False,
+    dark: bool = False,
+) -> dict[str, Any]:
+    """Draw a field on a mesh, without a window.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    path : Path
+        Ends in ".png".
+    field : str
+        One of `FIELD_KINDS`.
+    solver : Solver
+        Not asked for the bare mesh.
+    index : int, optional
+        Which eigenfunction or band; None takes the first that is not constant.
+    diffusion_time : float, optional
+        Of the heat kernel signature, in squared unit; None the middle of its range.
+    n_components : int
+        Number of bands that `index` counts in.
+    size, colormap, limits, transparent, dark
+        See `meshmash_viewer.app.view.picture.render_picture`.
+
+    Returns
+    -------
+    dict
+        JSON-able report.
+    """
+    from meshmash_viewer.app.view.picture import render_picture
+    from meshmash_viewer.features.filters import bspline_bank, heat_kernel_bank, hks_times
+    from meshmash_viewer.features.sums import truncated_features
+    from meshmash_viewer.model.limits import PercentileLimits
+    from meshmash_viewer.units import format_quantity, power_unit
+
+    report: dict[str, Any] = {"mesh": mesh.name, "output": str(path), "field": field}
+    if limits is not None and not limits[0] < limits[1]:
+        raise InputError(f"The limits {limits[0]:g} and {limits[1]:g} leave no range: swap them.")
+    values, quantity, unit = None, "", ""
+    if field != "none":
+        pairs = solver(mesh)
+        report["proof"] = pairs.proof(mesh.unit)
+        spectrum = pairs.eigenvalues
+        report["max_eigenvalue"] = float(spectrum[-1])
+        report["wavelength"] = _finite(wavelength(float(spectrum[-1])))
+        if field == "eigenfunction":
+            if index is None:
+                zeros = int(np.count_nonzero(spectrum <= 1e-10 * spectrum[-1]))
+                index = min(zeros, pairs.n_components - 1)
+            if not 0 <= index < pairs.n_components:
+                raise InputError(
+                    f"There is no eigenfunction {index} among {pairs.n_components}; raise --count"
+                    " or lower --index."
+                )
+            values, unit = pairs.rows[index], power_unit(mesh.unit, -1)
+            quantity = (
+                f"eigenfunction {index}, λ = {format_quantity(spectrum[index], mesh.unit, -2)}"
+            )
+        elif field == "hks":
+            times = hks_times(spectrum, None, None, 3)
+            moment = float(times[1]) if diffusion_time is None else diffusion_time
+            bank = heat_kernel_bank([moment])
+            quantity = f"HKS, t = {format_quantity(moment, mesh.unit, 2)}"
+        else:
+            index = 1 if index is None else index
+            if not 0 <= index < n_components:
+                raise InputError(f"There is no band {index} among {n_components}; lower --index.")
+            bank = bspline_bank(0.0, float(spectrum[-1]), n_components)
+            quantity = f"band {index} of {n_components}"
+        if values is None:
+            features = truncated_features(pairs, bank, unit=mesh.unit)
+            values = features.values[:, index if field == "band" and index is not None else 0]
+            unit = features.unit
+            if features.truncation is not None and (said := features.truncation.sentence()):
+                report["remarks"] = [f"{said}{_more_pairs(field, None)}."]
+            colormap = colormap or "viridis"
+            # A few tips of the surface would otherwise take the whole colour bar.
+            limits = limits or PercentileLimits().limits(values, mesh.area_sample())
+        report["limits"] = None if limits is None else list(limits)
+    render_picture(
+        mesh,
+        values,
+        path,
+        size=size,
+        colormap=colormap or "RdBu_r",
+        limits=limits,
+        title=mesh.name,
+        quantity=quantity,
+        unit=unit,
+        transparent=transparent,
+        dark=dark,
+    )
+    return report

@@ -1,0 +1,365 @@
+"""The command ``meshmash-viewer``: the window, and what can be done without it.
+
+Nothing heavy is imported before the arguments are known to be right. What the user can mend is
+said in one line on stderr, with exit status 2; a defect of the program, with 1, names a file of
+details. Neither holds up the other meshes of a batch.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from meshmash_viewer.cli.arguments import (
+    FAULT,
+    PROGRAM,
+    check_repairs,
+    check_times,
+    chosen_operator,
+    chosen_target,
+    command_parser,
+    window_parser,
+)
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.progress import Cancelled, Progress
+from meshmash_viewer.spectral.engine.compiler import check_compiler
+
+if TYPE_CHECKING:
+    import argparse
+
+    from meshmash_viewer.cli.commands import Solver
+    from meshmash_viewer.laplacian import OperatorOptions
+    from meshmash_viewer.mesh import Mesh
+    from meshmash_viewer.spectral.weyl import Target
+
+__all__ = ["main"]
+
+_DEFECT, _INTERRUPTED = 1, 130
+#: Of many meshes, the worst status is that of the command.
+_SEVERITY = (0, FAULT, _DEFECT)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments after the program's name; those of the process if not given.
+
+    Returns
+    -------
+    int
+        Exit status: 0 well, 1 a defect of the program, 2 something the user can mend, 130
+        interrupted.
+    """
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    commands = {"info": _info, "features": _features, "render": _render}
+    try:
+        if arguments and arguments[0] in commands:
+            command = commands[arguments[0]]
+            options = command_parser().parse_args(arguments)
+        else:
+            command, options = _window, window_parser().parse_args(arguments)
+        check_compiler()
+        return command(options)
+    except (KeyboardInterrupt, Cancelled):
+        _say("interrupted")
+        return _INTERRUPTED
+    except BrokenPipeError:
+        # The reader of our output has left; Python would complain once more while closing it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as fault:  # noqa: BLE001  nobody is shown a traceback
+        return _say_fault(fault)
+
+
+def _say(sentence: str) -> None:
+    print(f"{PROGRAM}: {' '.join(sentence.split())}", file=sys.stderr)
+
+
+def _say_fault(fault: Exception, subject: str = "") -> int:
+    """Say what went wrong with a mesh, or with the command; the exit status it comes to."""
+    if isinstance(fault, InputError):
+        sentence = str(fault)
+    elif isinstance(fault, MemoryError):
+        sentence = "Memory ran out: ask for fewer eigenpairs, or close other programs."
+    elif isinstance(fault, OSError) and fault.errno is not None:
+        where = f"{fault.filename}: " if fault.filename else ""
+        sentence = f"{where}{fault.strerror or fault}; free the disk, or choose another folder."
+    else:
+        from meshmash_viewer.defects import report_defect
+
+        _say(f"{subject or 'The command'} failed by {report_defect(fault)}")
+        return _DEFECT
+    _say(sentence if not subject or subject in sentence else f"{subject}: {sentence}")
+    return FAULT
+
+
+# Commands -------------------------------------------------------------------------------------
+
+
+def _window(options: argparse.Namespace) -> int:
+    first = options.mesh[0] if options.mesh else ""
+    if first.isidentifier() and not os.path.lexists(first):
+        raise InputError(
+            f"There is neither a command nor a file {first}; the commands are info, features and"
+            " render."
+        )
+    if (
+        sys.platform.startswith("linux")
+        and not os.environ.get("DISPLAY")
+        and not os.environ.get("WAYLAND_DISPLAY")
+        and not os.environ.get("QT_QPA_PLATFORM")
+    ):
+        raise InputError(
+            "There is no display to open a window on; use the commands info, features and render,"
+            " or run it under xvfb-run."
+        )
+    if options.unit is not None:
+        from meshmash_viewer.units import parse_unit
+
+        parse_unit(options.unit)
+    from meshmash_viewer.app import run_app
+
+    arguments = list(options.mesh)
+    arguments += ["--unit", options.unit] if options.unit else []
+    arguments += ["--fresh"] if options.fresh else []
+    return run_app(arguments)
+
+
+def _info(options: argparse.Namespace) -> int:
+    from meshmash_viewer.cli.commands import describe
+
+    target = chosen_target(options)
+
+    def work(index: int, mesh: Mesh) -> None:
+        about = describe(mesh, target)
+        if options.json:
+            print(json.dumps({"path": str(options.mesh[index]), **about}), flush=True)
+        else:
+            print(_described(about), flush=True)
+
+    return _for_each(options, work)
+
+
+def _features(options: argparse.Namespace) -> int:
+    from meshmash_viewer.cli.commands import is_folder, output_paths, write_kind
+    from meshmash_viewer.io.atomic import made_folder
+    from meshmash_viewer.io.write import check_output
+
+    target, operator = chosen_target(options), chosen_operator(options)
+    check_times(options)
+    outputs = output_paths(options.mesh, options.output, options.kind, f".{options.format}")
+
+    def work(index: int, mesh: Mesh) -> None:
+        with _solver(options, target, operator, mesh) as solver:
+            report = write_kind(
+                mesh,
+                outputs[index],
+                options.kind,
+                solver,
+                n_components=options.n_components,
+                t_min=options.t_min,
+                t_max=options.t_max,
+                drop_first=options.drop_first,
+                tail=options.tail,
+                automatic=options.count == "auto",
+                component_column=options.component_column,
+                repairs=tuple(options.repair),
+            )
+        for remark in report["remarks"]:
+            _say(f"{options.mesh[index]}: {remark}")
+        if options.json:
+            print(json.dumps(report), flush=True)
+        else:
+            print(f"{report['output']}: {report['proof']} · {_reach(report, mesh)}", flush=True)
+
+    folder = Path(options.output) if is_folder(options.output) else None
+    with made_folder(folder) if folder else contextlib.nullcontext():
+        for path in outputs:
+            check_output(path, "eigenpairs" if options.kind == "eigenpairs" else "features")
+        return _for_each(options, work)
+
+
+def _render(options: argparse.Namespace) -> int:
+    from meshmash_viewer.cli.commands import write_render
+    from meshmash_viewer.io.write import check_output
+
+    target, operator = chosen_target(options), chosen_operator(options)
+    check_output(options.output, "picture")
+
+    def work(index: int, mesh: Mesh) -> None:
+        with _solver(options, target, operator, mesh) as solver:
+            report = write_render(
+                mesh,
+                options.output,
+                options.field,
+                solver,
+                index=options.index,
+                diffusion_time=options.time,
+                n_components=options.n_components,
+                size=options.size,
+                colormap=options.colormap,
+                limits=None if options.limits is None else tuple(options.limits),
+                transparent=options.transparent,
+                dark=options.dark,
+            )
+        for remark in report.get("remarks", ()):
+            _say(f"{options.mesh[index]}: {remark}")
+        if options.json:
+            print(json.dumps(report), flush=True)
+        elif "max_eigenvalue" in report:
+            print(f"{report['output']}: {_reach(report, mesh)}", flush=True)
+        else:
+            print(report["output"], flush=True)
+
+    options.mesh = [options.mesh]
+    return _for_each(options, work)
+
+
+def _reach(report: dict[str, Any], mesh: Mesh) -> str:
+    """How far up the spectrum a run went, for people."""
+    from meshmash_viewer.units import format_quantity
+
+    reached = f"up to λ = {format_quantity(report['max_eigenvalue'], mesh.unit, -2)}"
+    if report["wavelength"] is None:
+        return reached
+    return f"{reached}, waves of {format_quantity(report['wavelength'], mesh.unit)}"
+
+
+def _for_each(options: argparse.Namespace, work: Any) -> int:
+    """Do the work for every mesh; one that cannot be done does not hold up the others."""
+    from meshmash_viewer.health import repair_mesh
+    from meshmash_viewer.io.read import read_mesh
+    from meshmash_viewer.units import parse_unit
+
+    check_repairs(options)
+    if options.unit is not None:
+        parse_unit(options.unit)  # wrong for all meshes is said once
+    status = 0
+    for index, path in enumerate(options.mesh):
+        try:
+            work(index, repair_mesh(read_mesh(path, options.unit), *options.repair))
+        except (Cancelled, BrokenPipeError):  # meant for all of them
+            raise
+        except Exception as fault:  # noqa: BLE001  it is said, and the next mesh has its turn
+            status = max(status, _say_fault(fault, str(path)), key=_SEVERITY.index)
+    return status
+
+
+# While it computes ----------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def _solver(
+    options: argparse.Namespace, target: Target, operator: OperatorOptions, mesh: Mesh
+) -> Iterator[Solver]:
+    from meshmash_viewer.cli.commands import Solver
+
+    with _ProgressBar(mesh.name) as bar:
+        solver = Solver(
+            target,
+            operator,
+            use_cache=not options.no_cache,
+            n_jobs=options.jobs,
+            progress=bar,
+            interruptible=_interruptible,
+        )
+        yield solver
+    if solver.remark:
+        _say(solver.remark)
+
+
+class _ProgressBar:
+    """A bar on a terminal, nothing in a pipe; it counts eigenpairs once their number is known."""
+
+    def __init__(self, name: str) -> None:
+        self._bar: Any = None
+        if sys.stderr.isatty():
+            from tqdm import tqdm
+
+            self._bar = tqdm(desc=name, unit=" pairs", leave=False, dynamic_ncols=True)
+
+    def __enter__(self) -> _ProgressBar:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+    def __call__(self, progress: Progress) -> None:
+        if self._bar is None:
+            return
+        self._bar.set_postfix_str(progress.stage, refresh=False)
+        if progress.total and self._bar.total != progress.total:
+            self._bar.reset(total=progress.total)
+        self._bar.n = progress.converged
+        self._bar.refresh()
+
+
+@contextlib.contextmanager
+def _interruptible() -> Iterator[Any]:
+    """Let Ctrl-C ask the solver to stop, which ends its processes; a second one is not so kind."""
+    asked = False
+
+    def ask(*_: object) -> None:
+        nonlocal asked
+        if asked:
+            raise KeyboardInterrupt
+        asked = True
+
+    try:
+        before = signal.signal(signal.SIGINT, ask)
+    except ValueError:  # not the main thread, which gets no signals
+        yield None
+        return
+    try:
+        yield lambda: asked
+        if asked:  # after the solver's last question
+            raise KeyboardInterrupt
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _described(about: dict[str, Any]) -> str:
+    """The facts of `describe` for people."""
+    from meshmash_viewer.units import NO_VOXEL, format_quantity, written_unit
+
+    unit, weyl = about["unit"], about["weyl"]
+    extent = [high - low for low, high in zip(*about["bounds"], strict=True)]
+    sizes = " × ".join(f"{side:.4g}" for side in extent)
+    signs = {name: "" if name in weyl["exact"] else "≈ " for name in weyl}
+    rows = [
+        ("vertices", f"{about['n_vertices']:,}"),
+        ("triangles", f"{about['n_faces']:,}"),
+        ("extent", f"{sizes} {unit}".rstrip()),
+        ("area", format_quantity(about["area"], unit, 2)),
+        *([("voxel", written_unit(unit, about["voxel"]))] if about["voxel"] != NO_VOXEL else []),
+        ("components", f"{about['n_components']:,} (largest {about['largest_component']:,})"),
+        ("boundary edges", f"{about['boundary_edges']:,}"),
+        ("non-manifold edges", f"{about['nonmanifold_edges']:,}"),
+        ("degenerate triangles", f"{about['degenerate_faces']:,}"),
+        ("duplicate triangles", f"{about['duplicate_faces']:,}"),
+        ("unreferenced vertices", f"{about['unreferenced_vertices']:,}"),
+        ("coincident vertices", f"{about['coincident_vertices']:,}"),
+        ("median edge", format_quantity(about["median_edge"], unit)),
+        ("eigenpairs", f"{signs['n_eigenpairs']}{weyl['n_eigenpairs']:,.0f}"),
+        (
+            "  up to eigenvalue",
+            signs["max_eigenvalue"] + format_quantity(weyl["max_eigenvalue"], unit, -2),
+        ),
+        (
+            "  down to wavelength",
+            signs["wavelength"] + format_quantity(weyl["wavelength"], unit),
+        ),
+    ]
+    width = max(len(name) for name, _ in rows)
+    title = f"{about['name']} ({unit or 'no unit stated'})"
+    return "\n".join([title, *(f"  {name:<{width}}  {value}" for name, value in rows)])

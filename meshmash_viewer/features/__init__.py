@@ -1,0 +1,1 @@
+"""What is computed from eigenpairs: filters, columns and their truncation, shapes compared."""

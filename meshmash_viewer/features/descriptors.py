@@ -1,0 +1,474 @@
+"""Descriptors of a mesh's vertices in one call: what a filter makes of its eigenpairs.
+
+All have the unit of φ², one over squared unit of the mesh. Their names are documented in
+`meshmash_viewer.decompose`, from where they can be imported too.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import ConstantFeaturesWarning, InputError, TruncationWarning
+from meshmash_viewer.features.filter_parameters import check_times, hks_times
+from meshmash_viewer.features.filters import (
+    FilterBank,
+    bspline_bank,
+    get_hks_filter,
+    heat_kernel_bank,
+)
+from meshmash_viewer.features.sums import (
+    accumulate_features,
+    check_tail,
+    truncated_features,
+    warn_of_truncation,
+)
+from meshmash_viewer.features.truncation import (
+    Truncation,
+    farther_target,
+    mesh_limit,
+    sufficient_target,
+)
+from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.progress import CancelCallback, ProgressCallback
+from meshmash_viewer.spectral.eigenpairs import (
+    DEFAULT_MAX_EIGENVALUE,
+    check_bands,
+    chosen_extent,
+    find_eigenpairs,
+    refuse_two_extents,
+    scratch_rows,
+    whole_number,
+)
+from meshmash_viewer.spectral.weyl import required_eigenvalue, weyl_eigenvalue
+
+if TYPE_CHECKING:
+    from meshmash_viewer.spectral.eigensolver import Decomposition
+
+__all__ = ["compute_geometry_vectors", "compute_hks", "spectral_geometry_filter"]
+
+Array: TypeAlias = npt.NDArray[np.floating[Any]]
+#: Any accepted form of a mesh, or its ``(L, M)``.
+MeshOrMatrices: TypeAlias = Any
+Filter: TypeAlias = Callable[[npt.NDArray[np.float64]], npt.ArrayLike]
+
+#: Residual relative to λ that these functions document for float64; float32 loosens it.
+_TOLERANCE = 1e-12
+#: What a message proposes as a useful number of eigenpairs.
+_USEFUL_COUNT = 100
+
+
+def spectral_geometry_filter(
+    mesh: MeshOrMatrices,
+    filter: Filter | None = None,
+    max_eigenvalue: float = 1e-8,
+    band_size: int = 50,
+    truncate_extra: bool = True,
+    drop_first: bool = True,
+    decomposition_dtype: npt.DTypeLike | None = np.float64,
+    robust: bool = True,
+    mollify_factor: float = 1e-5,
+    verbose: int = False,
+    *,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCallback | None = None,
+) -> Any:
+    """Compute ``F[v, f] = Σ_k filter(λ)[f, k] φ_k(v)²`` over all eigenpairs up to a threshold.
+
+    Parameters
+    ----------
+    mesh : MeshLike or pair of sparse matrices
+        The mesh, n vertices, or its (L, M).
+    filter : callable, optional
+        Called once with all eigenvalues, a 1-D array of shape (k,); returns coefficients of
+        shape (n_filters, k). None: return the eigenpairs themselves.
+    max_eigenvalue, band_size, truncate_extra
+        See `decompose_laplacian_by_bands`.
+    drop_first : bool
+        Leave out the first pair, exactly one, however many zero eigenvalues there are.
+    decomposition_dtype : dtype
+        float64: eigenpairs converge to residuals of 1e-12, or what rounding allows. float32 halves
+        the memory of eigenvectors and loosens that to 1e-7; the result has the same dtype. None
+        is float64.
+    robust, mollify_factor
+        See `meshmash_viewer.laplacian.cotangent_laplacian`.
+    verbose : int
+        1 draws a progress bar on stderr.
+    progress, cancel : callable, optional
+        See `meshmash_viewer.progress`.
+
+    Returns
+    -------
+    ndarray, shape (n, n_filters)
+        NaN at unreferenced vertices. With ``filter=None``: a tuple of eigenvalues, shape (k,),
+        and eigenvectors, shape (n, k).
+
+    Raises
+    ------
+    InputError
+        If the threshold is negative, or the filter returns a wrong shape or values that are not
+        finite.
+
+    Warns
+    -----
+    ConstantFeaturesWarning
+        If only zero eigenvalues lie below the threshold, as when it is meant for another unit:
+        the features are then right, but tell no two vertices of a component apart.
+    TruncationWarning
+        If the filter is a `FilterBank` and more than 1 % of a column is missing, by the estimate
+        of `meshmash_viewer.features.truncation`. What a plain function does beyond the threshold
+        is not known, and nothing is said of it.
+
+    Notes
+    -----
+    Where the eigenvectors would take a large part of the free memory they go to a temporary
+    file (in ``TMPDIR``), and are read back once, a few rows at a time.
+    """
+    check_bands(max_eigenvalue, band_size)
+    sums = _Sums(mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose)
+    sums = replace(sums, progress=progress, cancel=cancel)
+    if filter is None:
+        result = sums.solve(None, max_eigenvalue, None)
+        return result.eigenvalues[sums.start :], result.eigenvectors[:, sums.start :]
+    values, truncation = sums.features(None, max_eigenvalue, lambda _: filter)
+    warn_of_truncation(truncation)
+    return values
+
+
+def compute_hks(
+    mesh: MeshOrMatrices,
+    max_eigenvalue: float = 1e-8,
+    t_max: float | None = None,
+    t_min: float | None = None,
+    n_components: int = 32,
+    band_size: int = 50,
+    truncate_extra: bool = False,
+    drop_first: bool = False,
+    robust: bool = True,
+    mollify_factor: float = 1e-5,
+    decomposition_dtype: npt.DTypeLike | None = np.float64,
+    verbose: int = False,
+    *,
+    count: int | Literal["auto"] | None = None,
+    wavelength: float | None = None,
+    tail: Literal["weyl"] | None = None,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCallback | None = None,
+) -> Array:
+    """Compute the heat kernel signature, ``Σ_k exp(-λ_k t) φ_k(v)²``, at a range of times.
+
+    Parameters
+    ----------
+    mesh : MeshLike or pair of sparse matrices
+        The mesh, n vertices, or its (L, M).
+    max_eigenvalue : float
+        Largest eigenvalue to take part. Times below ``5 / max_eigenvalue`` need more.
+    t_max, t_min : float, optional
+        Longest and shortest time, in squared unit of the mesh; None: from the spectrum, see
+        `meshmash_viewer.features.filters.hks_time_range`.
+    n_components : int
+        Number of times, evenly spaced in log t.
+    band_size, truncate_extra, drop_first, robust, mollify_factor, decomposition_dtype, verbose
+        See `spectral_geometry_filter`.
+    count : int or "auto", optional
+        Number of eigenpairs, in place of `max_eigenvalue`; at most one a vertex. "auto" takes as
+        many as `t_min`, which has then to be given, needs for less than 1 % of any column to be
+        missing, by the estimate.
+    wavelength : float, optional
+        Shortest wavelength ``2π / √λ`` to take part, in unit, in place of `max_eigenvalue`.
+    tail : {None, "weyl"}
+        "weyl" adds the estimate of what is missing, see `meshmash_viewer.features.truncation`.
+    progress, cancel : callable, optional
+        See `meshmash_viewer.progress`.
+
+    Returns
+    -------
+    ndarray, shape (n, n_components)
+        Columns from short to long times; one over squared unit.
+
+    Raises
+    ------
+    InputError
+        If an argument makes no sense.
+
+    Warns
+    -----
+    TruncationWarning
+        If more than 1 % of a column is missing, by the estimate; or if "auto" took all pairs of
+        the mesh, which ends before the times do.
+
+    References
+    ----------
+    .. [1] Sun, J., Ovsjanikov, M. and Guibas, L. (2009). "A Concise and Provably Informative
+       Multi-Scale Signature Based on Heat Diffusion." Computer Graphics Forum 28(5).
+    """
+    n_scales = whole_number(n_components, "n_components")
+    check_times(t_min, t_max)
+    check_tail(tail, "hks")
+    check_bands(max_eigenvalue, band_size)
+    sums = _Sums(mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose)
+    sums = replace(sums, progress=progress, cancel=cancel, tail=tail)
+
+    def bank(eigenvalues: npt.NDArray[np.float64]) -> FilterBank | Filter:
+        if not (eigenvalues > 0.0).any() and (t_min is None or t_max is None):
+            return get_hks_filter(t_max, t_min, n_scales)
+        return heat_kernel_bank(hks_times(eigenvalues, t_min, t_max, n_scales))
+
+    if count == "auto":
+        if t_min is None:
+            raise InputError(
+                'count="auto" takes as many eigenpairs as the shortest time needs: give t_min '
+                "(times chosen from the spectrum follow the pairs, so that any number is enough)."
+            )
+        refuse_two_extents(max_eigenvalue, count, wavelength)
+        values, truncation = sums.features_from(t_min, bank)
+    else:
+        extent = chosen_extent(max_eigenvalue, count, wavelength)
+        values, truncation = sums.features(*extent, bank)
+    warn_of_truncation(truncation)
+    return values
+
+
+def compute_geometry_vectors(
+    mesh: MeshOrMatrices,
+    max_eigenvalue: float = 1e-8,
+    n_components: int = 32,
+    band_size: int = 50,
+    truncate_extra: bool = False,
+    drop_first: bool = False,
+    robust: bool = True,
+    mollify_factor: float = 1e-5,
+    decomposition_dtype: npt.DTypeLike | None = np.float64,
+    verbose: int = False,
+    *,
+    count: int | Literal["auto"] | None = None,
+    wavelength: float | None = None,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCallback | None = None,
+) -> Array:
+    """Compute ``Σ_k B_f(λ_k) φ_k(v)²`` for cubic B-splines over ``[0, max_eigenvalue]``.
+
+    Parameters
+    ----------
+    mesh : MeshLike or pair of sparse matrices
+        The mesh, n vertices, or its (L, M).
+    max_eigenvalue : float
+        End of the range that the bands divide evenly.
+    n_components : int
+        Number of bands.
+    band_size, truncate_extra, drop_first, robust, mollify_factor, decomposition_dtype, verbose
+        See `spectral_geometry_filter`.
+    count : int or "auto", optional
+        Number of eigenpairs, of which the largest eigenvalue takes the place of `max_eigenvalue`;
+        at most one a vertex. "auto" is all up to `max_eigenvalue`, as without it: bands that end
+        there miss nothing.
+    wavelength : float, optional
+        Shortest wavelength ``2π / √λ``, in unit, in place of `max_eigenvalue`.
+    progress, cancel : callable, optional
+        See `meshmash_viewer.progress`.
+
+    Returns
+    -------
+    ndarray, shape (n, n_components)
+        Columns from low to high eigenvalues; their sum is that of all φ². One over squared unit.
+
+    Raises
+    ------
+    InputError
+        If `max_eigenvalue` is not positive and finite, or an argument makes no sense.
+
+    References
+    ----------
+    .. [1] Litman, R. and Bronstein, A. M. (2014). "Learning Spectral Descriptors for Deformable
+       Shape Correspondence." IEEE TPAMI 36(1).
+    """
+    n_bands = whole_number(n_components, "n_components")
+    check_bands(max_eigenvalue, band_size)
+    if count == "auto":
+        refuse_two_extents(DEFAULT_MAX_EIGENVALUE, count, wavelength)
+        count = None
+    n_pairs, bound = chosen_extent(max_eigenvalue, count, wavelength)
+    if bound is not None:
+        bspline_bank(0.0, bound, n_bands)  # complains now, not after the decomposition
+    sums = _Sums(mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose)
+    sums = replace(sums, progress=progress, cancel=cancel)
+
+    def bank(eigenvalues: npt.NDArray[np.float64]) -> FilterBank:
+        last = float(eigenvalues[-1]) if len(eigenvalues) else 0.0
+        return bspline_bank(0.0, last if bound is None else bound, n_bands)
+
+    values, truncation = sums.features(n_pairs, bound, bank)
+    warn_of_truncation(truncation)
+    return values
+
+
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """What all functions of this module do with their mesh and their options."""
+
+    mesh: MeshOrMatrices
+    precision: npt.DTypeLike | None
+    drop_first: bool
+    robust: bool
+    mollify_factor: float
+    verbose: int
+    progress: ProgressCallback | None = None
+    cancel: CancelCallback | None = None
+    tail: Literal["weyl"] | None = None
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of eigenvectors and features."""
+        return np.dtype(np.float64 if self.precision is None else self.precision)
+
+    @property
+    def start(self) -> int:
+        """First pair that takes part."""
+        return 1 if self.drop_first else 0
+
+    @cached_property
+    def matrices(self) -> tuple[SparseMatrix, SparseMatrix]:
+        """L and M."""
+        return _matrices(self.mesh, self.robust, self.mollify_factor)
+
+    def solve(
+        self,
+        n_components: int | None,
+        max_eigenvalue: float | None,
+        allocate: Callable[[int, int], Array] | None,
+        known: Decomposition | None = None,
+    ) -> Decomposition:
+        """Eigenpairs by their number or up to a threshold."""
+        stiffness, mass = self.matrices
+        return find_eigenpairs(
+            stiffness,
+            mass,
+            n_components=n_components,
+            max_eigenvalue=max_eigenvalue,
+            tol=_TOLERANCE,
+            dtype=self.dtype,
+            allocate=allocate,
+            known=known,
+            verbose=self.verbose,
+            unit=self.mesh.unit if isinstance(self.mesh, Mesh) else "",
+            progress=self.progress,
+            cancel=self.cancel,
+        )
+
+    def features(
+        self,
+        n_components: int | None,
+        max_eigenvalue: float | None,
+        make: Callable[[npt.NDArray[np.float64]], FilterBank | Filter],
+    ) -> tuple[Array, Truncation | None]:
+        """Features of shape (n, f), and what they miss where that is known."""
+        with scratch_rows(self.dtype) as allocate:
+            result = self.solve(n_components, max_eigenvalue, allocate)
+            if not result.eigenvalues[self.start :].any():
+                _warn_of_zeros(max_eigenvalue, result)
+            return self._summed(result, max_eigenvalue, make)
+
+    def features_from(
+        self, time: float, make: Callable[[npt.NDArray[np.float64]], FilterBank | Filter]
+    ) -> tuple[Array, Truncation | None]:
+        """The same from as many pairs as the HKS from a time on takes."""
+        mass = np.asarray(self.matrices[1].diagonal(), dtype=np.float64)
+        area, n = float(mass.sum()), int(np.count_nonzero(mass))
+        target = sufficient_target(time, area, n)
+        with scratch_rows(self.dtype) as allocate:
+            result: Decomposition | None = None
+            while True:
+                result = self.solve(
+                    target.n_components, target.max_eigenvalue, allocate, known=result
+                )
+                values, truncation = self._summed(result, target.max_eigenvalue, make)
+                if truncation is None or not len(truncation.flagged):
+                    break
+                target = farther_target(target, area, n)
+        if result.n_components == n and result.eigenvalues[-1] < required_eigenvalue(time):
+            warnings.warn(mesh_limit(time, area, n), TruncationWarning, stacklevel=3)
+        return values, truncation
+
+    def _summed(
+        self,
+        result: Decomposition,
+        max_eigenvalue: float | None,
+        make: Callable[[npt.NDArray[np.float64]], FilterBank | Filter],
+    ) -> tuple[Array, Truncation | None]:
+        eigenvalues = result.eigenvalues[self.start :]
+        made = make(eigenvalues)
+        if isinstance(made, FilterBank) and made.tail is not None and len(eigenvalues):
+            features = truncated_features(
+                result,
+                made,
+                drop_first=self.drop_first,
+                dtype=self.dtype,
+                tail=self.tail,
+                known_to=max_eigenvalue if result.complete else None,
+            )
+            features.values[result.mass == 0.0] = np.nan
+            return features.values, features.truncation
+        coefficients = _checked_coefficients(made(eigenvalues.copy()), eigenvalues)
+        values = accumulate_features(eigenvalues, result.rows[self.start :], coefficients)
+        values[result.mass == 0.0] = np.nan
+        return values.astype(self.dtype, copy=False), None
+
+
+def _matrices(
+    mesh: MeshOrMatrices, robust: bool, mollify_factor: float
+) -> tuple[SparseMatrix, SparseMatrix]:
+    from scipy import sparse
+
+    if isinstance(mesh, (tuple, list)) and len(mesh) == 2 and sparse.issparse(mesh[0]):
+        return mesh[0], mesh[1]
+    return cotangent_laplacian(mesh, robust=robust, mollify_factor=mollify_factor)
+
+
+def _checked_coefficients(
+    returned: npt.ArrayLike, eigenvalues: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    given = np.asarray(returned)
+    if given.dtype.kind not in "biuf":
+        # None, text, or complex numbers, of which a cast would keep half without a sound.
+        raise InputError(
+            f"The filter returned {_described(returned, given)}: let it return real numbers, shape "
+            "(n_filters, n_eigenvalues)."
+        )
+    coefficients = given.astype(np.float64)
+    if coefficients.shape == eigenvalues.shape:
+        coefficients = coefficients[np.newaxis]  # one filter, written without the axis for it
+    bad = np.argwhere(~np.isfinite(coefficients))
+    if len(bad) and coefficients.ndim == 2 and coefficients.shape[1] == len(eigenvalues):
+        raise InputError(
+            f"The filter returned {coefficients[tuple(bad[0])]} for the eigenvalue "
+            f"{eigenvalues[bad[0][-1]]:.4g}: let it return finite numbers for every eigenvalue, "
+            "zero included."
+        )
+    return coefficients
+
+
+def _described(returned: object, given: npt.NDArray[Any]) -> str:
+    return f"values of type {given.dtype}" if given.shape else repr(returned)[:60]
+
+
+def _warn_of_zeros(max_eigenvalue: float | None, result: Decomposition) -> None:
+    useful = weyl_eigenvalue(float(result.mass.sum()), _USEFUL_COUNT)
+    within = (
+        f"are among the {result.n_components} eigenpairs asked for"
+        if max_eigenvalue is None
+        else f"lie below max_eigenvalue ({max_eigenvalue:.4g})"
+    )
+    warnings.warn(
+        f"Only zero eigenvalues, one for each connected component, {within}, so the features are "
+        f"constant on each: about {_USEFUL_COUNT} eigenpairs of this mesh lie below {useful:.2g} "
+        "per squared unit of its coordinates.",
+        ConstantFeaturesWarning,
+        stacklevel=4,
+    )

@@ -1,0 +1,168 @@
+"""Parameters of filters: times chosen from a spectrum, and what is given, checked."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.spectral.weyl import weyl_eigenvalue
+
+__all__ = [
+    "as_count",
+    "as_parameters",
+    "as_spectrum",
+    "check_times",
+    "first_nonzero_eigenvalue",
+    "hks_time_range",
+    "hks_times",
+    "short_text",
+]
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+#: Eigenvalues below this share of the largest are zero but for rounding.
+_ZERO_SHARE = 1e-10
+
+
+def first_nonzero_eigenvalue(eigenvalues: npt.ArrayLike) -> float:
+    """Lowest eigenvalue that is more than rounding beside the largest.
+
+    Raises
+    ------
+    InputError
+        If all are zero.
+    """
+    spectrum = as_spectrum(eigenvalues)
+    largest = float(spectrum.max(initial=0.0))
+    above = spectrum[spectrum > _ZERO_SHARE * largest] if largest > 0.0 else spectrum[:0]
+    if not len(above):
+        raise InputError(
+            "All eigenvalues are zero, one for each connected component, so there is no scale to "
+            "choose times or energies from: go further up the spectrum (max_eigenvalue is per "
+            "squared unit of the mesh), or give t_min and t_max."
+        )
+    return float(above.min())
+
+
+def hks_time_range(eigenvalues: npt.ArrayLike, area: float | None = None) -> tuple[float, float]:
+    """Times between which a heat kernel signature says something about this spectrum.
+
+    Parameters
+    ----------
+    eigenvalues : array_like, shape (k,)
+        Ascending or not; zeros take no part.
+    area : float, optional
+        Area of the mesh, for a spectrum of zeros only: the eigenvalues that Weyl's law expects in
+        their place then give the range, in which all that is known stays constant.
+
+    Returns
+    -------
+    t_min, t_max : float
+        ``4 ln 10 / λ_max`` and ``4 ln 10 / λ_2``, λ_2 the lowest above zero (Sun et al. 2009), in
+        squared unit of the mesh: where the highest and the lowest mode have sunk to 1e-4.
+
+    Raises
+    ------
+    InputError
+        If all eigenvalues are zero and no area is given.
+    """
+    spectrum = as_spectrum(eigenvalues)
+    if area is not None and not (spectrum > 0.0).any():
+        spectrum = weyl_eigenvalue(area, 1) * np.arange(1.0, max(len(spectrum), 2) + 1.0)
+    first = first_nonzero_eigenvalue(spectrum)
+    decades = 4.0 * np.log(10.0)
+    return float(decades / spectrum.max()), float(decades / first)
+
+
+def hks_times(
+    eigenvalues: npt.ArrayLike,
+    t_min: float | None = None,
+    t_max: float | None = None,
+    n_scales: int = 32,
+    area: float | None = None,
+) -> FloatArray:
+    """Diffusion times, evenly spaced in log t, from short to long.
+
+    Parameters
+    ----------
+    eigenvalues : array_like, shape (k,)
+        The spectrum; looked at only if a bound is None.
+    t_min, t_max : float, optional
+        Bounds in squared unit of the mesh; None takes that of `hks_time_range`.
+    n_scales : int
+        Number of times.
+    area : float, optional
+        See `hks_time_range`.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_scales,)
+
+    Raises
+    ------
+    InputError
+        If a bound is not positive, the bounds are out of order, or `n_scales` < 1.
+    """
+    n_scales = as_count(n_scales, "time scales")
+    check_times(t_min, t_max)
+    if t_min is None or t_max is None:
+        shortest, longest = hks_time_range(eigenvalues, area)
+        if t_min is not None and t_min > longest:
+            raise InputError(
+                f"t_min ({t_min:.4g}) is above {longest:.4g}, the longest time at which anything"
+                " still changes, where t_max would be: give t_max too."
+            )
+        if t_max is not None and t_max < shortest:
+            raise InputError(
+                f"t_max ({t_max:.4g}) is below {shortest:.4g}, the shortest time that these"
+                " eigenvalues resolve, where t_min would be: give t_min too, or more eigenpairs."
+            )
+        t_min = shortest if t_min is None else t_min
+        t_max = longest if t_max is None else t_max
+    return np.geomspace(t_min, t_max, n_scales)
+
+
+def check_times(t_min: float | None, t_max: float | None) -> None:
+    """Complain of times that are not positive, or out of order."""
+    for bound, name in ((t_min, "t_min"), (t_max, "t_max")):
+        if bound is not None and not (np.isfinite(bound) and bound > 0.0):
+            raise InputError(f"{name} is {bound:g}: give a positive time, or none.")
+    if t_min is not None and t_max is not None and t_min > t_max:
+        raise InputError(f"t_min ({t_min:.4g}) is above t_max ({t_max:.4g}): swap them.")
+
+
+def as_spectrum(eigenvalues: npt.ArrayLike) -> FloatArray:
+    """Eigenvalues as an array of shape (k,)."""
+    spectrum = np.asarray(eigenvalues, dtype=np.float64)
+    if spectrum.ndim != 1:
+        raise InputError(f"Eigenvalues have shape {spectrum.shape}: give a 1-D array.")
+    return spectrum
+
+
+def as_parameters(values: npt.ArrayLike, name: str) -> FloatArray:
+    """Finite values from zero up, at least one, shape (f,); `name` is what a message calls one."""
+    parameters = np.array(values, dtype=np.float64)
+    if parameters.ndim != 1 or not len(parameters):
+        raise InputError(f"Give a 1-D list of at least one {name}.")
+    if not (np.isfinite(parameters).all() and (parameters >= 0.0).all()):
+        raise InputError(f"A {name} is negative or not finite: {parameters.tolist()}.")
+    return parameters
+
+
+def as_count(count: int, name: str) -> int:
+    """A whole number from 1; `name` is what a message calls those that are counted."""
+    if count < 1 or count != int(count):
+        raise InputError(f"The number of {name} is {count}: give a whole number from 1.")
+    return int(count)
+
+
+def short_text(parameters: FloatArray, index: int) -> str:
+    """A parameter with as few digits as tell all of them apart, three at least."""
+    for digits in range(3, 18):
+        written = [f"{value:.{digits - 1}e}" for value in parameters]
+        if len(set(written)) == len(set(parameters.tolist())):
+            break
+    return written[index]

@@ -1,0 +1,176 @@
+"""The ready filters as functions of λ: their values, and what they hold beyond an eigenvalue.
+
+Each is a set of f functions. Besides its values a filter tells its supremum and its integral over
+the part of the spectrum that has not been computed; `meshmash_viewer.features.truncation` makes of
+these what a truncated sum leaves out. They are plain data, so banks can be pickled and compared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
+__all__ = [
+    "HeatResponse",
+    "LogGaussianResponse",
+    "SplineResponse",
+    "StepResponse",
+    "TailedResponse",
+]
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+
+@runtime_checkable
+class TailedResponse(Protocol):
+    """A filter that also knows what it does beyond an eigenvalue."""
+
+    def __call__(self, eigenvalues: FloatArray) -> FloatArray:
+        """Values at eigenvalues of shape (k,): shape (f, k)."""
+        ...
+
+    def supremum(self, start: float) -> FloatArray:
+        """Supremum of ``|h(λ)|`` over λ > start, shape (f,)."""
+        ...
+
+    def integral(self, start: float, ends: FloatArray) -> FloatArray:
+        """``∫ h dλ`` from `start` to each of `ends` (shape (m,), no less): shape (m, f)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class HeatResponse:
+    """``exp(-λ t)`` for f times t, in squared unit."""
+
+    times: FloatArray
+
+    def __call__(self, eigenvalues: FloatArray) -> FloatArray:
+        """See `TailedResponse`."""
+        return np.asarray(np.exp(-np.outer(self.times, eigenvalues)))
+
+    def supremum(self, start: float) -> FloatArray:
+        """See `TailedResponse`."""
+        return np.asarray(np.exp(-self.times * max(start, 0.0)))
+
+    def integral(self, start: float, ends: FloatArray) -> FloatArray:
+        """See `TailedResponse`."""
+        start = max(start, 0.0)
+        width = np.maximum(ends - start, 0.0)
+        # At t = 0 the filter is 1 everywhere, and its integral the length of the interval.
+        times = np.where(self.times > 0.0, self.times, 1.0)
+        inside = -np.expm1(-np.outer(width, times)) * np.exp(-start * times) / times
+        return np.where(self.times > 0.0, inside, width[:, np.newaxis])
+
+
+@dataclass(frozen=True, eq=False)
+class LogGaussianResponse:
+    """``exp(-(e - log λ)² / 2 d²)`` for f energies e; 0 up to `floor`, where λ is no energy."""
+
+    energies: FloatArray
+    deviation: float
+    floor: float
+
+    def __call__(self, eigenvalues: FloatArray) -> FloatArray:
+        """See `TailedResponse`."""
+        bands = np.zeros((len(self.energies), len(eigenvalues)))
+        positive = eigenvalues > self.floor
+        bands[:, positive] = self._gaussians(eigenvalues[positive])
+        return bands
+
+    def supremum(self, start: float) -> FloatArray:
+        """See `TailedResponse`."""
+        start = max(start, self.floor)
+        return np.where(np.log(start) < self.energies, 1.0, self._gaussians(start)[:, 0])
+
+    def integral(self, start: float, ends: FloatArray) -> FloatArray:
+        """See `TailedResponse`."""
+        from scipy.special import ndtr
+
+        start = max(start, self.floor)
+        d = self.deviation
+        # With u = log λ the integrand is again a Gaussian, its centre moved by d².
+        centres = self.energies + d * d
+        upper = ndtr((centres - np.log(start)) / d)
+        lower = ndtr((centres - np.log(np.maximum(ends, start))[:, np.newaxis]) / d)
+        whole = np.exp(self.energies + 0.5 * d * d) * d * np.sqrt(2.0 * np.pi)
+        return np.asarray(whole * (upper - lower))
+
+    def _gaussians(self, eigenvalues: npt.ArrayLike) -> FloatArray:
+        distance = (self.energies[:, np.newaxis] - np.log(eigenvalues)) / self.deviation
+        return np.asarray(np.exp(-0.5 * np.square(distance)))
+
+
+@dataclass(frozen=True, eq=False)
+class SplineResponse:
+    """B-splines that are 0 outside of ``[low, high]``, both ends included."""
+
+    bases: tuple[BSpline[Any], ...]
+    low: float
+    high: float
+
+    def __call__(self, eigenvalues: FloatArray) -> FloatArray:
+        """See `TailedResponse`."""
+        return np.stack([np.asarray(basis(eigenvalues)) for basis in self.bases])
+
+    def supremum(self, start: float) -> FloatArray:
+        """See `TailedResponse`."""
+        if start >= self.high:
+            return np.zeros(len(self.bases))
+        start = max(start, self.low)
+        largest = []
+        for basis in self.bases:
+            # A piecewise polynomial is largest at an end, at a knot, or where its slope vanishes.
+            places = np.concatenate([basis.t, _flat_places(basis)])
+            places = places[(places > start) & (places <= self.high)]
+            largest.append(basis(np.append(places, [start, self.high])).max())
+        return np.array(largest)
+
+    def integral(self, start: float, ends: FloatArray) -> FloatArray:
+        """See `TailedResponse`."""
+        start = min(max(start, self.low), self.high)
+        ends = np.clip(ends, start, self.high)
+        columns = []
+        for basis in self.bases:
+            sums = basis.antiderivative()
+            columns.append(sums(ends) - sums(start))
+        return np.asarray(np.maximum(np.stack(columns, axis=1), 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class StepResponse:
+    """One filter, 1 from `low` to `high` (included or not) and 0 elsewhere."""
+
+    low: float
+    high: float
+    closed: bool
+
+    def __call__(self, eigenvalues: FloatArray) -> FloatArray:
+        """See `TailedResponse`."""
+        below = eigenvalues <= self.high if self.closed else eigenvalues < self.high
+        return ((eigenvalues >= self.low) & below).astype(np.float64)[np.newaxis]
+
+    def supremum(self, start: float) -> FloatArray:
+        """See `TailedResponse`."""
+        return np.array([1.0 if start < self.high else 0.0])
+
+    def integral(self, start: float, ends: FloatArray) -> FloatArray:
+        """See `TailedResponse`."""
+        start = max(start, self.low)
+        return np.maximum(np.minimum(ends, self.high) - start, 0.0)[:, np.newaxis]
+
+
+def _flat_places(basis: BSpline[Any]) -> FloatArray:
+    """Where the derivative of a spline vanishes; its constant pieces are left to the knots."""
+    from scipy.interpolate import PPoly
+
+    if basis.k < 2:
+        return np.zeros(0)
+    pieces: PPoly[Any] = PPoly.from_spline(basis)  # type: ignore[arg-type]  # it takes both
+    roots = np.asarray(pieces.derivative().roots(), dtype=np.float64)
+    return roots[np.isfinite(roots)]

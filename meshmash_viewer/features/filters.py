@@ -1,0 +1,302 @@
+"""Filter banks: functions of the eigenvalue that turn eigenpairs into feature columns.
+
+A bank maps k eigenvalues to coefficients of shape (f, k); column f of the features is then
+``Σ_k coefficients[f, k] φ_k²`` (see `meshmash_viewer.features.sums`). Banks are plain data with a
+module-level function behind them, so they can be pickled, compared and shown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.bsplines import clamped_knots, construct_bspline_basis
+from meshmash_viewer.features.filter_parameters import (
+    as_count,
+    as_parameters,
+    as_spectrum,
+    check_times,
+    first_nonzero_eigenvalue,
+    hks_time_range,
+    hks_times,
+    short_text,
+)
+from meshmash_viewer.features.filter_responses import (
+    HeatResponse,
+    LogGaussianResponse,
+    SplineResponse,
+    StepResponse,
+    TailedResponse,
+)
+
+__all__ = [
+    "FilterBank",
+    "band_pass_bank",
+    "bspline_bank",
+    "construct_bspline_basis",
+    "construct_bspline_filter",
+    "first_nonzero_eigenvalue",
+    "gaussian_pyramid_bank",
+    "get_hks_filter",
+    "heat_kernel_bank",
+    "hks_time_range",
+    "hks_times",
+    "low_pass_bank",
+    "wave_kernel_bank",
+]
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+#: (k,) eigenvalues -> (f, k) coefficients.
+SpectralFilter: TypeAlias = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class FilterBank:
+    """A named set of filters; call it with k eigenvalues to get coefficients of shape (f, k).
+
+    Parameters
+    ----------
+    kind : str
+        What the features are: "hks", "geometry-vectors", "wks", "low-pass", ...
+    columns : tuple of str
+        Name of each of the f columns.
+    parameters : ndarray of float64, shape (f,)
+        What tells the columns apart: a time, a centre, a cutoff.
+    parameter_name : str
+        What that is, as an axis says it.
+    parameter_power : int
+        Its unit as a power of the mesh's unit: 2 for a time, -2 for an eigenvalue.
+    response : callable
+        ``(k,) -> (f, k)``. One that also has the two methods of
+        `meshmash_viewer.features.filter_responses.TailedResponse`, as all ready filters have, tells
+        what it does beyond an eigenvalue; of any other callable nothing is known where it has not
+        been asked, and neither is what truncation costs its features.
+    normalised : bool
+        Whether each filter is divided by its sum over the eigenvalues that the bank is called with.
+    """
+
+    kind: str
+    columns: tuple[str, ...]
+    parameters: FloatArray
+    parameter_name: str
+    parameter_power: int
+    response: SpectralFilter
+    normalised: bool = False
+
+    @property
+    def n_filters(self) -> int:
+        """Number of columns it makes."""
+        return len(self.columns)
+
+    def __call__(self, eigenvalues: npt.ArrayLike) -> FloatArray:
+        """Coefficients of shape (f, k) for k eigenvalues, a 1-D array."""
+        values = self.response(as_spectrum(eigenvalues))
+        if self.normalised:
+            totals = self.totals(values)[:, np.newaxis]
+            np.divide(values, totals, out=values, where=totals > 0.0)
+        return values
+
+    def totals(self, values: FloatArray) -> FloatArray:
+        """What the values of `response`, shape (f, k), are divided by, shape (f,)."""
+        return values.sum(axis=1) if self.normalised else np.ones(len(values))
+
+    @property
+    def tail(self) -> TailedResponse | None:
+        """The response where it knows what it does beyond an eigenvalue, else None."""
+        return self.response if isinstance(self.response, TailedResponse) else None
+
+
+def heat_kernel_bank(times: npt.ArrayLike) -> FilterBank:
+    """Heat kernel signature, ``exp(-λ t)`` [1]_.
+
+    Parameters
+    ----------
+    times : array_like, shape (f,)
+        Diffusion times in squared unit of the mesh; ``√t`` is about how far heat has got.
+
+    Raises
+    ------
+    InputError
+        If a time is negative or not finite, or there is none.
+
+    References
+    ----------
+    .. [1] Sun, J., Ovsjanikov, M. and Guibas, L. (2009). "A Concise and Provably Informative
+       Multi-Scale Signature Based on Heat Diffusion." Computer Graphics Forum 28(5).
+    """
+    scales = as_parameters(times, "diffusion time")
+    columns = tuple(f"hks_t={short_text(scales, i)}" for i in range(len(scales)))
+    return FilterBank("hks", columns, scales, "t", 2, HeatResponse(scales))
+
+
+def wave_kernel_bank(
+    eigenvalues: npt.ArrayLike, n_energies: int = 100, width: float = 7.0
+) -> FilterBank:
+    """Wave kernel signature: Gaussian bands in log λ, each normalised to unit sum [1]_.
+
+    Parameters
+    ----------
+    eigenvalues : array_like, shape (k,)
+        The spectrum that sets the range of energies; zero eigenvalues take no part.
+    n_energies : int
+        Number of columns.
+    width : float
+        Standard deviation of the bands, in steps between them.
+
+    Raises
+    ------
+    InputError
+        If the spectrum has no two different eigenvalues above zero, or `n_energies` < 1.
+
+    References
+    ----------
+    .. [1] Aubry, M., Schlickewei, U. and Cremers, D. (2011). "The Wave Kernel Signature: A
+       Quantum Mechanical Approach to Shape Analysis." ICCV Workshops.
+    """
+    spectrum = as_spectrum(eigenvalues)
+    n_energies = as_count(n_energies, "energies")
+    if not (np.isfinite(width) and width > 0.0):
+        raise InputError(f"The width of the energy bands is {width:g}: give a positive number.")
+    first = first_nonzero_eigenvalue(spectrum)
+    low, high = float(np.log(first)), float(np.log(spectrum.max()))
+    if not high > low:
+        raise InputError(
+            "The wave kernel needs two different eigenvalues above zero: compute more eigenpairs."
+        )
+    # The outermost bands end two deviations inside the range, as in the paper, where the
+    # deviation is itself a multiple of the step: solve for the step.
+    step = (high - low) / (n_energies - 1 + 4.0 * width)
+    energies = np.asarray(low + step * (2.0 * width + np.arange(n_energies)), dtype=np.float64)
+    columns = tuple(f"wks_λ={short_text(np.exp(energies), i)}" for i in range(n_energies))
+    response = LogGaussianResponse(energies, width * step, 0.5 * first)
+    return FilterBank("wks", columns, np.exp(energies), "λ", -2, response, normalised=True)
+
+
+def bspline_bank(e_min: float, e_max: float, n_components: int) -> FilterBank:
+    """Cubic B-splines over λ that sum to one on the range: the geometry vectors [1]_.
+
+    Parameters
+    ----------
+    e_min, e_max : float
+        Range of eigenvalues, per squared unit; outside of it all bands are 0.
+    n_components : int
+        Number of bands.
+
+    Raises
+    ------
+    InputError
+        If the range is empty or `n_components` < 1.
+
+    References
+    ----------
+    .. [1] Litman, R. and Bronstein, A. M. (2014). "Learning Spectral Descriptors for Deformable
+       Shape Correspondence." IEEE TPAMI 36(1).
+    """
+    bases = tuple(construct_bspline_basis(e_min, e_max, n_components))
+    digits = max(2, len(str(len(bases) - 1)))
+    columns = tuple(f"band_{i:0{digits}d}" for i in range(len(bases)))
+    degree = bases[0].k
+    # Greville points: the mean of a spline's inner knots, where its weight is centred.
+    knots = clamped_knots(float(e_min), float(e_max), len(bases), degree)
+    if degree:
+        centres = np.array([knots[i + 1 : i + degree + 1].mean() for i in range(len(bases))])
+    else:
+        centres = np.array([0.5 * (e_min + e_max)])
+    response = SplineResponse(bases, float(e_min), float(e_max))
+    return FilterBank("geometry-vectors", columns, centres, "λ", -2, response)
+
+
+def low_pass_bank(cutoff: float) -> FilterBank:
+    """One column with all eigenvalues below `cutoff` (per squared unit), weight 1."""
+    bound = as_parameters([cutoff], "cutoff")
+    columns = (f"low_pass_λ<{short_text(bound, 0)}",)
+    response = StepResponse(-np.inf, bound[0], closed=False)
+    return FilterBank("low-pass", columns, bound, "λ", -2, response)
+
+
+def band_pass_bank(low: float, high: float) -> FilterBank:
+    """One column with all eigenvalues from `low` to `high`, both included, weight 1."""
+    bounds = as_parameters([low, high], "bound of a band")
+    if low > high:
+        raise InputError(f"The band from {low:g} to {high:g} is empty: swap its bounds.")
+    columns = (f"band_pass_λ={short_text(bounds, 0)}..{short_text(bounds, 1)}",)
+    centre = np.array([bounds.mean()])
+    response = StepResponse(bounds[0], bounds[1], closed=True)
+    return FilterBank("band-pass", columns, centre, "λ", -2, response)
+
+
+def gaussian_pyramid_bank(scales: npt.ArrayLike) -> FilterBank:
+    """Smoothing ever further: ``exp(-s λ)`` is a Gaussian of variance 2 s along the surface.
+
+    Parameters
+    ----------
+    scales : array_like, shape (f,)
+        In squared unit of the mesh.
+    """
+    variances = as_parameters(scales, "scale")
+    columns = tuple(f"gaussian_s={short_text(variances, i)}" for i in range(len(variances)))
+    response = HeatResponse(variances)
+    return FilterBank("gaussian-pyramid", columns, variances, "s", 2, response)
+
+
+def get_hks_filter(
+    t_max: float | None = None,
+    t_min: float | None = None,
+    n_scales: int = 32,
+    dtype: npt.DTypeLike = np.float64,
+) -> Callable[[npt.ArrayLike], npt.NDArray[Any]]:
+    """Make the filter of the heat kernel signature.
+
+    Parameters
+    ----------
+    t_max, t_min : float, optional
+        Longest and shortest time, in squared unit of the mesh; None: chosen from the eigenvalues
+        that the filter is called with (see `hks_time_range`). If all of those are zero, the
+        coefficients are 1 at any time.
+    n_scales : int
+        Number of times.
+    dtype : dtype
+        Of the coefficients.
+
+    Returns
+    -------
+    callable
+        ``(k,) -> (n_scales, k)``, from short to long times; it can be pickled.
+    """
+    # Complain now, not after the decomposition.
+    n_scales = as_count(n_scales, "time scales")
+    check_times(t_min, t_max)
+    return partial(_automatic_heat_response, t_min, t_max, n_scales, np.dtype(dtype))
+
+
+def construct_bspline_filter(
+    e_min: float, e_max: float, n_components: int
+) -> Callable[[npt.ArrayLike], FloatArray]:
+    """Make the filter of the geometry vectors: `construct_bspline_basis` evaluated.
+
+    Returns
+    -------
+    callable
+        ``(k,) -> (n_components, k)``; it can be pickled.
+    """
+    return bspline_bank(e_min, e_max, n_components)
+
+
+def _automatic_heat_response(
+    t_min: float | None,
+    t_max: float | None,
+    n_scales: int,
+    dtype: np.dtype[Any],
+    eigenvalues: npt.ArrayLike,
+) -> npt.NDArray[Any]:
+    spectrum = as_spectrum(eigenvalues)
+    if not (spectrum > 0.0).any():
+        # Of constants nothing decays: whatever the times, the coefficients are 1.
+        return np.ones((n_scales, len(spectrum)), dtype=dtype)
+    return HeatResponse(hks_times(spectrum, t_min, t_max, n_scales))(spectrum).astype(dtype)

@@ -1,0 +1,391 @@
+"""Comparing shapes, and parts of them, by their spectra and features.
+
+Everything here weighs functions by the mass matrix where it projects them on eigenvectors, and
+leaves unreferenced vertices (NaN rows) out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.sums import Features
+from meshmash_viewer.laplacian import SparseMatrix, compute_vertex_areas, cotangent_laplacian
+from meshmash_viewer.mesh import MeshLike, as_mesh
+
+if TYPE_CHECKING:
+    from meshmash_viewer.spectral.eigensolver import Decomposition
+
+__all__ = [
+    "Matches",
+    "feature_distance",
+    "low_pass_vertices",
+    "match_features",
+    "reconstruct",
+    "spectral_coefficients",
+    "spectral_distance",
+]
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+#: `Features`, or their values alone, shape (n, f).
+FeaturesLike: TypeAlias = Any
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """For each vertex of one shape, the vertex of another that looks most like it.
+
+    Parameters
+    ----------
+    indices : ndarray of int64, shape (n,)
+        Vertex of the other shape; -1 where a vertex has no features.
+    scores : ndarray of float64, shape (n,)
+        Distance to it in feature space, the lower the better; NaN where there is none.
+    confident : ndarray of bool, shape (n,)
+        Whether the score is among the best `quantile` of all.
+    quantile : float
+        The share asked for.
+    """
+
+    indices: npt.NDArray[np.int64]
+    scores: FloatArray
+    confident: npt.NDArray[np.bool_]
+    quantile: float
+
+
+def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) -> FloatArray:
+    """Project functions on the eigenvectors, ``Φᵀ M f``.
+
+    Parameters
+    ----------
+    eigenvectors : array_like, shape (n, k)
+        M-orthonormal columns.
+    M : sparse matrix or array, shape (n, n), or array_like, shape (n,)
+        Diagonal mass matrix, or its diagonal.
+    f : array_like, shape (n,) or (n, d)
+        One or d functions; what they are at vertices without mass is not looked at.
+
+    Returns
+    -------
+    ndarray of float64, shape (k,) or (k, d)
+        Their unit is that of the function times the unit of the mesh.
+
+    Raises
+    ------
+    InputError
+        If the shapes do not agree, or M is not diagonal.
+    """
+    columns = _eigenvectors(eigenvectors)
+    values = np.asarray(f, dtype=np.float64)
+    n = len(columns)
+    if values.ndim not in (1, 2) or len(values) != n:
+        raise InputError(f"A function has one value a vertex: shape ({n},), not {values.shape}.")
+    mass = _diagonal(M, n)
+    used = mass > 0.0
+    weighted = (mass[used] * values[used].T).T
+    # Transposed first, for rows are what lies together in memory.
+    rows = columns.T if used.all() else columns.T[:, used]
+    return np.asarray(rows @ weighted, dtype=np.float64)
+
+
+def reconstruct(eigenvectors: Any, coefficients: npt.ArrayLike) -> FloatArray:
+    """Sum eigenvectors with coefficients, lowest first: ``Σ_k c_k φ_k``.
+
+    Parameters
+    ----------
+    eigenvectors : array_like, shape (n, k)
+        As columns.
+    coefficients : array_like, shape (j,) or (j, d)
+        For the first j ≤ k of them.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,) or (n, d)
+        NaN at vertices without mass, where the eigenvectors are.
+
+    Raises
+    ------
+    InputError
+        If there are more coefficients than eigenvectors.
+    """
+    columns = _eigenvectors(eigenvectors)
+    weights = np.asarray(coefficients, dtype=np.float64)
+    if weights.ndim not in (1, 2) or len(weights) > columns.shape[1]:
+        raise InputError(
+            f"Coefficients of shape {weights.shape} do not go with {columns.shape[1]} eigenvectors."
+        )
+    return np.asarray(columns[:, : len(weights)] @ weights, dtype=np.float64)
+
+
+def _eigenvectors(given: Any) -> npt.NDArray[np.floating[Any]]:
+    columns = np.asarray(given)
+    if columns.ndim != 2 or columns.dtype.kind not in "iuf":
+        raise InputError(
+            f"Eigenvectors are the columns of a matrix of shape (n, k), not {columns.shape} of "
+            f"type {columns.dtype}."
+        )
+    return columns
+
+
+def _diagonal(given: Any, n: int) -> FloatArray:
+    """Diagonal of a mass matrix of n vertices."""
+    from scipy import sparse
+
+    if sparse.issparse(given):
+        matrix: SparseMatrix = given
+        entries = matrix.tocoo()
+        if (entries.data[entries.row != entries.col] != 0.0).any():
+            raise InputError("M is not diagonal: give the lumped mass matrix (`area_matrix`).")
+        mass = np.asarray(entries.diagonal(), dtype=np.float64)
+    else:
+        mass = np.asarray(given, dtype=np.float64)
+    if mass.shape != (n,):
+        raise InputError(
+            f"M has shape {np.shape(given)}: {n} vertices need a sparse matrix of shape "
+            f"({n}, {n}), or its diagonal."
+        )
+    return mass
+
+
+def low_pass_vertices(mesh: MeshLike, decomposition: Decomposition, n: int) -> FloatArray:
+    """Rebuild the coordinates from the first `n` eigenvectors: a smoothed shape [1]_.
+
+    Parameters
+    ----------
+    mesh : MeshLike
+        The mesh that was decomposed.
+    decomposition : Decomposition
+        Its eigenpairs.
+    n : int
+        Number of eigenpairs to use, zero eigenvalues included.
+
+    Returns
+    -------
+    ndarray of float64, shape (n_vertices, 3)
+        In the unit of the mesh. Each connected component keeps its centre of mass even where
+        `n` is below the number of components, and unreferenced vertices stay where they are.
+
+    Raises
+    ------
+    InputError
+        If `n` < 1 or more than there are, or the decomposition is of another mesh.
+
+    References
+    ----------
+    .. [1] Vallet, B. and Lévy, B. (2008). "Spectral Geometry Processing with Manifold
+       Harmonics." Computer Graphics Forum 27(2).
+    """
+    mesh = as_mesh(mesh)
+    if decomposition.rows.shape[1] != mesh.n_vertices:
+        raise InputError(
+            f"The eigenpairs are of {decomposition.rows.shape[1]} vertices, the mesh has "
+            f"{mesh.n_vertices}: decompose this mesh."
+        )
+    if not 1 <= n <= decomposition.n_components:
+        raise InputError(
+            f"{n} eigenpairs were asked for: give 1 to {decomposition.n_components}, or compute "
+            "more."
+        )
+    used = decomposition.mass > 0.0
+    labels, mass = mesh.component_labels[used], decomposition.mass[used]
+    total = np.bincount(labels, weights=mass)
+    moments = [np.bincount(labels, weights=mass * mesh.vertices[used, axis]) for axis in range(3)]
+    centres = np.stack(moments, axis=1) / total[:, np.newaxis]
+    # The null space carries the centres exactly. Taking them off first gives the same sum, with
+    # no digits lost to an origin far away.
+    offsets = np.zeros_like(mesh.vertices)
+    offsets[used] = mesh.vertices[used] - centres[labels]
+    eigenvectors = decomposition.eigenvectors[:, :n]
+    coefficients = spectral_coefficients(eigenvectors, decomposition.mass, offsets)
+    smooth = reconstruct(eigenvectors, coefficients)
+    result: FloatArray = mesh.vertices.copy()
+    result[used] = smooth[used] + centres[labels]
+    return result
+
+
+def spectral_distance(
+    mesh_a: MeshLike,
+    mesh_b: MeshLike,
+    n_components: int = 100,
+    *,
+    normalize: bool = True,
+    robust: bool = True,
+    mollify_factor: float = 1e-5,
+) -> float:
+    """Distance of two shapes by their lowest eigenvalues, "Shape-DNA" [1]_.
+
+    Parameters
+    ----------
+    mesh_a, mesh_b : MeshLike
+        The meshes, each with at least `n_components` referenced vertices.
+    n_components : int
+        Number of eigenvalues to compare, zeros included.
+    normalize : bool
+        True: multiply eigenvalues by the area of their mesh, so that neither size nor unit
+        matters and the distance is a plain number. False: compare them as they are, per squared
+        unit; both meshes have to be in the same unit.
+    robust, mollify_factor : bool, float
+        See `meshmash_viewer.laplacian.cotangent_laplacian`.
+
+    Returns
+    -------
+    float
+        Euclidean distance of the two lists of eigenvalues.
+
+    Raises
+    ------
+    InputError
+        If a mesh has fewer vertices, or without `normalize` the units differ.
+
+    References
+    ----------
+    .. [1] Reuter, M., Wolter, F.-E. and Peinecke, N. (2006). "Laplace–Beltrami spectra as
+       'Shape-DNA' of surfaces and solids." Computer-Aided Design 38(4).
+    """
+    from meshmash_viewer.spectral.eigensolver import solve
+
+    meshes = as_mesh(mesh_a), as_mesh(mesh_b)
+    if not normalize and meshes[0].unit != meshes[1].unit:
+        raise InputError(
+            f"The meshes are in {meshes[0].unit or 'no unit'} and {meshes[1].unit or 'no unit'}: "
+            "bring them to one unit, or use normalize=True."
+        )
+    spectra = []
+    for mesh in meshes:
+        count = int(np.count_nonzero(compute_vertex_areas(mesh)))
+        if count < n_components:
+            raise InputError(
+                f"{n_components} eigenvalues cannot be compared: a mesh has {count} vertices."
+            )
+        stiffness, mass = cotangent_laplacian(mesh, robust=robust, mollify_factor=mollify_factor)
+        spectrum = solve(stiffness, mass, n_components).eigenvalues
+        spectra.append(spectrum * (mass.diagonal().sum() if normalize else 1.0))
+    return float(np.linalg.norm(spectra[0] - spectra[1]))
+
+
+def match_features(
+    a: FeaturesLike, b: FeaturesLike, *, quantile: float = 0.1, standardize: bool = False
+) -> Matches:
+    """For each vertex of `a`, find the vertex of `b` with the nearest features.
+
+    Parameters
+    ----------
+    a, b : Features or array_like, shapes (n, f) and (m, f)
+        Features of the two shapes, made with the same filters.
+    quantile : float
+        Share of the matches to call confident: those with the lowest scores.
+    standardize : bool
+        Divide each column by its spread over `b` first (`column_spread`). Otherwise the columns
+        with the largest values decide: the shortest times of a heat kernel signature.
+
+    Returns
+    -------
+    Matches
+        Found with a k-d tree: memory is linear in n + m.
+
+    Raises
+    ------
+    InputError
+        If the numbers of columns differ, or one side has no row without NaN.
+    """
+    from scipy.spatial import KDTree
+
+    values_a, values_b = _values(a), _values(b)
+    if values_a.shape[1] != values_b.shape[1]:
+        raise InputError(
+            f"Features of {values_a.shape[1]} and {values_b.shape[1]} columns cannot be matched: "
+            "make both with the same filters."
+        )
+    if not 0.0 <= quantile <= 1.0:
+        raise InputError(f"quantile is {quantile}: give a share from 0 to 1.")
+    rows_a, rows_b = (np.flatnonzero(np.isfinite(v).all(axis=1)) for v in (values_a, values_b))
+    if not (len(rows_a) and len(rows_b)):
+        raise InputError("One of the two shapes has no vertex with features to match.")
+    scale = column_spread(values_b[rows_b]) if standardize else 1.0
+    tree = KDTree(values_b[rows_b] / scale)
+    distances, nearest = tree.query(values_a[rows_a] / scale, workers=-1)
+    indices = np.full(len(values_a), -1, dtype=np.int64)
+    scores = np.full(len(values_a), np.nan)
+    confident = np.zeros(len(values_a), dtype=np.bool_)
+    indices[rows_a] = rows_b[nearest]
+    scores[rows_a] = distances
+    # "At most", so that perfect matches, all of score 0, are confident too.
+    confident[rows_a] = distances <= np.quantile(distances, quantile)
+    return Matches(indices, scores, confident, quantile)
+
+
+def feature_distance(
+    features: FeaturesLike, vertex: int, *, standardize: bool = True
+) -> FloatArray:
+    """Distance of every vertex from one of them in feature space: "similar to this".
+
+    Parameters
+    ----------
+    features : Features or array_like, shape (n, f)
+        The features.
+    vertex : int
+        Index of the one to compare with.
+    standardize : bool
+        Divide each column by its spread over the mesh first (`column_spread`), so that all columns
+        count alike and the distance is a plain number.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        0 at `vertex`; NaN at unreferenced vertices.
+
+    Raises
+    ------
+    InputError
+        If there is no such vertex, or it has no features.
+    """
+    values = _values(features)
+    if not 0 <= vertex < len(values):
+        raise InputError(f"There is no vertex {vertex}: indices run from 0 to {len(values) - 1}.")
+    if not np.isfinite(values[vertex]).all():
+        raise InputError(f"Vertex {vertex} has no features: no face uses it.")
+    used = np.isfinite(values).all(axis=1)
+    scale = column_spread(values[used]) if standardize else 1.0
+    return np.asarray(np.linalg.norm((values - values[vertex]) / scale, axis=1), dtype=np.float64)
+
+
+def _values(features: FeaturesLike) -> FloatArray:
+    values = np.asarray(
+        features.values if isinstance(features, Features) else features, dtype=np.float64
+    )
+    if values.ndim != 2:
+        raise InputError(f"Features have one row a vertex, shape (n, f), not {values.shape}.")
+    return values
+
+
+def column_spread(values: FloatArray) -> FloatArray:
+    """Half of what lies between the 15.9th and the 84.1th percentile of each column.
+
+    For normal values that is their standard deviation. Unlike it, it does not follow the few
+    vertices of a neuron's specks, whose features are thousands of times larger than the rest and
+    would leave all other distances near zero.
+
+    Parameters
+    ----------
+    values : ndarray of float64, shape (n, f)
+        Finite numbers.
+
+    Returns
+    -------
+    ndarray of float64, shape (f,)
+        The standard deviation where two thirds of a column are one number; 1 for a constant
+        column, which tells nothing apart.
+    """
+    spread = np.ones(values.shape[1])
+    for at, column in enumerate(values.T):
+        rounding = 1e-12 * np.abs(column).max(initial=0.0)
+        low, high = np.percentile(column, (15.865525, 84.134475))
+        for candidate in ((high - low) / 2.0, column.std()):
+            if candidate > rounding:
+                spread[at] = candidate
+                break
+    return spread

@@ -1,0 +1,310 @@
+"""Feature columns: a filter bank applied to eigenpairs.
+
+Column f at vertex v is ``F[v, f] = Σ_k coefficients[f, k] φ_k(v)²``. Squares do not depend on the
+sign of an eigenvector, nor, summed over a multiple eigenvalue, on the choice of its basis.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError, TruncationWarning
+from meshmash_viewer.features.truncation import Truncation, measure_truncation
+from meshmash_viewer.units import power_unit
+
+if TYPE_CHECKING:
+    from meshmash_viewer.features.filters import FilterBank
+    from meshmash_viewer.mesh import Mesh
+    from meshmash_viewer.spectral.eigensolver import Decomposition
+
+__all__ = ["Features", "accumulate_features", "compute_features"]
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+#: A vertex whose values are this many times the typical one is not worth comparing with others.
+_STRANGE = 1000.0
+#: Pairs and vertices squared at a time: 4 MB, so that squares are still in cache when summed.
+_ROWS, _VERTICES = 32, 16384
+
+
+@dataclass(frozen=True, eq=False)
+class Features:
+    """Named columns of numbers, one row a vertex.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, f)
+        NaN at unreferenced vertices.
+    columns : tuple of str
+        Name of each column.
+    unit : str
+        Unit of the values, such as "nm⁻²"; "" for none or not stated.
+    kind : str
+        What they are: "hks", "geometry-vectors", ...
+    meta : dict
+        How they were made; JSON-able.
+    truncation : Truncation, optional
+        What the pairs that were not computed would add; None where the filters do not tell what
+        they do beyond the last eigenvalue, and for pairs around a shift.
+    """
+
+    values: npt.NDArray[np.floating[Any]]
+    columns: tuple[str, ...]
+    unit: str = ""
+    kind: str = "features"
+    meta: dict[str, Any] = field(default_factory=dict)
+    truncation: Truncation | None = None
+
+    def __post_init__(self) -> None:
+        if self.values.ndim != 2 or self.values.shape[1] != len(self.columns):
+            raise InputError(
+                f"Features of shape {self.values.shape} do not go with {len(self.columns)} column "
+                "names: give one name a column."
+            )
+
+    def truncation_at_vertices(self) -> tuple[FloatArray, FloatArray]:
+        """Estimate and bound of the truncation error of every value.
+
+        Returns
+        -------
+        estimate, bound : ndarray of float64, shape (n, f)
+            In `unit`, not relative; NaN at unreferenced vertices. If the estimate was added to the
+            features (``tail="weyl"``) the bound is still that of the sum without it.
+
+        Raises
+        ------
+        InputError
+            If the truncation error is not known (`truncation` is None).
+        """
+        if self.truncation is None:
+            raise InputError(
+                "The truncation error is not known: these filters do not tell what they do beyond "
+                "the last eigenvalue, or the pairs are not the lowest."
+            )
+        remainder = self.truncation.remainder
+        values = self.values[:, : len(self.truncation.columns)]
+        return remainder.estimate(values), remainder.bound(values)
+
+    def with_components(self, mesh: Mesh) -> Features:
+        """The same with a last column "component": the connected component of each vertex.
+
+        Parameters
+        ----------
+        mesh : Mesh
+            The mesh of these n vertices; see its `component_labels`.
+        """
+        labels = mesh.component_labels[:, np.newaxis].astype(self.values.dtype)
+        values = np.concatenate([self.values, labels], axis=1)
+        return replace(self, values=values, columns=(*self.columns, "component"))
+
+    def remarks(self, mesh: Mesh) -> list[str]:
+        """What of the state of a mesh shows in its features, as sentences.
+
+        Vertices that no face uses, and tiny components: what integrates to one over a speck is
+        thousands of times larger on it than elsewhere, and the same all over it.
+        """
+        said = []
+        if count := len(mesh.unreferenced):
+            said.append(
+                f"{count:,} vertices that no face uses have rows of NaN: the repair "
+                "drop_unreferenced_vertices leaves them out."
+            )
+        labels = mesh.component_labels
+        sizes = np.bincount(labels[labels >= 0])
+        on_largest = labels == int(sizes.argmax())
+        typical = np.median(np.abs(self.values[on_largest]), axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            times = np.where(typical > 0.0, np.abs(self.values) / typical, 0.0).max(axis=1)
+        strange = (times > _STRANGE) & ~on_largest & (labels >= 0)
+        if strange.any():
+            specks = np.unique(labels[strange])
+            said.append(
+                f"{len(specks):,} tiny components ({int(sizes[specks].sum()):,} vertices) carry "
+                f"values up to {times[strange].max():,.0f} times those of the largest one: "
+                "the repair keep_largest_component leaves them out."
+            )
+        return said
+
+
+def compute_features(
+    decomposition: Decomposition,
+    bank: FilterBank,
+    *,
+    unit: str = "",
+    drop_first: bool = False,
+    dtype: npt.DTypeLike = np.float64,
+    tail: Literal["weyl"] | None = None,
+    known_to: float | None = None,
+) -> Features:
+    """Apply a filter bank to eigenpairs, and find what the missing ones would add.
+
+    Parameters
+    ----------
+    decomposition : Decomposition
+        The eigenpairs, the lowest ones; rows may be a memory map.
+    bank : FilterBank
+        The filters; called once, with all eigenvalues that take part.
+    unit : str
+        Unit of the mesh's coordinates; the values then have its power -2, because eigenvectors
+        have unit integral of their square.
+    drop_first : bool
+        Whether to leave out the first pair, exactly one.
+    dtype : dtype
+        Of the values; sums are in float64 anyway.
+    tail : {None, "weyl"}
+        "weyl" adds the estimate of what is missing to a heat kernel signature, see
+        `meshmash_viewer.features.truncation`.
+    known_to : float, optional
+        Eigenvalue up to which the pairs are proven to be all there are, such as the threshold they
+        were computed to; None: what the certificate says, at least the largest of them.
+
+    Returns
+    -------
+    Features
+        Values of shape (n, f), with their truncation error.
+
+    Raises
+    ------
+    InputError
+        If `tail` is unknown, or of other features than a heat kernel signature.
+
+    Warns
+    -----
+    TruncationWarning
+        If more than 1 % of a column is missing, by the estimate.
+    """
+    features = truncated_features(
+        decomposition,
+        bank,
+        unit=unit,
+        drop_first=drop_first,
+        dtype=dtype,
+        tail=tail,
+        known_to=known_to,
+    )
+    warn_of_truncation(features.truncation)
+    return features
+
+
+def truncated_features(
+    decomposition: Decomposition,
+    bank: FilterBank,
+    *,
+    unit: str = "",
+    drop_first: bool = False,
+    dtype: npt.DTypeLike = np.float64,
+    tail: Literal["weyl"] | None = None,
+    known_to: float | None = None,
+) -> Features:
+    """`compute_features` without its warning, for callers that have their own way to say it."""
+    check_tail(tail, bank.kind)
+    start = 1 if drop_first else 0
+    eigenvalues, rows = decomposition.eigenvalues, decomposition.rows
+    coefficients = bank(eigenvalues[start:])
+    density = np.zeros(rows.shape[1])
+    if drop_first:  # left out on purpose, so it is no part of what is missing
+        np.square(rows[0], out=density, dtype=np.float64)
+    values = accumulate_features(eigenvalues[start:], rows[start:], coefficients, density=density)
+    certificate = decomposition.certificate
+    if known_to is None and certificate.complete and certificate.counted == len(eigenvalues):
+        known_to = certificate.bound
+    truncation = None
+    if certificate.low is None:  # of pairs around a shift, those below are missing as well
+        truncation = measure_truncation(
+            values,
+            bank,
+            eigenvalues,
+            density,
+            decomposition.mass,
+            precision=rows.dtype,
+            drop_first=drop_first,
+            known_to=known_to,
+        )
+    if tail is not None and truncation is not None:
+        values += truncation.remainder.estimate(values)
+        truncation = replace(truncation, added=True)
+    meta = {
+        "kind": bank.kind,
+        "parameter": bank.parameter_name,
+        "parameter_unit": power_unit(unit, bank.parameter_power),
+        "parameters": bank.parameters.tolist(),
+        "n_eigenpairs": len(eigenvalues) - start,
+        "drop_first": drop_first,
+        "truncation": None if truncation is None else truncation.as_dict(),
+    }
+    values = values.astype(dtype, copy=False)
+    return Features(values, bank.columns, power_unit(unit, -2), bank.kind, meta, truncation)
+
+
+def check_tail(tail: str | None, kind: str) -> None:
+    """Complain of a tail that is unknown, or of features that have none to add."""
+    if tail not in (None, "weyl"):
+        raise InputError(f'tail is {tail!r}: give "weyl" or None.')
+    if tail is not None and kind != "hks":
+        raise InputError(f'tail="weyl" is for heat kernel signatures, not for {kind}.')
+
+
+def warn_of_truncation(truncation: Truncation | None, stacklevel: int = 3) -> None:
+    """Warn in Python of the columns that are flagged, if there are any."""
+    if truncation is not None and (sentence := truncation.sentence()):
+        warnings.warn(
+            f"{sentence}: go further up the spectrum, or see Features.truncation.",
+            TruncationWarning,
+            stacklevel=stacklevel,
+        )
+
+
+def accumulate_features(
+    eigenvalues: npt.ArrayLike,
+    rows: npt.NDArray[np.floating[Any]],
+    coefficients: npt.ArrayLike,
+    out: FloatArray | None = None,
+    density: FloatArray | None = None,
+) -> FloatArray:
+    """Sum ``coefficients[f, k] rows[k, v]²`` over k, reading each row once and in order.
+
+    Parameters
+    ----------
+    eigenvalues : array_like, shape (k,)
+        Only their number is looked at: it has to agree with the other two.
+    rows : ndarray of float64 or float32, shape (k, n)
+        Eigenvectors as rows; may be a memory map, of which a few rows are in memory at a time.
+    coefficients : array_like, shape (f, k)
+        What a filter bank returned for `eigenvalues`.
+    out : ndarray of float64, shape (n, f), optional
+        Added to, so that a spectrum can be summed band by band.
+    density : ndarray of float64, shape (n,), optional
+        Gets ``Σ_k rows[k, v]²`` added, in the same pass.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, f)
+        `out`, or a new array.
+
+    Raises
+    ------
+    InputError
+        If the shapes do not agree, as when a filter returned one of its own.
+    """
+    weights = np.asarray(coefficients, dtype=np.float64)
+    k, n = rows.shape
+    if weights.ndim != 2 or weights.shape[1] != k or np.shape(eigenvalues) != (k,):
+        raise InputError(
+            f"The filter returned shape {weights.shape} for {k} eigenvalues: it has to return one "
+            "row of coefficients a filter, shape (n_filters, n_eigenvalues)."
+        )
+    total = np.zeros((n, len(weights))) if out is None else out
+    for first in range(0, k, _ROWS):
+        band = slice(first, min(first + _ROWS, k))
+        for left in range(0, n, _VERTICES):
+            part = slice(left, min(left + _VERTICES, n))
+            squares = np.square(rows[band, part], dtype=np.float64)
+            total[part] += squares.T @ weights[:, band].T
+            if density is not None:
+                density[part] += squares.sum(axis=0)
+    return total

@@ -1,0 +1,433 @@
+"""Truncation error: what the eigenpairs that were not computed would add to features.
+
+With lumped masses ``Σ_k φ_k(v)² = 1 / m_v`` over all pairs, so after K of them
+``r(v) = 1 / m_v - Σ_{k≤K} φ_k(v)²`` is left at vertex v, and a filter h leaves out at most
+``sup_{λ>λ_K} |h(λ)| r(v)`` there: the *bound*, which holds for every mesh. It is pessimistic, for
+it lets all that is left sit at one eigenvalue.
+
+The *estimate* spreads it by the local Weyl law: on a surface ``Σ φ_k(v)²`` grows by ``dλ / 4π`` at
+every vertex, so a filter leaves out about ``∫ h(λ) dλ / 4π``, from λ_K until the law has used up
+r(v), which is at ``λ_K + 4π r(v)``. It is never above the bound. Where meshes are so uneven that
+their vertices stop following the law one after the other it is too high, by a factor of 3 to 4 on
+a machined part of long thin triangles, and on a boundary, where a surface has more, too low.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.spectral.weyl import (
+    TOLERANCE,
+    Target,
+    required_eigenvalue,
+    resolved_time,
+    wavelength,
+    wavelength_eigenvalue,
+    weyl_count,
+    weyl_eigenvalue,
+)
+from meshmash_viewer.units import format_quantity
+
+if TYPE_CHECKING:
+    from meshmash_viewer.features.filter_responses import TailedResponse
+    from meshmash_viewer.features.filters import FilterBank
+
+__all__ = [
+    "Remainder",
+    "Truncation",
+    "farther_target",
+    "mean_shares",
+    "measure_truncation",
+    "mesh_limit",
+    "missing_sentence",
+    "percent",
+    "sufficient_target",
+]
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+#: Copies of the last eigenvalue, equal to rounding, may be among what is left out.
+_COPIES = 1e-9
+#: Error of ``m_v Σ φ_k(v)²``, which is at most 1, in units of the precision of eigenvectors.
+_ROUNDINGS = 64.0
+#: Vertices looked at together: 32 columns of them take 4 MB.
+_VERTICES = 16384
+
+
+@dataclass(frozen=True, eq=False)
+class Remainder:
+    """What is left out of a truncated sum, at every vertex.
+
+    Parameters
+    ----------
+    left : ndarray of float64, shape (n,)
+        ``1 / m_v - Σ_k φ_k(v)²``, at least 0; NaN at vertices without mass.
+    known_to : float
+        All pairs up to this eigenvalue took part.
+    n_left : int
+        Number of pairs that did not.
+    area : float
+        Sum of all masses, in squared unit.
+    tail : TailedResponse
+        The filters, before they are normalised.
+    totals : ndarray of float64, shape (f,)
+        What they were divided by.
+    normalised : bool
+        Whether more pairs would change these divisors.
+    """
+
+    left: FloatArray
+    known_to: float
+    n_left: int
+    area: float
+    tail: TailedResponse
+    totals: FloatArray
+    normalised: bool
+
+    def estimate(self, values: npt.NDArray[np.floating[Any]]) -> FloatArray:
+        """What the missing pairs would change by the local Weyl law, at each vertex.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n, f)
+            The truncated features; only normalised filters need them.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, f)
+            Not negative; in the unit of the features.
+        """
+        result = np.empty((len(self.left), len(self.totals)))
+        for first in range(0, len(result), _VERTICES):
+            part = slice(first, first + _VERTICES)
+            result[part] = self._estimate(self.left[part], values[part])
+        return result
+
+    def bound(self, values: npt.NDArray[np.floating[Any]]) -> FloatArray:
+        """What the missing pairs can change at most, shape (n, f); see `estimate`."""
+        return self._bound(self.left, values)
+
+    def _estimate(self, left: FloatArray, values: npt.NDArray[Any]) -> FloatArray:
+        with np.errstate(invalid="ignore"):
+            missing = self._integral(left)
+            if self.normalised:
+                # The divisor grows as well: (A + a) / (C + c) - A / C.
+                more = self._integral(np.array([self.n_left / self.area])) * self.area
+                missing = np.abs(missing - values * more)
+                return self._divided(missing, self.totals + more[0])
+        return self._divided(missing, self.totals)
+
+    def _integral(self, left: FloatArray) -> FloatArray:
+        """``∫ h dλ / 4π`` until the law has used up what is left, shape (n, f)."""
+        ends = self.known_to + 4.0 * math.pi * left
+        area = self.tail.integral(self.known_to, ends) / (4.0 * math.pi)
+        # Rounding of the integral's ends is no part of it.
+        highest = left[:, np.newaxis] * self.tail.supremum(self.known_to)
+        return np.asarray(np.minimum(area, highest))
+
+    def _bound(self, left: FloatArray, values: npt.NDArray[Any]) -> FloatArray:
+        supremum = self.tail.supremum(self.known_to)
+        highest = self._divided(left[:, np.newaxis] * supremum, self.totals)
+        if not self.normalised:
+            return highest
+        # Between nothing more above and all of it below the line, whichever is further away.
+        more = self.n_left * supremum
+        above = np.abs(values) * self._divided(more, self.totals + more)
+        return np.asarray(np.maximum(highest, above), dtype=np.float64)
+
+    @staticmethod
+    def _divided(missing: FloatArray, totals: FloatArray) -> FloatArray:
+        # A band without a pair has a divisor of 0, and all of it is missing.
+        divisor = np.where(totals > 0.0, totals, 1.0)
+        return np.asarray(missing / divisor, dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Truncation:
+    """Truncation error of feature columns, relative to each.
+
+    A column's error is told as a share of its typical size, the median over the vertices of what
+    there is plus the median of what is estimated to be missing.
+
+    Parameters
+    ----------
+    columns : tuple of str
+        Names of the f columns.
+    estimate, largest_estimate : ndarray of float64, shape (f,)
+        Median and largest over the vertices, by the local Weyl law.
+    bound, largest_bound : ndarray of float64, shape (f,)
+        Median and largest over the vertices of what cannot be exceeded.
+    known_to : float
+        All pairs up to this eigenvalue took part, per squared unit.
+    n_left : int
+        Number of pairs of the mesh that did not.
+    added : bool
+        Whether the estimate has been added to the features (``tail="weyl"``).
+    remainder : Remainder
+        The same at every vertex, on request.
+    """
+
+    columns: tuple[str, ...]
+    estimate: FloatArray
+    largest_estimate: FloatArray
+    bound: FloatArray
+    largest_bound: FloatArray
+    known_to: float
+    n_left: int
+    added: bool
+    remainder: Remainder
+
+    @property
+    def flagged(self) -> npt.NDArray[np.int64]:
+        """Indices of the columns of which more than `TOLERANCE` is missing, by the estimate."""
+        return np.flatnonzero(self.estimate > TOLERANCE)
+
+    def sentence(self) -> str:
+        """What is missing, in a sentence without its full stop; empty where nothing is flagged.
+
+        Returns
+        -------
+        str
+            "7 of 32 columns miss more than 1 % for want of eigenpairs, hks_t=5.00e+04 about 95 %".
+        """
+        return missing_sentence(self.columns, self.estimate, added=self.added)
+
+    def as_dict(self) -> dict[str, Any]:
+        """All but the vertices, for JSON; shares of each column."""
+        return {
+            "known_to": self.known_to,
+            "n_left_out": self.n_left,
+            "tolerance": TOLERANCE,
+            "columns": list(self.columns),
+            "flagged": [self.columns[at] for at in self.flagged],
+            "estimate": self.estimate.tolist(),
+            "largest_estimate": self.largest_estimate.tolist(),
+            "bound": self.bound.tolist(),
+            "largest_bound": self.largest_bound.tolist(),
+            "estimate_added": self.added,
+        }
+
+
+def measure_truncation(
+    values: npt.NDArray[np.floating[Any]],
+    bank: FilterBank,
+    eigenvalues: npt.NDArray[np.float64],
+    density: FloatArray,
+    mass: FloatArray,
+    *,
+    precision: npt.DTypeLike = np.float64,
+    drop_first: bool = False,
+    known_to: float | None = None,
+) -> Truncation | None:
+    """Find what a truncated sum leaves out.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, f)
+        The features that were summed.
+    bank : FilterBank
+        Their filters.
+    eigenvalues : ndarray of float64, shape (k,)
+        Of all pairs known, the lowest k of the mesh.
+    density : ndarray of float64, shape (n,)
+        ``Σ_k φ_k(v)²`` over the same pairs.
+    mass : ndarray of float64, shape (n,)
+        Diagonal of M.
+    precision : dtype
+        Of the eigenvectors.
+    drop_first : bool
+        Whether the first pair was left out on purpose, which is no error.
+    known_to : float, optional
+        Eigenvalue up to which these are proven to be all; None: the largest of them.
+
+    Returns
+    -------
+    Truncation or None
+        None where a filter does not tell what it does beyond an eigenvalue (`FilterBank.tail`).
+    """
+    tail = bank.tail
+    if tail is None:
+        return None
+    used = mass > 0.0
+    n_left = int(used.sum()) - len(eigenvalues)
+    left = np.full(len(mass), np.nan)
+    if n_left > 0:
+        # What rounding hides may be left as well; of all pairs nothing is, whatever it says.
+        rounding = _ROUNDINGS * float(np.finfo(precision).eps)
+        left[used] = np.maximum(1.0 / mass[used] - density[used], rounding / mass[used])
+    else:
+        left[used] = 0.0
+    last = float(eigenvalues[-1]) * (1.0 - _COPIES)
+    start = last if known_to is None else max(last, known_to)
+    totals = bank.totals(bank.response(eigenvalues[1:] if drop_first else eigenvalues))
+    area = float(mass[used].sum())
+    remainder = Remainder(left, start, max(n_left, 0), area, tail, totals, bank.normalised)
+
+    present, rest = values[used], left[used]
+    typical = np.array([np.median(np.abs(column)) for column in present.T])
+    if bank.normalised:
+        errors = (remainder.estimate(values)[used], remainder.bound(values)[used])
+        medians, largest = ([f(e, axis=0) for e in errors] for f in (np.median, np.max))
+    else:
+        # Both grow with what is left at a vertex, so their order over the vertices is known.
+        places = np.array([np.median(rest), rest.max()])
+        none = np.zeros((2, 0))
+        both = (remainder._estimate(places, none), remainder._bound(places, none))
+        medians, largest = ([error[at] for error in both] for at in (0, 1))
+    whole = typical + medians[0]
+    shares = [
+        np.divide(error, whole, out=(error > 0.0).astype(np.float64), where=whole > 0.0)
+        for error in (medians[0], largest[0], medians[1], largest[1])
+    ]
+    estimate, largest_estimate, bound, largest_bound = shares
+    # A column without a pair in its filter is missing as a whole, unless nothing can be there.
+    estimate[(typical == 0.0) & (bound > 0.0)] = 1.0
+    return Truncation(
+        bank.columns,
+        estimate,
+        largest_estimate,
+        bound,
+        largest_bound,
+        known_to=start,
+        n_left=remainder.n_left,
+        added=False,
+        remainder=remainder,
+    )
+
+
+def mean_shares(
+    bank: FilterBank,
+    eigenvalues: npt.NDArray[np.float64],
+    area: float,
+    n_vertices: int,
+    known_to: float | None = None,
+) -> FloatArray:
+    """Estimate what is missing of each column from the eigenvalues alone.
+
+    The mean of ``φ_k²`` over the surface is one over its area, so the mean of a column needs no
+    eigenvectors, nor does what the law expects beyond: for a display that changes while times or
+    bands are chosen.
+
+    Parameters
+    ----------
+    bank : FilterBank
+        With a tail.
+    eigenvalues : ndarray of float64, shape (k,)
+        The lowest k.
+    area : float
+        In squared unit.
+    n_vertices : int
+        Number of pairs that the mesh has.
+    known_to : float, optional
+        See `measure_truncation`.
+
+    Returns
+    -------
+    ndarray of float64, shape (f,)
+        Share of the mean that is missing; of normalised filters, of the weight of each.
+    """
+    tail = bank.tail
+    n_left = n_vertices - len(eigenvalues)
+    if tail is None or n_left <= 0:
+        return np.zeros(bank.n_filters)
+    start = max(float(eigenvalues[-1]) * (1.0 - _COPIES), known_to or 0.0)
+    end = start + weyl_eigenvalue(area, n_left)
+    missing = weyl_count(area, 1.0) * tail.integral(start, np.array([end]))[0]
+    whole = bank.response(eigenvalues).sum(axis=1) + missing
+    shares: FloatArray = np.divide(missing, whole, out=np.zeros(len(whole)), where=whole > 0.0)
+    return shares
+
+
+def sufficient_target(time: float, area: float, n_vertices: int) -> Target:
+    """How much of a spectrum the HKS from a time on takes.
+
+    Parameters
+    ----------
+    time : float
+        The shortest, in squared unit.
+    area : float
+        Of the surface, in squared unit.
+    n_vertices : int
+        Number of pairs that the mesh has.
+
+    Returns
+    -------
+    Target
+        Up to `required_eigenvalue`, or all pairs where Weyl's law expects that many.
+    """
+    eigenvalue = required_eigenvalue(time)
+    if weyl_count(area, eigenvalue) >= n_vertices:
+        return Target("count", n_vertices)
+    return Target("max_eigenvalue", eigenvalue)
+
+
+def farther_target(target: Target, area: float, n_vertices: int) -> Target:
+    """What to ask for next where a `sufficient_target` was not, at most all pairs."""
+    eigenvalue = target.max_eigenvalue
+    if eigenvalue is None or weyl_count(area, 1.5 * eigenvalue) >= n_vertices:
+        return Target("count", n_vertices)
+    return Target("max_eigenvalue", 1.5 * eigenvalue)
+
+
+def mesh_limit(
+    time: float, area: float, n_vertices: int, unit: str = "", median_edge: float | None = None
+) -> str:
+    """Say what a time needs beside what a mesh can resolve at all.
+
+    Parameters
+    ----------
+    time, area : float
+        In squared unit.
+    n_vertices : int
+        Number of pairs that the mesh has.
+    unit : str
+        Length unit of the mesh; "" where it has none.
+    median_edge : float, optional
+        Median length of its edges, in unit; two of them are its shortest wave. None: that of
+        Weyl's law for `n_vertices` pairs.
+
+    Returns
+    -------
+    str
+        A sentence with its full stop.
+    """
+    eigenvalue, has = required_eigenvalue(time), f"this mesh has {n_vertices:,} in all"
+    if median_edge is None:
+        limit = weyl_eigenvalue(area, n_vertices)
+    else:
+        limit = wavelength_eigenvalue(2.0 * median_edge)
+        has += f", and a median edge of {_length(median_edge, unit)}"
+    return (
+        f"The shortest time, {format_quantity(time, unit, 2, 3)}, needs waves down to "
+        f"{_length(wavelength(eigenvalue), unit)}, about "
+        f"{weyl_count(area, eigenvalue):,.0f} eigenpairs by Weyl's law; {has}, so below a time of "
+        f"about {format_quantity(resolved_time(limit), unit, 2, 3)} features are those of its "
+        "triangles rather than of the surface."
+    )
+
+
+def _length(length: float, unit: str) -> str:
+    return format_quantity(length, unit, 1, 3)
+
+
+def missing_sentence(columns: tuple[str, ...], shares: FloatArray, *, added: bool = False) -> str:
+    """Say of which columns more than `TOLERANCE` is missing; see `Truncation.sentence`."""
+    count, worst = int((shares > TOLERANCE).sum()), int(shares.argmax())
+    if not count:
+        return ""
+    several = "are by more than 1 % an estimate" if added else "miss more than 1 %"
+    single = "is by more than 1 % an estimate" if added else "misses more than 1 %"
+    return (
+        f"{count} of {len(columns)} columns {single if count == 1 else several} for want of "
+        f"eigenpairs, {columns[worst]} about {percent(float(shares[worst]))}"
+    )
+
+
+def percent(share: float) -> str:
+    """Write a share with as many digits as it is worth: "95 %", "1.4 %"."""
+    return f"{100.0 * share:.2g} %" if share < 0.095 else f"{100.0 * share:.0f} %"

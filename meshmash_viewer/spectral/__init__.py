@@ -1,0 +1,1 @@
+"""Eigenpairs of a Laplacian: asked for, computed, proved, previewed."""

@@ -1,0 +1,199 @@
+"""Eigenpairs as a function asks for them: its arguments, precision, progress bar and memory."""
+
+from __future__ import annotations
+
+import math
+import sys
+import tempfile
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError, UnprovenWarning
+from meshmash_viewer.laplacian import SparseMatrix
+from meshmash_viewer.progress import Progress, ProgressCallback
+from meshmash_viewer.spectral.weyl import Target
+
+if TYPE_CHECKING:
+    from meshmash_viewer.spectral.eigensolver import Decomposition
+
+__all__ = [
+    "DEFAULT_MAX_EIGENVALUE",
+    "check_bands",
+    "chosen_extent",
+    "find_eigenpairs",
+    "refuse_two_extents",
+    "scratch_rows",
+    "whole_number",
+]
+
+Array: TypeAlias = npt.NDArray[np.floating[Any]]
+
+#: The documented default of the descriptors' `max_eigenvalue`.
+DEFAULT_MAX_EIGENVALUE = 1e-8
+#: Share of the free memory that eigenvectors may take before they go to a temporary file.
+_MEMORY_SHARE = 0.25
+
+
+def find_eigenpairs(
+    stiffness: SparseMatrix,
+    mass: SparseMatrix,
+    *,
+    dtype: npt.DTypeLike | None = None,
+    verbose: int = False,
+    unit: str = "",
+    progress: ProgressCallback | None = None,
+    **options: Any,
+) -> Decomposition:
+    """Call `meshmash_viewer.spectral.eigensolver.solve`.
+
+    Parameters
+    ----------
+    stiffness, mass : sparse matrix or array, shape (n, n)
+        L and M; of a float32 Laplacian, the null space that rounding cost it is restored.
+    dtype : dtype, optional
+        Of the eigenvectors; None is that of `stiffness`.
+    verbose : int
+        1 draws a progress bar on stderr, and ends it with the proof of completeness.
+    unit : str
+        Length unit of the mesh, for the proof.
+    progress : callable, optional
+        Gets every report, bar or not.
+    **options
+        All others of `solve`.
+
+    Warns
+    -----
+    UnprovenWarning
+        If the certificate lacks something.
+    """
+    from meshmash_viewer.spectral.eigensolver import solve
+
+    single = getattr(stiffness, "dtype", None) == np.float32
+    if single:
+        stiffness = _with_exact_null_space(stiffness)
+    if dtype is None:
+        dtype = np.float32 if single else np.float64
+    with _bar(verbose, progress) as reports:
+        result = solve(stiffness, mass, dtype=dtype, progress=reports, **options)
+    if verbose:
+        _say(result.proof(unit))
+    if not result.complete:
+        warnings.warn(result.proof(unit), UnprovenWarning, stacklevel=3)
+    return result
+
+
+def _with_exact_null_space(stiffness: SparseMatrix) -> SparseMatrix:
+    """Undo what rounding to float32 did to the row sums of a Laplacian.
+
+    Constants are its null space; off by 1e-7 of the largest eigenvalue, they would be lost among
+    the lowest ones. A matrix whose rows do not sum to zero even in float32 is left as it is.
+    """
+    from scipy import sparse
+
+    exact = sparse.csr_array(stiffness).astype(np.float64)
+    excess = np.asarray(exact.sum(axis=1)).ravel()
+    size = np.asarray(abs(exact).sum(axis=1)).ravel()
+    rounding = np.abs(excess) <= 64.0 * np.finfo(np.float32).eps * size
+    return sparse.csc_array(exact - sparse.diags_array(np.where(rounding, excess, 0.0)))
+
+
+def check_bands(max_eigenvalue: float, band_size: int) -> None:
+    """Complain of a threshold that no eigenvalue lies below, or of an empty band."""
+    if not max_eigenvalue >= 0.0:
+        raise InputError(
+            f"max_eigenvalue is {max_eigenvalue}: no eigenvalue of a Laplacian is negative, "
+            "give a positive number."
+        )
+    whole_number(band_size, "band_size")
+
+
+def chosen_extent(
+    max_eigenvalue: float, count: int | str | None, wavelength: float | None
+) -> tuple[int | None, float | None]:
+    """Number of pairs or threshold, whichever is asked for.
+
+    Raises
+    ------
+    InputError
+        If more than one of the three is given, or a value makes no sense.
+    """
+    refuse_two_extents(max_eigenvalue, count, wavelength)
+    if count is not None:
+        if isinstance(count, str):
+            raise InputError(f'count is {count!r}: give a whole number from 1, or "auto".')
+        return whole_number(count, "count"), None
+    if wavelength is not None:
+        return None, Target("wavelength", wavelength).max_eigenvalue
+    return None, max_eigenvalue
+
+
+def refuse_two_extents(
+    max_eigenvalue: float, count: int | str | None, wavelength: float | None
+) -> None:
+    """Complain if more than one of the three ways to limit a spectrum is given."""
+    given = {
+        "max_eigenvalue": max_eigenvalue != DEFAULT_MAX_EIGENVALUE,
+        "count": count is not None,
+        "wavelength": wavelength is not None,
+    }
+    names = [name for name, there in given.items() if there]
+    if len(names) > 1:
+        raise InputError(f"{' and '.join(names)} are given: give only one of them.")
+
+
+def whole_number(count: int, name: str) -> int:
+    """A count from 1; `name` is the argument that a message speaks of."""
+    if not (math.isfinite(count) and count >= 1 and count == int(count)):
+        raise InputError(f"{name} is {count}: give a whole number from 1.")
+    return int(count)
+
+
+@contextmanager
+def scratch_rows(dtype: np.dtype[Any]) -> Iterator[Callable[[int, int], Array]]:
+    """Lend an allocator of rows, shape (k, n), in memory if they fit, else in a temporary file.
+
+    The rows are gone when the context is left.
+    """
+    with ExitStack() as files:
+
+        def allocate(k: int, n: int) -> Array:
+            import psutil
+
+            size = k * n * dtype.itemsize
+            if size <= _MEMORY_SHARE * psutil.virtual_memory().available:
+                return np.empty((k, n), dtype=dtype)
+            file = files.enter_context(tempfile.TemporaryFile(prefix="meshmash-viewer-"))
+            return np.memmap(file, dtype=dtype, mode="w+", shape=(k, n))
+
+        yield allocate
+
+
+@contextmanager
+def _bar(verbose: int, progress: ProgressCallback | None) -> Iterator[ProgressCallback | None]:
+    """Draw a progress bar on stderr if asked for, passing reports on to `progress`."""
+    if not verbose:
+        yield progress
+        return
+    from tqdm import tqdm
+
+    with tqdm(total=None, unit="pair", file=sys.stderr, desc="eigenpairs") as bar:
+
+        def report(state: Progress) -> None:
+            if state.total and bar.total != state.total:
+                bar.total = state.total
+            bar.update(state.converged - bar.n)
+            if progress is not None:
+                progress(state)
+
+        yield report
+
+
+def _say(line: str) -> None:
+    from tqdm import tqdm
+
+    tqdm.write(line, file=sys.stderr)

@@ -1,0 +1,326 @@
+"""Low eigenpairs of L φ = λ M φ, with the proof that none is missing.
+
+`solve` gives a `Decomposition`; `iterate` gives the pairs in batches as they converge. Both are
+the same computation, done by `meshmash_viewer.spectral.engine`: the null space is known exactly and
+deflated, the rest is cut into slices of the spectrum whose content the inertia of a factor
+counts beforehand, and each slice is found by shifted block Lanczos, several at a time.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from queue import Queue
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.progress import CancelCallback, ProgressCallback
+from meshmash_viewer.spectral.certificate import Certificate
+from meshmash_viewer.spectral.engine.output import Allocate, Extend, PairsCallback
+from meshmash_viewer.spectral.engine.request import Request
+from meshmash_viewer.spectral.engine.run import Run
+
+__all__ = ["Batch", "Decomposition", "PairsCallback", "estimate_memory", "iterate", "solve"]
+
+FloatArray: TypeAlias = npt.NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Decomposition:
+    """Eigenpairs of L φ = λ M φ in ascending order, with the proof of their quality.
+
+    Parameters
+    ----------
+    eigenvalues : ndarray of float64, shape (k,)
+        In the inverse squared unit of the mesh.
+    rows : ndarray of float64 or float32, shape (k, n)
+        Row i is eigenvector i, M-orthonormal; NaN at vertices without mass. The entry of largest
+        magnitude is positive.
+    residuals : ndarray of float64, shape (k,)
+        ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``; for the null space, relative to Weyl's spacing 4π / area.
+    certificate : Certificate
+        What proves that none is missing, with the worst residual and the orthonormality.
+    timings : dict of float
+        Seconds by stage.
+    mass : ndarray of float64, shape (n,)
+        Diagonal of M.
+    """
+
+    eigenvalues: npt.NDArray[np.float64]
+    rows: FloatArray
+    residuals: npt.NDArray[np.float64]
+    certificate: Certificate
+    timings: dict[str, float] = field(default_factory=dict)
+    mass: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def eigenvectors(self) -> FloatArray:
+        """The eigenvectors as columns, shape (n, k); a view of `rows`."""
+        return self.rows.T
+
+    @property
+    def n_components(self) -> int:
+        """Number of pairs."""
+        return len(self.eigenvalues)
+
+    @property
+    def complete(self) -> bool:
+        """Whether the certificate proves the pairs: all there are, and each within tolerance."""
+        return self.certificate.complete
+
+    @property
+    def orthonormality(self) -> float:
+        """Largest entry of ``|ΦᵀMΦ - I|``."""
+        return self.certificate.orthonormality
+
+    def proof(self, unit: str = "") -> str:
+        """Say in one line how many pairs there are and how well they are proven.
+
+        Parameters
+        ----------
+        unit : str
+            Length unit of the mesh, for the eigenvalue that the count goes to.
+        """
+        return self.certificate.sentence(self.n_components, unit)
+
+    def verify(self, stiffness: Any, mass: Any) -> Certificate:
+        """Recompute the certificate independently of the solver.
+
+        Residuals and all inner products are computed anew, and eigenvalues are counted from
+        another factorization, up to the bound of the certificate or, where not all pairs below
+        that are in hand, to the highest gap between them.
+
+        Parameters
+        ----------
+        stiffness : sparse matrix or array, shape (n, n)
+            The L that was decomposed.
+        mass : sparse matrix or array, shape (n, n), or ndarray, shape (n,)
+            Its M.
+
+        Returns
+        -------
+        Certificate
+            Its `complete` says whether these pairs stand; the numbers are those measured here.
+
+        Raises
+        ------
+        InputError
+            If the matrices are of another size.
+        """
+        from meshmash_viewer.spectral.verification import verify_decomposition
+
+        return verify_decomposition(self, stiffness, mass)
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Consecutive pairs that have just become final.
+
+    Parameters
+    ----------
+    start : int
+        Index of the first pair; batches come in ascending order without gaps.
+    eigenvalues : ndarray of float64, shape (b,)
+    rows : ndarray, shape (b, n)
+        View into the array that all rows are written into.
+    residuals : ndarray of float64, shape (b,)
+    """
+
+    start: int
+    eigenvalues: npt.NDArray[np.float64]
+    rows: FloatArray
+    residuals: npt.NDArray[np.float64]
+
+    @property
+    def stop(self) -> int:
+        """Index after the last pair of the batch."""
+        return self.start + len(self.eigenvalues)
+
+
+def solve(
+    stiffness: Any,
+    mass: Any,
+    n_components: int | None = None,
+    *,
+    max_eigenvalue: float | None = None,
+    sigma: float | None = None,
+    tol: float = 1e-10,
+    dtype: npt.DTypeLike = np.float64,
+    n_jobs: int | None = None,
+    known: Decomposition | None = None,
+    allocate: Allocate | None = None,
+    extend: Extend | None = None,
+    on_pairs: PairsCallback | None = None,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCallback | None = None,
+    op_inv: Any = None,
+    ncv: int | None = None,
+) -> Decomposition:
+    """Compute the lowest eigenpairs, or those nearest a shift, and prove that none is missing.
+
+    Parameters
+    ----------
+    stiffness : sparse matrix or array, shape (n, n)
+        Symmetric positive semidefinite L.
+    mass : sparse matrix or array, shape (n, n), or ndarray, shape (n,)
+        Diagonal M; vertices without mass are left out and come back as NaN.
+    n_components : int, optional
+        Number of pairs; all of them if it exceeds their number.
+    max_eigenvalue : float, optional
+        Threshold: all pairs with λ ≤ max_eigenvalue. Exactly one of the two is given.
+    sigma : float, optional
+        With `n_components`: the pairs nearest sigma. None or a negative value: the lowest.
+    tol : float
+        Wanted residual relative to λ; never below what float64 can give.
+    dtype : dtype
+        float64 or float32, of the rows; float32 loosens `tol` to 1e-7 and cuts the spectrum finer:
+        about a third less memory. None is float64.
+    n_jobs : int, optional
+        Processes to use; None for as many as cores and memory allow.
+    known : Decomposition, optional
+        Lowest pairs of the same problem, found earlier; only the others are computed, and these
+        are given out again to the last bit. Those with an eigenvalue of NaN are missing.
+    allocate : callable, optional
+        ``(k, n) -> array`` the rows are written into, called once when k is known.
+    extend : callable, optional
+        ``(k, n, kept) -> array``, called instead where known pairs are kept: an array in which the
+        rows of the indices `kept` are those of `known` already. They are not written to.
+    on_pairs : callable, optional
+        ``(start, eigenvalues, residuals)``, called after those rows are final.
+    progress, cancel : callable, optional
+        Reports, and a question asked often; `Cancelled` is raised after it returns True.
+    op_inv : LinearOperator or array, optional
+        ``(L - sigma M)^-1``, by which the pairs are then found (with ARPACK); needs
+        `n_components`. One factorization still counts them; if some are missing, the solver finds
+        all of them itself.
+    ncv : int, optional
+        Number of Lanczos vectors that ARPACK keeps; with `op_inv` only, since the solver's own
+        bases grow as they need to.
+
+    Raises
+    ------
+    InputError
+        If the matrices or the request make no sense.
+    Cancelled
+        If `cancel` said so.
+    """
+    request = Request(
+        n_components=n_components,
+        max_eigenvalue=max_eigenvalue,
+        sigma=sigma,
+        tol=tol,
+        dtype=dtype,
+        n_jobs=n_jobs,
+        known=known,
+        allocate=allocate,
+        extend=extend,
+        on_pairs=on_pairs,
+        progress=progress,
+        cancel=cancel,
+        op_inv=op_inv,
+        ncv=ncv,
+    )
+    run = Run(stiffness, mass, request)
+    for _ in run.batches():
+        pass
+    return _decomposition(run)
+
+
+def iterate(
+    stiffness: Any, mass: Any, n_components: int | None = None, **options: Any
+) -> Iterator[Batch]:
+    """Yield the pairs in batches as they converge, lowest first; arguments as for `solve`.
+
+    The computation runs on while a batch is looked at. Closing the iterator cancels it.
+    """
+    queue: Queue[Batch | BaseException | None] = Queue()
+    closed = threading.Event()
+    asked = options.pop("cancel", None)
+
+    def cancel() -> bool:
+        return closed.is_set() or (asked is not None and bool(asked()))
+
+    run = Run(stiffness, mass, Request(n_components=n_components, cancel=cancel, **options))
+
+    def work() -> None:
+        try:
+            for place in run.batches():
+                out = run.output
+                queue.put(
+                    Batch(
+                        place.start, out.eigenvalues[place], out.rows[place], out.residuals[place]
+                    )
+                )
+            queue.put(None)
+        except BaseException as fault:  # noqa: BLE001 - handed over whole to the consumer
+            queue.put(fault)
+
+    thread = threading.Thread(target=work, name="eigenpairs", daemon=True)
+    thread.start()
+    try:
+        while True:
+            item = queue.get()
+            if item is None:
+                return
+            if isinstance(item, BaseException):
+                raise item
+            yield item
+    finally:
+        closed.set()
+        thread.join()
+
+
+def estimate_memory(
+    n: int,
+    nnz: int,
+    k: int,
+    n_jobs: int | None = None,
+    *,
+    n_null: int = 1,
+    dtype: npt.DTypeLike = np.float64,
+) -> int:
+    """Predict the bytes a run takes beyond the matrices given, its rows included.
+
+    Parameters
+    ----------
+    n : int
+        Number of vertices.
+    nnz : int
+        Number of stored entries of L.
+    k : int
+        Number of pairs.
+    n_jobs : int, optional
+        Slices at a time; None for as many as there are cores.
+    n_null : int
+        Components of the mesh, whose constants are known beforehand.
+    dtype : dtype
+        float64 or float32, of the rows.
+    """
+    from joblib import cpu_count
+
+    from meshmash_viewer.spectral.engine.workers import memory_of_run
+
+    lean = np.dtype(dtype) == np.dtype(np.float32)
+    return int(memory_of_run(n, nnz, k, n_jobs or int(cpu_count()), n_null, lean=lean))
+
+
+def _decomposition(run: Run) -> Decomposition:
+    """What a run that has ended found."""
+    output = run.output
+    if output.written != output.total:
+        raise ArithmeticError(f"{output.written} of {output.total} eigenpairs found")
+    mass = np.zeros(run.pencil.n_all)
+    mass[run.pencil.active] = run.pencil.root_mass**2
+    timings = {**run.timings, "total": time.perf_counter() - run.began}
+    return Decomposition(
+        eigenvalues=output.eigenvalues,
+        rows=output.rows,
+        residuals=output.residuals,
+        certificate=run.certificate,
+        timings=timings,
+        mass=mass,
+    )

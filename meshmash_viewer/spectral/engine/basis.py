@@ -1,0 +1,271 @@
+"""A block Krylov basis of the deflated inverse of a shifted matrix, and what it knows of its pairs.
+
+Rounding makes the basis lose its orthogonality along the Ritz vectors nearest the shift: there
+the inverse magnifies most, and each solve brings about 1e-10 of them in anew. So these few are
+taken off every new block (selective orthogonalisation, Parlett & Scott 1979), and with them gone
+the rest drifts so slowly that a pass over the whole basis is needed only every few steps, when
+inner products with random sums of its rows say so (partial reorthogonalisation, Simon 1984).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil, StopFlag
+from meshmash_viewer.spectral.engine.orthogonality import (
+    add_product,
+    multiply_in_place,
+    orthonormalise_block,
+    project_out,
+)
+from meshmash_viewer.spectral.engine.row_memory import let_go
+
+__all__ = ["BLOCK", "KrylovBasis", "RitzPairs"]
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Vectors that are solved for at once.
+BLOCK = 8
+#: Ritz vectors nearest the shift that every new block is kept orthogonal to.
+_NEAREST = 24
+#: Rows at which they are looked for first.
+_FIRST_LOOK = 5 * BLOCK
+#: Inner products that blocks may have; their squares are what T is wrong by.
+_SEMIORTHOGONAL = 1e-7
+#: Rows that are left to those who go on with the vectors.
+_ROOM = 8 * BLOCK
+#: Random sums of all rows, and of what is known beforehand, through which they are watched.
+_MIXTURES = 4
+
+
+class RitzPairs:
+    """Ritz pairs of the inverse from a basis of some size.
+
+    Attributes
+    ----------
+    mu : ndarray, shape (m,)
+        Ritz values of the inverse, ascending.
+    weights : ndarray, shape (m, m)
+        Their coordinates in columns.
+    errors : ndarray, shape (m,)
+        Norms of their residuals.
+    """
+
+    def __init__(self, projection: FloatArray, coupling: FloatArray) -> None:
+        mu, self.weights = np.linalg.eigh(projection, UPLO="L")
+        self.errors = np.linalg.norm(coupling.T @ self.weights[-BLOCK:], axis=0)
+        self.mu = np.where(np.abs(mu) < 1e-100, 1e-100, mu)
+        self.coupling = coupling
+
+
+def _relative(shared: FloatArray, gram: FloatArray) -> float:
+    """How far a block with these inner products, once orthonormal, is from orthogonal to a basis.
+
+    Its inner products with random sums of all rows are as large as all of its inner products
+    together, and hardly ever much less.
+
+    Parameters
+    ----------
+    shared : ndarray, shape (8, m)
+        With the sums.
+    gram : ndarray, shape (8, 8)
+        With itself.
+    """
+    try:
+        shared = np.linalg.solve(np.linalg.cholesky(gram), shared)
+    except np.linalg.LinAlgError:
+        return float("inf")
+    return float(np.abs(shared).max())
+
+
+class KrylovBasis:
+    """Grows block by block from a random start.
+
+    Parameters
+    ----------
+    ordered : OrderedPencil
+    factor : Factor
+        Of the shifted matrix.
+    found : ndarray, shape (f, n)
+        Orthonormal rows to stay orthogonal to.
+    capacity : int
+        Rows that there is room for.
+    seed : sequence of int
+    stop : ndarray of uint8, shape (1,)
+    careful : bool
+        Orthogonalise every block against all, whatever it costs.
+    """
+
+    def __init__(
+        self,
+        ordered: OrderedPencil,
+        factor: Factor,
+        found: FloatArray,
+        capacity: int,
+        seed: tuple[int, ...],
+        stop: StopFlag,
+        careful: bool = False,
+    ) -> None:
+        self._ordered, self._factor, self._found, self._stop = ordered, factor, found, stop
+        self._n = ordered.pencil.n
+        self._allowed = 0.0 if careful else _SEMIORTHOGONAL
+        self._random = np.random.default_rng(seed)
+        self._columns = np.empty((self._n, BLOCK))
+        self._nearest = np.zeros((0, self._n))
+        self._nearest_at = 0
+        self._mixture = self._mix_known()
+        self._coupling = np.zeros((BLOCK, BLOCK))
+        self.capacity = capacity
+        self._projection = np.zeros((capacity + 2 * BLOCK, capacity + 2 * BLOCK))
+        self.columns_solved = 0
+        self.size = 0
+        self.rows = ordered.borrow((capacity + 2 * BLOCK, self._n))
+        first = self.rows[:BLOCK]
+        self._apply(self._random.random((BLOCK, self._n)) - 0.5, first)
+        if not orthonormalise_block(ordered, first)[1]:
+            first[:] = np.linalg.qr(first.T)[0].T
+
+    def close(self) -> None:
+        """Hand the memory on, unless vectors were made in it."""
+        if len(self.rows):
+            self._ordered.give_back(self.rows)
+        self.rows = self._nearest = np.zeros((0, self._n))
+
+    def _apply(self, block: FloatArray, result: FloatArray) -> None:
+        """The deflated inverse times rows of shape (8, n)."""
+        if self._stop[0]:
+            raise Cancelled("stopped inside a slice")
+        columns = self._columns
+        self._ordered.fill_columns(block, columns)
+        self._factor.solve(columns)
+        self._ordered.remove_null(columns)
+        self.columns_solved += BLOCK
+        self._ordered.fill_rows(columns, result)
+        if len(self._found):
+            project_out(result, self._found)
+
+    def extend(self) -> None:
+        """One Lanczos step: the next block, and a block column of T.
+
+        The inner products of one pass over the vectors are what the next subtracts.
+        """
+        b, rows, size = BLOCK, self.rows, self.size
+        subtract, nearest = self._ordered.subtract, self._nearest
+        this, new = rows[size : size + b], rows[size + b : size + 2 * b]
+        before = rows[max(size - b, 0) : size]
+        local = rows[max(size - b, 0) : size + b]
+        self._apply(this, new)
+        diagonal, near = subtract(
+            new, [(self._coupling.T, before)] if size else [], [this, nearest]
+        )
+        (shared,) = subtract(new, [(diagonal, this), (near, nearest)], [local])
+        diagonal += shared[:, -b:]
+        gram, drift = subtract(new, [(shared, local)], [new, self._mixture])
+        if _relative(drift, gram) > self._allowed:
+            both = rows[size : size + 2 * b]
+            self._project_known_out(both)
+            project_out(both, rows[:size])
+            orthonormalise_block(self._ordered, this)
+            (shared,) = subtract(new, [], [this])
+            diagonal += shared
+            (gram,) = subtract(new, [(shared, this)], [new])
+            few = len(self._nearest) < _NEAREST and size >= _FIRST_LOOK
+            if few and size >= self._nearest_at + 2 * b:
+                self._find_nearest(size)
+        at, after = slice(size, size + b), slice(size + b, size + 2 * b)
+        self._projection[at, at] = 0.5 * (diagonal + diagonal.T)
+        following, independent = orthonormalise_block(self._ordered, new, gram)
+        if not independent:
+            following = following @ self._replace_lost(new, size + b)
+        self._projection[after, at] = following.T
+        self._coupling = following
+        signs = self._random.choice([-1.0, 1.0], size=(_MIXTURES, b))
+        add_product(signs, this, self._mixture)
+        self.size = size + b
+
+    def _mix_known(self) -> FloatArray:
+        """Random sums of the null space and of the pairs found before, shape (4, n)."""
+        pencil, random = self._ordered.pencil, self._random
+        signs = random.choice([-1.0, 1.0], size=(_MIXTURES, pencil.n_null + 1))
+        # Vertices that are not in a null component have the direction 0, the label -1.
+        mixture = signs[:, pencil.labels] * pencil.null_direction
+        signs = random.choice([-1.0, 1.0], size=(_MIXTURES, len(self._found)))
+        return np.asarray(mixture + signs @ self._found)
+
+    def _project_known_out(self, new: FloatArray) -> None:
+        """Take the null space and the pairs found before off rows, in place."""
+        pencil = self._ordered.pencil
+        if pencil.n_null == 1:
+            project_out(new, pencil.null_direction[None])
+        else:
+            for start in range(0, len(new), BLOCK):
+                block = new[start : start + BLOCK]
+                self._ordered.fill_columns(block, self._columns)
+                self._ordered.remove_null(self._columns)
+                self._ordered.fill_rows(self._columns, block)
+        if len(self._found):
+            project_out(new, self._found)
+
+    def _find_nearest(self, size: int) -> None:
+        """Ritz vectors of the largest values of the inverse that look settled."""
+        pairs = RitzPairs(self._projection[:size, :size], self._coupling)
+        largest = np.argsort(-np.abs(pairs.mu), kind="stable")[:_NEAREST]
+        settled = pairs.errors[largest] < _SEMIORTHOGONAL * np.abs(pairs.mu).max()
+        count = _NEAREST if settled.all() else int(np.argmin(settled)) // 4 * 4
+        if count > len(self._nearest):
+            self._nearest = pairs.weights[:, largest[:count]].T @ self.rows[:size]
+        self._nearest_at = size
+
+    def _replace_lost(self, new: FloatArray, size: int) -> FloatArray:
+        """Where the Krylov space has run out, go on with fresh directions, uncoupled."""
+        from scipy.linalg import qr
+
+        scale = max(float(np.abs(np.diagonal(self._projection)[:size]).max()), 1e-300)
+        # Pivots bring the lost directions to the end: in place they would hold, and drop, parts
+        # of the columns behind them.
+        directions, triangle, pivots = qr(new.T, mode="economic", pivoting=True)
+        following = np.empty((BLOCK, BLOCK))
+        following[pivots] = triangle.T
+        lost = np.abs(np.diagonal(triangle)) < 1e-10 * scale
+        following[:, lost] = 0.0
+        new[:] = directions.T
+        new[lost] = self._random.standard_normal((int(lost.sum()), self._n))
+        for _ in range(3):
+            self._project_known_out(new)
+            project_out(new, self.rows[:size])
+            directions, triangle = np.linalg.qr(new.T)
+            new[:] = (directions * np.sign(np.diagonal(triangle))).T
+        return following
+
+    def ritz(self) -> RitzPairs:
+        """What is known so far."""
+        return RitzPairs(self._projection[: self.size, : self.size], self._coupling)
+
+    def vectors(
+        self, pairs: RitzPairs, chosen: npt.NDArray[np.int64]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Turn the basis into vectors of the chosen pairs, after one more, implicit, application.
+
+        Returns
+        -------
+        rows : ndarray, shape (p, n)
+            Nearly orthonormal, in the memory of the basis, which ends with this: fresh memory is
+            slow to touch, and there would have to be that much.
+        room : ndarray, shape (r, n)
+            What is left of that memory.
+        """
+        size = self.size
+        weights = np.empty((len(chosen), size + BLOCK))
+        weights[:, :size] = pairs.weights[:, chosen].T
+        last = pairs.coupling.T @ pairs.weights[size - BLOCK :, chosen]
+        weights[:, size:] = last.T / pairs.mu[chosen, None]
+        # Pairs of an inverse are nearly of length 1 already; the weights' length makes them so.
+        weights /= np.linalg.norm(weights, axis=1)[:, None]
+        found, rows = self.rows[: len(chosen)], self.rows[: size + BLOCK]
+        multiply_in_place(weights, rows, found)
+        self.rows = rows[:0]
+        end = min(len(chosen) + _ROOM, len(rows))
+        let_go(rows[end:])
+        return found, rows[len(chosen) : end]

@@ -1,0 +1,211 @@
+"""Pairs of an earlier run: whether they belong to this problem, and what is missing beside them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.spectral.engine.factorization import FactorizationError, OrderedPencil
+from meshmash_viewer.spectral.engine.lanczos import measure_pairs
+from meshmash_viewer.spectral.engine.pencil import Pencil
+from meshmash_viewer.spectral.engine.plan import SpectrumPlan
+
+__all__ = ["KnownPairs", "pairs_that_fit"]
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Residual, relative to the eigenvalue, of a pair that is believed.
+_RESIDUAL = 1e-6
+#: Rows measured at once.
+_ROWS = 32
+#: Known pairs beside missing ones among which the widest gap is looked for: borders go there.
+_TAIL = 16
+#: Neighbours whose relative distance is less than this count as equal.
+_EQUAL = 1e-7
+#: A known row has this much of its length in the span of a slice that it lies in.
+_INSIDE = 1.0 - 1e-6
+
+
+class KnownPairs:
+    """Pairs of an earlier run, by their index in the spectrum.
+
+    Parameters
+    ----------
+    given : Decomposition
+        With an eigenvalue of NaN where a pair is missing.
+    pencil : Pencil
+
+    Attributes
+    ----------
+    mask : ndarray of bool, shape (m,)
+        Whether a pair is known.
+    values : ndarray of float64, shape (m,)
+        Eigenvalues in the reduced problem.
+    """
+
+    def __init__(self, given: Any, pencil: Pencil) -> None:
+        self.given = given
+        self._pencil = pencil
+        self.mask = np.isfinite(given.eigenvalues)
+        self.values = given.eigenvalues / pencil.unit
+
+    @classmethod
+    def of_shape(cls, given: Any, pencil: Pencil) -> KnownPairs | None:
+        """Pairs that may belong to a problem, for what their arrays are; None if they can't."""
+        if given is None or given.rows.dtype != np.float64 or given.rows.shape[1] != pencil.n_all:
+            return None
+        known = cls(given, pencil)
+        return known if known.mask.any() else None
+
+    def has_null_rows(self) -> bool:
+        """Whether those that should be constants are."""
+        null = np.flatnonzero(self.mask[: self._pencil.n_null])
+        if len(null) == 0:
+            return True
+        rows = self._pencil.null_rows(int(null[-1]) + 1)[null]
+        return bool(np.allclose(self.rows(null), rows, rtol=0.0, atol=1e-9))
+
+    @staticmethod
+    def equal(values: FloatArray) -> bool:
+        """Whether two eigenvalues are the same but for rounding, each along the first axis."""
+        size = np.maximum(np.abs(values[1]), 1e-3)
+        return bool((np.abs(values[1] - values[0]) <= _RESIDUAL * size).all())
+
+    def kept(self, count: int) -> npt.NDArray[np.bool_]:
+        """Which of the first `count` pairs are known, shape (count,)."""
+        kept = np.zeros(count, dtype=bool)
+        kept[: len(self.mask)] = self.mask[:count]
+        return kept
+
+    def rows(self, indices: npt.NDArray[np.int64]) -> FloatArray:
+        """Rows in the reduced problem, shape (p, n)."""
+        found = np.asarray(self.given.rows[indices], dtype=np.float64)
+        return np.ascontiguousarray(found[:, self._pencil.active]) * self._pencil.root_mass
+
+    def stretches(
+        self, plan: SpectrumPlan, wanted: int, top: float
+    ) -> list[tuple[float, float]] | None:
+        """Parts of the spectrum below `top` that hold all that is missing, lowest first.
+
+        Their borders lie in gaps between known pairs; so a part may hold a few of these as well,
+        and a multiple eigenvalue of which some copies are missing is in one part. None if a count
+        contradicts the indices of the pairs.
+        """
+        total, n_null = plan.count(top), self._pencil.n_null
+        missing = np.flatnonzero(~self.kept(wanted))
+        missing = missing[missing >= n_null]
+        if wanted < total:  # the count is proof of the last ones only if all it counts are found
+            missing = np.append(missing, wanted)
+        found: list[tuple[float, float]] = []
+        for part in np.split(missing, np.flatnonzero(np.diff(missing) > 1) + 1):
+            if len(part) == 0:
+                continue
+            if not self._are_lowest(plan, int(part[0]) - 1):
+                return None
+            low, high = self._border(int(part[0]), -1), self._border(int(part[-1]) + 1, 1)
+            if high is not None and high >= wanted:
+                high = None
+            ends = []
+            for index, otherwise in ((low, 0.0), (high, top)):
+                end = otherwise if index is None else self._between(plan, index)
+                if end is None:
+                    return None
+                ends.append(end)
+            begin, end = ends
+            if found and begin < found[-1][1]:
+                begin, before = found.pop()
+                end = max(end, before)
+            found.append((begin, end))
+        return found
+
+    def _are_lowest(self, plan: SpectrumPlan, last: int) -> bool:
+        """Whether as many eigenvalues lie below a known pair, and its copies, as its index says."""
+        first = last
+        while first > self._pencil.n_null and self.kept(last + 1)[first - 1]:
+            if self.values[first - 1] < self.values[last] * (1.0 - _EQUAL):
+                break
+            first -= 1
+        if first <= self._pencil.n_null or not self.kept(first)[first - 1]:
+            return True  # nothing known to compare with
+        try:
+            below = plan.settle(float(self.values[last]), -1.0, wide=True)
+        except FactorizationError:
+            return False
+        return plan.count(below) == first
+
+    def _between(self, plan: SpectrumPlan, index: int) -> float | None:
+        """A value between a known pair and the one before, if the count there is right."""
+        below, above = self.values[index - 1], self.values[index]
+        try:
+            border = plan.settle(0.5 * float(below + above))
+        except FactorizationError:
+            return None
+        return border if border < above and plan.count(border) == index else None
+
+    def _border(self, index: int, direction: int) -> int | None:
+        """The known pair above the widest gap, beside a place in one direction; None for none."""
+        known, values = self.kept(len(self.mask) + 1), self.values
+        widest, best, looked_at = 0.0, None, 0
+        # Equal eigenvalues, of equal components say, may be many more than are looked at.
+        while looked_at < _TAIL or best is None:
+            index += direction
+            if not self._pencil.n_null < index < len(values):
+                break
+            if known[index - 1] and known[index]:
+                looked_at += 1
+                gap = float(values[index] - values[index - 1])
+                if gap > max(widest, _EQUAL * float(values[index])):
+                    widest, best = gap, index
+        return best
+
+    def complement(
+        self, indices: npt.NDArray[np.int64], values: FloatArray, rows: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """What a slice holds besides the known pairs in it.
+
+        Parameters
+        ----------
+        indices : ndarray of int, shape (p,)
+            The known ones.
+        values, rows : ndarray, shape (m,) and (m, n)
+            All pairs of the slice, in the reduced problem.
+
+        Returns
+        -------
+        values, rows : ndarray, shape (m - p,) and (m - p, n)
+            Pairs of the orthogonal complement, ascending.
+
+        Raises
+        ------
+        ArithmeticError
+            If a known pair does not lie in the slice.
+        """
+        inner = rows @ self.rows(indices).T
+        left, sizes, _ = np.linalg.svd(inner, full_matrices=True)
+        if sizes.min(initial=1.0) < _INSIDE:
+            raise ArithmeticError("a known eigenvector is none of those counted in its slice")
+        rest = left[:, len(indices) :]
+        found, turn = np.linalg.eigh(rest.T @ (values[:, None] * rest))
+        return found, np.asarray((rest @ turn).T @ rows)
+
+
+def pairs_that_fit(given: Any, ordered: OrderedPencil) -> KnownPairs | None:
+    """Known pairs if there are some and each of them solves this problem."""
+    known = KnownPairs.of_shape(given, ordered.pencil)
+    if known is None or not known.has_null_rows():
+        return None
+    indices = np.flatnonzero(known.mask)
+    above = int(np.searchsorted(indices, ordered.pencil.n_null))
+    for start in range(above, len(indices), _ROWS):
+        part = indices[start : start + _ROWS]
+        rows = known.rows(part)
+        sizes = np.linalg.norm(rows, axis=1)
+        if not (np.abs(sizes - 1.0) < 1e-6).all():
+            return None
+        values, residuals = measure_pairs(ordered, rows)
+        limit = _RESIDUAL * np.maximum(values, 1e-3)
+        if (residuals > limit).any() or (np.abs(values - known.values[part]) > limit).any():
+            return None
+    return known

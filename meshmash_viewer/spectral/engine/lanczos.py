@@ -1,0 +1,439 @@
+"""All eigenpairs of the reduced problem in one interval, by shifted block Lanczos.
+
+Grimes, Lewis & Simon 1994: the inverse ``(A - σ)^-1`` maps the eigenvalues around the shift to
+the ends of its spectrum, where a block Krylov basis finds them first. The number of pairs in the
+interval is known from inertia beforehand, so the iteration ends when that many have converged,
+not when it looks finished.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.spectral.engine.basis import BLOCK, KrylovBasis
+from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil, StopFlag
+from meshmash_viewer.spectral.engine.orthogonality import (
+    independent_gram,
+    multiply_in_place,
+    orthonormalise,
+    project_out,
+)
+
+__all__ = ["Interval", "IntervalPairs", "UnclearBorder", "find_pairs", "measure_pairs"]
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Rows of a basis, by pairs and for none, at which a look for all of them is worth it.
+_USUAL = (2.3, 56)
+#: Runs that end with nothing new before the interval is given up.
+_PATIENCE = 6
+#: Residuals this many times the tolerance are worth another solve.
+_COARSE = 8.0
+#: Times that it is tried.
+_POLISHES = 3
+#: Once a run has brought nothing, residuals may be this many times as large.
+_LENIENCE = 1e3
+#: Defects that are solved for again then.
+_REFINEMENTS = 1
+#: Backward error of a factor from which on it blurs the lowest pairs.
+_BLURRED = 2e-14
+#: An eigenvalue nearer to the shift than this, in mean spacings, drowns the others in its rounding.
+_NEAR = 1e-3
+#: How far the shift is then moved, in mean spacings, and how often at most.
+_MOVE, _MOVES = 0.3, 5
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A stretch of the spectrum and what it holds.
+
+    Parameters
+    ----------
+    index : int
+        Number of the slice, lowest first.
+    low, high : float
+        Ends, in the reduced problem.
+    first : int
+        Number of eigenvalues below `low`, null space included.
+    owed : int
+        Number of eigenvalues inside, the null space not counted.
+    shift : float
+        Somewhere in the middle.
+    clearance : float
+        The count below `high` is in doubt if an eigenvalue lies nearer to it than this.
+    """
+
+    index: int
+    low: float
+    high: float
+    first: int
+    owed: int
+    shift: float
+    clearance: float = 0.0
+
+
+class UnclearBorder(ArithmeticError):
+    """An eigenvalue lies on the border of a slice, so how many it holds is in doubt."""
+
+
+@dataclass(frozen=True, eq=False)
+class IntervalPairs:
+    """The pairs of an interval.
+
+    Parameters
+    ----------
+    interval : Interval
+    values : ndarray, shape (p,)
+        Rayleigh quotients, ascending up to rounding.
+    residuals : ndarray, shape (p,)
+        ``‖Lφ - λMφ‖ / ‖Mφ‖`` in the reduced unit.
+    rows : ndarray, shape (p, n)
+        Orthonormal, in elimination order.
+    orthonormality : float
+        Largest defect of the rows' inner products.
+    columns_solved : int
+        Right-hand sides that were solved for.
+    """
+
+    interval: Interval
+    values: FloatArray
+    residuals: FloatArray
+    rows: FloatArray
+    orthonormality: float
+    columns_solved: int
+
+
+def find_pairs(
+    ordered: OrderedPencil, interval: Interval, tolerance: float, stop: StopFlag
+) -> IntervalPairs:
+    """Find the pairs that an interval owes.
+
+    Parameters
+    ----------
+    ordered : OrderedPencil
+    interval : Interval
+    tolerance : float
+        Wanted residual relative to the eigenvalue.
+    stop : ndarray of uint8, shape (1,)
+        Set from outside to make this raise `Cancelled`.
+
+    Raises
+    ------
+    UnclearBorder
+        If the upper end lies on an eigenvalue.
+    ArithmeticError
+        If the pairs stay out of reach.
+    """
+    width = interval.high - interval.low
+    factor = _factor(ordered, interval, stop)
+    n, owed = ordered.pencil.n, interval.owed
+    nothing = np.zeros((0, n))
+    found_values, found, orthonormality = np.zeros(0), nothing, 0.0
+    solved = 0
+    fruitless = 0
+    moves = 0
+    careful = False
+    spacing = width / max(owed, 1)
+    for attempt in range(40 + owed):
+        missing = owed - len(found_values)
+        if missing <= 0:
+            break
+        # A copy that was missed may lie at an end of the interval, and cost as much as the rest.
+        free = n - ordered.pencil.n_null - len(found)
+        # Nor does a basis converge that ends before pairs close to an end of it are told apart.
+        capacity = (4 * owed + 20 * BLOCK) * 2**fruitless
+        capacity = min(capacity, BLOCK * max(free // BLOCK, 1))
+        seed = (interval.first, owed, attempt)
+        basis = KrylovBasis(ordered, factor, found, capacity, seed, stop, careful)
+        try:
+            # Refinement at the end makes up for what the last few, hardest ones, lack.
+            wanted = tolerance * (_LENIENCE if fruitless else 1.0)
+            values, rows, room = _converge(basis, interval, missing, factor.shift, wanted)
+            values, defect = rotate_to_pairs(ordered, rows, room)
+        except UnclearBorder:
+            raise
+        except (ArithmeticError, np.linalg.LinAlgError):
+            # The basis lost its orthogonality and gave a pair twice.
+            values, rows, defect = np.zeros(0), nothing, 0.0
+            careful = True
+        finally:
+            basis.close()
+        solved += basis.columns_solved
+        if moves < _MOVES and np.any(np.abs(values - factor.shift) < _NEAR * spacing):
+            moves += 1
+            factor = ordered.factor(factor.shift + _MOVE * spacing, 0.03 * width, stop)
+            found_values, found = np.zeros(0), nothing
+            continue
+        fruitless = fruitless + 1 if len(values) == 0 else 0
+        if fruitless == _PATIENCE:
+            break
+        found_values = np.concatenate([found_values, values])
+        if len(found):
+            for _ in range(2):
+                project_out(rows, found)
+                orthonormalise(rows)
+            before, found = found, np.concatenate([found, rows])
+            ordered.give_back(before)
+            ordered.give_back(rows)
+            orthonormality = orthonormalise(found)
+        else:
+            found, orthonormality = rows, defect
+    if len(found_values) != owed:
+        raise ArithmeticError(
+            f"{len(found_values)} of {owed} eigenvalues found between "
+            f"{interval.low:.6g} and {interval.high:.6g}"
+        )
+    order = np.argsort(found_values, kind="stable")
+    rows = found[order] if np.any(order[1:] < order[:-1]) else found
+    values, residuals = measure_pairs(ordered, rows)
+    if interval.low < 0.0 and values[0] < -max(1e-6, 1e-9 * ordered.pencil.norm):
+        raise ArithmeticError(f"a negative eigenvalue, {values[0]:.6g}")
+    for turn in range(_POLISHES):
+        coarse = np.flatnonzero(residuals > _COARSE * tolerance * np.abs(values))
+        if len(coarse) == 0:
+            break
+        if turn == 1 and interval.low < 0.0:
+            # Next to the lowest, so that what neighbours left in it is damped too: another
+            # factor, which is seldom needed.
+            below = -float(values[coarse[0]])
+            factor = ordered.factor(below, 0.1 * below, stop)
+        gained = _polish(ordered, factor, rows, values, residuals, coarse)
+        if len(gained) == 0:
+            break
+        orthonormality = max(orthonormality, _fit_in(rows, gained))
+        values, residuals = measure_pairs(ordered, rows)
+        values[gained], residuals[gained] = measure_pairs(ordered, rows[gained], exactly=True)
+    if np.any(np.abs(values - interval.high) < interval.clearance):
+        raise UnclearBorder(f"an eigenvalue lies on the border {interval.high:.6g}")
+    residuals = np.hypot(residuals, _rounding(ordered, rows))
+    return IntervalPairs(interval, values, residuals, rows, orthonormality, solved)
+
+
+def _rounding(ordered: OrderedPencil, rows: FloatArray) -> FloatArray:
+    """What the rounding of A's entries and of the rows' own leaves in residuals, shape (p,).
+
+    A and rows are measured exactly, but both are roundings of those of L φ = λ M φ.
+    """
+    sizes = np.empty(len(rows))
+    weight = ordered.pencil.root_mass[:, None]
+    columns = np.zeros((ordered.pencil.n, BLOCK))
+    for start in range(0, len(rows), BLOCK):
+        some = np.abs(rows[start : start + BLOCK]).T
+        width = some.shape[1]
+        columns[:, :width] = some
+        image = ordered.multiply_magnitudes(columns)[:, :width] * weight
+        norms = np.linalg.norm(image, axis=0) / np.linalg.norm(some * weight, axis=0)
+        sizes[start : start + width] = norms
+    return np.asarray(0.5 * np.finfo(np.float64).eps * sizes)
+
+
+def _factor(ordered: OrderedPencil, interval: Interval, stop: StopFlag) -> Factor:
+    """A factor for an interval, at its shift or a little aside.
+
+    What a nearly vanishing pivot costs in digits is little next to eigenvalues far above zero, but
+    all pairs of the lowest slice would have to be refined: another factor is cheaper.
+    """
+    nudge = 0.03 * (interval.high - interval.low)
+    best = ordered.factor(interval.shift, nudge, stop)
+    for side in (1.0, -1.0):
+        if interval.low > 0.0 or best.error < _BLURRED:
+            break
+        other = ordered.factor(interval.shift + side * nudge, nudge, stop)
+        best = min(best, other, key=lambda factor: factor.error)
+    return best
+
+
+def _polish(
+    ordered: OrderedPencil,
+    factor: Factor,
+    rows: FloatArray,
+    values: FloatArray,
+    residuals: FloatArray,
+    coarse: npt.NDArray[np.int64],
+) -> npt.NDArray[np.int64]:
+    """Rid some rows of the rounding that the basis left in them, by one inverse iteration.
+
+    That rounding is spread over the whole spectrum, and A magnifies it by its norm: next to the
+    smallest eigenvalues it is what bounds the residual. The inverse damps it again, from a shift
+    below zero and as near as the smallest of them what neighbours left there, too; the solution
+    is refined with defects in twice the precision. What stays is the rounding
+    of the entries themselves, about eps ‖A‖ / λ: 1e-9 for the first eigenfunction of a neuron of
+    a hundred thousand vertices, in float64 whatever is done. Gives the indices of rows that
+    gained by it; the others stay.
+    """
+    gained: list[npt.NDArray[np.int64]] = []
+    for start in range(0, len(coarse), BLOCK):
+        some = coarse[start : start + BLOCK]
+        given = np.zeros((rows.shape[1], BLOCK))
+        given[:, : len(some)] = (rows[some] * (values[some] - factor.shift)[:, None]).T
+        better = given.copy()
+        factor.solve(better)
+        for _ in range(_REFINEMENTS):
+            defect = given - ordered.multiply(better, exactly=True) + factor.shift * better
+            factor.solve(defect)
+            better += defect
+        ordered.remove_null(better)
+        candidates = np.ascontiguousarray(better[:, : len(some)].T)
+        candidates /= np.linalg.norm(candidates, axis=1)[:, None]
+        gains = measure_pairs(ordered, candidates, exactly=True)[1] < 0.7 * residuals[some]
+        rows[some[gains]] = candidates[gains]
+        gained.append(some[gains])
+    return np.concatenate(gained)
+
+
+def _fit_in(rows: FloatArray, some: npt.NDArray[np.int64]) -> float:
+    """Make some rows orthonormal, and the others orthogonal to them; the largest defect left.
+
+    The others give way: what they share with a row that has been rid of errors was its error.
+    """
+    pure = rows[some]
+    orthonormalise(pure)
+    rows[some] = 0.0
+    project_out(rows, pure)
+    rows[some] = pure
+    overlap = pure @ rows.T
+    overlap[np.arange(len(some)), some] -= 1.0
+    return float(np.abs(overlap).max())
+
+
+def _converge(
+    basis: KrylovBasis, interval: Interval, missing: int, shift: float, tolerance: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Extend a basis until the missing pairs have converged or nothing new comes.
+
+    Returns values, shape (p,), nearly orthonormal rows, shape (p, n), and rows that are free.
+    """
+    b = BLOCK
+    usual = min(int(_USUAL[0] * missing) + _USUAL[1], basis.capacity)
+    # Early looks are for multiple eigenvalues, of which a basis sees eight copies at most.
+    check = min(10 * b, usual)
+    stagnant = 0
+    before = (-1, -1)
+    worst_before: tuple[int, float] | None = None
+    while True:
+        basis.extend()
+        size = basis.size
+        full = size + b > basis.capacity
+        if size < check and not full:
+            continue
+        pairs = basis.ritz()
+        theta = shift + 1.0 / pairs.mu
+        inside = (theta > interval.low) & (theta < interval.high)
+        # After one more implicit solve the residual is this, whatever the norm of A.
+        # Against the width, so that pairs of distant slices are orthogonal to as much.
+        width = interval.high - interval.low
+        wanted = tolerance * np.clip(np.abs(theta), 1e-3, width)
+        floor = 1e-15 * np.linalg.norm(pairs.coupling) / pairs.mu**2
+        ratio = pairs.errors / pairs.mu**2 / np.maximum(wanted, floor)
+        converged = ratio <= 1.0
+        if np.any(converged & (np.abs(theta - interval.high) < interval.clearance)):
+            raise UnclearBorder(f"an eigenvalue lies on the border {interval.high:.6g}")
+        n_inside, good = int(inside.sum()), int((inside & converged).sum())
+        stagnant = stagnant + 1 if (n_inside, good) == before else 0
+        before = (n_inside, good)
+        # All that is inside has converged, yet fewer than owed: other copies of multiple
+        # eigenvalues are invisible to this basis.
+        copies_left = n_inside == good < missing and good > 0 and stagnant >= 2
+        if good > missing:
+            raise ArithmeticError("more pairs converged than there are")
+        if good == missing or full or copies_left:
+            chosen = np.flatnonzero(inside & converged)
+            chosen = chosen[np.argsort(theta[chosen], kind="stable")]
+            if len(chosen) == 0:
+                return np.zeros(0), basis.rows[:0], basis.rows[:0]
+            return shift + 1.0 / pairs.mu[chosen], *basis.vectors(pairs, chosen)
+        check = size + (b if 0 < good == n_inside else 2 * b)
+        if good < n_inside or good == 0:
+            check = max(check, min(usual, 3 * size // 2))
+        if n_inside == missing and good < missing:
+            # Errors fall by the same factor a step: look again when they should be small enough.
+            worst = float(np.log(ratio[inside].max()))
+            if worst_before is not None and worst < worst_before[1]:
+                rate = (worst_before[1] - worst) / (size - worst_before[0])
+                check = max(check, size + b * int(0.9 * worst / rate / b))
+            worst_before = (size, worst)
+
+
+def rotate_to_pairs(
+    ordered: OrderedPencil, rows: FloatArray, room: FloatArray
+) -> tuple[FloatArray, float]:
+    """Rayleigh–Ritz on A itself: turn nearly orthonormal rows (p, n) into Ritz vectors, in place.
+
+    The basis knows its pairs through an inverse that rounding blurs, most where pairs are close:
+    that mixes neighbours, and what is mixed among the rows this takes apart again.
+
+    Parameters
+    ----------
+    ordered : OrderedPencil
+    rows : ndarray, shape (p, n)
+    room : ndarray, shape (r, n)
+        Overwritten.
+
+    Returns
+    -------
+    values : ndarray, shape (p,)
+        Ascending.
+    orthonormality : float
+        Largest defect of the rows' inner products.
+
+    Raises
+    ------
+    ArithmeticError
+        If the rows are far from independent.
+    """
+    from scipy.linalg import eigh
+
+    p = len(rows)
+    if p == 0:
+        return np.zeros(0), 0.0
+    projection = np.empty((p, p))
+    n = ordered.pencil.n
+    columns = np.zeros((n, BLOCK))
+    if len(room) < BLOCK:
+        room = np.empty((BLOCK, n))
+    step = len(room) // BLOCK * BLOCK
+    for first in range(0, p, step):
+        last = min(first + step, p)
+        for start in range(first, last, BLOCK):
+            count = min(BLOCK, last - start)
+            if count == BLOCK:
+                ordered.fill_columns(rows[start : start + BLOCK], columns)
+            else:
+                columns[:, :count] = rows[start : start + count].T
+            image = ordered.multiply(columns)
+            ordered.fill_rows(image, room[start - first : start - first + BLOCK])
+        projection[:, first:last] = rows @ room[: last - first].T
+    gram = independent_gram(rows)
+    values, weights = eigh(projection, gram)
+    multiply_in_place(np.ascontiguousarray(weights.T), rows, rows)
+    return values, orthonormalise(rows)
+
+
+def measure_pairs(
+    ordered: OrderedPencil, rows: FloatArray, exactly: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Rayleigh quotients of normalised rows (p, n) and their residuals in the norm of M.
+
+    If wanted, with products in twice the precision, of the numbers that the rows are once they
+    have been divided by the roots of the masses.
+    """
+    if exactly:
+        root_mass = ordered.pencil.root_mass
+        rows = rows / root_mass * root_mass
+    p = len(rows)
+    values, residuals = np.empty(p), np.empty(p)
+    columns = np.zeros((ordered.pencil.n, BLOCK))
+    for start in range(0, p, BLOCK):
+        stop = min(start + BLOCK, p)
+        b = stop - start
+        if b == BLOCK:
+            ordered.fill_columns(rows[start:stop], columns)
+        else:
+            columns[:, :b] = rows[start:stop].T
+        quotients, sizes = ordered.quotients(columns, ordered.multiply(columns, exactly))
+        values[start:stop] = quotients[:b]
+        residuals[start:stop] = sizes[:b]
+    return values, residuals

@@ -1,0 +1,379 @@
+"""Compiled loops of the multifrontal factor and its block solves.
+
+All release the interpreter lock, so that slices run in threads. Blocks of vectors have shape
+(n, 8), C order: eight columns fill two vector registers.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from meshmash_viewer.spectral.engine.compilation import compiled, numba
+
+__all__ = ["factor_numeric", "solve_block"]
+
+_PANEL = 48
+#: Multiplications in an update from which BLAS is faster.
+_LARGE = 60000
+
+U1, U2, U3, U4, U5, U6, U7, U8 = (np.uint64(i) for i in range(1, 9))
+_ELIMINATION = "boolean(float64[:, ::1], float64[:, ::1], int64, int64)"
+_UPDATE = "void(float64[:, ::1], float64[:, ::1], int64, int64)"
+_SOLVE = (
+    "void(uint64[::1], uint64[::1], uint64[::1], uint64[::1],"
+    " float64[::1], float64[::1], float64[::1])"
+)
+
+
+@compiled(_ELIMINATION, "contract", "nsz")
+def _eliminate_panel(front, columns, k0, k1):  # type: ignore[no-untyped-def]
+    """LDLᵀ of columns k0 to k1 of the lower triangle of a front, whose other columns wait.
+
+    `columns` receives them unscaled, as rows, in which the loops run along memory.
+    """
+    m = front.shape[0]
+    for k in range(k0, k1):
+        pivot = front[k, k]
+        if pivot == 0.0 or not np.isfinite(pivot):
+            return False
+        inverse = 1.0 / pivot
+        column = columns[k - k0]
+        for i in range(k + 1, m):
+            column[i] = front[i, k]
+            front[i, k] *= inverse
+        for i in range(k + 1, m):
+            scaled = front[i, k]
+            row = front[i]
+            for j in range(k + 1, min(k1, i + 1)):
+                row[j] -= scaled * column[j]
+    return True
+
+
+@compiled(_UPDATE, "contract", "nsz")
+def _update_rest(front, columns, k0, k1):  # type: ignore[no-untyped-def]
+    """Subtract what a panel's columns leave in the columns behind it, lower triangle only."""
+    for i in range(k1, front.shape[0]):
+        row = front[i]
+        k = k0
+        while k + 4 <= k1:
+            s0 = row[k]
+            s1 = row[k + 1]
+            s2 = row[k + 2]
+            s3 = row[k + 3]
+            c0 = columns[k - k0]
+            c1 = columns[k - k0 + 1]
+            c2 = columns[k - k0 + 2]
+            c3 = columns[k - k0 + 3]
+            for j in range(k1, i + 1):
+                row[j] -= s0 * c0[j] + s1 * c1[j] + s2 * c2[j] + s3 * c3[j]
+            k += 4
+        while k < k1:
+            s0 = row[k]
+            c0 = columns[k - k0]
+            for j in range(k1, i + 1):
+                row[j] -= s0 * c0[j]
+            k += 1
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+def _eliminate(front, w, columns):  # type: ignore[no-untyped-def]
+    """Partial LDLᵀ of the leading w columns of the lower triangle of a front, in place."""
+    m = front.shape[0]
+    for k0 in range(0, w, _PANEL):
+        k1 = min(k0 + _PANEL, w)
+        if not _eliminate_panel(front, columns, k0, k1):
+            return False
+        rest = m - k1
+        width = k1 - k0
+        if rest * rest * width < _LARGE:
+            _update_rest(front, columns, k0, k1)
+            continue
+        lower = np.empty((rest, width))
+        unscaled = np.empty((rest, width))
+        for i in range(rest):
+            for k in range(width):
+                lower[i, k] = front[k1 + i, k0 + k]
+                unscaled[i, k] = columns[k, k1 + i]
+        step = 192
+        for t0 in range(0, rest, step):
+            t1 = min(t0 + step, rest)
+            update = np.dot(lower[t0:t1], unscaled[:t1].T)
+            for i in range(t0, t1):
+                row = front[k1 + i]
+                for j in range(i + 1):
+                    row[k1 + j] -= update[i - t0, j]
+    return True
+
+
+@numba.njit(cache=True, nogil=True)
+def factor_numeric(  # type: ignore[no-untyped-def]
+    data,
+    shift,
+    first,
+    row_start,
+    rows,
+    block_start,
+    children,
+    lower_start,
+    lower_rows,
+    lower_source,
+    stack_size,
+    front_size,
+    blocks,
+    inverse,
+    stop,
+):
+    """Multifrontal LDLᵀ without pivoting; negative pivots, or -1 for failure, -2 for stop.
+
+    `blocks` receives L with D on its diagonal, and `inverse` the diagonal of D⁻¹.
+    """
+    n = len(lower_start) - 1
+    s_count = len(first) - 1
+    stack = np.empty(stack_size, np.float64)
+    front_data = np.empty(front_size * front_size, np.float64)
+    columns = np.empty((min(_PANEL, front_size), front_size), np.float64)
+    pending = np.empty(s_count, np.int64)
+    place = np.empty(n, np.int64)
+    relative = np.empty(front_size, np.int64)
+    top = 0
+    n_pending = 0
+    negative = 0
+    for s in range(s_count):
+        if stop[0] != 0:
+            return -2
+        m = row_start[s + 1] - row_start[s]
+        w = first[s + 1] - first[s]
+        front = front_data[: m * m].reshape((m, m))
+        for i in range(m):
+            for j in range(i + 1):
+                front[i, j] = 0.0
+        own = rows[row_start[s] : row_start[s + 1]]
+        for i in range(m):
+            place[own[i]] = i
+        for k in range(w):
+            j = first[s] + k
+            for p in range(lower_start[j], lower_start[j + 1]):
+                i = lower_rows[p]
+                front[place[i], k] += data[lower_source[p]]
+                if i == j:
+                    front[k, k] -= shift
+        for _ in range(children[s]):
+            n_pending -= 1
+            child = pending[n_pending]
+            child_rows = rows[
+                row_start[child] + first[child + 1] - first[child] : row_start[child + 1]
+            ]
+            u = len(child_rows)
+            top -= u * u
+            update = stack[top : top + u * u].reshape((u, u))
+            for i in range(u):
+                relative[i] = place[child_rows[i]]
+            for i in range(u):
+                target = front[relative[i]]
+                for j in range(i + 1):
+                    target[relative[j]] += update[i, j]
+        if not _eliminate(front, w, columns):
+            return -1
+        block = blocks[block_start[s] : block_start[s + 1]].reshape((m, w))
+        for i in range(m):
+            for k in range(w):
+                block[i, k] = front[i, k] if k <= i else 0.0
+        for k in range(w):
+            inverse[first[s] + k] = 1.0 / front[k, k]
+            if front[k, k] < 0.0:
+                negative += 1
+        u = m - w
+        if u > 0:
+            update = stack[top : top + u * u].reshape((u, u))
+            for i in range(u):
+                for j in range(i + 1):
+                    update[i, j] = front[w + i, w + j]
+            top += u * u
+            pending[n_pending] = s
+            n_pending += 1
+    return negative
+
+
+@compiled(_SOLVE, "contract", "nsz")
+def solve_block(  # type: ignore[no-untyped-def]
+    first, row_start, rows, block_start, blocks, inverse, x
+):
+    """Solve L D Lᵀ X = X in place; x is X of shape (n, 8), flat, and `inverse` the diagonal of D⁻¹.
+
+    Eight named sums a row and unsigned indices let the compiler keep a row of X in two registers.
+    Rows go in pairs, since one alone waits for its own sums; and all of memory is read in order,
+    up on the way forth and down on the way back, or the processor would not fetch it ahead.
+    """
+    s_count = len(first) - U1
+    for s in range(s_count):
+        start = first[s] * U8
+        w = first[s + U1] - first[s]
+        r0 = row_start[s]
+        m = row_start[s + U1] - r0
+        base = block_start[s]
+        i = U1
+        while i < m:
+            at = rows[r0 + i] * U8
+            b = base + i * w
+            j = start
+            a0 = x[at]
+            a1 = x[at + U1]
+            a2 = x[at + U2]
+            a3 = x[at + U3]
+            a4 = x[at + U4]
+            a5 = x[at + U5]
+            a6 = x[at + U6]
+            a7 = x[at + U7]
+            if i < w or i + U1 == m:
+                for k in range(b, b + min(i, w)):
+                    p = blocks[k]
+                    a0 -= p * x[j]
+                    a1 -= p * x[j + U1]
+                    a2 -= p * x[j + U2]
+                    a3 -= p * x[j + U3]
+                    a4 -= p * x[j + U4]
+                    a5 -= p * x[j + U5]
+                    a6 -= p * x[j + U6]
+                    a7 -= p * x[j + U7]
+                    j += U8
+                i += U1
+            else:
+                also = rows[r0 + i + U1] * U8
+                d0 = x[also]
+                d1 = x[also + U1]
+                d2 = x[also + U2]
+                d3 = x[also + U3]
+                d4 = x[also + U4]
+                d5 = x[also + U5]
+                d6 = x[also + U6]
+                d7 = x[also + U7]
+                for k in range(b, b + w):
+                    p = blocks[k]
+                    q = blocks[k + w]
+                    v0 = x[j]
+                    v1 = x[j + U1]
+                    v2 = x[j + U2]
+                    v3 = x[j + U3]
+                    v4 = x[j + U4]
+                    v5 = x[j + U5]
+                    v6 = x[j + U6]
+                    v7 = x[j + U7]
+                    a0 -= p * v0
+                    a1 -= p * v1
+                    a2 -= p * v2
+                    a3 -= p * v3
+                    a4 -= p * v4
+                    a5 -= p * v5
+                    a6 -= p * v6
+                    a7 -= p * v7
+                    d0 -= q * v0
+                    d1 -= q * v1
+                    d2 -= q * v2
+                    d3 -= q * v3
+                    d4 -= q * v4
+                    d5 -= q * v5
+                    d6 -= q * v6
+                    d7 -= q * v7
+                    j += U8
+                x[also] = d0
+                x[also + U1] = d1
+                x[also + U2] = d2
+                x[also + U3] = d3
+                x[also + U4] = d4
+                x[also + U5] = d5
+                x[also + U6] = d6
+                x[also + U7] = d7
+                i += U2
+            x[at] = a0
+            x[at + U1] = a1
+            x[at + U2] = a2
+            x[at + U3] = a3
+            x[at + U4] = a4
+            x[at + U5] = a5
+            x[at + U6] = a6
+            x[at + U7] = a7
+    for back in range(s_count):
+        node = s_count - U1 - back
+        start = first[node] * U8
+        w = first[node + U1] - first[node]
+        r0 = row_start[node]
+        m = row_start[node + U1] - r0
+        base = block_start[node]
+        for k in range(w):
+            pivot = inverse[first[node] + k]
+            for c in range(U8):
+                x[start + k * U8 + c] *= pivot
+        i = m
+        while i > U1:
+            i -= U1
+            at = rows[r0 + i] * U8
+            b = base + i * w
+            j = start
+            a0 = x[at]
+            a1 = x[at + U1]
+            a2 = x[at + U2]
+            a3 = x[at + U3]
+            a4 = x[at + U4]
+            a5 = x[at + U5]
+            a6 = x[at + U6]
+            a7 = x[at + U7]
+            if i <= w:
+                for k in range(b, b + min(i, w)):
+                    p = blocks[k]
+                    x[j] -= p * a0
+                    x[j + U1] -= p * a1
+                    x[j + U2] -= p * a2
+                    x[j + U3] -= p * a3
+                    x[j + U4] -= p * a4
+                    x[j + U5] -= p * a5
+                    x[j + U6] -= p * a6
+                    x[j + U7] -= p * a7
+                    j += U8
+                continue
+            i -= U1
+            also = rows[r0 + i] * U8
+            b -= w
+            d0 = x[also]
+            d1 = x[also + U1]
+            d2 = x[also + U2]
+            d3 = x[also + U3]
+            d4 = x[also + U4]
+            d5 = x[also + U5]
+            d6 = x[also + U6]
+            d7 = x[also + U7]
+            for k in range(b, b + w):
+                p = blocks[k + w]
+                q = blocks[k]
+                v0 = x[j]
+                v1 = x[j + U1]
+                v2 = x[j + U2]
+                v3 = x[j + U3]
+                v4 = x[j + U4]
+                v5 = x[j + U5]
+                v6 = x[j + U6]
+                v7 = x[j + U7]
+                v0 -= p * a0
+                v1 -= p * a1
+                v2 -= p * a2
+                v3 -= p * a3
+                v4 -= p * a4
+                v5 -= p * a5
+                v6 -= p * a6
+                v7 -= p * a7
+                v0 -= q * d0
+                v1 -= q * d1
+                v2 -= q * d2
+                v3 -= q * d3
+                v4 -= q * d4
+                v5 -= q * d5
+                v6 -= q * d6
+                v7 -= q * d7
+                x[j] = v0
+                x[j + U1] = v1
+                x[j + U2] = v2
+                x[j + U3] = v3
+                x[j + U4] = v4
+                x[j + U5] = v5
+                x[j + U6] = v6
+                x[j + U7] = v7
+                j += U8

@@ -1,0 +1,258 @@
+"""From reduced pairs to final ones: scaling, signs, agreement of neighbours, proof.
+
+Pairs of different slices are orthogonal only as far as their residuals and their distance make
+them; what is missing is taken off against the slice before, which is already final.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.spectral.engine.pencil import Pencil
+
+__all__ = ["Allocate", "Extend", "Output", "PairsCallback", "fix_sign"]
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+#: ``(k, n) -> array of shape (k, n)`` that the rows are written into.
+Allocate: TypeAlias = Callable[[int, int], npt.NDArray[np.floating[Any]]]
+#: ``(k, n, kept) -> array of shape (k, n)`` that holds the rows of the indices `kept` already.
+Extend: TypeAlias = Callable[[int, int, npt.NDArray[np.int64]], npt.NDArray[np.floating[Any]]]
+#: ``(start, eigenvalues, residuals)`` of pairs whose rows have just become final.
+PairsCallback: TypeAlias = Callable[[int, FloatArray, FloatArray], None]
+
+#: Inner products of neighbouring slices below this stay as they are.
+_TOUCHING = 1e-11
+#: Residuals of reduced eigenvalues below this are relative to 4π / area.
+_ZERO = 1e-9
+#: Random sums of all rows but the newest.
+_MIXTURES = 8
+#: Vertices that a product works on at once.
+_STRETCH = 8192
+#: Rows that stay as they are, measured at once.
+_KEPT = 128
+
+
+class Output:
+    """The arrays of a decomposition while they fill, lowest pair first.
+
+    Parameters
+    ----------
+    pencil : Pencil
+        In the vertex order of the rows that will come.
+    k : int
+        Number of pairs to come.
+    dtype : dtype
+        Of the rows.
+    ceiling : float, optional
+        Eigenvalues that rounding put above a threshold are brought back to it.
+    rows : ndarray, shape (k, n_all), optional
+        Where they go; some may be there already (see `keep`).
+    n_jobs : int
+        Threads that finish rows.
+    """
+
+    def __init__(
+        self,
+        pencil: Pencil,
+        k: int,
+        dtype: np.dtype[Any],
+        ceiling: float | None,
+        rows: npt.NDArray[np.floating[Any]] | None = None,
+        n_jobs: int = 1,
+    ) -> None:
+        shape = (k, pencil.n_all)
+        self.pencil, self.ceiling = pencil, ceiling
+        self.eigenvalues, self.residuals = np.zeros(k), np.zeros(k)
+        self.rows = np.empty(shape, dtype=dtype) if rows is None else rows
+        self.written = 0
+        self.orthonormality = 0.0
+        self._before = slice(0, 0)
+        self._inverse_root_mass = 1.0 / pencil.root_mass
+        self._random = np.random.default_rng(1)
+        self._threads = ThreadPoolExecutor(n_jobs, "output")
+        self._mixture = np.zeros((_MIXTURES, pencil.n_all))
+        self._mass = np.zeros(pencil.n_all)
+        self._mass[pencil.active] = pencil.root_mass**2
+
+    def close(self) -> None:
+        """End the threads."""
+        self._threads.shutdown()
+
+    @property
+    def total(self) -> int:
+        """Number of pairs in the end."""
+        return len(self.eigenvalues)
+
+    def write(
+        self,
+        values: FloatArray,
+        residuals: FloatArray,
+        rows: FloatArray,
+        orthonormality: float | None = None,
+        n_kept_behind: int = 0,
+    ) -> slice:
+        """Finish pairs of the reduced problem and write them behind those that are there.
+
+        Parameters
+        ----------
+        values : ndarray, shape (p,)
+        residuals : ndarray, shape (p,)
+            In the reduced unit, not relative.
+        rows : ndarray, shape (p, n)
+            Orthonormal; overwritten.
+        orthonormality : float, optional
+            Largest defect of their inner products, where it has been measured.
+        n_kept_behind : int
+            Number of rows that come next and are there already.
+        """
+        pencil = self.pencil
+        count = min(len(values), self.total - self.written)
+        values, residuals, rows = values[:count], residuals[:count], rows[:count]
+        place = slice(self.written, self.written + count)
+        # Equal eigenvalues come in any order of their roundings; told, they ascend.
+        before = self.eigenvalues[self.written - 1] if self.written else -np.inf
+        eigenvalues = np.maximum(np.maximum.accumulate(values * pencil.unit), before)
+        if self.ceiling is not None:
+            eigenvalues = np.minimum(eigenvalues, self.ceiling)
+        self.eigenvalues[place] = eigenvalues
+        residuals = residuals + np.abs(eigenvalues / pencil.unit - values)
+        self.residuals[place] = residuals / np.where(values > _ZERO, values, 1.0)
+        written = self.rows[place]
+
+        def finish(i: int) -> None:
+            rows[i] *= self._inverse_root_mass
+            fix_sign(rows[i], pencil.active)
+            written[i, pencil.active] = rows[i]
+
+        for _ in self._threads.map(finish, range(count)):
+            pass
+        if pencil.n < pencil.n_all:
+            written[:, self._mass == 0.0] = np.nan
+        behind = slice(place.stop, place.stop + min(n_kept_behind, _KEPT))
+        if behind.stop > behind.start:
+            self._separate(written, self.rows[behind])
+        worst = self._agree(written)
+        if orthonormality is None or self.rows.dtype != np.float64:
+            orthonormality = self._defect(written)
+        worst = max(worst, orthonormality)
+        self.orthonormality = max(self.orthonormality, worst)
+        self._before = place
+        self.written += count
+        return place
+
+    def keep(self, eigenvalues: FloatArray, residuals: FloatArray) -> slice:
+        """Take the rows that are next in the array as they are, and measure them.
+
+        Parameters
+        ----------
+        eigenvalues, residuals : ndarray, shape (p,)
+            As they were given out before.
+        """
+        place = slice(self.written, self.written + len(eigenvalues))
+        self.eigenvalues[place], self.residuals[place] = eigenvalues, residuals
+        for start in range(place.start, place.stop, _KEPT):
+            part = slice(start, min(start + _KEPT, place.stop))
+            kept = self.rows[part]
+            worst = max(self._agree(kept, final=True), self._defect(kept))
+            self.orthonormality = max(self.orthonormality, worst)
+            self._before = part
+        self.written = place.stop
+        return place
+
+    def _separate(
+        self, written: npt.NDArray[np.floating[Any]], others: npt.NDArray[np.floating[Any]]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Take off what rows share with others that are final; the products that remain."""
+        shared, far = self._products(written, others)
+        if np.abs(shared).max(initial=0.0) > 0.5:
+            raise ArithmeticError("two slices found the same eigenvector")
+        if np.abs(shared).max(initial=0.0) > _TOUCHING and self.rows.dtype == np.float64:
+
+            def take_off(part: slice) -> None:
+                written[:, part] -= shared @ self._finite(others[:, part])
+
+            for _ in self._threads.map(take_off, self._stretches()):
+                pass
+            shared, far = self._products(written, others)
+        return shared, far
+
+    def _agree(self, written: npt.NDArray[np.floating[Any]], final: bool = False) -> float:
+        """Take off what rows share with those of the slice before; the rest that remains.
+
+        Rows that are `final` already are only measured.
+
+        What they share with rows before those, far from them in the spectrum, is measured
+        through eight random sums: the size of a row of inner products, which is at least the
+        largest of them.
+        """
+        before = self.rows[self._before]
+        if len(before) == 0 or len(written) == 0:
+            return 0.0
+        products = self._products if final else self._separate
+        shared, far = products(written, before)
+        signs = self._random.choice([-1.0, 1.0], size=(_MIXTURES, len(before)))
+        for part in self._stretches():
+            self._mixture[:, part] += signs @ self._finite(before[:, part])
+        return float(max(np.abs(shared).max(), np.linalg.norm(far, axis=1).max() / _MIXTURES**0.5))
+
+    def _products(
+        self, written: npt.NDArray[np.floating[Any]], before: npt.NDArray[np.floating[Any]]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Inner products of rows with those before, and with the sums of all before those.
+
+        Stretches are added up in their order, whatever thread was first.
+        """
+
+        def products(part: slice) -> tuple[FloatArray, FloatArray]:
+            weighted = self._finite(written[:, part]) * self._mass[part]
+            return weighted @ self._finite(before[:, part]).T, weighted @ self._mixture[:, part].T
+
+        shared = np.zeros((len(written), len(before)))
+        far = np.zeros((len(written), _MIXTURES))
+        for near, distant in self._threads.map(products, self._stretches()):
+            shared += near
+            far += distant
+        return shared, far
+
+    def _defect(self, written: npt.NDArray[np.floating[Any]]) -> float:
+        """Largest defect of the inner products among rows."""
+        gram = self._products(written, written)[0]
+        return float(np.abs(gram - np.eye(len(gram))).max(initial=0.0))
+
+    def _stretches(self) -> list[slice]:
+        return [slice(i, i + _STRETCH) for i in range(0, len(self._mass), _STRETCH)]
+
+    def _finite(self, rows: npt.NDArray[np.floating[Any]]) -> FloatArray:
+        """Rows in float64, zero where a vertex has no mass."""
+        exact: FloatArray = np.asarray(rows, dtype=np.float64)
+        if self.pencil.n < self.pencil.n_all:
+            exact = np.nan_to_num(exact)
+        return exact
+
+
+def fix_sign(row: FloatArray, places: npt.NDArray[np.int64]) -> None:
+    """Turn a row in place so that its entry of largest magnitude is positive.
+
+    Of entries whose magnitudes agree to 1e-6 the one of the first place decides, so that rounding
+    does not.
+
+    Parameters
+    ----------
+    row : ndarray, shape (n,)
+    places : ndarray of int, shape (n,)
+        Vertices in the order of the mesh.
+    """
+    highest, lowest = float(row.max(initial=0.0)), float(row.min(initial=0.0))
+    near = (1.0 - 1e-6) * max(highest, -lowest)
+    if highest >= near > -lowest:
+        return
+    if highest >= near:
+        leading = np.flatnonzero(np.abs(row) >= near)
+        if row[leading[np.argmin(places[leading])]] > 0.0:
+            return
+    np.negative(row, out=row)

@@ -1,0 +1,360 @@
+"""Cutting the spectrum into slices of about equal content, by counting eigenvalues.
+
+Weyl's law says where to look first; it is off by a factor of two on a neuron, so every count
+corrects it. Counts are exact (Sylvester's law of inertia), so each slice has a known number to
+find; where a border lies next to an eigenvalue, the count is proved by counts on both sides.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right, insort
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from math import log
+from typing import TypeVar
+
+from meshmash_viewer.spectral.engine.factorization import (
+    FactorizationError,
+    OrderedPencil,
+    StopFlag,
+)
+from meshmash_viewer.spectral.engine.lanczos import Interval
+from meshmash_viewer.spectral.engine.waiting import wait_for
+from meshmash_viewer.spectral.engine.workers import slice_count
+
+__all__ = ["SpectrumPlan"]
+
+T = TypeVar("T")
+
+#: A border may lie this far, in parts of a slice, from where it was meant to be: where counting
+#: again would be waited for, and where it goes on beside another count.
+_SLACK, _SLACK_BESIDE = 0.2, 0.05
+#: A shift may lie this far from the middle of its slice, in parts of what it holds: farther out
+#: more steps are needed than a factor costs. In the lowest slice, whose far end is sparse, it
+#: matters less.
+_ASIDE, _ASIDE_LOWEST = 0.06, 0.25
+#: Distances, relative to a value, at which it is counted on both sides.
+_RUNGS = tuple(1e-9 * 8.0**i for i in range(10))
+#: A count speaks of eigenvalues farther away than so many times the blur of its factor.
+_BLURS = 16.0
+#: An eigenvalue nearer to a border than this, relative to it, makes its count doubtful.
+_CLEARANCE = 1e-10
+#: A shift that meets a vanishing pivot is moved by this share of itself at most.
+_MOVE = 1e-2
+
+
+class SpectrumPlan:
+    """Counts of eigenvalues below chosen values, and slices between them.
+
+    Values are in the reduced problem, and counts include the null space.
+
+    Parameters
+    ----------
+    ordered : OrderedPencil
+    stop : ndarray of uint8, shape (1,)
+        Set from outside, or here when `poll` raises, to end a running factorization.
+    poll : callable, optional
+        Called several times a second while factoring; what it raises ends that.
+    n_jobs : int
+        Counts at a time, where several are known to be needed.
+    lean : bool
+        Small slices.
+
+    Attributes
+    ----------
+    top : float
+        A value above the whole spectrum.
+    """
+
+    def __init__(
+        self,
+        ordered: OrderedPencil,
+        stop: StopFlag,
+        poll: Callable[[], None] | None = None,
+        n_jobs: int = 1,
+        lean: bool = False,
+    ) -> None:
+        self._ordered = ordered
+        self._lean = lean
+        self._poll = poll
+        self._stop = stop
+        self._n_jobs = n_jobs
+        pencil = ordered.pencil
+        self.top = 1.01 * pencil.norm + 1.0
+        self._counts = {0.0: pencil.n_null, self.top: pencil.n}
+        self._knots = [0.0, self.top]
+        self._shifts: set[float] = set()
+        # How near an eigenvalue may lie to a knot before its count is in doubt.
+        self._clearance = {0.0: 0.0, self.top: 0.0}
+        self._settled = {0.0, self.top}
+
+    def count(self, knot: float) -> int:
+        """Eigenvalues below a value that was counted at: what `find` and `settle` return."""
+        return self._counts[knot]
+
+    def negative(self) -> int:
+        """Number of eigenvalues that are below zero by more than rounding."""
+        below = -max(1e-6, 1e-9 * self.top)
+        return self._each([below], lambda v: self._ordered.factor(v, -v, self._stop).count_below)[0]
+
+    def settle(self, value: float, outward: float = 1.0, *, wide: bool = False) -> float:
+        """A border at a value, or as little beyond as it takes to be clear of all eigenvalues.
+
+        Counts on both sides that agree prove that nothing lies between them, wherever in between
+        a pivot vanishes. Where they differ, the value is an eigenvalue or next to one, and counts
+        at larger and larger distances find the gap behind it; the border goes into its middle.
+
+        Parameters
+        ----------
+        value : float
+        outward : {1.0, -1.0}
+            The side on which the border may lie.
+        wide : bool
+            Whether it is to lie in the middle of the gap in any case: an eigenvalue is near.
+
+        Returns
+        -------
+        float
+            The value itself where it is clear.
+
+        Raises
+        ------
+        FactorizationError
+            If there is no gap within a hundredth of the value.
+        """
+        if value in self._settled:
+            return value
+        scale = max(abs(value), 1.0)
+        places = [value + outward * scale * rung for rung in (-_RUNGS[0], *_RUNGS)]
+        begin: tuple[float, int] | None = None
+        end: float | None = None
+        # Two sides are always needed, so they are counted side by side.
+        for group in (places[:2], *([place] for place in places[2:])):
+            for place, counted in zip(group, self._each(group, self._count_at), strict=True):
+                if counted is None or _BLURS * counted[1] > abs(place - value):
+                    continue
+                inside = min(max(place, 0.0), self.top)
+                if begin is not None and begin[1] == counted[0]:
+                    end = inside
+                    if not wide and place is places[1]:
+                        return self._settled_at(value, begin[1], 0.25 * abs(end - begin[0]))
+                elif end is None:
+                    begin = inside, counted[0]
+                else:
+                    break
+            else:
+                continue
+            break
+        if begin is None or end is None:
+            raise FactorizationError(f"no gap in the spectrum near {value:.6g}")
+        middle = end if end in (0.0, self.top) else 0.5 * (begin[0] + end)
+        return self._settled_at(middle, begin[1], 0.25 * abs(end - begin[0]))
+
+    def _settled_at(self, border: float, count: int, clearance: float) -> float:
+        self._note(border, count, clearance)
+        self._settled.add(border)
+        return border
+
+    def _count_at(self, place: float) -> tuple[int, float] | None:
+        """Eigenvalues below a place and the blur of that count, or None if a pivot vanishes."""
+        if place <= 0.0:
+            return self._counts[0.0], 0.0
+        if place >= self.top:
+            return self._counts[self.top], 0.0
+        factor = self._ordered.factor_at(place, self._stop)
+        return None if factor is None else (factor.count_below, factor.blur)
+
+    def _each(self, values: Sequence[float], work: Callable[[float], T]) -> list[T]:
+        """Work that factors, for several values side by side, while `poll` is asked."""
+
+        def factor() -> list[T]:
+            if len(values) == 1 or self._n_jobs == 1:
+                return [work(value) for value in values]
+            with ThreadPoolExecutor(self._n_jobs, "count") as threads:
+                return list(threads.map(work, values))
+
+        def abandon() -> None:
+            self._stop[0] = 1
+
+        return wait_for(factor, self._poll, abandon)
+
+    def _count_all(self, values: Sequence[float]) -> None:
+        """Count below several values, or next to them, side by side."""
+        unknown = sorted(set(values) - self._counts.keys())
+        for shift, count, blur in self._each(unknown, self._count_near) if unknown else []:
+            self._note(shift, count, max(_BLURS * blur, _CLEARANCE * max(shift, 1.0)))
+
+    def _count_near(self, value: float) -> tuple[float, int, float]:
+        factor = self._ordered.factor(value, _MOVE * max(value, 1e-3), self._stop)
+        if value in self._shifts:
+            self._ordered.kept[factor.shift] = factor
+        return factor.shift, factor.count_below, factor.blur
+
+    def _note(self, knot: float, count: int, clearance: float) -> None:
+        if knot not in self._counts:
+            insort(self._knots, knot)
+        self._counts[knot], self._clearance[knot] = count, clearance
+
+    def find_top(self, least: int, most: int) -> float:
+        """A value with `least` to `most` eigenvalues below it, and knots that slices will need.
+
+        The first counts are made in the middle of the first slices, whose factors these then are;
+        they say how dense the spectrum is, and the next counts find its top and the borders below
+        that, side by side. How many does not depend on `n_jobs`, nor does what is found.
+        """
+        first = self._counts[0.0]
+        parts = slice_count(most - first, self._lean)
+        ahead = range(min(parts, 2))
+        middles = [_window(first, most, part + 0.5, parts) for part in ahead]
+        borders = [_window(first, most, part + 1, parts, _SLACK_BESIDE) for part in ahead]
+        values = [self._step(*window, 0)[0] for window in middles]
+        self._shifts = set(sorted(values)[: self._n_jobs])
+        if parts > len(middles):
+            values.append(self._step(least, most, 0)[0])
+        self._count_all(values)
+        for turn in range(3):
+            steps = [self._step(*window, turn) for window in ((least, most), *borders[: parts - 1])]
+            values = [value for value, found in steps if not found]
+            if steps[0][1]:
+                break
+            self._count_all(values)
+        return self.find(least, most)
+
+    def find(self, least: int, most: int) -> float:
+        """A knot with `least` to `most` eigenvalues below it.
+
+        Where a multiple eigenvalue leaves no such place, one clear above it.
+        """
+        for turn in range(80):
+            value, found = self._step(least, most, turn)
+            if found:
+                return value
+            self._count_all([value])
+        raise ArithmeticError(f"no border between {least} and {most} eigenvalues")
+
+    def _step(self, least: int, most: int, turn: int) -> tuple[float, bool]:
+        """What `find` gives, and True; or where it has to count next, and False."""
+        i = bisect_left(self._knots, least, key=self._counts.__getitem__)
+        fitting = self._knots[i : bisect_right(self._knots, most, key=self._counts.__getitem__)]
+        if fitting:
+            middle = 0.5 * (least + most)
+            return min(fitting, key=lambda knot: abs(self._counts[knot] - middle)), True
+        low, high = self._knots[i - 1], self._knots[i]
+        if high - low < 1e-6 * high:
+            return self.settle(high, wide=True), True
+        value = self._between(low, high, 0.5 * (least + most), last=i == len(self._knots) - 1)
+        if turn % 2 and turn > 3:  # a multiple eigenvalue makes the count jump
+            value = 0.5 * (low + high)
+        return value, False
+
+    def _between(self, low: float, high: float, wanted: float, last: bool) -> float:
+        """Where to count next, strictly between two knots.
+
+        The count grows like a power of the value, on a surface like its first, along the branches
+        of a neuron like its square root, at first by Weyl's law.
+        """
+        start = self._counts[0.0]
+        known = [knot for knot in self._knots[:-1] if self._counts[knot] > start]
+        if not known:
+            return min(1.06 * (wanted - start), high * 0.9)
+        i = min(bisect_left(known, low), len(known) - 1)
+        at = known[i]
+        other = known[i + 1] if i + 1 < len(known) else known[max(i - 1, 0)]
+        power = 1.0
+        if self._counts[other] != self._counts[at]:
+            grown = log((self._counts[other] - start) / (self._counts[at] - start))
+            power = min(max(grown / log(other / at), 0.3), 1.5)
+        value: float = at * ((wanted - start) / (self._counts[at] - start)) ** (1.0 / power)
+        if last:
+            return min(max(value, 1.01 * low), 0.5 * (low + high))
+        margin = (0.05 if low > 0.0 else 0.01) * (high - low)
+        return min(max(value, low + margin), high - margin)
+
+    def around(self, value: float, wanted: int) -> tuple[float, float]:
+        """Borders around a value with at least `wanted` eigenvalues between, and few more.
+
+        Both are at the same distance, so those nearest the value are among them.
+        """
+        enough, too_few = 2.0 * self.top, 0.0
+        radius = 0.5 * wanted
+        for _ in range(60):
+            low, high = max(value - radius, 0.0), min(value + radius, self.top)
+            (below, above) = self._each([low, high], self._below)
+            inside = above - (below if low > 0.0 else 0)
+            if inside >= wanted:
+                enough = radius
+                if inside <= 1.5 * wanted + 10:
+                    break
+            else:
+                too_few = radius
+            if enough - too_few < 1e-6 * enough:
+                break
+            radius *= float(min(max((1.2 * wanted + 3.0) / max(inside, 1), 0.3), 4.0))
+            if not too_few < radius < enough:
+                radius = 0.5 * (too_few + enough)
+        low, high = value - enough, value + enough
+        low = self.settle(low, -1.0) if low > 0.0 else 0.0
+        return low, self.settle(high) if high < self.top else self.top
+
+    def _below(self, value: float) -> int:
+        """Eigenvalues below a value or next to it."""
+        if value <= 0.0 or value >= self.top:
+            return self._counts[self.top if value > 0.0 else 0.0]
+        return self._count_near(value)[1]
+
+    def slices(self, low: float, high: float, settled: bool = False) -> Iterator[Interval]:
+        """Slices from low to high, lowest first; borders are counted as they are reached.
+
+        Parameters
+        ----------
+        low, high : float
+            Knots.
+        settled : bool
+            Whether every border is counted on both sides: twice the counts, needed only where a
+            slice has shown that one lies on an eigenvalue.
+        """
+        first, last = self.count(low), self.count(high)
+        parts = slice_count(last - first, self._lean)
+        for knot in [knot for knot in self._ordered.kept if not low < knot < high]:
+            del self._ordered.kept[knot]
+        start, index = low, 0
+        for part in range(1, parts + 1):
+            end = high
+            if part < parts:
+                end = self.find(*_window(first, last, part, parts))
+                end = min(self.settle(end, wide=True) if settled else end, high)
+            if self.count(end) > self.count(start):
+                yield self.interval(start, end, index)
+                index += 1
+            start = end
+
+    def interval(self, start: float, end: float, index: int = 0) -> Interval:
+        """The slice between two knots."""
+        # The null space is deflated; what rounding leaves of it is below zero.
+        inner = start - 0.5 * self._clearance[start] if start > 0.0 else -0.02 * end
+        first, shift = self.count(start), self._shift(start, end, inner)
+        owed = self.count(end) - first
+        return Interval(index, inner, end, first, owed, shift, self._clearance[end])
+
+    def _shift(self, start: float, end: float, inner: float) -> float:
+        """A knot with about as many eigenvalues of a slice on either side, or its middle."""
+        below, above = self._counts[start], self._counts[end]
+        inside = [knot for knot in self._knots if start < knot < end]
+        aside = {knot: abs(self._counts[knot] - 0.5 * (below + above)) for knot in inside}
+        shift = min(inside, key=aside.__getitem__, default=start)
+        allowed = _ASIDE if start > 0.0 else _ASIDE_LOWEST
+        if not inside or aside[shift] > allowed * (above - below):
+            shift = 0.5 * (inner + end)
+        for knot in inside:
+            if knot != shift:
+                self._ordered.kept.pop(knot, None)
+        return shift
+
+
+def _window(
+    first: int, last: int, part: float, parts: int, slack: float = _SLACK
+) -> tuple[int, int]:
+    """Least and most eigenvalues below the border after a part."""
+    middle = first + part * (last - first) / parts
+    slack *= (last - first) / parts
+    return int(middle - slack), int(middle + slack) + 1

@@ -1,0 +1,83 @@
+"""What a decomposition is asked for, checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.progress import CancelCallback, ProgressCallback
+from meshmash_viewer.spectral.engine.compiler import check_compiler
+from meshmash_viewer.spectral.engine.output import Allocate, Extend, PairsCallback
+
+__all__ = ["Request"]
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """The arguments of `meshmash_viewer.spectral.eigensolver.solve`, which documents them.
+
+    Raises
+    ------
+    InputError
+        If they make no sense, or nothing can be computed without a compiler.
+    """
+
+    n_components: int | None = None
+    max_eigenvalue: float | None = None
+    sigma: float | None = None
+    tol: float = 1e-10
+    dtype: npt.DTypeLike = np.float64
+    n_jobs: int | None = None
+    known: Any = None
+    allocate: Allocate | None = None
+    extend: Extend | None = None
+    on_pairs: PairsCallback | None = None
+    progress: ProgressCallback | None = None
+    cancel: CancelCallback | None = None
+    op_inv: Any = None
+    ncv: int | None = None
+
+    def __post_init__(self) -> None:
+        check_compiler()
+        if (self.n_components is None) == (self.max_eigenvalue is None):
+            raise InputError("Give either a number of eigenpairs or a largest eigenvalue.")
+        if self.n_components is not None and self.n_components < 1:
+            raise InputError(f"At least one eigenpair must be asked for, not {self.n_components}.")
+        if self.max_eigenvalue is not None and not self.max_eigenvalue >= 0.0:
+            raise InputError(f"The largest eigenvalue must not be negative: {self.max_eigenvalue}.")
+        if self.precision not in (np.dtype(np.float64), np.dtype(np.float32)):
+            raise InputError(f"Eigenvectors come as float64 or float32, not {self.precision}.")
+        if self.sigma is not None and not np.isfinite(self.sigma):
+            raise InputError(f"The shift sigma is {self.sigma}: give a finite number or None.")
+        if not self.tol >= 0.0:
+            raise InputError(f"The tolerance must not be negative: {self.tol}.")
+        if self.op_inv is not None and self.n_components is None:
+            raise InputError("An inverse op_inv is of use for a number of eigenpairs only.")
+        if self.n_jobs is not None and self.n_jobs < 1:
+            raise InputError(f"At least one process must work, not {self.n_jobs}.")
+
+    @property
+    def precision(self) -> np.dtype[Any]:
+        """Type of the rows."""
+        return np.dtype(np.float64 if self.dtype is None else self.dtype)
+
+    @property
+    def lean(self) -> bool:
+        """Whether rows come in float32, for the sake of memory."""
+        return self.precision == np.dtype(np.float32)
+
+    @property
+    def tolerance(self) -> float:
+        """Residual to reach, relative to λ: no smaller than the rows can show."""
+        return max(self.tol, 1e-7 if self.lean else 1e-13)
+
+    @property
+    def target(self) -> float | None:
+        """The interior value whose neighbours are wanted; None for the lowest pairs."""
+        if self.sigma is None or self.sigma <= 0.0 or self.n_components is None:
+            return None
+        return self.sigma

@@ -1,0 +1,618 @@
+"""One decomposition from start to end: which way it goes, and who hears of it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import chain
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError, UnprovenError
+from meshmash_viewer.progress import Cancelled, Progress
+from meshmash_viewer.spectral.certificate import Certificate
+from meshmash_viewer.spectral.engine.arnoldi import pairs_of_inverse
+from meshmash_viewer.spectral.engine.blas_threads import one_blas_thread
+from meshmash_viewer.spectral.engine.dissection import DissectionCrew
+from meshmash_viewer.spectral.engine.factorization import (
+    FactorizationError,
+    OrderedPencil,
+    order_pencil,
+)
+from meshmash_viewer.spectral.engine.known import KnownPairs, pairs_that_fit
+from meshmash_viewer.spectral.engine.lanczos import IntervalPairs, measure_pairs
+from meshmash_viewer.spectral.engine.orthogonality import orthonormalise
+from meshmash_viewer.spectral.engine.output import Output
+from meshmash_viewer.spectral.engine.pencil import Pencil, reduce_pencil
+from meshmash_viewer.spectral.engine.plan import SpectrumPlan
+from meshmash_viewer.spectral.engine.request import Request
+from meshmash_viewer.spectral.engine.slices import run_slices
+from meshmash_viewer.spectral.engine.workers import can_be_dense, is_dense, worker_count
+
+__all__ = ["Run"]
+
+FloatArray = npt.NDArray[np.float64]
+
+#: A threshold keeps eigenvalues up to this relative distance above it: rounding.
+_THRESHOLD_MARGIN = 1e-11
+#: So many more pairs than asked for are borne with where a multiple eigenvalue ends the count.
+_MOST_COPIES = 1000
+#: Pairs of the slice below a threshold that is an eigenvalue.
+_LAST_SLICE = 80
+#: Pairs beyond those asked for that a given inverse is asked for.
+_EXTRA = 6
+#: Largest entry of an eigenvector that float32 can hold, with room for its products.
+_LARGEST_SINGLE = 1e30
+#: What is said of stages in which no pairs are counted yet.
+_MESSAGES = {
+    "matrices": "Preparing the solver (the first run after an installation compiles it)",
+    "order": "Factoring and counting eigenvalues",
+}
+
+
+class Run:
+    """A request at work on a pencil.
+
+    Attributes
+    ----------
+    output : Output
+        What has come out so far.
+    certificate : Certificate
+        What proves that `output` holds all there is, once it is written.
+    timings : dict of float
+    """
+
+    output: Output
+
+    def __init__(self, stiffness: Any, mass: Any, request: Request) -> None:
+        self.began = time.perf_counter()
+        self.request = request
+        # What is wrong with the matrices is said where they are reduced.
+        crew = DissectionCrew(max(np.shape(stiffness), default=0))
+        self.pencil = reduce_pencil(stiffness, mass)
+        self._crew = crew
+        self._count, self._remark = Certificate("none"), ""
+        self.timings: dict[str, float] = {"matrices": time.perf_counter() - self.began}
+        self._stop = np.zeros(1, dtype=np.uint8)
+        self._plan: SpectrumPlan | None = None
+        self._heard = 0.0
+        self._jobs = 1
+        self._known: KnownPairs | None = None
+        self._is_there = np.zeros(0, dtype=bool)
+
+    @property
+    def certificate(self) -> Certificate:
+        """What proves that `output` holds all there is, with what was measured of its pairs."""
+        output = self.output
+        worst = int(np.argmax(output.residuals)) if output.total else 0
+        return replace(
+            self._count,
+            residual=float(output.residuals[worst]) if output.total else 0.0,
+            residual_index=worst,
+            orthonormality=output.orthonormality,
+            precision="float32" if self.request.lean else "float64",
+            remark=self._remark,
+        )
+
+    def batches(self) -> Iterator[slice]:
+        """Find everything; yields the places of rows that have just become final."""
+        self._report("matrices")
+        with one_blas_thread():
+            try:
+                yield from self._found()
+            except (ArithmeticError, FactorizationError, np.linalg.LinAlgError) as fault:
+                if self._plan is not None:
+                    self._stop[0] = 0
+                    self._refuse_negative(self._plan)
+                raise UnprovenError(
+                    f"The eigenpairs of this matrix cannot be proven ({fault}): its entries may "
+                    "differ too much in size; try robust=True, repair the mesh, or ask for "
+                    "another number of pairs."
+                ) from fault
+            finally:
+                if hasattr(self, "output"):
+                    self.output.close()
+
+    def _found(self) -> Iterator[slice]:
+        if self.request.op_inv is None and self._is_dense(self.request.n_components or 0):
+            yield from self._dense()
+            return
+        ordered = self._order()
+        if self.request.op_inv is not None:
+            pairs = self._through_given_inverse(ordered)
+            if pairs is not None:
+                yield from self._write_all(*pairs)
+                return
+            if self._is_dense(self.request.n_components or 0):
+                yield from self._dense()
+                return
+        try:
+            yield from self._sliced(ordered)
+        except (ArithmeticError, FactorizationError, np.linalg.LinAlgError):
+            # What has been given out stays; before that, few vertices can go the sure way.
+            if hasattr(self, "output") or not can_be_dense(self.pencil.n):
+                raise
+            self._stop[0] = 0
+            yield from self._dense()
+
+    def _is_dense(self, wanted: int) -> bool:
+        return is_dense(self.pencil.n, self.pencil.n_null, wanted)
+
+    def _order(self) -> OrderedPencil:
+        started = time.perf_counter()
+        ordered = order_pencil(self.pencil, self._poll, self._crew)
+        self.pencil = ordered.pencil
+        self._spend("order", started)
+        self._report("order")
+        return ordered
+
+    # The lowest pairs, or those around a value, slice by slice -----------------------------------
+
+    def _sliced(self, ordered: OrderedPencil) -> Iterator[slice]:
+        pencil, request = self.pencil, self.request
+        self._jobs = self._workers(ordered, request.n_components or 0)
+        plan = SpectrumPlan(ordered, self._stop, self._poll, self._jobs, request.lean)
+        self._plan = plan
+        started = time.perf_counter()
+        if request.target is not None:
+            yield from self._nearest(ordered, plan, request.target / pencil.unit)
+            return
+        known = pairs_that_fit(request.known, ordered)
+        below, held = 0.0, None
+        if request.max_eigenvalue is not None:
+            threshold = min(request.max_eigenvalue / pencil.unit, plan.top)
+            top = plan.settle(threshold)
+            wanted = plan.count(top)
+            if wanted > plan.count(plan.settle(threshold, -1.0)):
+                below, held = self._around_threshold(ordered, plan, threshold, top)
+                wanted = held.interval.first + len(held.values)
+        else:
+            assert request.n_components is not None
+            wanted = min(request.n_components, pencil.n)
+            top = 0.0
+            if wanted > pencil.n_null:
+                # What `find_top` prepares are the first slices, which known pairs spare.
+                find = plan.find_top if known is None else plan.find
+                top = find(wanted, wanted + max(4, wanted // 40))
+        counted = plan.count(top)
+        self._spend("count", started)
+        if self._is_dense(wanted):
+            yield from self._dense()
+            return
+        if top > 0.0 and counted > _MOST_COPIES + 2 * wanted:
+            raise UnprovenError(
+                f"{counted - wanted} more eigenvalues than the {wanted} asked for are equal to "
+                f"{top * pencil.unit:.4g}: ask for fewer pairs, or for all of them."
+            )
+        end, last = (top, wanted) if held is None else (below, held.interval.first)
+        parts = None if known is None else known.stretches(plan, last, end)
+        self._open(wanted, None if parts is None else known)
+        yield from self._place_null()
+        if wanted <= pencil.n_null:
+            self._refuse_negative(plan)
+            self._count = Certificate("inertia", counted, counted, top * pencil.unit)
+            if pencil.n_null:
+                self._count = Certificate("null space", pencil.n_null, pencil.n_null)
+            return
+        if parts is None:
+            parts = [(0.0, end)] if end > 0.0 else []
+        yield from self._slices(ordered, plan, parts)
+        if held is not None:
+            yield from self._place_slice(ordered, held)
+        self._count = Certificate("inertia", counted, counted, top * pencil.unit)
+
+    def _around_threshold(
+        self, ordered: OrderedPencil, plan: SpectrumPlan, threshold: float, top: float
+    ) -> tuple[float, IntervalPairs]:
+        """Where the last slice begins, and its pairs up to a threshold that is an eigenvalue.
+
+        It is found first, since its values decide how many pairs there are to be.
+        """
+        less = plan.count(plan.settle(threshold, -1.0)) - _LAST_SLICE
+        below = (
+            plan.settle(plan.find(less, less + _LAST_SLICE // 2))
+            if less > self.pencil.n_null
+            else 0.0
+        )
+        held = next(
+            run_slices(
+                ordered,
+                [plan.interval(below, top)],
+                self.request.tolerance,
+                1,
+                self._stop,
+                self._poll,
+            )
+        )
+        self._stop[0] = 0
+        null = np.zeros(self.pencil.n_null if below == 0.0 else 0)
+        kept = self._kept(np.concatenate([null, held.values]), threshold) - len(null)
+        pairs = replace(
+            held,
+            values=held.values[:kept],
+            residuals=held.residuals[:kept],
+            rows=held.rows[:kept],
+        )
+        return below, pairs
+
+    def _refuse_negative(self, plan: SpectrumPlan) -> None:
+        if negative := plan.negative():
+            raise InputError(
+                f"The Laplacian has negative eigenvalues, {negative} of {self.pencil.n}: it must "
+                "be positive semidefinite, as that of every mesh is."
+            )
+
+    def _kept(self, values: FloatArray, threshold: float) -> int:
+        """How many of ascending eigenvalues a threshold keeps: all copies of one, or none."""
+        rounding = max(_THRESHOLD_MARGIN * threshold, self.pencil.noise)
+        kept = int(np.searchsorted(values, threshold + rounding, side="right"))
+        while 0 < kept < len(values) and values[kept] - values[kept - 1] <= rounding:
+            kept += 1
+        copies = int(np.count_nonzero(np.abs(values - threshold) <= rounding))
+        if copies and threshold > rounding:
+            number = "which is" if copies == 1 else f"whose {copies} copies are"
+            self._remark = f"the threshold is an eigenvalue, {number} included"
+        return kept
+
+    def _workers(self, ordered: OrderedPencil, pairs: int) -> int:
+        return worker_count(ordered, self.request.n_jobs, pairs, self.request.lean)
+
+    def _slices(
+        self,
+        ordered: OrderedPencil,
+        plan: SpectrumPlan,
+        stretches: list[tuple[float, float]],
+    ) -> Iterator[slice]:
+        """Write the pairs of parts of the spectrum; where a border proves doubtful, go on there.
+
+        That a border lies on an eigenvalue is seen when its slice is found. The slices below it
+        stay; all further borders are then counted on both sides.
+        """
+        started = time.perf_counter()
+        jobs = self._workers(ordered, plan.count(stretches[-1][1])) if stretches else 1
+        for settled in (False, True):
+            try:
+                for pairs in run_slices(
+                    ordered,
+                    chain.from_iterable(plan.slices(*part, settled) for part in stretches),
+                    self.request.tolerance,
+                    jobs,
+                    self._stop,
+                    self._poll,
+                ):
+                    yield from self._place_slice(ordered, pairs)
+                    done = pairs.interval.high
+                    stretches = [(max(low, done), high) for low, high in stretches if high > done]
+                    ordered.give_back(pairs.rows)
+                break
+            except (ArithmeticError, FactorizationError):
+                self._stop[0] = 0
+                if settled:
+                    raise
+                stretches = [(low, plan.settle(high, wide=True)) for low, high in stretches]
+        yield from self._keep()
+        self._spend("slices", started)
+
+    def _place_slice(self, ordered: OrderedPencil, pairs: IntervalPairs) -> Iterator[slice]:
+        """Write what a slice holds besides known pairs."""
+        first, count = pairs.interval.first, len(pairs.values)
+        inside = first + np.flatnonzero(self._is_there[first : first + count])
+        if self._known is None or len(inside) == 0:
+            yield from self._place(pairs.values, pairs.residuals, pairs.rows, pairs.orthonormality)
+        elif len(inside) < count:
+            values, rows = self._known.complement(inside, pairs.values, pairs.rows)
+            yield from self._place(values, measure_pairs(ordered, rows)[1], rows)
+
+    def _place_null(self) -> Iterator[slice]:
+        """Write the null space, as far as it is asked for and not kept."""
+        pencil = self.pencil
+        missing = np.flatnonzero(~self._is_there[: pencil.n_null])
+        if len(missing):
+            rows = pencil.null_rows(int(missing[-1]) + 1)
+            if len(missing) < len(rows):
+                rows = rows[missing]
+            yield from self._place(np.zeros(len(missing)), pencil.null_residuals[missing], rows)
+        yield from self._keep()
+
+    def _nearest(self, ordered: OrderedPencil, plan: SpectrumPlan, sigma: float) -> Iterator[slice]:
+        """The pairs nearest a value: everything within a radius that holds enough, then those."""
+        pencil = self.pencil
+        assert self.request.n_components is not None
+        wanted = min(self.request.n_components, pencil.n)
+        sigma = min(sigma, plan.top)
+        low, high = plan.around(sigma, wanted)
+        inside = plan.count(high) - (plan.count(low) if low > 0.0 else 0)
+        parts = []
+        if low == 0.0:
+            null = min(pencil.n_null, wanted)
+            parts.append((np.zeros(null), pencil.null_residuals[:null], pencil.null_rows(null)))
+        jobs = self._workers(ordered, inside)
+        for pairs in run_slices(
+            ordered,
+            plan.slices(low, high, settled=True),
+            self.request.tolerance,
+            jobs,
+            self._stop,
+            self._poll,
+        ):
+            parts.append((pairs.values, pairs.residuals, pairs.rows))
+        values, residuals = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
+        rows = np.concatenate([part[2] for part in parts])
+        chosen = np.sort(np.argsort(np.abs(values - sigma), kind="stable")[:wanted])
+        unit = pencil.unit
+        self._count = Certificate("inertia", inside, inside, high * unit, low * unit)
+        rows = rows[chosen]
+        orthonormalise(rows)
+        yield from self._write_all(values[chosen], residuals[chosen], rows)
+
+    # Other ways ----------------------------------------------------------------------------------
+
+    def _dense(self) -> Iterator[slice]:
+        """All that is asked for, from the dense matrix of each component."""
+        started = time.perf_counter()
+        pencil = self.pencil
+        values, columns = _dense_pairs(pencil, self._poll)
+        lowest = float(values.min(initial=0.0))
+        if lowest < -max(1e-6, 1e-9 * pencil.norm):
+            raise InputError(
+                f"The Laplacian has a negative eigenvalue, {lowest * pencil.unit:.4g}: it must "
+                "be positive semidefinite, as that of every mesh is."
+            )
+        n_null = pencil.n_null
+        every = np.concatenate([np.zeros(n_null), values])
+        chosen = self._chosen(every)
+        count = len(chosen)
+        known = self._known_of_dense(every, count)
+        if known is not None:
+            # All copies of a multiple eigenvalue, of which some may be known.
+            stop = count
+            while n_null < stop < len(every) and known.equal(every[stop - 1 : stop + 1]):
+                stop += 1
+            chosen = np.arange(stop)
+        null = chosen[chosen < n_null]
+        rest = columns[:, chosen[len(null) :] - n_null].toarray().T
+        rows = np.concatenate([pencil.null_rows(len(null) and int(null[-1]) + 1)[null], rest])
+        values = every[chosen]
+        # Pairs around a shift say where they begin, as those that were counted do.
+        low = float(values[0]) * pencil.unit if len(chosen) and chosen[0] > 0 else None
+        self._count = Certificate("dense", pencil.n, pencil.n, low=low)
+        if known is None:
+            self._spend("dense", started)
+            yield from self._write_all(values, self._dense_residuals(values, rows), rows)
+            return
+        inside = np.flatnonzero(known.kept(count)[n_null:]) + n_null
+        try:
+            values, rows = known.complement(inside, values[n_null:], rows[n_null:])
+        except ArithmeticError:
+            known, values, rows = None, values[n_null:], rows[n_null:]
+        self._spend("dense", started)
+        self._open(count, known)
+        yield from self._place_null()
+        missing = int(np.count_nonzero(~self._is_there[n_null:]))
+        values, rows = values[:missing], rows[:missing]
+        yield from self._place(values, self._dense_residuals(values, rows), rows)
+        yield from self._keep()
+
+    def _known_of_dense(self, values: FloatArray, count: int) -> KnownPairs | None:
+        """Known pairs, if the dense solution has their eigenvalues too."""
+        if self.request.known is None or self.request.target is not None:
+            return None
+        known = KnownPairs.of_shape(self.request.known, self.pencil)
+        if known is None or not known.has_null_rows():
+            return None
+        kept = np.flatnonzero(known.kept(count))
+        return known if known.equal(np.stack([known.values[kept], values[kept]])) else None
+
+    def _dense_residuals(self, values: FloatArray, rows: FloatArray) -> FloatArray:
+        weight = self.pencil.root_mass
+        # Sums in more digits, where the platform has them: what is measured is not their rounding.
+        image = (self.pencil.matrix.astype(np.longdouble) @ rows.T.astype(np.longdouble)).T
+        defect = np.asarray(image - values[:, None] * rows, dtype=np.float64) * weight
+        sizes = np.linalg.norm(rows * weight, axis=1)
+        return np.asarray(np.linalg.norm(defect, axis=1) / sizes)
+
+    def _chosen(self, values: FloatArray) -> npt.NDArray[np.intp]:
+        """Indices of the pairs that are asked for, of all eigenvalues in ascending order."""
+        pencil, request = self.pencil, self.request
+        if request.max_eigenvalue is not None:
+            return np.arange(self._kept(values, request.max_eigenvalue / pencil.unit))
+        if request.target is None:
+            return np.arange(min(request.n_components or 0, len(values)))
+        distance = np.abs(values - request.target / pencil.unit)
+        return np.sort(np.argsort(distance, kind="stable")[: request.n_components])
+
+    def _through_given_inverse(
+        self, ordered: OrderedPencil
+    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        """Pairs through `op_inv`; None if a count shows that it missed some.
+
+        A few more than asked for are found, so that the count can end in the widest gap behind
+        the last one.
+        """
+        pencil, request = self.pencil, self.request
+        assert request.n_components is not None
+        started = time.perf_counter()
+        wanted, n_rest = request.n_components, pencil.n - pencil.n_null
+        asked = min(wanted + _EXTRA, n_rest - 1)
+        if asked < 1 or wanted >= pencil.n_null + asked:
+            return None
+        found, rows = pairs_of_inverse(pencil, request.op_inv, asked, request.ncv, self._poll)
+        values = np.concatenate([np.zeros(pencil.n_null), found])
+        if len(values) <= wanted:
+            return None
+        sigma = (request.target or 0.0) / pencil.unit
+        distance = np.abs(values - sigma)
+        order = np.argsort(distance, kind="stable")
+        away = distance[order]
+        last = wanted - 1 + int(np.argmax(np.diff(away[wanted - 1 :])))
+        radius = 0.5 * float(away[last] + away[last + 1])
+        plan = SpectrumPlan(ordered, self._stop, self._poll)
+        low = plan.settle(sigma - radius) if sigma > radius else 0.0
+        high = plan.settle(sigma + radius)
+        counted = plan.count(high) - (plan.count(low) if low > 0.0 else 0)
+        self._spend("given inverse", started)
+        if counted != last + 1:
+            return None
+        chosen = np.sort(order[:wanted])
+        n_null = int(np.searchsorted(chosen, pencil.n_null))
+        rows = np.concatenate(
+            [pencil.null_rows(wanted)[chosen[:n_null]], rows[chosen[n_null:] - pencil.n_null]]
+        )
+        orthonormalise(rows)
+        residuals = measure_pairs(ordered, rows)[1]
+        unit = pencil.unit
+        self._count = Certificate(
+            "inertia", counted, last + 1, high * unit, low * unit if low > 0.0 else None
+        )
+        return values[chosen], residuals, rows
+
+    # What comes out ------------------------------------------------------------------------------
+
+    def _open(self, k: int, known: KnownPairs | None = None) -> None:
+        request, n = self.request, self.pencil.n_all
+        smallest, largest = self.pencil.root_mass.min(), self.pencil.root_mass.max()
+        if request.lean and not 1.0 / _LARGEST_SINGLE < smallest <= largest < _LARGEST_SINGLE:
+            raise InputError(
+                f"Eigenvectors of masses from {smallest**2:.3g} to {largest**2:.3g} have entries "
+                "beyond the range of float32: ask for float64, or scale the mesh."
+            )
+        self._known = known
+        self._is_there = np.zeros(k, dtype=bool) if known is None else known.kept(k)
+        kept = np.flatnonzero(self._is_there)
+        rows = None
+        if len(kept) and request.extend is not None:
+            rows = request.extend(k, n, kept)
+        else:
+            if request.allocate is not None:
+                rows = request.allocate(k, n)
+            elif known is not None:
+                rows = np.empty((k, n), dtype=request.precision)
+            if rows is not None and known is not None:
+                for index in kept:
+                    rows[index] = known.given.rows[index]
+        if rows is not None and rows.shape != (k, n):
+            raise ValueError(f"{rows.shape} was allocated for {(k, n)}")
+        self.output = Output(
+            self.pencil, k, request.precision, request.max_eigenvalue, rows, self._jobs
+        )
+
+    def _write_all(
+        self, values: FloatArray, residuals: FloatArray, rows: FloatArray
+    ) -> Iterator[slice]:
+        self._open(len(values))
+        yield from self._place(values, residuals, rows)
+
+    def _place(
+        self,
+        values: FloatArray,
+        residuals: FloatArray,
+        rows: FloatArray,
+        orthonormality: float | None = None,
+    ) -> Iterator[slice]:
+        """Write the lowest pairs that are missing still, and take over those kept before them."""
+        output, done = self.output, 0
+        while done < len(values):
+            yield from self._keep()
+            if output.written == output.total:
+                return
+            ahead = self._is_there[output.written :]
+            room = int(np.argmax(ahead)) if ahead.any() else len(ahead)
+            part = slice(done, min(done + room, len(values)))
+            done = part.stop
+            started = time.perf_counter()
+            n_behind = int(ahead[room:].sum()) if part.stop - part.start == room else 0
+            place = output.write(
+                values[part], residuals[part], rows[part], orthonormality, n_behind
+            )
+            self._spend("output", started)
+            yield self._published(place)
+
+    def _keep(self) -> Iterator[slice]:
+        """Take over the kept pairs that come next, if any do."""
+        output = self.output
+        ahead = self._is_there[output.written :]
+        count = len(ahead) if ahead.all() else int(np.argmin(ahead))
+        if count and self._known is not None:
+            place = slice(output.written, output.written + count)
+            started = time.perf_counter()
+            output.keep(self._known.given.eigenvalues[place], self._known.given.residuals[place])
+            self._spend("output", started)
+            yield self._published(place)
+
+    def _published(self, place: slice) -> slice:
+        """Tell of pairs that are final."""
+        output = self.output
+        if self.request.on_pairs is not None:
+            self.request.on_pairs(
+                place.start, output.eigenvalues[place].copy(), output.residuals[place].copy()
+            )
+        self._report("eigenpairs", output.written, output.total)
+        return place
+
+    def _spend(self, stage: str, started: float) -> None:
+        self.timings[stage] = self.timings.get(stage, 0.0) + time.perf_counter() - started
+
+    def _poll(self) -> None:
+        if self.request.cancel is not None and self.request.cancel():
+            self._stop[0] = 1
+            raise Cancelled("the decomposition was cancelled")
+
+    def _report(self, stage: str, done: int = 0, total: int = 0) -> None:
+        self._poll()
+        if self.request.progress is None:
+            return
+        fraction = done / total if total else 0.0
+        elapsed = time.perf_counter() - self.began
+        self.request.progress(
+            Progress(
+                stage=stage,
+                fraction=fraction,
+                remaining=elapsed * (1.0 / fraction - 1.0) if fraction > 0.05 else None,
+                message=f"{done} of {total} eigenpairs" if total else _MESSAGES.get(stage, stage),
+                converged=done,
+                total=total,
+            )
+        )
+
+
+def _dense_pairs(pencil: Pencil, poll: Callable[[], None]) -> tuple[FloatArray, Any]:
+    """All pairs beyond the known null space: ascending values, shape (r,), and sparse columns.
+
+    Component by component, since one may be a million times as stiff as another.
+    """
+    from scipy import sparse
+    from scipy.linalg import eigh
+    from scipy.sparse.csgraph import connected_components
+
+    count, component = connected_components(pencil.matrix, directed=False)
+    places = np.split(
+        np.argsort(component, kind="stable"),
+        np.cumsum(np.bincount(component, minlength=count))[:-1],
+    )
+    values, columns, rows, starts = [], [], [], [0]
+    for place in places:
+        is_null = pencil.labels[place[0]] >= 0
+        if is_null and len(place) == 1:
+            continue
+        poll()
+        matrix = pencil.matrix[place][:, place].toarray()
+        if is_null:
+            # Lifted above all others, the constant does not mix with small eigenvalues.
+            constant = pencil.null_direction[place]
+            matrix += 1.1 * np.abs(matrix).sum(axis=0).max() * np.outer(constant, constant)
+        found, vectors = eigh(matrix, driver="evd")
+        kept = len(place) - int(is_null)
+        values.append(found[:kept])
+        columns.append(vectors[:, :kept].T.ravel())
+        rows.append(np.tile(place, kept))
+        starts.extend(starts[-1] + len(place) * np.arange(1, kept + 1))
+    if not values:
+        return np.zeros(0), sparse.csc_array((pencil.n, 0))
+    every = np.concatenate(values)
+    parts = (np.concatenate(columns), np.concatenate(rows), np.array(starts))
+    matrix = sparse.csc_array(parts, shape=(pencil.n, len(every)))
+    order = np.argsort(every, kind="stable")
+    return every[order], matrix[:, order]

@@ -1,0 +1,177 @@
+"""Checking eigenpairs once more, by other means than those that found them.
+
+Residuals and inner products come from SciPy's products with L and M themselves, and eigenvalues
+are counted from another factorization: SuperLU's, in another order, or the dense matrix.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.spectral.certificate import Certificate
+
+if TYPE_CHECKING:
+    from meshmash_viewer.spectral.eigensolver import Decomposition
+
+__all__ = ["verify_decomposition"]
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Up to this many vertices the dense matrix counts.
+_DENSE = 1500
+#: Rows that are looked at together.
+_ROWS = 64
+#: Gaps, relative to 4π / area and to an eigenvalue, in which a count is sure of itself.
+_GAP = 1e-7
+#: Pairs at the upper end among which a gap is looked for.
+_TAIL = 64
+
+
+def verify_decomposition(decomposition: Decomposition, stiffness: Any, mass: Any) -> Certificate:
+    """Recompute what a certificate states; `Decomposition.verify` documents it."""
+    n = decomposition.rows.shape[1]
+    matrix: Any = sp.csr_array(stiffness).astype(np.float64)
+    given_mass: Any = mass
+    sparse = sp.issparse(mass) or np.ndim(mass) == 2
+    diagonal = np.asarray(given_mass.diagonal() if sparse else given_mass, dtype=np.float64)
+    if matrix.shape != (n, n) or diagonal.shape != (n,):
+        raise InputError(
+            f"The eigenvectors have {n} entries, the Laplacian is {matrix.shape} and the mass "
+            f"matrix {np.shape(mass)}: give the matrices that were decomposed."
+        )
+    used = np.flatnonzero(diagonal > 0.0)
+    matrix, diagonal = sp.csr_array(matrix[used][:, used]), diagonal[used]
+    spacing = 4.0 * np.pi / float(diagonal.sum())
+    values = decomposition.eigenvalues
+    residuals = _residuals(decomposition, matrix, diagonal, used)
+    residuals /= np.where(values > 1e-9 * spacing, values, spacing)
+    worst = int(np.argmax(residuals)) if len(residuals) else 0
+    given = decomposition.certificate
+    single = decomposition.rows.dtype == np.float32
+    counted, found, bound, low = _count(decomposition, matrix, diagonal, spacing)
+    return Certificate(
+        "dense" if bound is None else "inertia",
+        counted,
+        found,
+        bound,
+        low,
+        residual=float(residuals[worst]) if len(residuals) else 0.0,
+        residual_index=worst,
+        orthonormality=_orthonormality(decomposition, diagonal, used),
+        precision="float32" if single else "float64",
+        remark=given.remark,
+    )
+
+
+def _blocks(k: int) -> Iterator[slice]:
+    return (slice(i, min(i + _ROWS, k)) for i in range(0, k, _ROWS))
+
+
+def _residuals(
+    decomposition: Decomposition, matrix: Any, diagonal: FloatArray, used: npt.NDArray[np.intp]
+) -> FloatArray:
+    """‖Lφ - λMφ‖ / ‖Mφ‖ of every pair, summed in more digits where the platform has them.
+
+    Of rows in float32 what their rounding explains is taken off.
+    """
+    values, exact = decomposition.eigenvalues, matrix.astype(np.longdouble)
+    residuals = np.empty(len(values))
+    for part in _blocks(len(values)):
+        rows = np.asarray(decomposition.rows[part][:, used], dtype=np.longdouble)
+        weighted = rows * diagonal
+        defect = (exact @ rows.T).T - values[part, None] * weighted
+        # Scaled, for squares of small numbers vanish.
+        sizes = np.linalg.norm(np.asarray(weighted / diagonal.max(), dtype=np.float64), axis=1)
+        norms = np.linalg.norm(np.asarray(defect / diagonal.max(), dtype=np.float64), axis=1)
+        if decomposition.rows.dtype == np.float32:
+            rounded = (abs(matrix) @ np.abs(rows.astype(np.float64)).T).T / diagonal.max()
+            explained = np.finfo(np.float32).eps * np.linalg.norm(rounded, axis=1)
+            norms = np.maximum(norms - explained, 0.0)
+        residuals[part] = norms / sizes
+    return residuals
+
+
+def _orthonormality(
+    decomposition: Decomposition, diagonal: FloatArray, used: npt.NDArray[np.intp]
+) -> float:
+    k, worst = decomposition.n_components, 0.0
+    for part in _blocks(k):
+        weighted = np.asarray(decomposition.rows[part][:, used], dtype=np.float64) * diagonal
+        for other in _blocks(part.stop):
+            gram = weighted @ np.asarray(decomposition.rows[other][:, used], dtype=np.float64).T
+            if other == part:
+                gram -= np.eye(len(gram))
+            worst = max(worst, float(np.abs(gram).max()))
+    return worst
+
+
+def _count(
+    decomposition: Decomposition, matrix: Any, diagonal: FloatArray, spacing: float
+) -> tuple[int, int, float | None, float | None]:
+    """Eigenvalues that there are and that were found, up to a bound, from another."""
+    values, given = decomposition.eigenvalues, decomposition.certificate
+    if len(values) == len(diagonal):
+        return len(diagonal), len(values), None, None
+    gap = _GAP * np.maximum(np.abs(values), spacing)
+    wide = np.flatnonzero(np.diff(values) > 2.0 * gap[1:])
+    low, first = None, 0
+    if given.low is not None and given.low > 0.0:
+        if not len(wide):
+            # One eigenvalue and copies of it, of which some may not have been asked for.
+            ends = float(values[0] - gap[0]), float(values[-1] + gap[-1])
+            below, upto = (_below(matrix, diagonal, end, spacing) for end in ends)
+            copies = upto - below
+            return copies, copies if copies >= len(values) else len(values), ends[1], ends[0]
+        first = int(wide[0]) + 1
+        low = 0.5 * float(values[first - 1] + values[first])
+    # The bound that the solver counted to, if all below it are here; else the highest gap
+    # between pairs in hand.
+    last, bound = len(values), given.bound
+    if bound is None or given.found != len(values):
+        within = wide[wide >= max(len(values) - _TAIL, first)]
+        if not len(within):
+            within = wide[-1:]
+        if not len(within):
+            bound, last = float(values[0] - gap[0]) if len(values) else 0.0, 0
+        else:
+            last = int(within[-1]) + 1
+            bound = 0.5 * float(values[last - 1] + values[last])
+    below = 0 if low is None else _below(matrix, diagonal, low, spacing)
+    return _below(matrix, diagonal, bound, spacing) - below, last - first, bound, low
+
+
+def _below(matrix: Any, diagonal: FloatArray, bound: float, spacing: float) -> int:
+    """Eigenvalues below a bound, by Sylvester's law of inertia."""
+    from scipy.linalg import eigvalsh
+    from scipy.sparse.linalg import splu
+
+    if len(diagonal) <= _DENSE:
+        root = np.sqrt(diagonal)
+        reduced = matrix.toarray() / root[:, None] / root
+        rounding = np.finfo(np.float64).eps * np.abs(reduced).sum(axis=0).max()
+        if rounding < 1e-2 * _GAP * max(abs(bound), spacing):
+            return int(np.count_nonzero(eigvalsh(reduced) < bound))
+    for move in (0.0, 1e-9, -1e-9, 1e-8, -1e-8):
+        shift = bound + move * max(abs(bound), spacing)
+        shifted = sp.csc_array(matrix - sp.diags_array(shift * diagonal))
+        try:
+            factor = splu(
+                shifted,
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError:  # an exactly zero pivot
+            continue
+        if np.array_equal(factor.perm_r, factor.perm_c):
+            return int(np.count_nonzero(factor.U.diagonal() < 0.0))
+    raise InputError(
+        f"The eigenvalues below {bound:.6g} cannot be counted a second time: every factor "
+        "without pivoting fails near there."
+    )

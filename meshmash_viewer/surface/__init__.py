@@ -1,0 +1,1 @@
+"""Geometry of a surface that the view needs, without VTK."""

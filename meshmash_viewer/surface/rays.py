@@ -1,0 +1,153 @@
+"""Where a line first meets a mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.surface.space_curve import curve_order
+
+__all__ = ["Hit", "RayTarget"]
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Faces of which boxes are measured at a time, and boxes that are opened at a time.
+_CHUNK, _OPENED = 60_000, 24
+#: By how much a box is larger than its faces, as a share of the mesh's size, and by how much a
+#: face is, so that nothing falls between two of them.
+_BOX_MARGIN, _FACE_MARGIN = 1e-6, 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Hit:
+    """A point of a face.
+
+    Parameters
+    ----------
+    face : int
+    point : ndarray of float64, shape (3,)
+    """
+
+    face: int
+    point: FloatArray
+
+
+class RayTarget:
+    """A mesh that rays are cast against, in about a millisecond at a million vertices.
+
+    Faces are put in order along a curve that fills space and taken in groups of √m / 16; a ray
+    is tested against the boxes of all groups, then against the faces in those that it meets,
+    nearest first. It takes four bytes a face; VTK's static locator takes 80, is no faster, and
+    holds the interpreter lock while it is built.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Not copied.
+    faces : ndarray of int, shape (m, 3)
+        Not copied.
+    cancel : callable, optional
+        Asked for every 60,000 faces or so, after these have been put in order.
+
+    Raises
+    ------
+    Cancelled
+        When `cancel` says so.
+    """
+
+    def __init__(
+        self,
+        points: npt.NDArray[np.floating],
+        faces: npt.NDArray[np.integer],
+        cancel: CancelCallback | None = None,
+    ) -> None:
+        self._points = points
+        self._faces = faces
+        self._group = max(16, int(np.sqrt(len(faces)) / 16.0))
+        n_groups = -(-len(faces) // self._group)
+        self._low = np.empty((3, n_groups))
+        self._high = np.empty((3, n_groups))
+        self._order = np.zeros(0, dtype=np.int32)
+        if len(faces) == 0:
+            return
+        # keys of 32 bits are sorted in half the time
+        key = curve_order(points)[faces[:, 0]].astype(np.uint32)
+        self._order = np.argsort(key).astype(np.int32)
+        step = self._group * max(1, _CHUNK // self._group)
+        for start in range(0, len(faces), step):
+            if cancel is not None and cancel():
+                raise Cancelled
+            corners = points[faces[self._order[start : start + step]]]
+            firsts = np.arange(0, len(corners), self._group)
+            part = slice(start // self._group, start // self._group + len(firsts))
+            self._low[:, part] = np.minimum.reduceat(corners.min(axis=1), firsts).T
+            self._high[:, part] = np.maximum.reduceat(corners.max(axis=1), firsts).T
+        margin = _BOX_MARGIN * float((self._high.max(axis=1) - self._low.min(axis=1)).max())
+        self._low -= margin
+        self._high += margin
+
+    def first_hit(self, start: FloatArray, end: FloatArray) -> Hit | None:
+        """First point of the mesh on the way from a point to another.
+
+        Parameters
+        ----------
+        start, end : ndarray of float64, shape (3,)
+
+        Returns
+        -------
+        Hit or None
+            None if there is none. Faces without area are never hit.
+        """
+        way = end - start
+        enters = self._entries(start, way)
+        met = np.flatnonzero(np.isfinite(enters))
+        met = met[np.argsort(enters[met], kind="stable")]
+        nearest, found = np.inf, -1
+        for first in range(0, len(met), _OPENED):
+            if enters[met[first]] > nearest:
+                break
+            places = met[first : first + _OPENED, None] * self._group + np.arange(self._group)
+            faces = self._order[places[places < len(self._order)]]
+            shares = _shares(self._points[self._faces[faces]].astype(np.float64), start, way)
+            best = int(np.argmin(shares))
+            if shares[best] < nearest:
+                nearest, found = float(shares[best]), int(faces[best])
+        return Hit(found, start + nearest * way) if found >= 0 else None
+
+    def _entries(self, start: FloatArray, way: FloatArray) -> FloatArray:
+        """Share of the way at which each box is entered, shape (g,); infinite where it is not."""
+        enter = np.zeros(self._low.shape[1])
+        leave = np.ones(self._low.shape[1])
+        least = 1e-30 * float(np.abs(way).max())
+        for axis in range(3):
+            # along a plane of boxes, a ray is inside of it or never
+            speed = way[axis] if abs(way[axis]) > least else least or 1.0
+            to_low = (self._low[axis] - start[axis]) / speed
+            to_high = (self._high[axis] - start[axis]) / speed
+            np.maximum(enter, np.minimum(to_low, to_high), out=enter)
+            np.minimum(leave, np.maximum(to_low, to_high), out=leave)
+        enter[enter > leave] = np.inf
+        return enter
+
+
+def _shares(corners: FloatArray, start: FloatArray, way: FloatArray) -> FloatArray:
+    """Share of the way at which triangles are met, infinite where they are not, shape (k,).
+
+    Möller & Trumbore 1997.
+    """
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    across = np.cross(way, second)
+    volume = np.einsum("ij,ij->i", first, across)
+    flat = volume == 0.0
+    volume[flat] = 1.0
+    offset = start - corners[:, 0]
+    lift = np.cross(offset, first)
+    u = np.einsum("ij,ij->i", offset, across) / volume
+    v = lift @ way / volume
+    share: FloatArray = np.einsum("ij,ij->i", second, lift) / volume
+    inside = (u >= -_FACE_MARGIN) & (v >= -_FACE_MARGIN) & (u + v <= 1.0 + _FACE_MARGIN)
+    share[flat | ~inside | (share < 0.0) | (share > 1.0)] = np.inf
+    return share
