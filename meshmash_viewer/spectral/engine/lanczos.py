@@ -191,6 +191,7 @@ def find_pairs(
     values, residuals = measure_pairs(ordered, rows)
     if interval.low < 0.0 and values[0] < -max(1e-6, 1e-9 * ordered.pencil.norm):
         raise ArithmeticError(f"a negative eigenvalue, {values[0]:.6g}")
+    refined = np.zeros(len(rows), dtype=bool)
     for turn in range(_POLISHES):
         coarse = np.flatnonzero(residuals > _COARSE * tolerance * np.abs(values))
         if len(coarse) == 0:
@@ -206,9 +207,11 @@ def find_pairs(
         orthonormality = max(orthonormality, _fit_in(rows, gained))
         values, residuals = measure_pairs(ordered, rows)
         values[gained], residuals[gained] = measure_pairs(ordered, rows[gained], exactly=True)
+        refined[gained] = True
     if np.any(np.abs(values - interval.high) < interval.clearance):
         raise UnclearBorder(f"an eigenvalue lies on the border {interval.high:.6g}")
-    residuals = np.hypot(residuals, _rounding(ordered, rows))
+    # Residuals in float64 carry this rounding already; those in twice the precision do not.
+    residuals[refined] = np.hypot(residuals[refined], _rounding(ordered, rows[refined]))
     return IntervalPairs(interval, values, residuals, rows, orthonormality, solved)
 
 
