@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,68 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.engine.orthogonality import orthonormalise
 from meshmash_viewer.spectral.engine.pencil import Pencil
+from meshmash_viewer.spectral.engine.request import Request
 
-__all__ = ["pairs_of_inverse"]
+__all__ = ["PairsAround", "pairs_around"]
 
 FloatArray = npt.NDArray[np.float64]
 
+#: Pairs beyond those wanted that the inverse is asked for.
+_EXTRA = 6
 
-def pairs_of_inverse(
+
+@dataclass(frozen=True, eq=False)
+class PairsAround:
+    """The pairs nearest a shift, as a Krylov basis found them, which may have missed some.
+
+    Parameters
+    ----------
+    values : ndarray, shape (p,)
+        Ascending.
+    rows : ndarray, shape (p, n)
+        Orthonormal.
+    low, high : float
+        An interval around the shift, with wide gaps at its ends.
+    count : int
+        Pairs that were found inside it, which are a few more than those above.
+    """
+
+    values: FloatArray
+    rows: FloatArray
+    low: float
+    high: float
+    count: int
+
+
+def pairs_around(pencil: Pencil, request: Request, poll: Callable[[], None]) -> PairsAround | None:
+    """The pairs that a request with `op_inv` asks for; None if ARPACK finds fewer.
+
+    A few more than asked for are found, so that the interval in which they are counted can end in
+    the widest gap behind the last one.
+    """
+    assert request.n_components is not None
+    wanted, n_rest = request.n_components, pencil.n - pencil.n_null
+    asked = min(wanted + _EXTRA, n_rest - 1)
+    if asked < 1 or wanted >= pencil.n_null + asked:
+        return None
+    found, rows = _pairs_of_inverse(pencil, request.op_inv, asked, request.ncv, poll)
+    values = np.concatenate([np.zeros(pencil.n_null), found])
+    if len(values) <= wanted:
+        return None
+    shift = (request.target or 0.0) / pencil.unit
+    distance = np.abs(values - shift)
+    order = np.argsort(distance, kind="stable")
+    away = distance[order]
+    last = wanted - 1 + int(np.argmax(np.diff(away[wanted - 1 :])))
+    radius = 0.5 * float(away[last] + away[last + 1])
+    chosen = np.sort(order[:wanted])
+    null, rest = chosen[chosen < pencil.n_null], chosen[chosen >= pencil.n_null]
+    rows = np.concatenate([pencil.null_rows(wanted)[null], rows[rest - pencil.n_null]])
+    orthonormalise(rows)
+    return PairsAround(values[chosen], rows, max(shift - radius, 0.0), shift + radius, last + 1)
+
+
+def _pairs_of_inverse(
     pencil: Pencil, inverse: Any, k: int, ncv: int | None, poll: Callable[[], None]
 ) -> tuple[FloatArray, FloatArray]:
     """Eigenvalues (k,), ascending, and rows (k, n) beyond the null space; fewer if some fail.

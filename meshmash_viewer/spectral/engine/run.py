@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import chain
 from typing import Any
@@ -14,8 +14,9 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError, UnprovenError
 from meshmash_viewer.progress import Cancelled, Progress
 from meshmash_viewer.spectral.certificate import Certificate
-from meshmash_viewer.spectral.engine.arnoldi import pairs_of_inverse
+from meshmash_viewer.spectral.engine.arnoldi import pairs_around
 from meshmash_viewer.spectral.engine.blas_threads import one_blas_thread
+from meshmash_viewer.spectral.engine.dense import dense_pairs, dense_residuals
 from meshmash_viewer.spectral.engine.dissection import DissectionCrew
 from meshmash_viewer.spectral.engine.factorization import (
     FactorizationError,
@@ -26,7 +27,7 @@ from meshmash_viewer.spectral.engine.known import KnownPairs, pairs_that_fit
 from meshmash_viewer.spectral.engine.lanczos import IntervalPairs, measure_pairs
 from meshmash_viewer.spectral.engine.orthogonality import orthonormalise
 from meshmash_viewer.spectral.engine.output import Output
-from meshmash_viewer.spectral.engine.pencil import Pencil, reduce_pencil
+from meshmash_viewer.spectral.engine.pencil import reduce_pencil
 from meshmash_viewer.spectral.engine.plan import SpectrumPlan
 from meshmash_viewer.spectral.engine.request import Request
 from meshmash_viewer.spectral.engine.slices import run_slices
@@ -42,8 +43,6 @@ _THRESHOLD_MARGIN = 1e-11
 _MOST_COPIES = 1000
 #: Pairs of the slice below a threshold that is an eigenvalue.
 _LAST_SLICE = 80
-#: Pairs beyond those asked for that a given inverse is asked for.
-_EXTRA = 6
 #: Largest entry of an eigenvector that float32 can hold, with room for its products.
 _LARGEST_SINGLE = 1e30
 #: What is said of stages in which no pairs are counted yet.
@@ -354,7 +353,7 @@ class Run:
         """All that is asked for, from the dense matrix of each component."""
         started = time.perf_counter()
         pencil = self.pencil
-        values, columns = _dense_pairs(pencil, self._poll)
+        values, columns = dense_pairs(pencil, self._poll)
         lowest = float(values.min(initial=0.0))
         if lowest < -max(1e-6, 1e-9 * pencil.norm):
             raise InputError(
@@ -381,7 +380,7 @@ class Run:
         self._count = Certificate("dense", pencil.n, pencil.n, low=low)
         if known is None:
             self._spend("dense", started)
-            yield from self._write_all(values, self._dense_residuals(values, rows), rows)
+            yield from self._write_all(values, dense_residuals(pencil, values, rows), rows)
             return
         inside = np.flatnonzero(known.kept(count)[n_null:]) + n_null
         try:
@@ -393,7 +392,7 @@ class Run:
         yield from self._place_null()
         missing = int(np.count_nonzero(~self._is_there[n_null:]))
         values, rows = values[:missing], rows[:missing]
-        yield from self._place(values, self._dense_residuals(values, rows), rows)
+        yield from self._place(values, dense_residuals(pencil, values, rows), rows)
         yield from self._keep()
 
     def _known_of_dense(self, values: FloatArray, count: int) -> KnownPairs | None:
@@ -405,14 +404,6 @@ class Run:
             return None
         kept = np.flatnonzero(known.kept(count))
         return known if known.equal(np.stack([known.values[kept], values[kept]])) else None
-
-    def _dense_residuals(self, values: FloatArray, rows: FloatArray) -> FloatArray:
-        weight = self.pencil.root_mass
-        # Sums in more digits, where the platform has them: what is measured is not their rounding.
-        image = (self.pencil.matrix.astype(np.longdouble) @ rows.T.astype(np.longdouble)).T
-        defect = np.asarray(image - values[:, None] * rows, dtype=np.float64) * weight
-        sizes = np.linalg.norm(rows * weight, axis=1)
-        return np.asarray(np.linalg.norm(defect, axis=1) / sizes)
 
     def _chosen(self, values: FloatArray) -> npt.NDArray[np.intp]:
         """Indices of the pairs that are asked for, of all eigenvalues in ascending order."""
@@ -427,47 +418,23 @@ class Run:
     def _through_given_inverse(
         self, ordered: OrderedPencil
     ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Pairs through `op_inv`; None if a count shows that it missed some.
-
-        A few more than asked for are found, so that the count can end in the widest gap behind
-        the last one.
-        """
-        pencil, request = self.pencil, self.request
-        assert request.n_components is not None
+        """Pairs through `op_inv`; None if a count shows that it missed some."""
         started = time.perf_counter()
-        wanted, n_rest = request.n_components, pencil.n - pencil.n_null
-        asked = min(wanted + _EXTRA, n_rest - 1)
-        if asked < 1 or wanted >= pencil.n_null + asked:
+        found = pairs_around(self.pencil, self.request, self._poll)
+        if found is None:
             return None
-        found, rows = pairs_of_inverse(pencil, request.op_inv, asked, request.ncv, self._poll)
-        values = np.concatenate([np.zeros(pencil.n_null), found])
-        if len(values) <= wanted:
-            return None
-        sigma = (request.target or 0.0) / pencil.unit
-        distance = np.abs(values - sigma)
-        order = np.argsort(distance, kind="stable")
-        away = distance[order]
-        last = wanted - 1 + int(np.argmax(np.diff(away[wanted - 1 :])))
-        radius = 0.5 * float(away[last] + away[last + 1])
         plan = SpectrumPlan(ordered, self._stop, self._poll)
-        low = plan.settle(sigma - radius) if sigma > radius else 0.0
-        high = plan.settle(sigma + radius)
+        low = plan.settle(found.low) if found.low > 0.0 else 0.0
+        high = plan.settle(found.high)
         counted = plan.count(high) - (plan.count(low) if low > 0.0 else 0)
         self._spend("given inverse", started)
-        if counted != last + 1:
+        if counted != found.count:
             return None
-        chosen = np.sort(order[:wanted])
-        n_null = int(np.searchsorted(chosen, pencil.n_null))
-        rows = np.concatenate(
-            [pencil.null_rows(wanted)[chosen[:n_null]], rows[chosen[n_null:] - pencil.n_null]]
-        )
-        orthonormalise(rows)
-        residuals = measure_pairs(ordered, rows)[1]
-        unit = pencil.unit
+        unit = self.pencil.unit
         self._count = Certificate(
-            "inertia", counted, last + 1, high * unit, low * unit if low > 0.0 else None
+            "inertia", counted, counted, high * unit, low * unit if low > 0.0 else None
         )
-        return values[chosen], residuals, rows
+        return found.values, measure_pairs(ordered, found.rows)[1], found.rows
 
     # What comes out ------------------------------------------------------------------------------
 
@@ -576,43 +543,3 @@ class Run:
                 total=total,
             )
         )
-
-
-def _dense_pairs(pencil: Pencil, poll: Callable[[], None]) -> tuple[FloatArray, Any]:
-    """All pairs beyond the known null space: ascending values, shape (r,), and sparse columns.
-
-    Component by component, since one may be a million times as stiff as another.
-    """
-    from scipy import sparse
-    from scipy.linalg import eigh
-    from scipy.sparse.csgraph import connected_components
-
-    count, component = connected_components(pencil.matrix, directed=False)
-    places = np.split(
-        np.argsort(component, kind="stable"),
-        np.cumsum(np.bincount(component, minlength=count))[:-1],
-    )
-    values, columns, rows, starts = [], [], [], [0]
-    for place in places:
-        is_null = pencil.labels[place[0]] >= 0
-        if is_null and len(place) == 1:
-            continue
-        poll()
-        matrix = pencil.matrix[place][:, place].toarray()
-        if is_null:
-            # Lifted above all others, the constant does not mix with small eigenvalues.
-            constant = pencil.null_direction[place]
-            matrix += 1.1 * np.abs(matrix).sum(axis=0).max() * np.outer(constant, constant)
-        found, vectors = eigh(matrix, driver="evd")
-        kept = len(place) - int(is_null)
-        values.append(found[:kept])
-        columns.append(vectors[:, :kept].T.ravel())
-        rows.append(np.tile(place, kept))
-        starts.extend(starts[-1] + len(place) * np.arange(1, kept + 1))
-    if not values:
-        return np.zeros(0), sparse.csc_array((pencil.n, 0))
-    every = np.concatenate(values)
-    parts = (np.concatenate(columns), np.concatenate(rows), np.array(starts))
-    matrix = sparse.csc_array(parts, shape=(pencil.n, len(every)))
-    order = np.argsort(every, kind="stable")
-    return every[order], matrix[:, order]

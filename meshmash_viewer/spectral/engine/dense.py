@@ -1,0 +1,65 @@
+"""All eigenpairs of a small pencil, from dense matrices."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.spectral.engine.pencil import Pencil
+
+__all__ = ["dense_pairs", "dense_residuals"]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def dense_pairs(pencil: Pencil, poll: Callable[[], None]) -> tuple[FloatArray, Any]:
+    """All pairs beyond the known null space: ascending values, shape (r,), and sparse columns.
+
+    Component by component, since one may be a million times as stiff as another.
+    """
+    from scipy import sparse
+    from scipy.linalg import eigh
+    from scipy.sparse.csgraph import connected_components
+
+    count, component = connected_components(pencil.matrix, directed=False)
+    places = np.split(
+        np.argsort(component, kind="stable"),
+        np.cumsum(np.bincount(component, minlength=count))[:-1],
+    )
+    values, columns, rows, starts = [], [], [], [0]
+    for place in places:
+        is_null = pencil.labels[place[0]] >= 0
+        if is_null and len(place) == 1:
+            continue
+        poll()
+        matrix = pencil.matrix[place][:, place].toarray()
+        if is_null:
+            # Lifted above all others, the constant does not mix with small eigenvalues.
+            constant = pencil.null_direction[place]
+            matrix += 1.1 * np.abs(matrix).sum(axis=0).max() * np.outer(constant, constant)
+        found, vectors = eigh(matrix, driver="evd")
+        kept = len(place) - int(is_null)
+        values.append(found[:kept])
+        columns.append(vectors[:, :kept].T.ravel())
+        rows.append(np.tile(place, kept))
+        starts.extend(starts[-1] + len(place) * np.arange(1, kept + 1))
+    if not values:
+        return np.zeros(0), sparse.csc_array((pencil.n, 0))
+    every = np.concatenate(values)
+    parts = (np.concatenate(columns), np.concatenate(rows), np.array(starts))
+    matrix = sparse.csc_array(parts, shape=(pencil.n, len(every)))
+    order = np.argsort(every, kind="stable")
+    return every[order], matrix[:, order]
+
+
+def dense_residuals(pencil: Pencil, values: FloatArray, rows: FloatArray) -> FloatArray:
+    """Residuals of pairs, ``‖Lφ - λMφ‖ / ‖Mφ‖`` in the reduced unit, shape (p,)."""
+    weight = pencil.root_mass
+    # Sums in more digits, where the platform has them: what is measured is not their rounding.
+    image = (pencil.matrix.astype(np.longdouble) @ rows.T.astype(np.longdouble)).T
+    defect = np.asarray(image - values[:, None] * rows, dtype=np.float64) * weight
+    sizes = np.linalg.norm(rows * weight, axis=1)
+    return np.asarray(np.linalg.norm(defect, axis=1) / sizes)
