@@ -315,7 +315,7 @@ def _decomposition(run: Run) -> Decomposition:
         raise ArithmeticError(f"{output.written} of {output.total} eigenpairs found")
     mass = np.zeros(run.pencil.n_all)
     mass[run.pencil.active] = run.pencil.root_mass**2
-    timings = {**run.timings, "total": time.perf_counter() - run.began}
+    timings = {**run.timings, "total": time.perf_counter() - run.pace.began}
     return Decomposition(
         eigenvalues=output.eigenvalues,
         rows=output.rows,

@@ -142,6 +142,7 @@ class KrylovBasis:
         self._factor.solve(columns)
         self._ordered.remove_null(columns)
         self.columns_solved += BLOCK
+        self._ordered.steps += 1
         self._ordered.fill_rows(columns, result)
         if len(self._found):
             project_out(result, self._found)

@@ -33,7 +33,7 @@ class FactorizationError(RuntimeError):
     """No usable factor near the wanted shift."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class OrderedPencil:
     """A pencil in elimination order, and what its factors have in common.
 
@@ -47,6 +47,8 @@ class OrderedPencil:
         Memory of bases that are done, and who may take from it.
     kept : dict
         Factors that were made to count and will be asked for again, by shift.
+    steps : int
+        Blocks that iterations in this process have solved for so far: how far they are.
     """
 
     pencil: Pencil
@@ -54,6 +56,7 @@ class OrderedPencil:
     spare: list[FloatArray] = field(default_factory=list, repr=False)
     lock: Any = field(default_factory=threading.Lock, repr=False)
     kept: dict[float, Factor] = field(default_factory=dict, repr=False)
+    steps: int = 0
 
     def factor(self, shift: float, nudge: float, stop: StopFlag) -> Factor:
         """Factor at a shift or, where a pivot vanishes, beside it.

@@ -22,7 +22,14 @@ from meshmash_viewer.spectral.engine.orthogonality import (
     project_out,
 )
 
-__all__ = ["Interval", "IntervalPairs", "UnclearBorder", "find_pairs", "measure_pairs"]
+__all__ = [
+    "Interval",
+    "IntervalPairs",
+    "UnclearBorder",
+    "find_pairs",
+    "measure_pairs",
+    "usual_rows",
+]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -104,6 +111,11 @@ class IntervalPairs:
     rows: FloatArray
     orthonormality: float
     columns_solved: int
+
+
+def usual_rows(pairs: float) -> int:
+    """Rows of a basis when the pairs of a slice have converged, as a rule."""
+    return int(_USUAL[0] * pairs) + _USUAL[1]
 
 
 def find_pairs(
@@ -310,7 +322,7 @@ def _converge(
     Returns values, shape (p,), nearly orthonormal rows, shape (p, n), and rows that are free.
     """
     b = BLOCK
-    usual = min(int(_USUAL[0] * missing) + _USUAL[1], basis.capacity)
+    usual = min(usual_rows(missing), basis.capacity)
     # Early looks are for multiple eigenvalues, of which a basis sees eight copies at most.
     check = min(10 * b, usual)
     stagnant = 0

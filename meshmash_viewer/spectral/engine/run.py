@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, UnprovenError
-from meshmash_viewer.progress import Cancelled, Progress
+from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.engine.arnoldi import pairs_around
 from meshmash_viewer.spectral.engine.blas_threads import one_blas_thread
@@ -27,6 +27,7 @@ from meshmash_viewer.spectral.engine.known import KnownPairs, pairs_that_fit
 from meshmash_viewer.spectral.engine.lanczos import IntervalPairs, measure_pairs
 from meshmash_viewer.spectral.engine.orthogonality import orthonormalise
 from meshmash_viewer.spectral.engine.output import Output
+from meshmash_viewer.spectral.engine.pace import Pace
 from meshmash_viewer.spectral.engine.pencil import reduce_pencil
 from meshmash_viewer.spectral.engine.plan import SpectrumPlan
 from meshmash_viewer.spectral.engine.request import Request
@@ -45,11 +46,6 @@ _MOST_COPIES = 1000
 _LAST_SLICE = 80
 #: Largest entry of an eigenvector that float32 can hold, with room for its products.
 _LARGEST_SINGLE = 1e30
-#: What is said of stages in which no pairs are counted yet.
-_MESSAGES = {
-    "matrices": "Preparing the solver (the first run after an installation compiles it)",
-    "order": "Factoring and counting eigenvalues",
-}
 
 
 class Run:
@@ -62,22 +58,24 @@ class Run:
     certificate : Certificate
         What proves that `output` holds all there is, once it is written.
     timings : dict of float
+    pace : Pace
+        Tells how far the run is.
     """
 
     output: Output
 
     def __init__(self, stiffness: Any, mass: Any, request: Request) -> None:
-        self.began = time.perf_counter()
         self.request = request
+        self.pace = Pace(request.progress, request.n_components or _LAST_SLICE, request.lean)
         # What is wrong with the matrices is said where they are reduced.
         crew = DissectionCrew(max(np.shape(stiffness), default=0))
         self.pencil = reduce_pencil(stiffness, mass)
         self._crew = crew
         self._count, self._remark = Certificate("none"), ""
-        self.timings: dict[str, float] = {"matrices": time.perf_counter() - self.began}
+        self.timings: dict[str, float] = {"matrices": time.perf_counter() - self.pace.began}
         self._stop = np.zeros(1, dtype=np.uint8)
+        self._ordered: OrderedPencil | None = None
         self._plan: SpectrumPlan | None = None
-        self._heard = 0.0
         self._jobs = 1
         self._known: KnownPairs | None = None
         self._is_there = np.zeros(0, dtype=bool)
@@ -98,7 +96,7 @@ class Run:
 
     def batches(self) -> Iterator[slice]:
         """Find everything; yields the places of rows that have just become final."""
-        self._report("matrices")
+        self._told("matrices")
         with one_blas_thread():
             try:
                 yield from self._found()
@@ -142,10 +140,10 @@ class Run:
 
     def _order(self) -> OrderedPencil:
         started = time.perf_counter()
-        ordered = order_pencil(self.pencil, self._poll, self._crew)
+        ordered = self._ordered = order_pencil(self.pencil, self._poll, self._crew)
         self.pencil = ordered.pencil
         self._spend("order", started)
-        self._report("order")
+        self._told("order")
         return ordered
 
     # The lowest pairs, or those around a value, slice by slice -----------------------------------
@@ -272,6 +270,7 @@ class Run:
         """
         started = time.perf_counter()
         jobs = self._workers(ordered, plan.count(stretches[-1][1])) if stretches else 1
+        self.pace.begin_slices(sum(plan.count(high) - plan.count(low) for low, high in stretches))
         for settled in (False, True):
             try:
                 for pairs in run_slices(
@@ -329,6 +328,7 @@ class Run:
             null = min(pencil.n_null, wanted)
             parts.append((np.zeros(null), pencil.null_residuals[:null], pencil.null_rows(null)))
         jobs = self._workers(ordered, inside)
+        self.pace.begin_slices(inside)
         for pairs in run_slices(
             ordered,
             plan.slices(low, high, settled=True),
@@ -516,7 +516,8 @@ class Run:
             self.request.on_pairs(
                 place.start, output.eigenvalues[place].copy(), output.residuals[place].copy()
             )
-        self._report("eigenpairs", output.written, output.total)
+        self._poll()
+        self.pace.pairs(output.written, output.total, self._steps())
         return place
 
     def _spend(self, stage: str, started: float) -> None:
@@ -526,20 +527,11 @@ class Run:
         if self.request.cancel is not None and self.request.cancel():
             self._stop[0] = 1
             raise Cancelled("the decomposition was cancelled")
+        self.pace.step(self._steps())
 
-    def _report(self, stage: str, done: int = 0, total: int = 0) -> None:
+    def _told(self, stage: str) -> None:
         self._poll()
-        if self.request.progress is None:
-            return
-        fraction = done / total if total else 0.0
-        elapsed = time.perf_counter() - self.began
-        self.request.progress(
-            Progress(
-                stage=stage,
-                fraction=fraction,
-                remaining=elapsed * (1.0 / fraction - 1.0) if fraction > 0.05 else None,
-                message=f"{done} of {total} eigenpairs" if total else _MESSAGES.get(stage, stage),
-                converged=done,
-                total=total,
-            )
-        )
+        self.pace.stage(stage)
+
+    def _steps(self) -> int:
+        return 0 if self._ordered is None else self._ordered.steps

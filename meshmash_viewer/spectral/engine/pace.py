@@ -1,0 +1,103 @@
+"""How far a run is, and when it will end, told to whoever waits for it."""
+
+from __future__ import annotations
+
+import time
+
+from meshmash_viewer.progress import Progress, ProgressCallback
+from meshmash_viewer.spectral.engine.basis import BLOCK
+from meshmash_viewer.spectral.engine.lanczos import usual_rows
+from meshmash_viewer.spectral.engine.workers import slice_count
+
+__all__ = ["Pace"]
+
+#: What the order and the counts take, in steps of an iteration: measured on meshes of 50 to 420
+#: thousand vertices.
+_ORDER, _COUNTS = 8.0, 7.0
+#: What the factor of a slice takes, in steps, and what follows on its steps, in parts of them: its
+#: pairs are rotated, refined, measured and written.
+_FACTOR, _END = 3.0, 0.6
+#: Steps after which their own pace says when the run will end.
+_TELLING = 4.0
+#: Seconds between two reports that nothing but time has brought about.
+_INTERVAL = 0.25
+#: What is said of stages in which no pairs are counted yet.
+_MESSAGES = {
+    "matrices": "Preparing the solver (the first run after an installation compiles it)",
+    "order": "Factoring and counting eigenvalues",
+}
+
+
+class Pace:
+    """Reports of a run, from its steps before the first pairs are there.
+
+    Parameters
+    ----------
+    progress : callable, optional
+        Takes the reports.
+    pairs : int
+        How many pairs are expected, until it is known.
+    lean : bool
+        Whether slices are those of float32.
+    """
+
+    def __init__(self, progress: ProgressCallback | None, pairs: int, lean: bool) -> None:
+        self.began = time.perf_counter()
+        self._progress = progress
+        self._lean = lean
+        self._pairs, self._expected = pairs, self._steps_for(pairs)
+        self._before = self._taken = self._fraction = 0.0
+        self._last: Progress | None = None
+        self._heard = self._slices_began = self._end = self.began
+
+    def _steps_for(self, pairs: int) -> float:
+        count = slice_count(pairs, self._lean)
+        return count * (_FACTOR + usual_rows(pairs / count) / BLOCK * (1.0 + _END))
+
+    def begin_slices(self, pairs: int) -> None:
+        """What is left are slices with so many pairs."""
+        self._pairs, self._expected = pairs, self._steps_for(pairs)
+        self._before = _ORDER + _COUNTS
+        self._slices_began = time.perf_counter()
+
+    def stage(self, name: str) -> None:
+        """The first stages, in which no pairs are found."""
+        if name == "order":
+            self._before = _ORDER
+        self._report(name, 0, 0, 0)
+
+    def pairs(self, done: int, total: int, steps: int) -> None:
+        """So many pairs are final, after so many steps in slices."""
+        self._report("eigenpairs", done, total, steps)
+
+    def step(self, steps: int) -> None:
+        """Nothing new but steps in slices."""
+        if self._last is not None and time.perf_counter() > self._heard + _INTERVAL:
+            self._report(self._last.stage, self._last.converged, self._last.total, steps)
+
+    def _report(self, stage: str, done: int, total: int, steps: int) -> None:
+        if self._progress is None:
+            return
+        now = self._heard = time.perf_counter()
+        # The end of a slice has no steps: it is over where its pairs are there.
+        found = max(done - (total - self._pairs), 0) / max(self._pairs, 1) if total else 0.0
+        taken = min(steps + found * self._expected * _END / (1.0 + _END), self._expected)
+        if taken > _TELLING:
+            if taken > self._taken:
+                spent = now - self._slices_began
+                self._end = self._slices_began + spent * self._expected / taken
+            remaining = max(self._end - now, 0.03 * (now - self.began))
+            fraction = (now - self.began) / (now - self.began + remaining)
+        else:
+            fraction = (self._before + taken) / (_ORDER + _COUNTS + self._expected)
+            remaining = None
+            if fraction:
+                remaining = (now - self.began) * (1.0 / fraction - 1.0)
+        self._taken = max(taken, self._taken)
+        if total and done == total:
+            fraction, remaining = 1.0, 0.0
+        # A bar never runs backwards.
+        fraction = self._fraction = max(fraction, self._fraction)
+        message = f"{done} of {total} eigenpairs" if total else _MESSAGES.get(stage, stage)
+        self._last = Progress(stage, fraction, remaining, message, done, total)
+        self._progress(self._last)

@@ -1,0 +1,42 @@
+"""How far a run says that it is."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import scipy.sparse as sp
+
+import meshmash_viewer as mv
+from meshmash_viewer.progress import Progress
+from meshmash_viewer.spectral.engine.pace import Pace
+
+
+def test_steps_count_before_the_first_pairs_are_there() -> None:
+    told: list[Progress] = []
+    pace = Pace(told.append, 100, lean=False)
+    pace.stage("matrices")
+    pace.stage("order")
+    pace.begin_slices(100)
+    pace.pairs(1, 101, 0)
+    for steps in range(1, 40):
+        pace.pairs(1, 101, steps)
+    pace.pairs(101, 101, 40)
+    fractions = [report.fraction or 0.0 for report in told]
+    assert all(first <= second for first, second in itertools.pairwise(fractions))
+    assert fractions[3] < fractions[12] <= fractions[-2] < 1.0
+    assert (fractions[-1], told[-1].remaining) == (1.0, 0.0)
+    assert told[-2].remaining is not None
+
+
+def test_a_run_tells_of_a_share_that_only_grows_and_ends_at_one() -> None:
+    n = 60
+    path = sp.diags([-np.ones(n - 1), 2 * np.ones(n), -np.ones(n - 1)], [-1, 0, 1])
+    grid = sp.kronsum(path, path, format="csc")
+    told: list[Progress] = []
+    mv.solve(grid, sp.identity(n * n, format="csc"), n_components=60, progress=told.append)
+    fractions = [report.fraction or 0.0 for report in told]
+    assert all(first <= second for first, second in itertools.pairwise(fractions))
+    assert fractions[0] < 0.5
+    assert fractions[-1] == 1.0
+    assert {report.stage for report in told} >= {"matrices", "order", "eigenpairs"}
