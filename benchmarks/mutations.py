@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import os
 import random
 import shutil
@@ -158,6 +159,8 @@ def _try_all(
     began = time.perf_counter()
     copies = Path(tempfile.mkdtemp(prefix="meshmash-mutants-"))
     outcome: dict[Mutation, str | None] = {}
+    remembered = base / "noticed.json"
+    noticed = json.loads(remembered.read_text()) if remembered.exists() else {}
 
     waiting = list(enumerate(mutations))[::-1]
     running: dict[Mutation, tuple[Run, Path, int]] = {}
@@ -165,7 +168,7 @@ def _try_all(
         while waiting or running:
             while waiting and len(running) < options.jobs:
                 number, mutation = waiting.pop()
-                chosen = tests.noticing(mutation, options.seconds)
+                chosen = tests.noticing(mutation, options.seconds, noticed.get(str(mutation), ""))
                 if not chosen:
                     outcome[mutation] = None
                     _say(f"{len(outcome)} of {len(mutations)}: {mutation}: entered by no test")
@@ -180,12 +183,14 @@ def _try_all(
                     continue
                 outcome[mutation] = noticed_by(run, status)
                 del running[mutation]
+                noticed[str(mutation)] = (outcome[mutation] or "").removeprefix("FAILED ")
                 # Not waited for: a fault may have left a million files.
                 subprocess.Popen(["rm", "-rf", str(copy), f"{copy}-temporary"])
                 said = outcome[mutation] or f"SURVIVED {n_tests} tests"
                 now = f"{time.perf_counter() - began:.0f} s"
                 _say(f"{len(outcome)} of {len(mutations)}, {now}: {mutation}: {said}")
     finally:
+        remembered.write_text(json.dumps(noticed))
         shutil.rmtree(copies, ignore_errors=True)
     return outcome
 
