@@ -141,6 +141,10 @@ def test_a_freesurfer_surface_has_as_many_bytes_as_it_says(
     path.write_bytes(beginning + struct.pack(">ii", n_vertices, n_faces) + numbers)
     with pytest.raises(InputError, match=f"promises {n_vertices} vertices and {n_faces} faces"):
         read_mesh(path)
+    for shorter in (beginning, beginning + b"\0\0\0\4", beginning + b"\0\0\0\4\0\0\0"):
+        path.write_bytes(shorter)
+        with pytest.raises(InputError, match="so it was cut short"):
+            read_mesh(path)
 
 
 def test_a_gifti_surface_may_keep_its_numbers_beside_it_if_they_are_all_there(
