@@ -10,7 +10,6 @@ import ast
 import copy
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 __all__ = ["Mutation", "mutations_of"]
@@ -142,12 +141,7 @@ def mutations_of(path: str, source: bytes) -> list[Mutation]:
         if (start, stop, after) in seen or before == after:
             continue
         seen.add((start, stop, after))
-        mutation = Mutation(path, lines.lineno, place, kind, before, after, start, stop)
-        try:
-            compile(mutation.applied(source), path, "exec")
-        except SyntaxError:
-            continue
-        found.append(mutation)
+        found.append(Mutation(path, lines.lineno, place, kind, before, after, start, stop))
     return found
 
 
@@ -362,10 +356,3 @@ _MAKERS: dict[type[ast.AST], Callable[[Any], Iterator[Fault]]] = {
     ast.Break: _of_jump,
     ast.Continue: _of_jump,
 }
-
-
-def module_paths(root: Path) -> list[str]:
-    """Modules of the package, below the root of the tree, without the window."""
-    package = root / "meshmash_viewer"
-    found = [path for path in package.rglob("*.py") if "app" not in path.relative_to(package).parts]
-    return sorted(str(path.relative_to(root)) for path in found)

@@ -289,7 +289,7 @@ class Tests:
                 say(f"left out, it does not pass here: {test}")
         return cls(tree, reaches)
 
-    def noticing(self, mutation: Mutation, seconds: float) -> list[Reach]:
+    def noticing(self, mutation: Mutation, seconds: float, first: str = "") -> list[Reach]:
         """Tests that enter what a fault changes: those named like the module, then the quick ones.
 
         Parameters
@@ -297,13 +297,17 @@ class Tests:
         mutation : Mutation
         seconds : float
             What they may take together, as they were recorded.
+        first : str
+            The test that noticed it in an earlier run.
         """
         found = self._entering(mutation)
         stem = Path(mutation.path).stem
         chosen, spent = [], 0.0
-        for reach in sorted(
-            found, key=lambda reach: (Path(_file(reach)).stem != f"test_{stem}", reach.seconds)
-        ):
+
+        def rank(reach: Reach) -> tuple[bool, bool, float]:
+            return reach.test != first, Path(_file(reach)).stem != f"test_{stem}", reach.seconds
+
+        for reach in sorted(found, key=rank):
             if spent + reach.seconds <= seconds or not chosen:
                 chosen.append(reach)
                 spent += reach.seconds

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import os
 import random
 import shutil
@@ -30,12 +31,15 @@ from mutation_tests import Run, Tests, copy_tree, import_what_is_slow, noticed_b
 HERE = Path(__file__).parent
 ROOT = HERE.parent
 EQUIVALENT = HERE / "mutations_equivalent.toml"
-#: Folders that a like share of the faults goes to; "" are the modules beside them.
-AREAS = ("", "engine", "io", "model")
-#: Beside the numerics, but none: they are tried by hand and by what they call.
-NOT_NUMERICS = {
-    *("__init__", "__main__", "arguments", "cli", "commands", "errors", "feature_kinds"),
-    *("progress", "units"),
+#: What a like share of the faults goes to: modules and folders of the package, the first that fits.
+AREAS = {
+    "engine": ("spectral/engine/*",),
+    "io": ("io/*",),
+    "model": ("model/*",),
+    "numerics": (
+        *("mesh.py", "health.py", "defects.py", "laplacian.py", "decompose.py"),
+        *("spectral/*", "features/*", "split/*", "surface/*"),
+    ),
 }
 
 
@@ -73,17 +77,17 @@ def _options() -> argparse.Namespace:
 
 
 def _modules() -> list[str]:
-    """Modules of the four areas, below the root."""
-    package = ROOT / "meshmash_viewer"
-    found = [path for path in package.glob("*.py") if path.stem not in NOT_NUMERICS]
-    for area in filter(None, AREAS):
-        found += (package / area).rglob("*.py")
-    return sorted(str(path.relative_to(ROOT)) for path in found)
+    """Modules of the areas, below the root."""
+    found = [str(path.relative_to(ROOT)) for path in (ROOT / "meshmash_viewer").rglob("*.py")]
+    return sorted(path for path in found if _area(path) is not None)
 
 
-def _area(path: str) -> str:
-    folder = path.split("/")[1]
-    return folder if folder in AREAS else ""
+def _area(path: str) -> str | None:
+    """The area that a module belongs to; None if its faults are none of those made here."""
+    for area, patterns in AREAS.items():
+        if any(fnmatchcase(_short(path), pattern) for pattern in patterns):
+            return area
+    return None
 
 
 def _short(path: str) -> str:
@@ -94,7 +98,7 @@ def _choose(source: dict[str, bytes], options: argparse.Namespace) -> list[Mutat
     """Faults by seed: a like share for every area, for modules by their length, any kind alike."""
     chance = random.Random(options.seed)
     left_out = [pattern.strip() for pattern in options.but.split(",")]
-    areas: dict[str, dict[str, dict[str, list[Mutation]]]] = {}
+    areas: dict[str | None, dict[str, dict[str, list[Mutation]]]] = {}
     for path, text in source.items():
         if not fnmatchcase(_short(path), options.only) or any(
             fnmatchcase(_short(path), pattern) for pattern in left_out
@@ -106,7 +110,7 @@ def _choose(source: dict[str, bytes], options: argparse.Namespace) -> list[Mutat
         if kinds:
             areas.setdefault(_area(path), {})[path] = kinds
     chosen: dict[tuple[str, int, int], Mutation] = {}
-    names = sorted(areas)
+    names = [area for area in AREAS if area in areas]
     for turn in range(100 * options.count):
         if len(chosen) == options.count or not names:
             break
@@ -155,6 +159,8 @@ def _try_all(
     began = time.perf_counter()
     copies = Path(tempfile.mkdtemp(prefix="meshmash-mutants-"))
     outcome: dict[Mutation, str | None] = {}
+    remembered = base / "noticed.json"
+    noticed = json.loads(remembered.read_text()) if remembered.exists() else {}
 
     waiting = list(enumerate(mutations))[::-1]
     running: dict[Mutation, tuple[Run, Path, int]] = {}
@@ -162,7 +168,7 @@ def _try_all(
         while waiting or running:
             while waiting and len(running) < options.jobs:
                 number, mutation = waiting.pop()
-                chosen = tests.noticing(mutation, options.seconds)
+                chosen = tests.noticing(mutation, options.seconds, noticed.get(str(mutation), ""))
                 if not chosen:
                     outcome[mutation] = None
                     _say(f"{len(outcome)} of {len(mutations)}: {mutation}: entered by no test")
@@ -177,12 +183,14 @@ def _try_all(
                     continue
                 outcome[mutation] = noticed_by(run, status)
                 del running[mutation]
+                noticed[str(mutation)] = (outcome[mutation] or "").removeprefix("FAILED ")
                 # Not waited for: a fault may have left a million files.
                 subprocess.Popen(["rm", "-rf", str(copy), f"{copy}-temporary"])
                 said = outcome[mutation] or f"SURVIVED {n_tests} tests"
                 now = f"{time.perf_counter() - began:.0f} s"
                 _say(f"{len(outcome)} of {len(mutations)}, {now}: {mutation}: {said}")
     finally:
+        remembered.write_text(json.dumps(noticed))
         shutil.rmtree(copies, ignore_errors=True)
     return outcome
 
@@ -197,7 +205,7 @@ def _report(
     caught: Counter[str] = Counter()
     same: Counter[str] = Counter()
     for mutation in chosen:
-        for row in (_short(mutation.path), f"{_area(mutation.path) or 'numerics'} ", "in all"):
+        for row in (_short(mutation.path), f"{_area(mutation.path)} ", "in all"):
             made[row] += 1
             same[row] += reasons[mutation] is not None
             caught[row] += outcome.get(mutation) is not None

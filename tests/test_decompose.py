@@ -457,6 +457,10 @@ def test_a_threshold_of_another_unit_is_explained(three_spheres):
     ):
         hks = compute_hks(three_spheres)
     np.testing.assert_allclose(hks, 3.0 / three_spheres.area, rtol=1e-3)
+    for times in ({"t_min": 1.0}, {"t_max": 1.0}):
+        with pytest.warns(ConstantFeaturesWarning, match="Only zero eigenvalues"):
+            hks = compute_hks(three_spheres, n_components=2, **times)
+        np.testing.assert_allclose(hks, 3.0 / three_spheres.area, rtol=1e-3)
     with pytest.warns(ConstantFeaturesWarning, match="Only zero eigenvalues"):
         bands = compute_geometry_vectors(three_spheres, n_components=3)
     np.testing.assert_allclose(bands[:, 0], 3.0 / three_spheres.area, rtol=1e-3)

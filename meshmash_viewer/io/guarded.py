@@ -71,7 +71,6 @@ def read_guarded(
         command = [sys.executable, "-c", _CHILD, json.dumps(sys.path), name, str(path), str(result)]
         with subprocess.Popen(
             [*command, str(limits.memory)],
-            stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,  # where libraries complain once more before they end it
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},  # whose threads take memory each

@@ -13,7 +13,7 @@ __all__ = ["RAISE_LIMITS", "LimitExceeded", "ReadLimits"]
 #: The environment variable by whose value every limit is multiplied.
 RAISE_LIMITS = "MESHMASH_READ_LIMITS"
 
-_SECONDS, _SECONDS_PER_MEGABYTE = 8.0, 0.5
+_SECONDS, _SECONDS_PER_BYTE = 8.0, 5e-7
 _BYTES, _BYTES_PER_BYTE = 640e6, 40.0
 #: Text of the most regular meshes shrinks thirty-fold by gzip, binary files far less.
 _HONEST_RATIO = 40.0
@@ -66,11 +66,11 @@ class ReadLimits:
             If the environment variable holds no positive number.
         """
         honest = min(float(unpacked), _HONEST_RATIO * n_bytes)
-        megabytes = max(float(n_bytes), honest / 5.0) / 1e6
+        size = max(float(n_bytes), honest / 5.0)
         factor = _factor()
         return cls(
-            factor * (_SECONDS + _SECONDS_PER_MEGABYTE * megabytes),
-            factor * (_BYTES + 1e6 * _BYTES_PER_BYTE * megabytes),
+            factor * (_SECONDS + _SECONDS_PER_BYTE * size),
+            factor * (_BYTES + _BYTES_PER_BYTE * size),
         )
 
     @staticmethod

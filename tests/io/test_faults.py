@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.limits import ReadLimits
 from meshmash_viewer.io.read import read_mesh
 
 VERTICES = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -141,6 +142,10 @@ def test_a_freesurfer_surface_has_as_many_bytes_as_it_says(
     path.write_bytes(beginning + struct.pack(">ii", n_vertices, n_faces) + numbers)
     with pytest.raises(InputError, match=f"promises {n_vertices} vertices and {n_faces} faces"):
         read_mesh(path)
+    for shorter in (beginning, beginning + b"\0\0\0\4", beginning + b"\0\0\0\4\0\0\0"):
+        path.write_bytes(shorter)
+        with pytest.raises(InputError, match="so it was cut short"):
+            read_mesh(path)
 
 
 def test_a_gifti_surface_may_keep_its_numbers_beside_it_if_they_are_all_there(
@@ -170,3 +175,17 @@ def test_a_gifti_surface_may_keep_its_numbers_beside_it_if_they_are_all_there(
         else:
             with pytest.raises(InputError, match=r"numbers\.bin that is not .* or too short"):
                 read_mesh(path)
+
+
+def test_limits_grow_with_the_file_and_with_what_it_may_honestly_unpack_to() -> None:
+    least, one, ten = (ReadLimits.of(n_bytes) for n_bytes in (0, 10**7, 10**8))
+    for name in ("seconds", "memory"):
+        base, small, large = (getattr(each, name) for each in (least, one, ten))
+        assert 0.0 < base < small
+        assert large - base == pytest.approx(10.0 * (small - base))
+    assert least.memory > 5e8, "which the interpreter and its libraries need"
+    # Compressed a file may be a fifth of a plain one's size as well, but not a thousandth.
+    assert ReadLimits.of(10**7, 10**7) == one
+    assert ReadLimits.of(10**7, 5 * 10**7) == one
+    assert ReadLimits.of(10**7, 10**8).memory == ReadLimits.of(2 * 10**7).memory
+    assert ReadLimits.of(10**7, 10**12) == ReadLimits.of(10**7, 10**10)

@@ -543,6 +543,22 @@ def test_no_permission(tmp_path: Path) -> None:
         ("deep.gltf", "[" * 100_000, "does not hold the JSON"),
         ("far.off", "OFF\n1e300 1e300 0\n0 0 0\n", "promises 1e+300 vertices"),
         ("odd.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 x\n3 0 1 2\n", "should be, in line 5;"),
+        ("odd.off", "OFF\r\n3 1 0\r\n0 0 0\r\n1 0 0\r\n0 1 x\r\n", "should be, in line 5;"),
+        ("odd.off", "OFF\r3 1 0\r0 0 0\r1 0 0\r0 1 x\r3 0 1 2\r", "should be"),
+        ("binary.off", "OFF BINARY\n3 1 0\n", "is a binary OFF file"),
+        (
+            "far.gii",
+            f'<GIFTI Version="1.0"><DataArray Dimensionality="1" Dim0="{9 * "9"}9999"/></GIFTI>',
+            "an array of length 9999999999999",
+        ),
+        ("short.stl", "abc", "is too short for an STL file"),
+        (
+            "odd.stl",
+            "solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex\nvertex 0 1 0\n"
+            "endloop\nendfacet\nendsolid\n",
+            "without exactly three coordinates",
+        ),
+        ("empty.vtk", "# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\n", "no vertices"),
     ],
 )
 def test_promises_are_not_believed(name: str, content: str, clause: str, tmp_path: Path) -> None:

@@ -162,6 +162,22 @@ def test_a_damaged_file_of_a_batch_is_told_of_on_opening(sphere: Mesh, listener:
     assert known is not None
     assert len(known.spectrum) == last.start
     assert f"eigenpairs {last.start} to 39" in remark
+    assert InspectJob(sphere).run(listener).remark == remark
+
+
+def test_how_far_all_pairs_are_known_is_that_of_a_threshold_alone(
+    sphere: Mesh, listener: Listener
+) -> None:
+    decompose(sphere, OPERATOR, Target("count", 9), listener)
+    known, _ = find_known(sphere, OPERATOR)
+    assert known is not None
+    assert known.known_to == 0.0
+    other = Mesh(2.0 * sphere.vertices, sphere.faces)
+    decompose(other, OPERATOR, Target("max_eigenvalue", 1.0), listener)
+    known, _ = find_known(other, OPERATOR)
+    assert known is not None
+    assert known.known_to == 1.0
+    assert len(known.eigenvalues) == 4
 
 
 def test_without_a_cache_the_session_has_a_store(

@@ -9,7 +9,7 @@ from solved import spectrum_of
 
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.document import PIN_COLORS, Document
+from meshmash_viewer.model.document import PIN_COLORS, Document, Notice
 from meshmash_viewer.model.jobs import MeshReady
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.spectral.weyl import Target
@@ -106,3 +106,29 @@ def test_a_preview_is_not_replaced_by_less(
     document.accept_mesh(ready_of(sphere, "b.ply"))
     document.accept_spectrum(exact)
     assert document.spectrum is exact
+
+
+@pytest.mark.parametrize(("shown", "damaged", "left"), [(7, 3, 2), (1, 3, 1), (7, 1, 0)])
+def test_pairs_from_a_damaged_one_on_are_not_shown(
+    document: Document, sphere: Mesh, shown: int, damaged: int, left: int
+) -> None:
+    spectrum = spectrum_of(sphere, 9)
+    document.accept_spectrum(spectrum)
+    document.display.index = shown
+    notices: list[Notice] = []
+    document.noticed.connect(notices.append)
+    document.leave_out_damaged(replace(spectrum), damaged)
+    assert document.spectrum is spectrum, "another one is shown"
+    document.leave_out_damaged(spectrum, damaged)
+    assert document.spectrum is not None
+    np.testing.assert_array_equal(document.spectrum.eigenvalues, spectrum.eigenvalues[:damaged])
+    assert document.display.index == left
+    assert f"Eigenpair {damaged} is damaged" in notices[-1].text
+
+
+def test_nothing_is_shown_where_the_first_pair_is_damaged(document: Document, sphere: Mesh) -> None:
+    spectrum = spectrum_of(sphere, 9)
+    document.accept_spectrum(spectrum)
+    document.leave_out_damaged(spectrum, 0)
+    assert document.spectrum is None
+    assert document.display.index == 0

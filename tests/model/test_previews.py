@@ -13,7 +13,7 @@ from meshmash_viewer.model import previews
 from meshmash_viewer.model.decomposition import decompose
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.field import FieldRequest, compute_field
-from meshmash_viewer.model.jobs import PreviewJob
+from meshmash_viewer.model.jobs import InspectJob, PreviewJob
 from meshmash_viewer.model.live import LiveFeatures
 from meshmash_viewer.spectral.weyl import Target
 
@@ -93,3 +93,18 @@ def test_stored_pairs_make_a_preview_needless(large: Mesh, tmp_path: Path) -> No
     listener.messages.clear()
     decompose(large, OPERATOR, Target("count", 40), listener)
     assert not any(message.preview_path for message in listener.messages)
+
+
+def test_a_preview_is_worth_it_while_it_shows_more_than_what_is_known(
+    large: Mesh, sphere: Mesh, tmp_path: Path
+) -> None:
+    listener = Listener(tmp_path)
+    assert not previews.is_worthwhile(InspectJob(sphere).run(listener))
+    ready = InspectJob(large).run(listener)
+    assert ready.known is None
+    assert previews.is_worthwhile(ready)
+    preview = previews.open_preview(large, listener)
+    assert preview is not None
+    for count, worthwhile in ((10, True), (len(preview.eigenvalues), False)):
+        decompose(large, OPERATOR, Target("count", count), listener)
+        assert previews.is_worthwhile(InspectJob(large).run(listener)) is worthwhile

@@ -211,8 +211,7 @@ def read_freesurfer(path: Path) -> RawMesh:
         magic = file.read(3)
         if magic == _TRIANGLES:
             file.readline(), file.readline()  # who made it, and an empty line
-            header = file.read(8)
-            n_vertices, n_faces = struct.unpack(">ii", header) if len(header) == 8 else (-1, -1)
+            n_vertices, n_faces = struct.unpack(">ii", file.read(8).ljust(8, b"\xff"))
             needed = file.tell() + 12 * n_vertices + 12 * n_faces
         elif magic in (_QUADS, _SHORT_QUADS):
             header = file.read(6).ljust(6, b"\0")

@@ -1,0 +1,60 @@
+"""What is said of an exception, and whether a person can do something about it."""
+
+from __future__ import annotations
+
+import errno
+
+import pytest
+from psygnal import EmitLoopError, Signal
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.model.failure import failure_of
+
+
+def raised(kind: type[BaseException], *said: object) -> BaseException:
+    with pytest.raises(kind) as caught:
+        raise kind(*said)
+    return caught.value
+
+
+def test_what_can_be_mended_says_how_and_has_a_defect_for_details_alone() -> None:
+    wrong = failure_of(raised(InputError, "The mesh is upside down: turn it over."), "Reading a")
+    assert (wrong.text, wrong.details) == ("The mesh is upside down: turn it over.", "")
+    full = failure_of(raised(OSError, errno.ENOSPC, "No space left on device", "out.npz"))
+    assert full.text == "out.npz: No space left on device."
+    unnamed = failure_of(raised(OSError, errno.EIO, "Input/output error"))
+    assert unnamed.text == "Input/output error."
+    memory = failure_of(raised(MemoryError))
+    assert "fewer eigenpairs" in memory.text
+    for failure in (wrong, full, unnamed, memory):
+        assert failure.mendable
+    for failure in (full, unnamed, memory):
+        assert "Traceback" in failure.details
+
+
+@pytest.mark.parametrize("fault", [KeyError("no such place"), OSError("no such place")])
+def test_a_defect_is_the_programs_and_brings_its_traceback(fault: Exception) -> None:
+    doing = failure_of(fault, "Writing bunny.npz")
+    assert doing.text.startswith("Writing bunny.npz failed by a defect of the program (")
+    alone = failure_of(fault)
+    assert alone.text.startswith("A defect of the program (")
+    for failure in (doing, alone):
+        assert f"{type(fault).__name__}: " in failure.text
+        assert "no such place" in failure.text
+        assert "no such place" in failure.details
+        assert not failure.mendable
+    assert len(failure_of(KeyError("word " * 1000)).text) < 500
+
+
+def test_what_a_listener_of_the_model_raised_is_said_not_that_it_was_one() -> None:
+    class Model:
+        changed = Signal()
+
+    def complain() -> None:
+        raise InputError("Turn it over.")
+
+    model = Model()
+    model.changed.connect(complain)
+    with pytest.raises(EmitLoopError) as caught:
+        model.changed.emit()
+    assert failure_of(caught.value).text == "Turn it over."
