@@ -12,7 +12,6 @@ from meshmash_viewer.model.display import FieldKind, SimilarityBasis
 from meshmash_viewer.model.limits import LimitPolicy, automatic_limits
 from meshmash_viewer.model.ranges import band_range, hks_range, hks_time
 from meshmash_viewer.model.spectrum import Spectrum
-from meshmash_viewer.model.stretches import extremes
 from meshmash_viewer.units import format_quantity, power_unit
 
 if TYPE_CHECKING:
@@ -267,15 +266,10 @@ def eigenfunction(
     ends : tuple of float
         Smallest and largest of them.
     """
-    row = request.spectrum.shown_rows[request.index]
-    values = np.empty(len(row), dtype=np.float32)
-
-    def write(part: slice) -> None:
-        values[part] = row[part]
-        if request.flipped:
-            np.negative(values[part], out=values[part])
-
-    return values, extremes(values, write)
+    values = np.array(request.spectrum.shown_rows[request.index], dtype=np.float32)
+    if request.flipped:
+        np.negative(values, out=values)
+    return values, (float(values.min()), float(values.max()))
 
 
 def title_of(request: FieldRequest) -> str:

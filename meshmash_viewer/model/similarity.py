@@ -12,7 +12,6 @@ import numpy.typing as npt
 from meshmash_viewer.model.compiled import field_kernels
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.model.squares import sum_squares
-from meshmash_viewer.model.stretches import in_stretches
 from meshmash_viewer.progress import CancelCallback
 
 __all__ = ["SimilarityTable", "build_similarity_table"]
@@ -77,11 +76,7 @@ class SimilarityTable:
         here = self._steps(vertex)
         result = np.empty(self.coordinates.shape[1], dtype=np.float32)
         step = np.float32(self.step)
-
-        def write(part: slice) -> None:
-            distances(self.coordinates, here, step, result, part.start, part.stop)
-
-        in_stretches(len(result), write)
+        distances(self.coordinates, here, step, result)
         beyond = np.linalg.norm(self.far_coordinates - here[:, None], axis=0)
         result[self.far] = step * beyond
         return result
