@@ -401,7 +401,6 @@ def _is_noop(window: MainWindow) -> bool:
 def main() -> None:
     """Do what the argument says and leave the result where it says."""
     order = json.loads(sys.argv[1])
-    heap.keep_little()
     application()
     session = Session(order)
     result = session.run()

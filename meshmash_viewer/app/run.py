@@ -20,7 +20,7 @@ from PySide6.QtCore import QObject, QTimer
 from PySide6.QtGui import QFont
 from PySide6.QtWidgets import QApplication
 
-from meshmash_viewer.app import heap, theme
+from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.units import UNIT_FORMS
 
@@ -37,9 +37,6 @@ _LIBRARIES = (
     ("meshmash_viewer.app.panels.profile_panel", "Loading the plots …"),
     ("meshmash_viewer.app.panels.field_panel", "Loading the controls …"),
 )
-#: Seconds for which a thread may keep the interpreter while the window waits for it, ten times
-#: shorter than Python's own choice: to paint the window once takes it some twenty times.
-_SWITCH = 0.0005
 #: Windows opened by `view`, which nobody else may hold.
 _windows: dict[int, MainWindow] = {}
 
@@ -52,7 +49,6 @@ def application() -> QApplication:
     if sys.platform.startswith("linux") and os.environ.get("DISPLAY"):
         # VTK draws into windows of X11 alone; desktops with Wayland bring both.
         os.environ.setdefault("QT_QPA_PLATFORM", "xcb")
-    sys.setswitchinterval(_SWITCH)
     made = QApplication(sys.argv[:1] or ["meshmash-viewer"])
     made.setApplicationName("meshmash-viewer")
     made.setApplicationDisplayName("")
@@ -85,7 +81,6 @@ def run_app(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--fresh", action="store_true", help="ignore stored settings")
     options = parser.parse_args(argv)
 
-    heap.keep_little()
     app = application()
     # Ctrl+C in the terminal closes the window as its cross does
     signal.signal(signal.SIGINT, lambda *_: QApplication.closeAllWindows())
@@ -184,8 +179,8 @@ def keep_what_is_loaded(window: MainWindow) -> None:
     """Let Python look for garbage among newer objects only, for a process that is ours alone.
 
     The libraries are two hundred thousand objects that stay: to go through them again and again
-    would hold up the window for more than a tenth of a second each time. More of them have come
-    with the first mesh.
+    holds up the window for more than a tenth of a second each time. More of them have come with
+    the first mesh.
     """
     gc.freeze()
     window.scene.first_frame.connect(gc.freeze)

@@ -20,7 +20,6 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.model.compiled import field_kernels
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.model.squares import add_squares, sum_squares
 from meshmash_viewer.progress import CancelCallback
@@ -135,7 +134,8 @@ class HeatTable:
         weights = np.zeros(_STENCIL)
         if self._fits:
             weights = self._fits[start] @ np.exp(-self._rates * time)
-        combine = field_kernels().combine
+        from meshmash_viewer.model.field_kernels import combine  # brings numba along
+
         values = np.empty(self.columns.shape[1], dtype=np.float32)
         nodes = slice(start, start + _STENCIL)
         stencil = self.columns[nodes]

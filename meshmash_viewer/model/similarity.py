@@ -9,7 +9,6 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.model.compiled import field_kernels
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.model.squares import sum_squares
 from meshmash_viewer.progress import CancelCallback
@@ -72,7 +71,8 @@ class SimilarityTable:
 
     def from_vertex(self, vertex: int) -> ColumnArray:
         """Distance of every vertex from one, shape (n,), a pure number."""
-        distances = field_kernels().distances
+        from meshmash_viewer.model.field_kernels import distances  # brings numba along
+
         here = self._steps(vertex)
         result = np.empty(self.coordinates.shape[1], dtype=np.float32)
         step = np.float32(self.step)
