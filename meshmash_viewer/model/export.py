@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,15 +13,54 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.kinds import KINDS
-from meshmash_viewer.laplacian import compute_vertex_areas
-from meshmash_viewer.model.jobs import Channel, ExportJob, Written
+from meshmash_viewer.laplacian import OperatorOptions, compute_vertex_areas
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.results import Written
+from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Cancelled, Progress
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.filters import FilterBank
     from meshmash_viewer.io.stored_spectrum import StoredSpectrum
 
-__all__ = ["export", "export_bank"]
+__all__ = ["ExportJob", "export", "export_bank"]
+
+
+@dataclass(frozen=True, eq=False)
+class ExportJob:
+    """Compute features by the direct sum, or take the eigenpairs, and write a file.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    operator : OperatorOptions
+        Of the eigenpairs that are looked up in the store.
+    path : Path
+        Its ending says the format.
+    kind : str
+        One of `meshmash_viewer.features.kinds.KINDS`.
+    n_pairs : int
+        Number of leading eigenpairs to use.
+    parameters : dict
+        By kind: ``t_min, t_max, n_scales`` (hks), ``e_min, e_max, n_bands``
+        (geometry-vectors), ``n_energies`` (wks).
+    """
+
+    mesh: Mesh
+    operator: OperatorOptions
+    path: Path
+    kind: str
+    n_pairs: int
+    parameters: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """See `Job.label`."""
+        return f"Writing {self.path.name}"
+
+    def run(self, channel: Channel) -> Written:
+        """See `Job.run`."""
+        return export(self, channel)
 
 
 def export_bank(

@@ -13,7 +13,8 @@ from meshmash_viewer.io.npy import create_rows, map_rows
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.alignment import Alignment, align
-from meshmash_viewer.model.jobs import Channel, MeshReady, SpectrumGrew
+from meshmash_viewer.model.results import MeshReady, SpectrumGrew
+from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.preview import preview_eigenpairs
 

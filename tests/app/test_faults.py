@@ -81,7 +81,10 @@ def raised(fault: Exception) -> Exception:
 def test_what_can_be_mended_is_said_in_its_own_words() -> None:
     assert failure_of(raised(InputError("Give a mesh."))).text == "Give a mesh."
     full = failure_of(raised(OSError(28, "No space left on device", "/disk/a.npz")))
-    assert full.text == "/disk/a.npz: No space left on device."
+    assert (
+        full.text
+        == "/disk/a.npz: No space left on device; free the disk, or choose another folder."
+    )
     assert full.mendable
     assert "close other programs" in failure_of(raised(MemoryError())).text
 
@@ -211,7 +214,7 @@ def test_a_library_that_cannot_be_loaded_is_said(
     real = importlib.import_module
 
     def missing(name: str) -> object:
-        if name.endswith("app.scene"):
+        if name.endswith("view.scene"):
             raise ImportError("libGL.so.1: cannot open shared object file")
         return real(name)
 

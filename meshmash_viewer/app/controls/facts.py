@@ -42,8 +42,7 @@ def estimated_pairs(spectrum: Spectrum, area: float, eigenvalue: float) -> str:
 
 def note(name: str, role: str = "muted", parent: QWidget | None = None) -> QLabel:
     """A line of explanation that wraps, and takes no room while it is empty."""
-    label = theme.with_role(QLabel(parent), role)
-    label.setObjectName(name)
+    label = theme.named(QLabel(parent), name, role=role)
     label.setWordWrap(True)
     label.setVisible(False)
     return label
@@ -69,9 +68,7 @@ class Facts(QWidget):
         self._names: dict[str, QLabel] = {}
         for row, (name, text) in enumerate(rows.items()):
             label = theme.with_role(QLabel(text, self), "muted")
-            value = theme.with_role(QLabel("–", self), "value")
-            value.setObjectName(name)
-            value.setAccessibleName(text)
+            value = theme.named(QLabel("–", self), name, text, role="value")
             value.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
             grid.addWidget(label, row, 0)
             grid.addWidget(value, row, 1)
