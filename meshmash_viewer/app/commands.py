@@ -148,12 +148,13 @@ class Commands:
 
     def open_mesh(self) -> None:
         """Let the person choose a mesh file."""
-        endings = " ".join(f"*{ending}" for ending in READABLE_ENDINGS)
+        # FreeSurfer surfaces have endings of many kinds
+        patterns = " ".join([*(f"*{ending}" for ending in READABLE_ENDINGS), "lh.*", "rh.*"])
         path, _ = QFileDialog.getOpenFileName(
             self._window,
             "Open mesh",
             str(self._settings.folder),
-            f"Meshes ({endings});;All files (*)",
+            f"Meshes ({patterns});;All files (*)",
         )
         if path:
             self.open_path(Path(path))

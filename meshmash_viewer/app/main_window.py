@@ -38,7 +38,7 @@ from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.jobs import DecomposeJob, ReadJob
-from meshmash_viewer.units import format_quantity
+from meshmash_viewer.units import counted, format_quantity
 
 __all__ = ["MainWindow"]
 
@@ -280,7 +280,9 @@ class MainWindow(QMainWindow):
             return ""
         health = ready.health
         unit = ready.mesh.unit or "no unit"
-        return f"{health.n_vertices:,} vertices  ·  {health.n_faces:,} faces  ·  {unit}"
+        return "  ·  ".join(
+            (counted(health.n_vertices, "vertex"), counted(health.n_faces, "face"), unit)
+        )
 
     def _on_notice(self, notice: Notice) -> None:
         self.stage.message_bar.show_notice(notice)

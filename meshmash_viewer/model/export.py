@@ -18,6 +18,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.results import Written
 from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Cancelled, Progress
+from meshmash_viewer.units import counted
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.filters import FilterBank
@@ -158,7 +159,7 @@ def _export(
         check()
         channel.report(Progress("writing", message=job.label))
         write_eigenpairs(job.path, decomposition, job.mesh, meta)
-        return Written(job.path, f"{job.n_pairs} eigenpairs")
+        return Written(job.path, counted(job.n_pairs, "eigenpair"))
     if not len(decomposition.mass):
         # A solve that was cancelled has left pairs, but nothing that says how they are weighed.
         operator = job.operator
@@ -177,4 +178,4 @@ def _export(
     channel.report(Progress("writing", message=job.label))
     write_features(job.path, features, job.mesh, eigenvalues=values, meta=meta)
     said = "" if features.truncation is None else features.truncation.sentence()
-    return Written(job.path, f"{KINDS[job.kind]}, {bank.n_filters} columns,", said)
+    return Written(job.path, f"{KINDS[job.kind]}, {counted(bank.n_filters, 'column')},", said)

@@ -271,15 +271,20 @@ def test_profiles_are_read_no_longer_once_the_window_is_closed(
     reader = window.profile_panel._reader
     entered, leave = threading.Event(), threading.Event()
 
-    class Slow(QRunnable):
-        def run(self) -> None:
+    class Slow:
+        def __len__(self) -> int:
+            return 8
+
+        @property
+        def shown_rows(self) -> np.ndarray:
             entered.set()
             leave.wait(0.5)
+            return np.zeros((8, 10))
 
-    reader._pool.start(Slow())
+    reader.want(Slow(), (3,))
     assert entered.wait(10)
     window.close()
-    assert reader._pool.activeThreadCount() == 0
+    assert reader.thread_.isFinished()
     window.deleteLater()
 
 

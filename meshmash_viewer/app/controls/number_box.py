@@ -8,6 +8,8 @@ from PySide6.QtCore import QSignalBlocker, Signal
 from PySide6.QtGui import QFocusEvent, QValidator
 from PySide6.QtWidgets import QDoubleSpinBox, QSpinBox, QWidget
 
+from meshmash_viewer.units import format_number
+
 __all__ = ["CountBox", "QuantityBox", "dress"]
 
 #: What a number can be written with.
@@ -54,7 +56,7 @@ class QuantityBox(QDoubleSpinBox):
 
     def textFromValue(self, value: float) -> str:
         """Write with four digits, whatever the size."""
-        return f"{value:.4g}"
+        return format_number(value)
 
     def valueFromText(self, text: str) -> float:
         """Read what was typed, with or without prefix and unit."""

@@ -9,6 +9,7 @@ from PySide6.QtGui import QFocusEvent, QKeyEvent
 from PySide6.QtWidgets import QLineEdit, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.units import format_number
 
 __all__ = ["NumberField"]
 
@@ -79,7 +80,7 @@ class NumberField(QLineEdit):
 
     def _write(self) -> None:
         self._quiet = True
-        self.setText("" if self._value is None else f"{self._value:.5g}")
+        self.setText("" if self._value is None else format_number(self._value, 5))
         self.setModified(False)
 
     def _restore(self) -> None:

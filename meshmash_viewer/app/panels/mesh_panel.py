@@ -31,7 +31,7 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model import cost
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.live import expected_bytes
-from meshmash_viewer.units import LENGTH_UNITS, format_quantity, power_unit
+from meshmash_viewer.units import LENGTH_UNITS, counted, format_quantity, power_unit
 
 __all__ = ["MeshPanel"]
 
@@ -253,7 +253,7 @@ class MeshPanel(QWidget):
             wanted, exact = translation.count(target)
             if exact and wanted <= len(translation.eigenvalues):
                 computed = "Already computed" if spectrum.complete else "Converged already"
-                self.cost_label.setText(f"{computed}: {wanted:,} eigenpairs are in the store.")
+                self.cost_label.setText(f"{computed}: {counted(wanted, 'eigenpair')} in the store.")
                 return
         pairs = min(translation.count(target)[0], n)
         memory = cost.written_bytes(cost.decomposition_bytes(n, pairs, ready.health.n_components))
@@ -327,10 +327,12 @@ class MeshPanel(QWidget):
             text = spectrum.certificate.sentence(len(spectrum), mesh.unit)
             role = "proof" if spectrum.complete else "warning"
         elif spectrum is not None and state is None and spectrum.preview and not spectrum.n_exact:
-            text = f"A preview of {len(spectrum):,} pairs: Compute makes them exact."
+            text = f"A preview of {counted(len(spectrum), 'pair')}: Compute makes them exact."
         elif spectrum is not None and state is None and len(spectrum):
             owed = f" of {spectrum.total:,}" if spectrum.total else ""
-            text = f"{len(spectrum):,}{owed} pairs, stopped early: Compute goes on from here."
+            text = (
+                f"{counted(len(spectrum), 'pair')}{owed}, stopped early: Compute goes on from here."
+            )
             role = "warning"
         elif state is None and self._document.ready is None:
             text = "Open a mesh to compute its eigenfunctions."

@@ -14,7 +14,7 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.facts import format_wavelength, subscript
+from meshmash_viewer.app.controls.facts import format_wavelength
 from meshmash_viewer.app.controls.segments import Segments
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.panel_head import PanelHead
@@ -23,7 +23,7 @@ from meshmash_viewer.app.plots.plot import Plot
 from meshmash_viewer.app.plots.response_view import ResponseView, shows_bands
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.units import format_quantity
+from meshmash_viewer.units import format_quantity, subscript
 
 __all__ = ["SpectrumPanel"]
 
