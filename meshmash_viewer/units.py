@@ -21,6 +21,7 @@ __all__ = [
     "power_unit",
     "subscript",
     "superscript",
+    "whole_number",
     "written_unit",
 ]
 
@@ -141,3 +142,10 @@ def superscript(number: int) -> str:
 def subscript(number: int) -> str:
     """Write an index small and low: "₁₂"."""
     return str(number).translate(_SUBSCRIPTS)
+
+
+def whole_number(count: float, name: str) -> int:
+    """A count from 1; `name` is what a message calls it: "n_components", "The number of bands"."""
+    if not (math.isfinite(count) and count >= 1 and count == int(count)):
+        raise InputError(f"{name} is {count}: give a whole number from 1.")
+    return int(count)
