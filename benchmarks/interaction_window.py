@@ -29,13 +29,13 @@ from PySide6.QtWidgets import QApplication, QTabWidget, QWidget
 
 import meshmash_viewer.app.view.picture as picture_module
 from meshmash_viewer.app import heap
-from meshmash_viewer.app.controls.facts import subscript
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application, keep_what_is_loaded
 from meshmash_viewer.app.view.canvas import Canvas
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.jobs import ExportJob
 from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.units import subscript
 
 #: Ticks are done again, so many times at most, while the host of a virtual machine takes more than
 #: this share of a processor from it: no program can help that.
@@ -401,7 +401,6 @@ def _is_noop(window: MainWindow) -> bool:
 def main() -> None:
     """Do what the argument says and leave the result where it says."""
     order = json.loads(sys.argv[1])
-    heap.keep_little()
     application()
     session = Session(order)
     result = session.run()

@@ -17,7 +17,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from meshmash_viewer.app import view as view
+    from meshmash_viewer.app.run import view as view
     from meshmash_viewer.decompose import (
         compute_geometry_vectors as compute_geometry_vectors,
     )
@@ -122,7 +122,7 @@ _CONTENTS = {
     # Meshes too large for one go
     "split.stitcher": ("MeshStitcher",),
     # The window
-    "app": ("view",),
+    "app.run": ("view",),
 }
 _MODULE_OF = {name: module for module, names in _CONTENTS.items() for name in names}
 

@@ -30,7 +30,8 @@ from meshmash_viewer.features.filters import (
 from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
 from meshmash_viewer.mesh import MeshLike
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
-from meshmash_viewer.spectral.eigenpairs import check_bands, find_eigenpairs, whole_number
+from meshmash_viewer.spectral.eigenpairs import check_bands, find_eigenpairs
+from meshmash_viewer.units import whole_number
 
 __all__ = [
     "compute_geometry_vectors",

@@ -11,21 +11,16 @@ import traceback
 from importlib import metadata
 from pathlib import Path
 
-__all__ = ["defect_details", "report_defect"]
+__all__ = ["defect_details", "report_defect", "versions"]
 
-_PACKAGES = ("meshmash-viewer", "numpy", "scipy", "numba", "vtk", "PySide6-Essentials")
+_PACKAGES = ("meshmash-viewer", "numpy", "scipy", "numba", "vtk", "pyvista", "PySide6-Essentials")
 
 
 def defect_details(fault: BaseException) -> str:
     """What whoever mends it wants to know: where it happened, and in which versions."""
-    versions = [
-        f"meshmash-viewer {_version('meshmash-viewer')}",
-        f"Python {sys.version.split()[0]}",
-    ]
-    versions += [f"{package} {_version(package)}" for package in _PACKAGES]
     command = " ".join(sys.argv)
     trace = "".join(traceback.format_exception(fault))
-    return f"{command}\n{platform.platform()}\n{', '.join(versions)}\n\n{trace}"
+    return f"{command}\n{versions()}\n\n{trace}"
 
 
 def report_defect(fault: BaseException) -> str:
@@ -54,7 +49,10 @@ def report_defect(fault: BaseException) -> str:
     return f"a defect of the program ({what}{at}); please report it."
 
 
-def _version(package: str) -> str:
-    with contextlib.suppress(metadata.PackageNotFoundError):
-        return metadata.version(package)
-    return "absent"
+def versions() -> str:
+    """The versions that a bug report needs, in one line."""
+    parts = []
+    for package in _PACKAGES:
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            parts.append(f"{package.removesuffix('-Essentials')} {metadata.version(package)}")
+    return " · ".join([*parts, f"Python {platform.python_version()}", platform.platform()])

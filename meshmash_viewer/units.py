@@ -13,10 +13,15 @@ __all__ = [
     "NO_VOXEL",
     "UNIT_FORMS",
     "Voxel",
+    "counted",
+    "format_number",
     "format_quantity",
     "is_voxel",
     "parse_unit",
     "power_unit",
+    "subscript",
+    "superscript",
+    "whole_number",
     "written_unit",
 ]
 
@@ -43,6 +48,9 @@ _ALIASES = {
     "m": "m",
 }
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+#: Numbers below this are written out.
+_LONG = 999_999.5
 _NUMBER = r"[0-9.]+(?:[eE][+-]?[0-9]+)?"
 _PATTERN = re.compile(
     rf"\s*(?P<sizes>(?:{_NUMBER}(?:\s*[x×,]\s*{_NUMBER})*)?)\s*(?P<unit>[a-zµμ]*)\s*"
@@ -104,11 +112,40 @@ def power_unit(unit: str, power: int) -> str:
     """Write a power of a length unit: ``power_unit("nm", -2)`` is "nm⁻²", "" stays ""."""
     if not unit or power == 0:
         return ""
-    return unit if power == 1 else unit + str(power).translate(_SUPERSCRIPTS)
+    return unit if power == 1 else unit + superscript(power)
 
 
 def format_quantity(value: float, unit: str, power: int = 1, digits: int = 4) -> str:
     """Write a number with a power of a length unit: "1.234e-08 nm⁻²"."""
-    text = f"{value:.{digits}g}"
+    text = format_number(value, digits)
     written = power_unit(unit, power)
     return f"{text} {written}" if written else text
+
+
+def format_number(value: float, digits: int = 4) -> str:
+    """Write a number with some digits, as 1.2e-08 or 1e+06 only where it would be long."""
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < _LONG else text
+
+
+def counted(number: int, noun: str) -> str:
+    """Write how many there are of something: "1 pair", "22,351 vertices"."""
+    plural = "vertices" if noun == "vertex" else f"{noun}s"
+    return f"{number:,} {noun if number == 1 else plural}"
+
+
+def superscript(number: int) -> str:
+    """Write a whole number small and high: "⁻¹²"."""
+    return str(number).translate(_SUPERSCRIPTS)
+
+
+def subscript(number: int) -> str:
+    """Write an index small and low: "₁₂"."""
+    return str(number).translate(_SUBSCRIPTS)
+
+
+def whole_number(count: float, name: str) -> int:
+    """A count from 1; `name` is what a message calls it: "n_components", "The number of bands"."""
+    if not (math.isfinite(count) and count >= 1 and count == int(count)):
+        raise InputError(f"{name} is {count}: give a whole number from 1.")
+    return int(count)

@@ -484,9 +484,7 @@ def test_window_gets_its_arguments(
 ) -> None:
     seen: list[list[str]] = []
     monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen")
-    monkeypatch.setattr(
-        "meshmash_viewer.app.run_app", lambda argv: seen.append(argv) or 0, raising=False
-    )
+    monkeypatch.setattr("meshmash_viewer.app.run.run_app", lambda argv: seen.append(argv) or 0)
     assert run(capsys, ball, "--unit", "nm", "--fresh")[0] == 0
     assert run(capsys)[0] == 0
     assert seen == [[str(ball), "--unit", "nm", "--fresh"], []]

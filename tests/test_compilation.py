@@ -44,8 +44,7 @@ mesh = mv.Mesh([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1
 L, M = mv.cotangent_laplacian(mesh)
 def heat_table():
     import numpy as np
-    from meshmash_viewer.model.compiled import field_kernels
-    field_kernels()
+    import meshmash_viewer.model.field_kernels
 def preview():
     from meshmash_viewer.spectral.preview import preview_eigenpairs
     preview_eigenpairs(mesh, 4)

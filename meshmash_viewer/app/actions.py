@@ -1,12 +1,13 @@
 """The table of commands, which menu, toolbar, shortcuts and help all read.
 
 A command is data; `Actions` makes one ``QAction`` of each for a window, with the command's name as
-its ``objectName``, and `Actions.on` says what it does.
+its ``objectName``. What it does is the method of `commands.Commands`, or of the document, that has
+its name.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from PySide6.QtCore import Qt
@@ -14,8 +15,10 @@ from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QMainWindow, QMenu, QToolBar
 
 from meshmash_viewer.app.controls import icons
+from meshmash_viewer.app.theme import Mode
+from meshmash_viewer.model.display import FieldKind
 
-__all__ = ["COMMANDS", "MENUS", "MOUSE_HELP", "Actions", "Command", "command"]
+__all__ = ["COMMANDS", "MENUS", "MOUSE_HELP", "Actions", "Command"]
 
 #: Menus in their order.
 MENUS = ("File", "Edit", "View", "Field", "Inspect", "Help")
@@ -59,9 +62,11 @@ class Command:
         Whether a line goes before it on the menu (and on the toolbar).
     needs : str
         What must be there: "", "mesh", "render", "spectrum", "exact spectrum"
-        (`MainWindow.there`).
+        (`Commands.there`).
     submenu : str
         Name of a submenu that holds it.
+    does : tuple of str and object
+        Name and argument of the method, where it is not the one of this name.
     """
 
     name: str
@@ -75,6 +80,7 @@ class Command:
     separated: bool = False
     needs: str = ""
     submenu: str = ""
+    does: tuple[str, object] | None = None
 
 
 COMMANDS: tuple[Command, ...] = (
@@ -116,9 +122,11 @@ COMMANDS: tuple[Command, ...] = (
     Command("nodal_lines", "Nodal lines", "View", "Draw the lines where the field is zero",
             ("N",), checkable=True, toolbar="Nodal lines", icon="nodal", needs="spectrum"),
     Command("theme_system", "Follow the system", "View", "Light or dark as the desktop is",
-            checkable=True, submenu="Theme"),
-    Command("theme_light", "Light", "View", "Always light", checkable=True, submenu="Theme"),
-    Command("theme_dark", "Dark", "View", "Always dark", checkable=True, submenu="Theme"),
+            checkable=True, submenu="Theme", does=("choose_theme", Mode.SYSTEM)),
+    Command("theme_light", "Light", "View", "Always light", checkable=True, submenu="Theme",
+            does=("choose_theme", Mode.LIGHT)),
+    Command("theme_dark", "Dark", "View", "Always dark", checkable=True, submenu="Theme",
+            does=("choose_theme", Mode.DARK)),
     Command("full_screen", "Full screen", "View", "Fill the screen with the window", ("F11",),
             checkable=True),
     Command("reset_layout", "Reset layout", "View", "Put the panels back where they were"),
@@ -126,13 +134,13 @@ COMMANDS: tuple[Command, ...] = (
     Command("play", "Play", "Field", "Step through eigenfunctions, times or bands by itself",
             ("Space",), checkable=True, toolbar="Play", icon="play", needs="spectrum"),
     Command("next", "Next", "Field", "The next eigenfunction, time or band", ("Right",),
-            separated=True, needs="spectrum"),
+            separated=True, needs="spectrum", does=("step", 1)),
     Command("previous", "Previous", "Field", "The previous eigenfunction, time or band",
-            ("Left",), needs="spectrum"),
+            ("Left",), needs="spectrum", does=("step", -1)),
     Command("next_ten", "Ten on", "Field", "Ten eigenfunctions, times or bands on", ("PgDown",),
-            needs="spectrum"),
+            needs="spectrum", does=("step", 10)),
     Command("previous_ten", "Ten back", "Field", "Ten eigenfunctions, times or bands back",
-            ("PgUp",), needs="spectrum"),
+            ("PgUp",), needs="spectrum", does=("step", -10)),
     Command("first", "First", "Field", "The first eigenfunction, time or band", ("Home",),
             needs="spectrum"),
     Command("last", "Last", "Field", "The last one that has converged", ("End",),
@@ -141,11 +149,11 @@ COMMANDS: tuple[Command, ...] = (
             "Draw the eigenfunction with the other sign, which is as good", ("F",),
             toolbar="Flip sign", icon="flip", separated=True, needs="spectrum"),
     Command("show_eigenfunctions", "Eigenfunctions", "Field", "Show eigenfunctions", ("1",),
-            separated=True, needs="spectrum"),
+            separated=True, needs="spectrum", does=("show_kind", FieldKind.EIGENFUNCTION)),
     Command("show_hks", "Heat kernel signature", "Field", "Show the heat kernel signature",
-            ("2",), needs="spectrum"),
+            ("2",), needs="spectrum", does=("show_kind", FieldKind.HKS)),
     Command("show_bands", "Geometry vectors", "Field", "Show B-spline bands", ("3",),
-            needs="spectrum"),
+            needs="spectrum", does=("show_kind", FieldKind.BAND)),
     # -- Inspect
     Command("pin", "Pin vertex under the pointer", "Inspect",
             "Pin the vertex under the pointer, or take its pin away", ("P",), needs="render"),
@@ -161,13 +169,6 @@ COMMANDS: tuple[Command, ...] = (
             ("F1",), toolbar="Help", icon="help", separated=True),
     Command("about", "About MeshMash Viewer", "Help", "Version, licence and methods"),
 )  # fmt: skip
-
-_BY_NAME = {each.name: each for each in COMMANDS}
-
-
-def command(name: str) -> Command:
-    """The command of this name."""
-    return _BY_NAME[name]
 
 
 class Actions:
@@ -198,23 +199,6 @@ class Actions:
 
     def __getitem__(self, name: str) -> QAction:
         return self._actions[name]
-
-    def on(
-        self, name: str, act: Callable[..., object], there: Callable[[], Collection[str]]
-    ) -> None:
-        """Say what a command does where what it needs is there; a checkable one has its state."""
-        each = command(name)
-
-        def triggered(checked: bool = False) -> None:
-            # asked again: an action is disabled some milliseconds after what it needs has gone
-            if each.needs not in there():
-                return
-            if each.checkable:
-                act(checked)
-            else:
-                act()
-
-        self._actions[name].triggered.connect(triggered)
 
     def enable(self, there: Collection[str]) -> None:
         """Enable what can be done with what is there."""

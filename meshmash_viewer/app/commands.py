@@ -8,95 +8,126 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtGui import QCursor, QGuiApplication, QImage
-from PySide6.QtWidgets import QDialog, QFileDialog, QInputDialog, QMessageBox
+from PySide6.QtWidgets import QDialog, QFileDialog, QInputDialog, QMainWindow, QMenu, QMessageBox
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.actions import COMMANDS
+from meshmash_viewer.app.actions import COMMANDS, Actions, Command
+from meshmash_viewer.app.arrangement import Arrangement
 from meshmash_viewer.app.faults import notice_of
+from meshmash_viewer.app.sessions import Restoration, store_session
+from meshmash_viewer.app.settings import Settings
+from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.view.picture_writer import PictureWriter
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.read import READABLE_ENDINGS
 from meshmash_viewer.io.session import SESSION_ENDING
 from meshmash_viewer.model import cost, stepping
 from meshmash_viewer.model.display import FieldKind
-from meshmash_viewer.model.document import Notice, Severity
+from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.failure import Failure
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
     from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
-    from meshmash_viewer.app.main_window import MainWindow
+    from meshmash_viewer.app.view.scene import Scene
 
 __all__ = ["Commands"]
 
 
 class Commands:
-    """Connects every command of the table to what it does.
+    """What each command of the table does: the method of its name, here or of the document.
 
     Parameters
     ----------
-    window : MainWindow
-        With its `actions_`, `menus`, `document`, `stage` and `settings`.
+    window : QMainWindow
+        The parent of dialogs.
+    document : Document
+    settings : Settings
+    actions : Actions
+    stage : Stage
+    arrangement : Arrangement
+    recent_menu : QMenu
+        Where recent meshes are listed.
+
+    Attributes
+    ----------
+    scene : Scene, optional
+        The render, once it is loaded.
+    restoration : Restoration, optional
+        The session that was opened last.
     """
 
-    def __init__(self, window: MainWindow) -> None:
-        self._window = window
-        self._document = window.document
+    def __init__(
+        self,
+        window: QMainWindow,
+        document: Document,
+        settings: Settings,
+        actions: Actions,
+        stage: Stage,
+        arrangement: Arrangement,
+        recent_menu: QMenu,
+    ) -> None:
+        self._window, self._document, self._settings = window, document, settings
+        self._actions, self._stage, self._arrangement = actions, stage, arrangement
+        self._recent_menu = recent_menu
+        self.scene: Scene | None = None
+        self.restoration: Restoration | None = None
         self.pictures = PictureWriter(window)
         self.pictures.written.connect(
-            lambda path: self._document.notify(Notice(f"Picture saved to {path}."))
+            lambda path: document.notify(Notice(f"Picture saved to {path}."))
         )
         self.pictures.failed.connect(self._say_not_saved)
-        document, display = window.document, window.document.display
-        does = {
-            "open_mesh": self.ask_for_mesh,
-            "open_sample": self.open_sample,
-            "open_session": self.ask_for_session,
-            "save_session": self.save_session,
-            "export": self.export,
-            "save_picture": self.save_picture,
-            "copy_picture": self.copy_picture,
-            "copy_script": self.copy_script,
-            "quit": window.close,
-            "undo_repair": document.undo_repair,
-            "compute": document.compute,
-            "cancel": document.cancel,
-            "clear_cache": self.clear_cache,
-            "reset_camera": lambda: window.scene.reset_camera(),
-            "nodal_lines": lambda on: setattr(display, "nodal_lines", on),
-            "theme_system": lambda _: self.choose_theme(theme.Mode.SYSTEM),
-            "theme_light": lambda _: self.choose_theme(theme.Mode.LIGHT),
-            "theme_dark": lambda _: self.choose_theme(theme.Mode.DARK),
-            "full_screen": self.full_screen,
-            "reset_layout": window.arrangement.reset,
-            "play": lambda on: setattr(display, "playing", on),
-            "next": lambda: self.step(1),
-            "previous": lambda: self.step(-1),
-            "next_ten": lambda: self.step(10),
-            "previous_ten": lambda: self.step(-10),
-            "first": lambda: stepping.go_to_start(document),
-            "last": lambda: stepping.go_to_end(document),
-            "flip": self.flip,
-            "show_eigenfunctions": lambda: setattr(display, "kind", FieldKind.EIGENFUNCTION),
-            "show_hks": lambda: setattr(display, "kind", FieldKind.HKS),
-            "show_bands": lambda: setattr(display, "kind", FieldKind.BAND),
-            "pin": self.pin_under_pointer,
-            "pin_index": self.pin_by_index,
-            "clear_pins": document.clear_pins,
-            "similar": self.similar,
-            "help": self.help,
-            "about": self.about,
+        for each in COMMANDS:
+            actions[each.name].triggered.connect(
+                lambda checked=False, each=each: self._do(each, checked)
+            )
+        stage.welcome.open_requested.connect(self.open_mesh)
+        stage.welcome.sample_requested.connect(self.open_sample)
+        stage.welcome.recent_requested.connect(self.open_path)
+
+    def _do(self, command: Command, checked: bool) -> None:
+        # asked again: an action is disabled some milliseconds after what it needs has gone
+        if command.needs not in self.there():
+            return
+        name, given = command.does or (command.name, checked)
+        act: Callable[..., object] = getattr(self, name, None) or getattr(self._document, name)
+        if command.does or command.checkable:
+            act(given)
+        else:
+            act()
+
+    def there(self) -> set[str]:
+        """What a command may need (`Command.needs`) and is there now."""
+        ready, spectrum = self._document.ready, self._document.spectrum
+        shown = self.scene is not None and ready is not None
+        some = shown and spectrum is not None and len(spectrum) > 0
+        known = {
+            "": True,
+            "mesh": ready is not None,
+            "render": shown,
+            "spectrum": some,
+            # approximations are for the eye
+            "exact spectrum": some
+            and spectrum is not None
+            and (not spectrum.preview or spectrum.complete),
         }
-        assert does.keys() == {each.name for each in COMMANDS}
-        for name, act in does.items():
-            window.actions_.on(name, act, window.there)
-        welcome = window.stage.welcome
-        welcome.open_requested.connect(self.ask_for_mesh)
-        welcome.sample_requested.connect(self.open_sample)
-        welcome.recent_requested.connect(self.open_path)
-        menu = window.menus["File"]
-        self._recent_menu = menu.addMenu("Recent meshes")
-        menu.insertMenu(window.actions_["open_session"], self._recent_menu)
+        return {name for name, known_now in known.items() if known_now}
+
+    def refresh(self) -> None:
+        """Enable what can be done now, and check what is on."""
+        document, display, actions = self._document, self._document.display, self._actions
+        actions.enable(self.there())
+        running = document.job is not None
+        actions["compute"].setEnabled(document.can_compute)
+        actions["cancel"].setEnabled(running)
+        actions["undo_repair"].setEnabled(document.can_undo and not running)
+        actions["clear_pins"].setEnabled(bool(document.pins))
+        actions["similar"].setEnabled(bool(document.pins) and document.spectrum is not None)
+        if display.kind is not FieldKind.EIGENFUNCTION:
+            for name in ("nodal_lines", "flip"):
+                actions[name].setEnabled(False)
+        actions["nodal_lines"].setChecked(display.nodal_lines)
+        actions["play"].setChecked(display.playing)
 
     def _ask(self, dialog: QDialog, accepted: Callable[[], None] | None = None) -> None:
         """Open a dialog, which is gone when it has been answered."""
@@ -109,20 +140,21 @@ class Commands:
 
     def open_path(self, path: Path) -> None:
         """Open a file: a session by its ending, a mesh otherwise."""
-        self._window.settings.folder = path.parent
+        self._settings.folder = path.parent
         if path.name.endswith(SESSION_ENDING):
-            self.open_session(path)
+            self.restore_session(path)
         else:
-            self._window.open_mesh(path)
+            self._document.open_mesh(path)
 
-    def ask_for_mesh(self) -> None:
+    def open_mesh(self) -> None:
         """Let the person choose a mesh file."""
-        endings = " ".join(f"*{ending}" for ending in READABLE_ENDINGS)
+        # FreeSurfer surfaces have endings of many kinds
+        patterns = " ".join([*(f"*{ending}" for ending in READABLE_ENDINGS), "lh.*", "rh.*"])
         path, _ = QFileDialog.getOpenFileName(
             self._window,
             "Open mesh",
-            str(self._window.settings.folder),
-            f"Meshes ({endings});;All files (*)",
+            str(self._settings.folder),
+            f"Meshes ({patterns});;All files (*)",
         )
         if path:
             self.open_path(Path(path))
@@ -131,50 +163,64 @@ class Commands:
         """Open the dendrite that comes with the program."""
         from meshmash_viewer.samples import sample_path
 
-        self._window.open_mesh(sample_path())
+        self._document.open_mesh(sample_path())
 
     def refresh_recent(self) -> None:
         """List the recent files in the menu and on the welcome."""
-        recent = self._window.settings.recent
+        recent = self._settings.recent
         self._recent_menu.clear()
         self._recent_menu.setEnabled(bool(recent))
         for path in recent:
             action = self._recent_menu.addAction(path.name)
             action.setToolTip(str(path))
             action.triggered.connect(lambda _checked=False, path=path: self.open_path(path))
-        self._window.stage.welcome.set_recent(recent)
+        self._stage.welcome.set_recent(recent)
 
     # -- sessions -----------------------------------------------------------------------------
 
-    def ask_for_session(self) -> None:
+    def open_session(self) -> None:
         """Let the person choose a session."""
         path, _ = QFileDialog.getOpenFileName(
             self._window,
             "Open session",
-            str(self._window.settings.folder),
+            str(self._settings.folder),
             f"Sessions (*{SESSION_ENDING});;All files (*)",
         )
         if path:
-            self.open_session(Path(path))
+            self.restore_session(Path(path))
 
-    def open_session(self, path: Path) -> None:
+    def restore_session(self, path: Path) -> None:
         """Go on from a session file."""
-        from meshmash_viewer.app.sessions import restore_session
-
         try:
-            restore_session(self._window, path)
+            restoration = Restoration(self._document, path)
         except InputError as fault:
             self._document.notify(Notice(str(fault), Severity.ERROR))
+            return
+        if self.restoration is not None:
+            self.restoration.stop()
+        self.restoration = restoration
+        restoration.restored.connect(self.look)
+        restoration.begin()
+
+    def look(self) -> None:
+        """Look from where the session was saved, once both mesh and render are there."""
+        if self.scene is not None and self.restoration is not None:
+            camera = self.restoration.take_camera()
+            if camera is not None:
+                self.scene.set_camera(camera.to_json())
+
+    def store_session(self, path: Path) -> None:
+        """Write what is on screen; `InputError` if the file cannot be written."""
+        camera = self.scene.camera() if self.scene is not None else None
+        store_session(self._document, camera or {}, path)
 
     def save_session(self) -> None:
         """Save what is on screen under a name that the person chooses."""
-        from meshmash_viewer.app.sessions import store_session
-
         if self._document.path is None:
             text = "This mesh was handed over in memory: a session needs one that is in a file."
             self._document.notify(Notice(text, Severity.WARNING))
             return
-        start = self._window.settings.folder / f"{self._document.path.stem}{SESSION_ENDING}"
+        start = self._settings.folder / f"{self._document.path.stem}{SESSION_ENDING}"
         chosen, _ = QFileDialog.getSaveFileName(
             self._window, "Save session", str(start), f"Sessions (*{SESSION_ENDING})"
         )
@@ -184,7 +230,7 @@ class Commands:
         if not path.name.endswith(SESSION_ENDING):
             path = path.with_name(path.name.removesuffix(".json") + SESSION_ENDING)
         try:
-            store_session(self._window, path)
+            self.store_session(path)
         except (InputError, OSError) as fault:
             self._document.notify(Notice(f"The session was not saved: {fault}", Severity.ERROR))
             return
@@ -196,30 +242,31 @@ class Commands:
         """Ask what to write, and have it written."""
         from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 
-        dialog = ExportDialog(self._document, self._window.settings.folder, self._window)
+        dialog = ExportDialog(self._document, self._settings.folder, self._window)
         self._ask(dialog, lambda: self._start_export(dialog))
 
     def _start_export(self, dialog: ExportDialog) -> None:
         job = dialog.job()
-        self._window.settings.folder = job.path.parent
+        self._settings.folder = job.path.parent
         self._document.export(job)
 
     def save_picture(self) -> None:
         """Ask for size and background, and save the render."""
         from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
 
-        scene = self._window.scene
-        name = (self._document.mesh.name or "mesh") + ".png"
+        scene, mesh = self.scene, self._document.mesh
+        assert scene is not None and mesh is not None  # noqa: PT018  the command needs them
+        name = (mesh.name or "mesh") + ".png"
         ratio = scene.devicePixelRatioF()
         size = (round(scene.width() * ratio), round(scene.height() * ratio))
-        dialog = PictureDialog(size, self._window.settings.folder / name, self._window)
+        dialog = PictureDialog(size, self._settings.folder / name, self._window)
         self._ask(dialog, lambda: self._write_picture(dialog))
 
     def _write_picture(self, dialog: PictureDialog) -> None:
         path = dialog.path
-        twin = self._window.scene.twin()
-        self.pictures.write(path, twin, dialog.size_, dialog.transparent)
-        self._window.settings.folder = path.parent
+        assert self.scene is not None
+        self.pictures.write(path, self.scene.twin(), dialog.size_, dialog.transparent)
+        self._settings.folder = path.parent
 
     def _say_not_saved(self, failure: Failure) -> None:
         text = f"The picture was not saved: {failure.text}"
@@ -227,7 +274,8 @@ class Commands:
 
     def copy_picture(self) -> None:
         """Put the render on the clipboard."""
-        picture = self._window.scene.picture()
+        assert self.scene is not None
+        picture = self.scene.picture()
         height, width, _ = picture.shape
         image = QImage(picture.tobytes(), width, height, QImage.Format.Format_RGBA8888)
         QGuiApplication.clipboard().setImage(image.copy())
@@ -256,7 +304,40 @@ class Commands:
             cache.clear()
             self._document.notify(Notice(f"Deleted {size} of stored eigenpairs."))
 
+    def quit(self) -> None:
+        """Close the window."""
+        self._window.close()
+
     # -- looking ------------------------------------------------------------------------------
+
+    def reset_camera(self) -> None:
+        """Show the whole mesh."""
+        assert self.scene is not None
+        self.scene.reset_camera()
+
+    def reset_layout(self) -> None:
+        """Put the panels back."""
+        self._arrangement.reset()
+
+    def nodal_lines(self, on: bool) -> None:
+        """Draw the nodal lines, or leave them out."""
+        self._document.display.nodal_lines = on
+
+    def play(self, on: bool) -> None:
+        """Step by itself, or stop."""
+        self._document.display.playing = on
+
+    def show_kind(self, kind: FieldKind) -> None:
+        """Put another kind of field on the render."""
+        self._document.display.kind = kind
+
+    def first(self) -> None:
+        """Go to the first of whatever is on the render."""
+        stepping.go_to_start(self._document)
+
+    def last(self) -> None:
+        """Go to the last one that has converged."""
+        stepping.go_to_end(self._document)
 
     def step(self, steps: int) -> None:
         """Go on or back in whatever is on the render."""
@@ -269,7 +350,7 @@ class Commands:
 
     def choose_theme(self, mode: theme.Mode) -> None:
         """Light, dark, or as the system is; kept for the next time."""
-        self._window.settings.theme = mode
+        self._settings.theme = mode
         theme.set_mode(mode)
 
     def full_screen(self, on: bool) -> None:
@@ -283,7 +364,8 @@ class Commands:
 
     def pin_under_pointer(self) -> None:
         """Pin the vertex under the pointer, or take its pin away."""
-        scene = self._window.scene
+        scene = self.scene
+        assert scene is not None
         place = scene.mapFromGlobal(QCursor.pos())
         vertex = scene.vertex_at(place.x(), place.y()) if scene.rect().contains(place) else -1
         if vertex >= 0:
@@ -293,6 +375,7 @@ class Commands:
 
     def pin_by_index(self) -> None:
         """Ask for an index and pin that vertex."""
+        assert self._document.mesh is not None
         last = self._document.mesh.n_vertices - 1
         vertex, chosen = QInputDialog.getInt(
             self._window, "Pin vertex", f"Index of the vertex, 0 to {last:,}:", 0, 0, last

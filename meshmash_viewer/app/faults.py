@@ -11,7 +11,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Qt, Signal
 
-from meshmash_viewer.app.dialogs.help_dialog import versions
+from meshmash_viewer.defects import versions
 from meshmash_viewer.model.document import Notice, Severity
 from meshmash_viewer.model.failure import Failure, failure_of
 
@@ -60,12 +60,15 @@ class FaultBoundary(QObject):
         sys.excepthook, sys.unraisablehook, threading.excepthook = self._before
 
     def _take(
-        self, kind: type[BaseException], fault: BaseException | None, trace: TracebackType | None
+        self,
+        kind: object,
+        fault: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         if fault is None or isinstance(fault, SystemExit):
             return
         if isinstance(fault, KeyboardInterrupt):
-            self._before[0](kind, fault, trace)
+            self._before[0](type(fault), fault, trace)
             return
         # Python keeps the last exception for a debugger, and with it whatever its frames hold.
         sys.last_value = sys.last_traceback = None

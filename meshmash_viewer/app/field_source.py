@@ -6,6 +6,8 @@ a quarter of a millisecond, and has to wake the interface's in turn.
 
 from __future__ import annotations
 
+import gc
+import importlib
 import sys
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -14,7 +16,6 @@ from PySide6.QtCore import QObject, Qt, QThread, QTimer, Signal, Slot
 
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import first_a_frame
-from meshmash_viewer.app.loading import load_quietly
 from meshmash_viewer.app.look_ahead import LookAhead
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
@@ -53,8 +54,6 @@ _REST = 0.15
 _PROMPT = 0.005
 #: Milliseconds without a new field after which it is said that one is being computed.
 _LATE = 200
-#: Fields whose tables have compiled loops; they bring the largest of all libraries along.
-_COMPILED = (FieldKind.HKS, FieldKind.SIMILARITY)
 _KERNELS = "meshmash_viewer.model.field_kernels"
 
 
@@ -209,8 +208,7 @@ class FieldSource(QObject):
 
     def _build(self, request: FieldRequest, cancel: CancelCallback) -> None:
         try:
-            if request.kind in _COMPILED and _KERNELS not in sys.modules:
-                load_quietly(_KERNELS)
+            _load_kernels()
             self._live.prepare(request, cancel)
         except Cancelled:
             return
@@ -274,6 +272,20 @@ class FieldSource(QObject):
             return
         if field is None or field.draft or field.request != wanted:
             self._answers.ask(wanted)
+
+
+def _load_kernels() -> None:
+    """Import the compiled loops of tables, and look for no garbage meanwhile.
+
+    numba's tens of thousands of objects would be searched again and again, with a gap of 80 ms at
+    the window.
+    """
+    if _KERNELS not in sys.modules:
+        gc.disable()
+        try:
+            importlib.import_module(_KERNELS)
+        finally:
+            gc.enable()
 
 
 def _same_mesh(one: FieldRequest, other: FieldRequest) -> bool:

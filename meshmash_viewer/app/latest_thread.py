@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from typing import Generic, TypeVar
 
 from PySide6.QtCore import QObject, QThread
 
-from meshmash_viewer.model.field import FieldRequest
 from meshmash_viewer.progress import CancelCallback
 
 __all__ = ["LatestThread"]
 
+Request = TypeVar("Request")
 
-class LatestThread(QThread):
+
+class LatestThread(QThread, Generic[Request]):
     """Works on one request at a time; a newer one takes the place of the one that waits.
 
     Parameters
@@ -26,15 +28,17 @@ class LatestThread(QThread):
 
     def __init__(
         self,
-        work: Callable[[FieldRequest, CancelCallback], None],
+        work: Callable[[Request, CancelCallback], None],
         rest: float = 0.0,
         parent: QObject | None = None,
     ) -> None:
         super().__init__(parent)
+        if parent is not None:
+            parent.destroyed.connect(self.close)  # a thread that runs must not be destroyed
         self._work = work
         self._rest = rest
         self._condition = threading.Condition()
-        self._next: FieldRequest | None = None
+        self._next: Request | None = None
         self._dropped = False
         self._closing = False
         self._working = False
@@ -44,12 +48,13 @@ class LatestThread(QThread):
         """Whether there is a request that has not been worked on."""
         return self._working
 
-    def ask(self, request: FieldRequest) -> None:
-        """Take a request in the place of the one that waits."""
+    def ask(self, request: Request) -> None:
+        """Take a request in the place of the one that waits; none once it is closed."""
         with self._condition:
-            self._next = request
-            self._working = True
-            self._condition.notify()
+            if not self._closing:
+                self._next = request
+                self._working = True
+                self._condition.notify()
 
     def drop(self) -> None:
         """Forget the request that waits, and give up the one that is worked on."""
@@ -68,8 +73,9 @@ class LatestThread(QThread):
         """Wait for requests and work on them."""
         while (request := self._take()) is not None:
             self._work(request, self._given_up)
+            del request  # before waiting: it may hold a file open
 
-    def _take(self) -> FieldRequest | None:
+    def _take(self) -> Request | None:
         with self._condition:
             while not self._closing:
                 if self._next is None:

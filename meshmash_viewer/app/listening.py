@@ -10,13 +10,22 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
+from functools import partial
 from time import perf_counter
-from typing import Any
+from typing import Any, TypeAlias
 
 import shiboken6
 from PySide6.QtCore import QObject, QTimer
 
-__all__ = ["catch_up", "first_a_frame", "follow", "frame_drawn", "later", "listen"]
+__all__ = [
+    "catch_up",
+    "first_a_frame",
+    "follow",
+    "frame_drawn",
+    "later",
+    "listen",
+    "stop_listening",
+]
 
 #: Seconds after which a turn is over; what is left comes in the next one.
 _TURN = 0.003
@@ -37,14 +46,18 @@ def listen(signals: Any, slot: Callable[[], None]) -> None:
     slot : bound method
         Held weakly; skipped once Qt has deleted its object, though Python may still know it.
     """
-    held = weakref.WeakMethod(slot)
-    signals.connect(lambda: _call(held))
+    _connect(signals, slot, _call)
 
 
 def follow(signals: Any, slot: Callable[[], None]) -> None:
     """Like `listen`, but in one of the next turns of the event loop: for what is only shown."""
-    held = weakref.WeakMethod(slot)
-    signals.connect(lambda: _turns().note(held))
+    _connect(signals, slot, lambda held: _turns().note(held))
+
+
+def stop_listening(owner: QObject) -> None:
+    """Let an object, such as a window that closes, hear nothing more of what it listens to."""
+    for disconnect in _heard.pop(owner, ()):
+        disconnect()
 
 
 def later(slot: Callable[[], None]) -> None:
@@ -67,8 +80,23 @@ def catch_up() -> None:
     _turns().finish()
 
 
-def _call(held: weakref.WeakMethod[Callable[[], None]]) -> None:
-    method = held()
+_Held: TypeAlias = "weakref.WeakMethod[Callable[[], None]]"
+#: By whom signals are heard, and what ends it.
+_heard: weakref.WeakKeyDictionary[object, list[Callable[[], None]]] = weakref.WeakKeyDictionary()
+
+
+def _connect(signals: Any, slot: Any, act: Callable[[_Held], None]) -> None:
+    held = weakref.WeakMethod(slot)
+
+    def heard() -> None:
+        act(held)
+
+    signals.connect(heard)
+    _heard.setdefault(slot.__self__, []).append(partial(signals.disconnect, heard))
+
+
+def _call(held: _Held) -> None:
+    method: Any = held()
     if method is not None and shiboken6.isValid(method.__self__):
         method()
 
@@ -78,12 +106,12 @@ class _Turns(QObject):
 
     def __init__(self) -> None:
         super().__init__()
-        self._due: dict[weakref.WeakMethod[Callable[[], None]], None] = {}
+        self._due: dict[_Held, None] = {}
         self._timer = QTimer(self, singleShot=True)
         self._timer.timeout.connect(self._take_turn)
         self._waiting = False
 
-    def note(self, held: weakref.WeakMethod[Callable[[], None]]) -> None:
+    def note(self, held: _Held) -> None:
         self._due.setdefault(held)
         if not self._timer.isActive():
             self._timer.start(_PATIENCE if self._waiting else _PAUSE)

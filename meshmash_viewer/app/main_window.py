@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import (
@@ -19,6 +18,7 @@ from PySide6.QtWidgets import (
     QApplication,
     QLabel,
     QMainWindow,
+    QMenu,
     QToolBar,
 )
 
@@ -30,20 +30,15 @@ from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.focus_keys import FocusKeys
 from meshmash_viewer.app.field_source import FieldSource
 from meshmash_viewer.app.last_look import LastLook
-from meshmash_viewer.app.listening import follow, later
+from meshmash_viewer.app.listening import follow, later, listen, stop_listening
 from meshmash_viewer.app.panels.mesh_panel import MeshPanel
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document, Notice, Severity
-from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.jobs import DecomposeJob, ReadJob
-from meshmash_viewer.units import format_quantity
-
-if TYPE_CHECKING:
-    from meshmash_viewer.app.sessions import Restoration
+from meshmash_viewer.units import counted, format_quantity
 
 __all__ = ["MainWindow"]
 
@@ -77,14 +72,13 @@ class MainWindow(QMainWindow):
         self.document = document or Document()
         self.settings = Settings(fresh)
         application = QApplication.instance()
+        assert isinstance(application, QApplication)
         theme.set_mode(self.settings.theme)
         theme.apply(application)
         self._focus_keys = FocusKeys(application, self)
 
         self.loaded = False
         self._closed = False
-        #: The session that was opened last.
-        self.restoration: Restoration | None = None
         self._started_at: tuple[float, int] = (0.0, 0)
         self.stage = Stage()
         self.setCentralWidget(self.stage)
@@ -92,6 +86,8 @@ class MainWindow(QMainWindow):
         self.mesh_panel.seconds_rate = self.settings.seconds_rate
         self.actions_ = Actions(self)
         self.menus = self.actions_.fill_menus(self)
+        recent_menu = QMenu("Recent meshes", self)
+        self.menus["File"].insertMenu(self.actions_["open_session"], recent_menu)
         self._build_toolbar()
         self.arrangement = Arrangement(self)
         self.arrangement.put("mesh", self.mesh_panel)
@@ -100,14 +96,22 @@ class MainWindow(QMainWindow):
         self._build_status_bar()
         self.tasks = Tasks(self.document, self)
         self.last_look = LastLook(self.document, self.settings, self)
-        self.commands = Commands(self)
+        self.commands = Commands(
+            self,
+            self.document,
+            self.settings,
+            self.actions_,
+            self.stage,
+            self.arrangement,
+            recent_menu,
+        )
         self._listen_to_document()
         theme.notifier().changed.connect(self._on_theme_changed)
         theme.pad_numbers(self)
         self._place()
         self._on_mesh_changed()
         self._show_stage()
-        self._refresh_actions()
+        self.commands.refresh()
         # keys mean commands from the start; no button stands out before one is chosen
         self.stage.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         self.stage.setFocus()
@@ -117,7 +121,7 @@ class MainWindow(QMainWindow):
     # -- building -----------------------------------------------------------------------------
 
     def _build_toolbar(self) -> None:
-        self.toolbar = QToolBar("Toolbar", self, objectName="toolbar")
+        self.toolbar = theme.named(QToolBar("Toolbar", self), "toolbar")
         self.toolbar.setMovable(False)
         self.toolbar.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
         self.toolbar.setContextMenuPolicy(Qt.ContextMenuPolicy.PreventContextMenu)
@@ -125,8 +129,7 @@ class MainWindow(QMainWindow):
         self.addToolBar(self.toolbar)
 
     def _build_status_bar(self) -> None:
-        self.hover_label = QLabel(objectName="hover_label")
-        self.hover_label.setAccessibleName("Vertex under the pointer")
+        self.hover_label = theme.named(QLabel(), "hover_label", "Vertex under the pointer")
         self.hover_label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.statusBar().setSizeGripEnabled(False)
         self.statusBar().addPermanentWidget(self.hover_label, 1)
@@ -152,6 +155,7 @@ class MainWindow(QMainWindow):
 
         self.scene = Scene(self.document, self.stage)
         self.stage.set_scene(self.scene)
+        self.commands.scene = self.scene
         self.field_panel = FieldPanel(self.document)
         self.spectrum_panel = SpectrumPanel(self.document)
         self.profile_panel = ProfilePanel(self.document)
@@ -159,7 +163,7 @@ class MainWindow(QMainWindow):
             self.arrangement.put(name, getattr(self, f"{name}_panel"))
         theme.pad_numbers(self)
         self.field_source = FieldSource(self.document, self)
-        self.field_source.field_ready.connect(self._on_field)
+        self.field_source.field_ready.connect(self._show_field)
         self.field_source.awaited.connect(self.scene.set_awaited)
         self.field_source.failed.connect(
             lambda text: self.document.notify(Notice(text, Severity.ERROR))
@@ -170,7 +174,7 @@ class MainWindow(QMainWindow):
         self.scene.stepped.connect(self.commands.step)
         display = self.document.display
         for event in ("limits", "diverging_colormap", "sequential_colormap", "nodal_lines"):
-            getattr(display.events, event).connect(self._show_field)
+            listen(getattr(display.events, event), self._show_field)
         self.loaded = True
         self.stage.welcome.set_loading("")
         if self.settings.layout is None:
@@ -179,18 +183,17 @@ class MainWindow(QMainWindow):
         self._on_mesh_changed()
         self._on_pins_changed()
         self._show_stage()
-        self._refresh_actions()
+        self.commands.refresh()
         self.field_source.refresh()
-        if self.restoration is not None:
-            self.restoration.look()
+        self.commands.look()
 
     # -- wiring -------------------------------------------------------------------------------
 
     def _listen_to_document(self) -> None:
         document = self.document
-        document.mesh_changed.connect(self._on_mesh_changed)
-        document.pins_changed.connect(self._on_pins_changed)
-        document.job_changed.connect(self._on_job_changed)
+        listen(document.mesh_changed, self._on_mesh_changed)
+        listen(document.pins_changed, self._on_pins_changed)
+        listen(document.job_changed, self._on_job_changed)
         document.noticed.connect(self._on_notice)
         events = document.display.events
         for signal in (
@@ -199,16 +202,6 @@ class MainWindow(QMainWindow):
         ):  # fmt: skip
             follow(signal, self._refresh_actions)
         follow(document.mesh_changed, self._show_stage)
-
-    def _stop_listening(self) -> None:
-        document = self.document
-        document.mesh_changed.disconnect(self._on_mesh_changed)
-        document.pins_changed.disconnect(self._on_pins_changed)
-        document.job_changed.disconnect(self._on_job_changed)
-        document.noticed.disconnect(self._on_notice)
-        if self.loaded:
-            for name in ("limits", "diverging_colormap", "sequential_colormap", "nodal_lines"):
-                getattr(document.display.events, name).disconnect(self._show_field)
 
     def open_mesh(self, path: str | Path, unit: str = "") -> None:
         """Read a mesh file and show it; the open one stays if that fails."""
@@ -244,14 +237,10 @@ class MainWindow(QMainWindow):
         if self.loaded:
             self.scene.set_pins(self.document.pins)
 
-    def _on_field(self, field: Field | None) -> None:
-        self._show_field()
-
-    def _show_field(self, *_: object) -> None:
+    def _show_field(self) -> None:
         """Put the last field on the render, with the limits of the policy in force."""
-        field = self.field_source.field if self.document.ready is not None else None
-        display = self.document.display
-        if field is None or len(field.values) != self.document.ready.mesh.n_vertices:
+        field, mesh, display = self.field_source.field, self.document.mesh, self.document.display
+        if field is None or mesh is None or len(field.values) != mesh.n_vertices:
             self.scene.set_field(None, (0.0, 1.0), display.sequential_colormap)
             self.scene.set_nodal_lines(None)
             self.field_panel.set_field(None, (0.0, 1.0))
@@ -291,7 +280,9 @@ class MainWindow(QMainWindow):
             return ""
         health = ready.health
         unit = ready.mesh.unit or "no unit"
-        return f"{health.n_vertices:,} vertices  ·  {health.n_faces:,} faces  ·  {unit}"
+        return "  ·  ".join(
+            (counted(health.n_vertices, "vertex"), counted(health.n_faces, "face"), unit)
+        )
 
     def _on_notice(self, notice: Notice) -> None:
         self.stage.message_bar.show_notice(notice)
@@ -315,36 +306,8 @@ class MainWindow(QMainWindow):
         elif self.loaded:
             self.stage.welcome.set_loading("")
 
-    def there(self) -> set[str]:
-        """What a command may need (`Command.needs`) and is there now."""
-        ready, spectrum = self.document.ready, self.document.spectrum
-        shown = self.loaded and ready is not None
-        some = shown and spectrum is not None and len(spectrum) > 0
-        known = {
-            "": True,
-            "mesh": ready is not None,
-            "render": shown,
-            "spectrum": some,
-            # approximations are for the eye
-            "exact spectrum": some and (not spectrum.preview or spectrum.complete),
-        }
-        return {name for name, known_now in known.items() if known_now}
-
     def _refresh_actions(self) -> None:
-        document = self.document
-        spectrum = document.spectrum
-        self.actions_.enable(self.there())
-        running = document.job is not None
-        self.actions_["compute"].setEnabled(document.can_compute)
-        self.actions_["cancel"].setEnabled(running)
-        self.actions_["undo_repair"].setEnabled(document.can_undo and not running)
-        self.actions_["clear_pins"].setEnabled(bool(document.pins))
-        self.actions_["similar"].setEnabled(bool(document.pins) and spectrum is not None)
-        if document.display.kind is not FieldKind.EIGENFUNCTION:
-            for name in ("nodal_lines", "flip"):
-                self.actions_[name].setEnabled(False)
-        self.actions_["nodal_lines"].setChecked(document.display.nodal_lines)
-        self.actions_["play"].setChecked(document.display.playing)
+        self.commands.refresh()
 
     def _on_theme_changed(self) -> None:
         self.actions_.refresh_icons()
@@ -387,7 +350,8 @@ class MainWindow(QMainWindow):
             self.settings.layout = self.arrangement.save()
             self.last_look.keep()
             self.document.display.playing = False
-            self._stop_listening()
+            stop_listening(self)
+            self.document.noticed.disconnect(self._on_notice)
             theme.notifier().changed.disconnect(self._on_theme_changed)
             self._focus_keys.stop()
             self.commands.pictures.wait()

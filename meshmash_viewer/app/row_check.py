@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import time
 
-import shiboken6
-from PySide6.QtCore import QObject, QRunnable, QThreadPool, QTimer, Signal
+from PySide6.QtCore import QObject, QThread, Signal
 
+from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.progress import CancelCallback
 
 __all__ = ["RowCheck"]
 
-#: Milliseconds until it begins: the first picture comes first.
-_AFTER = 1500
+#: Seconds until it begins: the first picture comes first.
+_AFTER = 1.5
 #: Seconds of rest after each row, so that whoever scrolls goes first.
 _REST = 0.004
 
@@ -30,58 +31,40 @@ class RowCheck(QObject):
     def __init__(self, document: Document, parent: QObject) -> None:
         super().__init__(parent)
         self._document = document
-        self.wanted: Spectrum | None = None
-        self._pool = QThreadPool(self)
-        self._pool.setMaxThreadCount(1)
-        self._timer = QTimer(self, singleShot=True)
-        self._timer.timeout.connect(self._start)
+        self._wanted: Spectrum | None = None
+        self.thread_ = LatestThread(self._check, rest=_AFTER, parent=self)
+        self.thread_.start(QThread.Priority.LowPriority)
         self.found.connect(self._tell)
         listen(document.spectrum_changed, self._refresh)
         self._refresh()
 
     def close(self) -> None:
         """Give up, and wait for the thread."""
-        self._timer.stop()
-        self.wanted = None
-        self._pool.waitForDone()
+        self.thread_.close()
 
     def _refresh(self) -> None:
         spectrum = self._document.spectrum
         stored = None if spectrum is None else spectrum.stored
         if stored is None or not len(stored.checksums):
             spectrum = None
-        if spectrum is not self.wanted:
-            self.wanted = spectrum
-            self._timer.stop()
+        if spectrum is not self._wanted:
+            self._wanted = spectrum
+            self.thread_.drop()
             if spectrum is not None:
-                self._timer.start(_AFTER)
+                self.thread_.ask(spectrum)
 
-    def _start(self) -> None:
-        if self.wanted is not None:
-            self._pool.start(_Check(self, self.wanted))
-
-    def _tell(self, spectrum: Spectrum, index: int) -> None:
-        self._document.leave_out_damaged(spectrum, index)
-
-
-class _Check(QRunnable):
-    """One pass over the rows; gives up as soon as another spectrum is shown."""
-
-    def __init__(self, check: RowCheck, spectrum: Spectrum) -> None:
-        super().__init__()
-        self._check = check
-        self._spectrum = spectrum
-
-    def run(self) -> None:
+    def _check(self, spectrum: Spectrum, cancel: CancelCallback) -> None:
         """Compare row by row; the first that is damaged ends it."""
-        spectrum, check = self._spectrum, self._check
         stored = spectrum.stored
         assert stored is not None
         for index in range(len(spectrum)):
-            if check.wanted is not spectrum:
+            damaged = stored.damaged([index], cancel, n_threads=1)
+            if cancel():
                 return
-            if stored.damaged([index], lambda: check.wanted is not spectrum, n_threads=1):
-                if shiboken6.isValid(check):
-                    check.found.emit(spectrum, index)
+            if damaged:
+                self.found.emit(spectrum, index)
                 return
             time.sleep(_REST)
+
+    def _tell(self, spectrum: Spectrum, index: int) -> None:
+        self._document.leave_out_damaged(spectrum, index)

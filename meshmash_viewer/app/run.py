@@ -9,18 +9,17 @@ import importlib
 import os
 import signal
 import sys
-import threading
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, QTimer
+from PySide6.QtCore import QObject, QThreadPool, QTimer, Signal
 from PySide6.QtGui import QFont
 from PySide6.QtWidgets import QApplication
 
-from meshmash_viewer.app import heap, theme
+from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.units import UNIT_FORMS
 
@@ -37,9 +36,6 @@ _LIBRARIES = (
     ("meshmash_viewer.app.panels.profile_panel", "Loading the plots …"),
     ("meshmash_viewer.app.panels.field_panel", "Loading the controls …"),
 )
-#: Seconds for which a thread may keep the interpreter while the window waits for it, ten times
-#: shorter than Python's own choice: to paint the window once takes it some twenty times.
-_SWITCH = 0.0005
 #: Windows opened by `view`, which nobody else may hold.
 _windows: dict[int, MainWindow] = {}
 
@@ -52,7 +48,6 @@ def application() -> QApplication:
     if sys.platform.startswith("linux") and os.environ.get("DISPLAY"):
         # VTK draws into windows of X11 alone; desktops with Wayland bring both.
         os.environ.setdefault("QT_QPA_PLATFORM", "xcb")
-    sys.setswitchinterval(_SWITCH)
     made = QApplication(sys.argv[:1] or ["meshmash-viewer"])
     made.setApplicationName("meshmash-viewer")
     made.setApplicationDisplayName("")
@@ -85,7 +80,6 @@ def run_app(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--fresh", action="store_true", help="ignore stored settings")
     options = parser.parse_args(argv)
 
-    heap.keep_little()
     app = application()
     # Ctrl+C in the terminal closes the window as its cross does
     signal.signal(signal.SIGINT, lambda *_: QApplication.closeAllWindows())
@@ -184,8 +178,8 @@ def keep_what_is_loaded(window: MainWindow) -> None:
     """Let Python look for garbage among newer objects only, for a process that is ours alone.
 
     The libraries are two hundred thousand objects that stay: to go through them again and again
-    would hold up the window for more than a tenth of a second each time. More of them have come
-    with the first mesh.
+    holds up the window for more than a tenth of a second each time. More of them have come with
+    the first mesh.
     """
     gc.freeze()
     window.scene.first_frame.connect(gc.freeze)
@@ -194,44 +188,36 @@ def keep_what_is_loaded(window: MainWindow) -> None:
 class _Loader(QObject):
     """Imports heavy libraries behind the window that is already there, then completes it."""
 
+    _began = Signal(str)
+    _ended = Signal(object)
+
     def __init__(self, window: MainWindow) -> None:
         super().__init__(window)
         self._window = window
-        self._stage = ""
-        self._fault: Exception | None = None
-        self._thread = threading.Thread(target=self._import, name="import", daemon=True)
-        self._timer = QTimer(self, interval=30)
-        self._timer.timeout.connect(self._poll)
+        self._began.connect(window.stage.welcome.set_loading)
+        self._ended.connect(self._complete)
         # the first picture of the window goes first
-        QTimer.singleShot(0, self._start)
-
-    def _start(self) -> None:
-        self._thread.start()
-        self._timer.start()
+        QTimer.singleShot(0, lambda: QThreadPool.globalInstance().start(self._import))
 
     def _import(self) -> None:
         try:
             for module, text in _LIBRARIES:
-                self._stage = text
+                self._began.emit(text)
                 importlib.import_module(module)
         except Exception as fault:  # noqa: BLE001  said where it can be
-            self._fault = fault
-
-    def _poll(self) -> None:
-        if self._thread.is_alive():
-            self._window.stage.welcome.set_loading(self._stage)
-            return
-        self._timer.stop()
-        fault = self._fault
-        if fault is None:
-            try:
-                self._window.load()
-            except Exception as error:  # noqa: BLE001  said below
-                fault = error
-        if fault is None:
-            keep_what_is_loaded(self._window)
+            self._ended.emit(fault)
         else:
-            self._give_up(fault)
+            self._ended.emit(None)
+
+    def _complete(self, fault: Exception | None) -> None:
+        try:
+            if fault is not None:
+                raise fault
+            self._window.load()
+        except Exception as error:  # noqa: BLE001  said below
+            self._give_up(error)
+        else:
+            keep_what_is_loaded(self._window)
 
     def _give_up(self, fault: Exception) -> None:
         """Say what is missing; meshes can neither be drawn nor computed without it."""

@@ -4,33 +4,40 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
+
+from psygnal import Signal
 
 from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.session import Session, read_session, write_session
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model.display_json import display_from_json, display_to_json, read_display
-from meshmash_viewer.model.document import Notice, Severity
+from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.jobs import ReadJob
 from meshmash_viewer.spectral.weyl import Target
 
-if TYPE_CHECKING:
-    from meshmash_viewer.app.main_window import MainWindow
-
-__all__ = ["Restoration", "restore_session", "store_session"]
+__all__ = ["Restoration", "store_session"]
 
 
-def store_session(window: MainWindow, path: Path) -> None:
+def store_session(document: Document, camera: dict[str, Any], path: Path) -> None:
     """Write what a window shows.
+
+    Parameters
+    ----------
+    document : Document
+        With a mesh.
+    camera : dict
+        As `View.to_json` gives it; empty while there is no render.
+    path : Path
 
     Raises
     ------
     InputError
         If the file cannot be written.
     """
-    document = window.document
     mesh = document.mesh
+    assert mesh is not None
     session = Session(
         mesh_path=str(document.path or ""),
         unit=document.unit_text,
@@ -41,24 +48,9 @@ def store_session(window: MainWindow, path: Path) -> None:
         target={"kind": document.target.kind, "value": document.target.value},
         display=display_to_json(document.display),
         pins=[pin.vertex for pin in document.pins],
-        camera=(window.scene.camera() or {}) if window.loaded else {},
+        camera=camera,
     )
     write_session(path, session)
-
-
-def restore_session(window: MainWindow, path: Path) -> None:
-    """Open the mesh of a session, and everything else as soon as it is there.
-
-    Raises
-    ------
-    InputError
-        If the file is no session, or one of its entries makes no sense; nothing has changed then.
-    """
-    restoration = Restoration(window, path)
-    if window.restoration is not None:
-        window.restoration.stop()
-    window.restoration = restoration
-    restoration.begin()
 
 
 class Restoration:
@@ -66,16 +58,19 @@ class Restoration:
 
     Parameters
     ----------
-    window : MainWindow
+    document : Document
     path : Path
 
     Raises
     ------
     InputError
-        See `restore_session`.
+        If the file is no session, or one of its entries makes no sense; nothing has changed then.
     """
 
-    def __init__(self, window: MainWindow, path: Path) -> None:
+    #: All is there again, but for the camera.
+    restored = Signal()
+
+    def __init__(self, document: Document, path: Path) -> None:
         session = read_session(path)
         if not session.mesh_path:
             raise InputError(f"{path.name} has no mesh_path: open the mesh itself instead.")
@@ -91,11 +86,10 @@ class Restoration:
                 ) from fault
         self._operator = OperatorOptions(**session.operator)
         self._target = Target(**session.target)
-        self._window, self._session, self._path = window, session, path
+        self._document, self._session, self._path = document, session, path
         self._mesh_path = Path(session.mesh_path)
         self._repairs = list(session.repairs)
-        self._document = window.document
-        self._before = self._document.ready
+        self._before = document.ready
         self._started = self._restored = False
 
     def begin(self) -> None:
@@ -133,6 +127,7 @@ class Restoration:
     def _restore(self) -> None:
         document, session = self._document, self._session
         mesh = document.mesh
+        assert mesh is not None
         if session.mesh_hash and mesh.content_hash != session.mesh_hash:
             self._warn(
                 f"{document.path} has changed since {self._path.name} was saved: "
@@ -147,22 +142,23 @@ class Restoration:
         for vertex in pins:
             document.toggle_pin(vertex)
         display = dict(self._display)
-        vertex = display.get("similarity_vertex")
-        if vertex is not None and vertex >= mesh.n_vertices:
+        similar = display.get("similarity_vertex")
+        if similar is not None and similar >= mesh.n_vertices:
             self._warn(
-                f"{self._path.name} has display.similarity_vertex = {vertex}, which {document.path}"
-                " does not have: it is left out."
+                f"{self._path.name} has display.similarity_vertex = {similar}, which"
+                f" {document.path} does not have: it is left out."
             )
             del display["similarity_vertex"]
         display_from_json(document.display, display)
         self._restored = True
-        self.look()
+        self.restored.emit()
 
-    def look(self) -> None:
-        """Look from where the session was saved, once both mesh and render are there."""
-        if self._restored and self._camera is not None and self._window.loaded:
-            self._window.scene.set_camera(self._camera.to_json())
-            self._camera = None
+    def take_camera(self) -> View | None:
+        """From where the session was saved, once, as soon as its mesh is there."""
+        if not self._restored:
+            return None
+        camera, self._camera = self._camera, None
+        return camera
 
     def _warn(self, text: str) -> None:
         self._document.notify(Notice(text, Severity.WARNING))

@@ -29,7 +29,7 @@ class Settings:
         self._store = None if fresh else QSettings("meshmash-viewer", "meshmash-viewer")
         self._kept: dict[str, object] = {}
 
-    def _get(self, key: str) -> object:
+    def _get(self, key: str) -> Any:
         if self._store is None:
             return self._kept.get(key)
         return self._store.value(key)
@@ -46,7 +46,7 @@ class Settings:
         stored = self._get("recent")
         # one string comes back as a string, not as a list of one
         texts = [stored] if isinstance(stored, str) else stored or []
-        return [path for path in map(Path, texts) if path.exists()]  # type: ignore[arg-type]
+        return [path for path in map(Path, texts) if path.exists()]
 
     def add_recent(self, path: Path) -> None:
         """Put a file first."""

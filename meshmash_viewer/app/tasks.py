@@ -5,6 +5,7 @@ from __future__ import annotations
 from PySide6.QtCore import QObject, Qt, Slot
 
 from meshmash_viewer.app.faults import notice_of
+from meshmash_viewer.app.listening import listen, stop_listening
 from meshmash_viewer.app.worker import Worker
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
@@ -45,8 +46,8 @@ class Tasks(QObject):
         self._worker.failed.connect(self._on_failed, queued)
         self._worker.cancelled.connect(self._on_cancelled, queued)
         document.job_requested.connect(self.run)
-        document.cancel_requested.connect(self.cancel)
-        document.mesh_changed.connect(self._on_mesh_changed)
+        listen(document.cancel_requested, self.cancel)
+        listen(document.mesh_changed, self._on_mesh_changed)
 
     @property
     def worker(self) -> Worker:
@@ -84,10 +85,8 @@ class Tasks(QObject):
 
     def close(self) -> None:
         """Stop everything; no process and no temporary file remains."""
-        document = self._document
-        document.job_requested.disconnect(self.run)
-        document.cancel_requested.disconnect(self.cancel)
-        document.mesh_changed.disconnect(self._on_mesh_changed)
+        self._document.job_requested.disconnect(self.run)
+        stop_listening(self)
         self._queue.clear()
         self._worker.close()
 

@@ -12,8 +12,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TypeVar
 
-from PySide6.QtCore import QObject, Qt, Signal
-from PySide6.QtGui import QColor, QFont, QFontDatabase, QPalette
+from PySide6.QtCore import QObject, QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QColor, QFont, QPalette
 from PySide6.QtWidgets import QAbstractSpinBox, QApplication, QLabel, QWidget
 
 __all__ = [
@@ -25,7 +25,7 @@ __all__ = [
     "apply",
     "is_dark",
     "mode",
-    "monospace",
+    "named",
     "notifier",
     "pad_numbers",
     "palette",
@@ -228,17 +228,20 @@ def with_role(widget: WidgetType, role: str) -> WidgetType:
     return widget
 
 
+def named(widget: WidgetType, name: str, accessible: str = "", *, role: str = "") -> WidgetType:
+    """Give a widget its ``objectName``, what screen readers call it, and its role; returns it."""
+    widget.setObjectName(name)
+    if accessible:
+        widget.setAccessibleName(accessible)
+    return with_role(widget, role) if role else widget
+
+
 def tabular(font: QFont) -> QFont:
     """A copy of a font whose digits all have one width, so that columns of numbers stand still."""
     copy = QFont(font)
     if hasattr(copy, "setFeature"):
         copy.setFeature(QFont.Tag("tnum"), 1)
     return copy
-
-
-def monospace() -> QFont:
-    """The system's font for code."""
-    return QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont)
 
 
 def set_mode(chosen: Mode | str) -> None:
@@ -268,9 +271,8 @@ def _refresh(application: QApplication) -> None:
     }[_State.mode]
     # title bars of the desktop follow too, where Qt can ask for it (6.8)
     if hasattr(hints, "setColorScheme"):
-        blocked = hints.blockSignals(True)
-        hints.setColorScheme(wanted)
-        hints.blockSignals(blocked)
+        with QSignalBlocker(hints):
+            hints.setColorScheme(wanted)
     if _State.mode is Mode.SYSTEM:
         _State.dark = hints.colorScheme() == Qt.ColorScheme.Dark
     else:

@@ -33,11 +33,10 @@ class Welcome(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.setObjectName("welcome")
-        self.setAccessibleName("Welcome")
+        theme.named(self, "welcome", "Welcome")
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
 
-        self._card = QFrame(objectName="welcome_card")
+        self._card = theme.named(QFrame(), "welcome_card")
         self._card.setFixedWidth(440)
         self._card.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Maximum)
         column = QVBoxLayout(self._card)
@@ -53,15 +52,13 @@ class Welcome(QWidget):
         endings.setAlignment(Qt.AlignmentFlag.AlignCenter)
         endings.setWordWrap(True)
 
-        self.open_button = theme.with_role(
-            QPushButton("Open a file…", objectName="welcome_open_button"), "primary"
+        self.open_button = theme.named(
+            QPushButton("Open a file…"), "welcome_open_button", "Open a mesh file", role="primary"
         )
-        self.open_button.setAccessibleName("Open a mesh file")
         self.open_button.clicked.connect(self.open_requested)
-        self.sample_button = QPushButton(
-            "Open the sample neuron", objectName="welcome_sample_button"
+        self.sample_button = theme.named(
+            QPushButton("Open the sample neuron"), "welcome_sample_button", "Open the sample neuron"
         )
-        self.sample_button.setAccessibleName("Open the sample neuron")
         self.sample_button.clicked.connect(self.sample_requested)
         buttons = QHBoxLayout()
         buttons.setSpacing(theme.GAP)
@@ -70,9 +67,10 @@ class Welcome(QWidget):
 
         self._recent = QVBoxLayout()
         self._recent.setSpacing(0)
-        self.loading_label = theme.with_role(QLabel(objectName="loading_label"), "muted")
+        self.loading_label = theme.named(
+            QLabel(), "loading_label", "What is being loaded", role="muted"
+        )
         self.loading_label.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.loading_label.setAccessibleName("What is being loaded")
 
         column.addWidget(self._icon)
         column.addWidget(title)
@@ -91,8 +89,8 @@ class Welcome(QWidget):
     def set_recent(self, paths: Sequence[Path]) -> None:
         """List the files opened before, newest first."""
         while (item := self._recent.takeAt(0)) is not None:
-            if item.widget() is not None:
-                item.widget().deleteLater()
+            if (widget := item.widget()) is not None:
+                widget.deleteLater()
         if not paths:
             return
         heading = theme.with_role(QLabel("Recent"), "muted")

@@ -8,7 +8,7 @@ import queue
 import subprocess
 import threading
 from pathlib import Path
-from typing import cast
+from typing import BinaryIO, cast
 
 from PySide6.QtCore import QObject, QThread, QTimer, Signal
 
@@ -239,9 +239,8 @@ class _WorkerThread(QThread):
                     stderr=errors,
                     start_new_session=True,
                 )
-            assert self._process.stdout is not None
-            assert self._process.stdin is not None
-            self._wire = Wire(self._process.stdout, self._process.stdin, self._folder)
+            pipes = cast(BinaryIO, self._process.stdout), cast(BinaryIO, self._process.stdin)
+            self._wire = Wire(*pipes, self._folder)
 
     def _drop_process(self, patience: float = 0.5) -> None:
         with self._lock:

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
 __all__ = [
-    "FIELD_KINDS",
     "Solver",
     "describe",
     "is_folder",
@@ -36,8 +35,6 @@ __all__ = [
     "write_kind",
     "write_render",
 ]
-
-FIELD_KINDS = ("hks", "eigenfunction", "band", "none")
 
 
 @dataclass

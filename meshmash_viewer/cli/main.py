@@ -86,19 +86,16 @@ def _say(sentence: str) -> None:
 
 def _say_fault(fault: Exception, subject: str = "") -> int:
     """Say what went wrong with a mesh, or with the command; the exit status it comes to."""
-    if isinstance(fault, InputError):
-        sentence = str(fault)
-    elif isinstance(fault, MemoryError):
-        sentence = "Memory ran out: ask for fewer eigenpairs, or close other programs."
-    elif isinstance(fault, OSError) and fault.errno is not None:
-        where = f"{fault.filename}: " if fault.filename else ""
-        sentence = f"{where}{fault.strerror or fault}; free the disk, or choose another folder."
-    else:
+    from meshmash_viewer.model.failure import failure_of
+
+    failure = failure_of(fault)
+    if not failure.mendable:
         from meshmash_viewer.defects import report_defect
 
         _say(f"{subject or 'The command'} failed by {report_defect(fault)}")
         return _DEFECT
-    _say(sentence if not subject or subject in sentence else f"{subject}: {sentence}")
+    said = not subject or subject in failure.text
+    _say(failure.text if said else f"{subject}: {failure.text}")
     return FAULT
 
 
@@ -126,7 +123,7 @@ def _window(options: argparse.Namespace) -> int:
         from meshmash_viewer.units import parse_unit
 
         parse_unit(options.unit)
-    from meshmash_viewer.app import run_app
+    from meshmash_viewer.app.run import run_app
 
     arguments = list(options.mesh)
     arguments += ["--unit", options.unit] if options.unit else []

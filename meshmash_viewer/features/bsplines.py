@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.units import whole_number
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -42,9 +43,7 @@ def construct_bspline_basis(e_min: float, e_max: float, n_components: int) -> li
     """
     from scipy.interpolate import BSpline
 
-    if n_components < 1 or n_components != int(n_components):
-        raise InputError(f"The number of B-splines is {n_components}: give a whole number from 1.")
-    n_components = int(n_components)
+    n_components = whole_number(n_components, "The number of B-splines")
     low, high = float(e_min), float(e_max)
     if not (np.isfinite(low) and np.isfinite(high) and high > low):
         raise InputError(

@@ -45,9 +45,9 @@ from meshmash_viewer.spectral.eigenpairs import (
     find_eigenpairs,
     refuse_two_extents,
     scratch_rows,
-    whole_number,
 )
 from meshmash_viewer.spectral.weyl import required_eigenvalue, weyl_eigenvalue
+from meshmash_viewer.units import whole_number
 
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigensolver import Decomposition

@@ -9,9 +9,9 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.weyl import weyl_eigenvalue
+from meshmash_viewer.units import whole_number
 
 __all__ = [
-    "as_count",
     "as_parameters",
     "as_spectrum",
     "check_times",
@@ -106,7 +106,7 @@ def hks_times(
     InputError
         If a bound is not positive, the bounds are out of order, or `n_scales` < 1.
     """
-    n_scales = as_count(n_scales, "time scales")
+    n_scales = whole_number(n_scales, "The number of time scales")
     check_times(t_min, t_max)
     if t_min is None or t_max is None:
         shortest, longest = hks_time_range(eigenvalues, area)
@@ -150,13 +150,6 @@ def as_parameters(values: npt.ArrayLike, name: str) -> FloatArray:
     if not (np.isfinite(parameters).all() and (parameters >= 0.0).all()):
         raise InputError(f"A {name} is negative or not finite: {parameters.tolist()}.")
     return parameters
-
-
-def as_count(count: int, name: str) -> int:
-    """A whole number from 1; `name` is what a message calls those that are counted."""
-    if count < 1 or count != int(count):
-        raise InputError(f"The number of {name} is {count}: give a whole number from 1.")
-    return int(count)
 
 
 def short_text(parameters: FloatArray, index: int) -> str:

@@ -18,7 +18,6 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.bsplines import clamped_knots, construct_bspline_basis
 from meshmash_viewer.features.filter_parameters import (
-    as_count,
     as_parameters,
     as_spectrum,
     check_times,
@@ -34,6 +33,7 @@ from meshmash_viewer.features.filter_responses import (
     StepResponse,
     TailedResponse,
 )
+from meshmash_viewer.units import whole_number
 
 __all__ = [
     "FilterBank",
@@ -160,7 +160,7 @@ def wave_kernel_bank(
        Quantum Mechanical Approach to Shape Analysis." ICCV Workshops.
     """
     spectrum = as_spectrum(eigenvalues)
-    n_energies = as_count(n_energies, "energies")
+    n_energies = whole_number(n_energies, "The number of energies")
     if not (np.isfinite(width) and width > 0.0):
         raise InputError(f"The width of the energy bands is {width:g}: give a positive number.")
     first = first_nonzero_eigenvalue(spectrum)
@@ -270,7 +270,7 @@ def get_hks_filter(
         ``(k,) -> (n_scales, k)``, from short to long times; it can be pickled.
     """
     # Complain now, not after the decomposition.
-    n_scales = as_count(n_scales, "time scales")
+    n_scales = whole_number(n_scales, "The number of time scales")
     check_times(t_min, t_max)
     return partial(_automatic_heat_response, t_min, t_max, n_scales, np.dtype(dtype))
 

@@ -31,8 +31,8 @@ PROBLEM = "problem.json"
 DEFAULT_CAP = 20_000_000_000
 
 _KEY = re.compile(r"[0-9a-f]{32}")
-#: What `written_whole` leaves in a store if it is cut off.
-_PART = re.compile(r"\.[0-9a-f]{12}-.+")
+#: What `written_whole` leaves in a store if it is cut off, here and in earlier versions.
+_PART = re.compile(r"\.(meshmash|[0-9a-f]{12})-.+", re.DOTALL)
 _REMOVED = re.compile(r"removed-[0-9a-f]{32}-\d+")
 #: Seconds without use after which the stores of other versions go.
 _FORGOTTEN = 7 * 86_400.0

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,15 +13,55 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.kinds import KINDS
-from meshmash_viewer.laplacian import compute_vertex_areas
-from meshmash_viewer.model.jobs import Channel, ExportJob, Written
+from meshmash_viewer.laplacian import OperatorOptions, compute_vertex_areas
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.results import Written
+from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Cancelled, Progress
+from meshmash_viewer.units import counted
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.filters import FilterBank
     from meshmash_viewer.io.stored_spectrum import StoredSpectrum
 
-__all__ = ["export", "export_bank"]
+__all__ = ["ExportJob", "export", "export_bank"]
+
+
+@dataclass(frozen=True, eq=False)
+class ExportJob:
+    """Compute features by the direct sum, or take the eigenpairs, and write a file.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    operator : OperatorOptions
+        Of the eigenpairs that are looked up in the store.
+    path : Path
+        Its ending says the format.
+    kind : str
+        One of `meshmash_viewer.features.kinds.KINDS`.
+    n_pairs : int
+        Number of leading eigenpairs to use.
+    parameters : dict
+        By kind: ``t_min, t_max, n_scales`` (hks), ``e_min, e_max, n_bands``
+        (geometry-vectors), ``n_energies`` (wks).
+    """
+
+    mesh: Mesh
+    operator: OperatorOptions
+    path: Path
+    kind: str
+    n_pairs: int
+    parameters: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """See `Job.label`."""
+        return f"Writing {self.path.name}"
+
+    def run(self, channel: Channel) -> Written:
+        """See `Job.run`."""
+        return export(self, channel)
 
 
 def export_bank(
@@ -118,7 +159,7 @@ def _export(
         check()
         channel.report(Progress("writing", message=job.label))
         write_eigenpairs(job.path, decomposition, job.mesh, meta)
-        return Written(job.path, f"{job.n_pairs} eigenpairs")
+        return Written(job.path, counted(job.n_pairs, "eigenpair"))
     if not len(decomposition.mass):
         # A solve that was cancelled has left pairs, but nothing that says how they are weighed.
         operator = job.operator
@@ -137,4 +178,4 @@ def _export(
     channel.report(Progress("writing", message=job.label))
     write_features(job.path, features, job.mesh, eigenvalues=values, meta=meta)
     said = "" if features.truncation is None else features.truncation.sentence()
-    return Written(job.path, f"{KINDS[job.kind]}, {bank.n_filters} columns,", said)
+    return Written(job.path, f"{KINDS[job.kind]}, {counted(bank.n_filters, 'column')},", said)

@@ -53,7 +53,8 @@ def failure_of(fault: BaseException, doing: str = "") -> Failure:
         return Failure(text, details, mendable=True)
     if isinstance(fault, OSError) and fault.strerror:
         named = f"{fault.filename}: " if fault.filename else ""
-        return Failure(f"{named}{fault.strerror}.", details, mendable=True)
+        text = f"{named}{fault.strerror}; free the disk, or choose another folder."
+        return Failure(text, details, mendable=True)
     words = " ".join(str(fault).split())
     if len(words) > _WORDS:
         words = f"{words[: _WORDS - 1]}…"

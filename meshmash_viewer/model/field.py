@@ -12,16 +12,13 @@ from meshmash_viewer.model.display import FieldKind, SimilarityBasis
 from meshmash_viewer.model.limits import LimitPolicy, automatic_limits
 from meshmash_viewer.model.ranges import band_range, hks_range, hks_time
 from meshmash_viewer.model.spectrum import Spectrum
-from meshmash_viewer.model.stretches import extremes
-from meshmash_viewer.units import format_quantity, power_unit
+from meshmash_viewer.units import format_quantity, power_unit, subscript
 
 if TYPE_CHECKING:
     from meshmash_viewer.model.document import Document
     from meshmash_viewer.model.live import LiveFeatures
 
 __all__ = ["Field", "FieldRequest", "compute_field", "request_of", "title_of"]
-
-_SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 @dataclass(frozen=True)
@@ -267,15 +264,10 @@ def eigenfunction(
     ends : tuple of float
         Smallest and largest of them.
     """
-    row = request.spectrum.shown_rows[request.index]
-    values = np.empty(len(row), dtype=np.float32)
-
-    def write(part: slice) -> None:
-        values[part] = row[part]
-        if request.flipped:
-            np.negative(values[part], out=values[part])
-
-    return values, extremes(values, write)
+    values = np.array(request.spectrum.shown_rows[request.index], dtype=np.float32)
+    if request.flipped:
+        np.negative(values, out=values)
+    return values, (float(values.min()), float(values.max()))
 
 
 def title_of(request: FieldRequest) -> str:
@@ -296,7 +288,7 @@ def _quantity(request: FieldRequest) -> str:
     unit = request.unit
     if request.kind is FieldKind.EIGENFUNCTION:
         spectrum = request.spectrum
-        name = "λ" + str(request.index).translate(_SUBSCRIPTS)
+        name = "λ" + subscript(request.index)
         written = format_quantity(float(spectrum.eigenvalues[request.index]), unit, -2)
         if spectrum.is_exact(request.index):
             return f"{name} = {written}"
@@ -308,7 +300,7 @@ def _quantity(request: FieldRequest) -> str:
     if request.kind is FieldKind.BAND:
         low, high = band_support(request)
         return f"λ from {format_quantity(low, '')} to {format_quantity(high, unit, -2)}"
-    return f"from vertex {request.vertex}"
+    return f"from vertex {request.vertex:,}"
 
 
 def band_support(request: FieldRequest) -> tuple[float, float]:

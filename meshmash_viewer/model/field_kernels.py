@@ -16,21 +16,21 @@ _BLOCK = 4096
 
 
 @numba.njit(
-    "void(int16[:, ::1], float32[::1], float32, float32[::1], int64, int64)",
+    "void(int16[:, ::1], float32[::1], float32, float32[::1])",
     cache=True,
     nogil=True,
     fastmath={"contract", "reassoc"},
 )
-def distances(coordinates, here, step, out, first, last):  # type: ignore[no-untyped-def]
-    """Write ``out[j] = step * |coordinates[:, j] - here|`` from a first vertex j to a last.
+def distances(coordinates, here, step, out):  # type: ignore[no-untyped-def]
+    """Write ``out[j] = step * |coordinates[:, j] - here|`` for all vertices j.
 
     Coordinates have shape (r, n). Four rows are added at a time: otherwise it is the reading of
     the sums and not that of the coordinates that takes longest.
     """
     n_rows = len(coordinates)
     sums = np.empty(_BLOCK, np.float32)
-    for start in range(first, last, _BLOCK):
-        count = min(_BLOCK, last - start)
+    for start in range(0, len(out), _BLOCK):
+        count = min(_BLOCK, len(out) - start)
         stop = start + count
         sums[:] = 0.0
         row = 0
@@ -56,27 +56,21 @@ def distances(coordinates, here, step, out, first, last):  # type: ignore[no-unt
 
 
 @numba.njit(
-    "void(uint16[:, ::1], float32[::1], float32[::1], float64, float32[::1], int64, int64)",
+    "void(uint16[:, ::1], float32[::1], float32[::1], float64, float32[::1])",
     cache=True,
     nogil=True,
     fastmath={"contract", "reassoc"},
 )
-def combine(columns, weights, base, low, out, first, last):  # type: ignore[no-untyped-def]
-    """Write ``out[j] = weights @ columns[:, j] + base[j] + low`` from a first vertex j to a last.
+def combine(columns, weights, base, low, out):  # type: ignore[no-untyped-def]
+    """Write ``out[j] = weights @ columns[:, j] + base[j] + low`` for all vertices j.
 
     Columns have shape (4, n); one base may stand for all vertices. It may be thousands of times
     larger than what varies, so that it is added in float64.
     """
-    c0, c1, c2, c3 = (
-        columns[0, first:last], columns[1, first:last],
-        columns[2, first:last], columns[3, first:last],
-    )  # fmt: skip
+    c0, c1, c2, c3 = columns[0], columns[1], columns[2], columns[3]
     w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
-    out = out[first:last]
     same = np.float64(base[0]) + low
     many = len(base) > 1
-    if many:
-        base = base[first:last]
     for j in range(len(out)):
         outer = w0 * np.float32(c0[j]) + w3 * np.float32(c3[j])
         inner = w1 * np.float32(c1[j]) + w2 * np.float32(c2[j])

@@ -20,10 +20,8 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.model.compiled import field_kernels
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.model.squares import add_squares, sum_squares
-from meshmash_viewer.model.stretches import in_stretches
 from meshmash_viewer.progress import CancelCallback
 
 __all__ = ["HeatTable", "build_heat_table"]
@@ -136,17 +134,14 @@ class HeatTable:
         weights = np.zeros(_STENCIL)
         if self._fits:
             weights = self._fits[start] @ np.exp(-self._rates * time)
-        combine = field_kernels().combine
+        from meshmash_viewer.model.field_kernels import combine  # brings numba along
+
         values = np.empty(self.columns.shape[1], dtype=np.float32)
         nodes = slice(start, start + _STENCIL)
         stencil = self.columns[nodes]
         steps = np.asarray(weights * self.width[nodes], dtype=np.float32)
         low = float(weights @ self.low[nodes])
-
-        def write(part: slice) -> None:
-            combine(stencil, steps, self.base, low, values, part.start, part.stop)
-
-        in_stretches(len(values), write)
+        combine(stencil, steps, self.base, low, values)
         null_space = self.base if len(self.base) == 1 else self.base[self.far]
         values[self.far] = weights @ self.far_columns[nodes] + null_space
         return values

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.model.results import MeshReady, SpectrumGrew, Written
+from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import Voxel
@@ -33,27 +35,6 @@ __all__ = [
     "SpectrumGrew",
     "Written",
 ]
-
-
-class Channel(Protocol):
-    """The way from a running job to the window."""
-
-    @property
-    def folder(self) -> Path:
-        """Temporary folder that is deleted when the window closes."""
-        ...
-
-    def report(self, progress: Progress) -> None:
-        """Say how far the work is."""
-        ...
-
-    def send(self, message: object) -> None:
-        """Hand over a part of the result (picklable)."""
-        ...
-
-    def cancelled(self) -> bool:
-        """Whether the person asked to stop."""
-        ...
 
 
 class Job(Protocol):
@@ -216,45 +197,6 @@ class DecomposeJob:
         from meshmash_viewer.model.decomposition import decompose
 
         return decompose(self.mesh, self.operator, self.target, channel)
-
-
-@dataclass(frozen=True, eq=False)
-class ExportJob:
-    """Compute features by the direct sum, or take the eigenpairs, and write a file.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    operator : OperatorOptions
-        Of the eigenpairs that are looked up in the store.
-    path : Path
-        Its ending says the format.
-    kind : str
-        One of `meshmash_viewer.features.kinds.KINDS`.
-    n_pairs : int
-        Number of leading eigenpairs to use.
-    parameters : dict
-        By kind: ``t_min, t_max, n_scales`` (hks), ``e_min, e_max, n_bands``
-        (geometry-vectors), ``n_energies`` (wks).
-    """
-
-    mesh: Mesh
-    operator: OperatorOptions
-    path: Path
-    kind: str
-    n_pairs: int
-    parameters: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def label(self) -> str:
-        """See `Job.label`."""
-        return f"Writing {self.path.name}"
-
-    def run(self, channel: Channel) -> Written:
-        """See `Job.run`."""
-        from meshmash_viewer.model.export import export
-
-        return export(self, channel)
 
 
 @dataclass(frozen=True)

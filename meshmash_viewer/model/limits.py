@@ -8,8 +8,6 @@ from typing import Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.model.stretches import extremes
-
 __all__ = [
     "LimitPolicy",
     "LockedLimits",
@@ -75,7 +73,7 @@ def _finite(values: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
 def _extremes(values: npt.NDArray[np.floating], ends: Ends | None) -> Ends:
     """Smallest and largest finite value; (0, 0) if there is none."""
     if values.size:
-        low, high = ends or extremes(values)
+        low, high = ends or (float(values.min()), float(values.max()))
         if np.isnan(low):
             # these two skip NaN, without a copy of the others
             low, high = float(np.fmin.reduce(values)), float(np.fmax.reduce(values))

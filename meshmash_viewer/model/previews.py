@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.io.npy import create_rows, map_rows
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.alignment import Alignment, align
-from meshmash_viewer.model.jobs import Channel, MeshReady, SpectrumGrew
+from meshmash_viewer.model.results import MeshReady, SpectrumGrew
+from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.preview import preview_eigenpairs
 
@@ -113,12 +113,12 @@ def open_preview(mesh: Mesh, channel: Channel) -> StoredPreview | None:
 
     def allocate(k: int, n: int) -> npt.NDArray[np.float32]:
         # straight into the file that the window maps
-        create_rows(path, (k, n), np.float32)
+        rows = np.lib.format.open_memmap(path, "w+", np.float32, (k, n))
         if hasattr(os, "posix_fallocate"):
             # a full disk is an error here; where the rows are written it would be a crash
             with path.open("rb+") as file:
                 os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
-        return map_rows(path, "r+", (k, n))
+        return rows
 
     found = preview_eigenpairs(mesh, n_pairs, allocate=allocate, cancel=channel.cancelled)
     if len(found.eigenvalues) <= mesh.n_components:

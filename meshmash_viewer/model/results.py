@@ -61,10 +61,8 @@ class SpectrumGrew:
     @cached_property
     def spectrum(self) -> Spectrum:
         """The same as the views read it; the first access opens the files."""
-        from meshmash_viewer.io.npy import map_rows
-
         path = self.preview_path
-        preview = None if path is None else map_rows(path, "r", (None, None))
+        preview = None if path is None else np.load(path, mmap_mode="r")
         exact = None
         if self.stored is not None and self.n_exact:
             exact = self.stored.map(self.n_exact)

@@ -9,10 +9,8 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.model.compiled import field_kernels
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.model.squares import sum_squares
-from meshmash_viewer.model.stretches import in_stretches
 from meshmash_viewer.progress import CancelCallback
 
 __all__ = ["SimilarityTable", "build_similarity_table"]
@@ -73,15 +71,12 @@ class SimilarityTable:
 
     def from_vertex(self, vertex: int) -> ColumnArray:
         """Distance of every vertex from one, shape (n,), a pure number."""
-        distances = field_kernels().distances
+        from meshmash_viewer.model.field_kernels import distances  # brings numba along
+
         here = self._steps(vertex)
         result = np.empty(self.coordinates.shape[1], dtype=np.float32)
         step = np.float32(self.step)
-
-        def write(part: slice) -> None:
-            distances(self.coordinates, here, step, result, part.start, part.stop)
-
-        in_stretches(len(result), write)
+        distances(self.coordinates, here, step, result)
         beyond = np.linalg.norm(self.far_coordinates - here[:, None], axis=0)
         result[self.far] = step * beyond
         return result

@@ -12,15 +12,38 @@ import pickle
 import threading
 import uuid
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Wire"]
+from meshmash_viewer.progress import Progress
+
+__all__ = ["Channel", "Wire"]
 
 #: Arrays of at least this many bytes go through a file.
 _FILE_BYTES = 1 << 16
+
+
+class Channel(Protocol):
+    """The way from a running job to the window."""
+
+    @property
+    def folder(self) -> Path:
+        """Temporary folder that is deleted when the window closes."""
+        ...
+
+    def report(self, progress: Progress) -> None:
+        """Say how far the work is."""
+        ...
+
+    def send(self, message: object) -> None:
+        """Hand over a part of the result (picklable)."""
+        ...
+
+    def cancelled(self) -> bool:
+        """Whether the person asked to stop."""
+        ...
 
 
 class Wire:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 import tempfile
 import warnings
@@ -17,6 +16,7 @@ from meshmash_viewer.errors import InputError, UnprovenWarning
 from meshmash_viewer.laplacian import SparseMatrix
 from meshmash_viewer.progress import Progress, ProgressCallback
 from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.units import whole_number
 
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigensolver import Decomposition
@@ -28,7 +28,6 @@ __all__ = [
     "find_eigenpairs",
     "refuse_two_extents",
     "scratch_rows",
-    "whole_number",
 ]
 
 Array: TypeAlias = npt.NDArray[np.floating[Any]]
@@ -144,13 +143,6 @@ def refuse_two_extents(
     names = [name for name, there in given.items() if there]
     if len(names) > 1:
         raise InputError(f"{' and '.join(names)} are given: give only one of them.")
-
-
-def whole_number(count: int, name: str) -> int:
-    """A count from 1; `name` is the argument that a message speaks of."""
-    if not (math.isfinite(count) and count >= 1 and count == int(count)):
-        raise InputError(f"{name} is {count}: give a whole number from 1.")
-    return int(count)
 
 
 @contextmanager

@@ -81,7 +81,10 @@ def raised(fault: Exception) -> Exception:
 def test_what_can_be_mended_is_said_in_its_own_words() -> None:
     assert failure_of(raised(InputError("Give a mesh."))).text == "Give a mesh."
     full = failure_of(raised(OSError(28, "No space left on device", "/disk/a.npz")))
-    assert full.text == "/disk/a.npz: No space left on device."
+    assert (
+        full.text
+        == "/disk/a.npz: No space left on device; free the disk, or choose another folder."
+    )
     assert full.mendable
     assert "close other programs" in failure_of(raised(MemoryError())).text
 
@@ -211,7 +214,7 @@ def test_a_library_that_cannot_be_loaded_is_said(
     real = importlib.import_module
 
     def missing(name: str) -> object:
-        if name.endswith("app.scene"):
+        if name.endswith("view.scene"):
             raise ImportError("libGL.so.1: cannot open shared object file")
         return real(name)
 
@@ -268,15 +271,20 @@ def test_profiles_are_read_no_longer_once_the_window_is_closed(
     reader = window.profile_panel._reader
     entered, leave = threading.Event(), threading.Event()
 
-    class Slow(QRunnable):
-        def run(self) -> None:
+    class Slow:
+        def __len__(self) -> int:
+            return 8
+
+        @property
+        def shown_rows(self) -> np.ndarray:
             entered.set()
             leave.wait(0.5)
+            return np.zeros((8, 10))
 
-    reader._pool.start(Slow())
+    reader.want(Slow(), (3,))
     assert entered.wait(10)
     window.close()
-    assert reader._pool.activeThreadCount() == 0
+    assert reader.thread_.isFinished()
     window.deleteLater()
 
 

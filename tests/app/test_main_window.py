@@ -35,7 +35,6 @@ from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
-from meshmash_viewer.app.sessions import restore_session, store_session
 from meshmash_viewer.app.view.text_layer import text_size
 from meshmash_viewer.io.write import WRITERS
 from meshmash_viewer.laplacian import OperatorOptions
@@ -725,11 +724,11 @@ def test_a_session_comes_back(
     document.target = Target("count", 30)
     camera = ball.scene.camera()
     path = tmp_path / "now.meshmash.json"
-    store_session(ball, path)
+    ball.commands.store_session(path)
 
     other = MainWindow(fresh=True)
     other.show()
-    restore_session(other, path)
+    other.commands.restore_session(path)
     qtbot.waitUntil(lambda: len(other.document.pins) == 2, timeout=PATIENCE)
     assert other.document.path == sphere_file
     assert [pin.vertex for pin in other.document.pins] == [17, 42]
@@ -754,12 +753,12 @@ def test_a_session_repairs_what_was_repaired_and_interrupts_what_runs(
     wait_for(lambda: document.ready.health.n_components == 1 and document.job is None)
     document.toggle_pin(42)
     path, place = tmp_path / "now.meshmash.json", document.mesh.vertices[42]
-    store_session(window, path)
+    window.commands.store_session(path)
     document.undo_repair()
     document.target = Target("count", 1000)
     document.compute()
     window.stage.message_bar.dismiss()
-    restore_session(window, path)
+    window.commands.restore_session(path)
     wait_for(lambda: len(document.pins) == 1 and document.job is None)
     assert document.repairs == ("keep_largest_component",)
     assert document.unit_text == "8 nm"

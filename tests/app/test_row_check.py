@@ -24,7 +24,7 @@ OPERATOR = OperatorOptions()
 @pytest.fixture
 def opened(qapp: object, sphere: Mesh, tmp_path: Path, monkeypatch) -> Iterator[tuple]:
     """A document, what it has said, and the file of the rows of its mesh."""
-    monkeypatch.setattr(row_check, "_AFTER", 1)
+    monkeypatch.setattr(row_check, "_AFTER", 0.001)
     listener = Listener(tmp_path)
     grew = DecomposeJob(sphere, OPERATOR, Target("count", 30)).run(listener)
     document, parent, said = Document(), QObject(), []
@@ -50,8 +50,8 @@ def test_whole_pairs_stay(opened: tuple, qtbot) -> None:
     open_mesh()
     spectrum = document.spectrum
     assert len(spectrum) == 30
-    qtbot.waitUntil(lambda: check._pool.activeThreadCount() > 0)
-    qtbot.waitUntil(lambda: check._pool.activeThreadCount() == 0)
+    assert check.thread_.working
+    qtbot.waitUntil(lambda: not check.thread_.working)
     assert document.spectrum is spectrum
     assert not said
 

@@ -114,7 +114,7 @@ def test_cancelling_nothing_does_nothing(worker: Worker) -> None:
     [
         ("input", "The mesh is upside down: turn it over.", True),
         ("memory", "Memory ran out", True),
-        ("file", "/nowhere/at/all: No such file or directory.", True),
+        ("file", "/nowhere/at/all: No such file or directory;", True),
         ("defect", "ZeroDivisionError: a defect", False),
         ("unpicklable", "Failing failed by a defect", False),
     ],

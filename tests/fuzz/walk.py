@@ -60,7 +60,6 @@ from PySide6.QtWidgets import (
 
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.plots.plot import Plot
-from meshmash_viewer.app.sessions import store_session
 from meshmash_viewer.app.view.canvas import Canvas
 from meshmash_viewer.model.document import Notice
 
@@ -294,7 +293,7 @@ class Walk:
         home = self.folder / "home.meshmash.json"
         if not home.exists():
             self._at_home_first(home)
-        window.commands.open_session(home)
+        window.commands.restore_session(home)
         self._wait(lambda: document.job is None and document.path == self.files[0])
         QTest.qWait(20)
         document.compute()
@@ -310,7 +309,7 @@ class Walk:
         document.target = type(document.target)("count", 30)
         document.compute()
         self._wait(lambda: bool(document.spectrum) and document.spectrum.complete)
-        store_session(window, home)
+        window.commands.store_session(home)
         self.sessions.append(home)
 
     def close(self) -> None:
@@ -493,7 +492,7 @@ class Walk:
     def _session(self) -> str:
         good = self.folder / "good.meshmash.json"
         if self.window.document.path is not None and self.random.random() < 0.4:
-            store_session(self.window, good)
+            self.window.commands.store_session(good)
             if good not in self.sessions:
                 self.sessions.append(good)
         path = self.random.choice(self.sessions)
@@ -502,9 +501,9 @@ class Walk:
             where = self._damage(content)
             path = self.folder / "damaged.meshmash.json"
             path.write_text(json.dumps(content))
-            self.window.commands.open_session(path)
+            self.window.commands.restore_session(path)
             return f"open a session with {where}"
-        self.window.commands.open_session(path)
+        self.window.commands.restore_session(path)
         return f"open {path.name}"
 
     def _damage(self, content: Any) -> str:

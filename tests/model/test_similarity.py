@@ -90,7 +90,7 @@ def test_the_compiled_distance_is_the_plain_one(n_rows: int, n: int) -> None:
     coordinates = rng.integers(-32767, 32768, (n_rows, n)).astype(np.int16)
     here = coordinates[:, n // 2].astype(np.float32)
     found = np.full(n, -1.0, dtype=np.float32)
-    distances(coordinates, here, np.float32(0.25), found, 0, len(found))
+    distances(coordinates, here, np.float32(0.25), found)
     wanted = 0.25 * np.linalg.norm(coordinates - here[:, None].astype(np.float64), axis=0)
     np.testing.assert_allclose(found, wanted, rtol=1e-6)
     assert found[n // 2] == 0.0

@@ -25,13 +25,12 @@ class Dock(QDockWidget):
 
     def __init__(self, name: str, title: str, window: QMainWindow) -> None:
         super().__init__(title, window)
-        self.setObjectName(f"{name}_dock")
-        self.setAccessibleName(title)
+        theme.named(self, f"{name}_dock", title)
         self.setWidget(QWidget())
-        bar = QWidget(objectName="dock_title")
+        bar = theme.named(QWidget(), "dock_title")
         bar.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
-        self._close = QToolButton(objectName=f"{name}_dock_close", toolTip=f"Hide {title}")
-        self._close.setAccessibleName(f"Hide {title}")
+        self._close = theme.named(QToolButton(), f"{name}_dock_close", f"Hide {title}")
+        self._close.setToolTip(f"Hide {title}")
         self._close.setIconSize(QSize(12, 12))
         self._close.clicked.connect(self.close)
         row = QHBoxLayout(bar)

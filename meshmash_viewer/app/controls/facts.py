@@ -11,16 +11,9 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.model.translation import Translation
 from meshmash_viewer.spectral.weyl import Target, wavelength
-from meshmash_viewer.units import format_quantity
+from meshmash_viewer.units import counted, format_quantity
 
-__all__ = ["Facts", "estimated_pairs", "format_wavelength", "note", "show_note", "subscript"]
-
-_SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
-
-
-def subscript(number: int) -> str:
-    """Write an index small and low: "₁₂"."""
-    return str(number).translate(_SUBSCRIPTS)
+__all__ = ["Facts", "estimated_pairs", "format_wavelength", "note", "show_note"]
 
 
 def format_wavelength(eigenvalue: float, unit: str) -> str:
@@ -36,14 +29,13 @@ def estimated_pairs(spectrum: Spectrum, area: float, eigenvalue: float) -> str:
     )
     count, exact = translation.count(Target("max_eigenvalue", eigenvalue))
     if count >= translation.n_vertices:
-        return f"all {count:,} pairs that the mesh has"
-    return f"{count:,} pairs in all" if exact else f"about {count:,} pairs in all"
+        return f"all {counted(count, 'pair')} that the mesh has"
+    return f"{'' if exact else 'about '}{counted(count, 'pair')} in all"
 
 
 def note(name: str, role: str = "muted", parent: QWidget | None = None) -> QLabel:
     """A line of explanation that wraps, and takes no room while it is empty."""
-    label = theme.with_role(QLabel(parent), role)
-    label.setObjectName(name)
+    label = theme.named(QLabel(parent), name, role=role)
     label.setWordWrap(True)
     label.setVisible(False)
     return label
@@ -69,9 +61,7 @@ class Facts(QWidget):
         self._names: dict[str, QLabel] = {}
         for row, (name, text) in enumerate(rows.items()):
             label = theme.with_role(QLabel(text, self), "muted")
-            value = theme.with_role(QLabel("–", self), "value")
-            value.setObjectName(name)
-            value.setAccessibleName(text)
+            value = theme.named(QLabel("–", self), name, text, role="value")
             value.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
             grid.addWidget(label, row, 0)
             grid.addWidget(value, row, 1)

@@ -34,12 +34,10 @@ class FileRow(QWidget):
         super().__init__(parent)
         self._pattern = pattern
         self._ending = ending
-        self.edit = QLineEdit(str(path), objectName="file_edit")
-        self.edit.setAccessibleName("File")
+        self.edit = theme.named(QLineEdit(str(path)), "file_edit", "File")
         self.edit.setMinimumWidth(260)
         self.edit.textChanged.connect(self.changed)
-        self.browse_button = QPushButton("Browse…", objectName="browse_button")
-        self.browse_button.setAccessibleName("Choose the file")
+        self.browse_button = theme.named(QPushButton("Browse…"), "browse_button", "Choose the file")
         self.browse_button.setAutoDefault(False)
         self.browse_button.clicked.connect(self._browse)
         row = QHBoxLayout(self)

@@ -31,22 +31,21 @@ class MessageBar(QFrame):
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
-        self.setObjectName("message_bar")
-        self.setAccessibleName("Message")
+        theme.named(self, "message_bar", "Message")
         self.notice: Notice | None = None
         self._title, self._bar = QSize(0, 0), 0
 
-        self._icon = QLabel(objectName="message_icon")
-        self._text = QLabel(objectName="message_text", wordWrap=True)
-        self._text.setAccessibleName("Message text")
+        self._icon = theme.named(QLabel(), "message_icon")
+        self._text = theme.named(QLabel(wordWrap=True), "message_text", "Message text")
         self._text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._text.setTextFormat(Qt.TextFormat.PlainText)
-        self._copy = theme.with_role(QPushButton("Copy details", objectName="copy_details"), "link")
-        self._copy.setAccessibleName("Copy details of the message")
+        self._copy = theme.named(
+            QPushButton("Copy details"), "copy_details", "Copy details of the message", role="link"
+        )
         self._copy.setToolTip("Copy the message and its technical details to the clipboard")
         self._copy.clicked.connect(self._copy_details)
-        self._dismiss = QToolButton(objectName="dismiss_message", toolTip="Dismiss")
-        self._dismiss.setAccessibleName("Dismiss the message")
+        self._dismiss = theme.named(QToolButton(), "dismiss_message", "Dismiss the message")
+        self._dismiss.setToolTip("Dismiss")
         self._dismiss.setIconSize(QSize(14, 14))
         self._dismiss.clicked.connect(self.dismiss)
 
@@ -112,7 +111,9 @@ class MessageBar(QFrame):
         return super().eventFilter(watched, event)
 
     def _place(self) -> None:
-        room = self.parentWidget().rect()
+        parent = self.parentWidget()
+        assert parent is not None
+        room = parent.rect()
         margin = theme.MARGIN
         top, free, right = margin, room.width() - 2 * margin, room.width() - margin
         beside = room.width() - self._title.width() - margin

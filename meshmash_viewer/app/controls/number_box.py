@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import QSignalBlocker, Signal
 from PySide6.QtGui import QFocusEvent, QValidator
 from PySide6.QtWidgets import QDoubleSpinBox, QSpinBox, QWidget
+
+from meshmash_viewer.units import format_number
 
 __all__ = ["CountBox", "QuantityBox", "dress"]
 
@@ -49,13 +51,12 @@ class QuantityBox(QDoubleSpinBox):
         self._set_quietly(self.minimum())
 
     def _set_quietly(self, value: float) -> None:
-        blocked = self.blockSignals(True)
-        self.setValue(value)
-        self.blockSignals(blocked)
+        with QSignalBlocker(self):
+            self.setValue(value)
 
     def textFromValue(self, value: float) -> str:
         """Write with four digits, whatever the size."""
-        return f"{value:.4g}"
+        return format_number(value)
 
     def valueFromText(self, text: str) -> float:
         """Read what was typed, with or without prefix and unit."""
@@ -150,14 +151,13 @@ def dress(box: QSpinBox | QDoubleSpinBox, prefix: str, suffix: str) -> None:
     edit = box.lineEdit()
     typed, place = _bare(box, edit.text()), edit.cursorPosition() - len(box.prefix())
     typing = box.hasFocus() and edit.isModified()
-    blocked = box.blockSignals(True)
-    box.setPrefix(prefix)
-    box.setSuffix(suffix)
-    if typing:
-        edit.setText(f"{prefix}{typed}{suffix}")
-        edit.setCursorPosition(place + len(prefix))
-        edit.setModified(True)
-    box.blockSignals(blocked)
+    with QSignalBlocker(box):
+        box.setPrefix(prefix)
+        box.setSuffix(suffix)
+        if typing:
+            edit.setText(f"{prefix}{typed}{suffix}")
+            edit.setCursorPosition(place + len(prefix))
+            edit.setModified(True)
 
 
 def _bare(box: QSpinBox | QDoubleSpinBox, text: str) -> str:

@@ -8,6 +8,9 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent
 from PySide6.QtWidgets import QLineEdit, QWidget
 
+from meshmash_viewer.app import theme
+from meshmash_viewer.units import format_number
+
 __all__ = ["NumberField"]
 
 #: Numbers beyond this size and its inverse are no quantities of meshes: their squares are none.
@@ -34,8 +37,7 @@ class NumberField(QLineEdit):
         self, name: str, accessible_name: str, parent: QWidget | None = None, *, least: float = 0.0
     ) -> None:
         super().__init__(parent)
-        self.setObjectName(name)
-        self.setAccessibleName(accessible_name)
+        theme.named(self, name, accessible_name)
         self.setAlignment(Qt.AlignmentFlag.AlignRight)
         self.setMinimumWidth(self.fontMetrics().horizontalAdvance("-0.0000e+00") + 16)
         self._least = least
@@ -78,7 +80,7 @@ class NumberField(QLineEdit):
 
     def _write(self) -> None:
         self._quiet = True
-        self.setText("" if self._value is None else f"{self._value:.5g}")
+        self.setText("" if self._value is None else format_number(self._value, 5))
         self.setModified(False)
 
     def _restore(self) -> None:

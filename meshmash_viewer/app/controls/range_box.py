@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import QSignalBlocker, Signal
 from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QWidget
 
 from meshmash_viewer.app import theme
@@ -51,9 +51,9 @@ class RangeBox(QWidget):
         grid.setHorizontalSpacing(theme.GAP)
         grid.setVerticalSpacing(theme.GAP // 2)
         grid.setColumnStretch(1, 1)
-        self.check = QCheckBox(texts[0], self)
-        self.check.setObjectName(names[0])
-        self.check.setAccessibleName(f"Range of {noun}s: automatic")
+        self.check = theme.named(
+            QCheckBox(texts[0], self), names[0], f"Range of {noun}s: automatic"
+        )
         self.check.toggled.connect(self.automatic_chosen)
         grid.addWidget(self.check, 0, 0, 1, 3)
         self.low = NumberField(names[1], f"{texts[1]} {noun}", self)
@@ -75,9 +75,8 @@ class RangeBox(QWidget):
         self, between: tuple[float, float] | None, unit: str, *, automatic: bool
     ) -> None:
         """Show what the model holds; None while there is no range."""
-        blocked = self.check.blockSignals(True)
-        self.check.setChecked(automatic)
-        self.check.blockSignals(blocked)
+        with QSignalBlocker(self.check):
+            self.check.setChecked(automatic)
         for label in self._units:
             label.setText(unit)
             label.setVisible(bool(unit))

@@ -6,17 +6,16 @@ import math
 from collections.abc import Sequence
 
 from meshmash_viewer.app.controls.step_slider import Mark
+from meshmash_viewer.units import superscript
 
 __all__ = ["decade_marks", "linear_texts", "power_text"]
-
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def power_text(exponent: int, factor: int = 1) -> str:
     """Write a power of ten, ``10⁻⁸`` or ``2×10⁻⁸``; powers near one are written out."""
     if -3 <= exponent <= 3:
         return f"{factor * 10.0**exponent:.10g}"
-    power = "10" + str(exponent).translate(_SUPERSCRIPTS)
+    power = "10" + superscript(exponent)
     return power if factor == 1 else f"{factor}×{power}"
 
 
@@ -40,7 +39,7 @@ def linear_texts(values: Sequence[float], spacing: float) -> list[str]:
     step = spacing / 10.0**exponent
     digits = max(0, -math.floor(math.log10(step) + 1e-9))
     digits += abs(round(step, digits) - step) > 0.05 * step  # a quarter takes one more
-    power = "×10" + str(exponent).translate(_SUPERSCRIPTS) if exponent else ""
+    power = "×10" + superscript(exponent) if exponent else ""
     texts = []
     for value in values:
         if abs(value) < 1e-6 * spacing:

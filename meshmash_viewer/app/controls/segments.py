@@ -5,6 +5,8 @@ from __future__ import annotations
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QButtonGroup, QHBoxLayout, QPushButton, QWidget
 
+from meshmash_viewer.app import theme
+
 __all__ = ["Segments"]
 
 
@@ -30,17 +32,16 @@ class Segments(QWidget):
         self, name: str, accessible_name: str, choices: dict[str, str], parent: QWidget | None
     ) -> None:
         super().__init__(parent)
-        self.setObjectName(name)
-        self.setAccessibleName(accessible_name)
+        theme.named(self, name, accessible_name)
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(4)
         self._group = QButtonGroup(self)
         self._buttons: dict[str, QPushButton] = {}
         for key, text in choices.items():
-            button = QPushButton(text, self)
-            button.setObjectName(f"{name}_{key}")
-            button.setAccessibleName(f"{accessible_name}: {text}")
+            button = theme.named(
+                QPushButton(text, self), f"{name}_{key}", f"{accessible_name}: {text}"
+            )
             button.setProperty("role", "segment")
             button.setCheckable(True)
             button.clicked.connect(lambda _on=False, key=key: self.chosen.emit(key))

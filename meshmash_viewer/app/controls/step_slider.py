@@ -142,10 +142,11 @@ class StepSlider(QSlider):
             key.Key_Home: self.minimum() - self.value(),
             key.Key_End: self.maximum() - self.value(),
         }
-        if event.key() not in moves:
+        move = moves.get(Qt.Key(event.key()))
+        if move is None:
             event.ignore()
             return
-        self.setValue(self.value() + moves[event.key()])
+        self.setValue(self.value() + move)
         event.accept()
 
     # -- painting ---------------------------------------------------------------------------

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import platform
-
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QKeySequence
 from PySide6.QtWidgets import (
@@ -21,6 +19,7 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS, MENUS, MOUSE_HELP
 from meshmash_viewer.app.controls import icons
+from meshmash_viewer.defects import versions
 
 __all__ = ["AboutDialog", "HelpDialog"]
 
@@ -42,17 +41,18 @@ class HelpDialog(QDialog):
         self.setWindowTitle("Help and shortcuts")
         self.resize(860, 660)
 
-        self.search = QLineEdit(objectName="help_search", clearButtonEnabled=True)
+        self.search = theme.named(
+            QLineEdit(clearButtonEnabled=True), "help_search", "Find a command"
+        )
         self.search.setPlaceholderText("Find a command, a key or a gesture")
-        self.search.setAccessibleName("Find a command")
         self.search.textChanged.connect(self._filter)
 
-        self.tree = QTreeWidget(objectName="help_table", columnCount=3)
-        self.tree.setAccessibleName("Commands")
+        self.tree = theme.named(QTreeWidget(columnCount=3), "help_table", "Commands")
         self.tree.setHeaderLabels(["Command", "Keys", "What it does"])
         self.tree.setRootIsDecorated(False)
         self.tree.setIndentation(12)
         self.tree.setWordWrap(True)
+        self._groups: list[tuple[QTreeWidgetItem, list[QTreeWidgetItem]]] = []
         for menu in MENUS:
             self._add_group(
                 menu,
@@ -85,21 +85,18 @@ class HelpDialog(QDialog):
         group.setFont(0, font)
         group.setFirstColumnSpanned(True)
         group.setFlags(Qt.ItemFlag.ItemIsEnabled)
-        for row in rows:
-            item = QTreeWidgetItem(group, list(row))
-            item.setToolTip(2, row[2])
+        items = [QTreeWidgetItem(group, list(row)) for row in rows]
+        for item in items:
+            item.setToolTip(2, item.text(2))
+        self._groups.append((group, items))
 
     def _filter(self, text: str) -> None:
         wanted = text.casefold()
-        for at in range(self.tree.topLevelItemCount()):
-            group = self.tree.topLevelItem(at)
-            shown = 0
-            for row in range(group.childCount()):
-                item = group.child(row)
-                hit = any(wanted in item.text(column).casefold() for column in range(3))
-                item.setHidden(not hit)
-                shown += hit
-            group.setHidden(shown == 0)
+        for group, items in self._groups:
+            for item in items:
+                texts = (item.text(column).casefold() for column in range(3))
+                item.setHidden(not any(wanted in text for text in texts))
+            group.setHidden(all(item.isHidden() for item in items))
 
 
 class AboutDialog(QDialog):
@@ -129,15 +126,6 @@ class AboutDialog(QDialog):
         for widget in (picture, title, text, methods, version, buttons):
             column.addWidget(widget)
         self.setFixedWidth(460)
-
-
-def versions() -> str:
-    """The versions that a bug report needs, in one line."""
-    from importlib.metadata import version
-
-    names = ("meshmash-viewer", "numpy", "scipy", "PySide6_Essentials", "vtk", "pyvista")
-    parts = [f"{name.removesuffix('_Essentials')} {version(name)}" for name in names]
-    return " · ".join([*parts, f"Python {platform.python_version()}", platform.platform()])
 
 
 def _keys(shortcuts: tuple[str, ...]) -> str:

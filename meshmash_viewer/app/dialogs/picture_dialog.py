@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from PySide6.QtCore import QSignalBlocker
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -52,13 +53,12 @@ class PictureDialog(QDialog):
         texts = [f"As on screen, {screen[0]} × {screen[1]}", "Twice the screen"]
         texts += [text for text, _ in _PRESETS]
 
-        self.preset_combo = QComboBox(objectName="picture_preset_combo")
+        self.preset_combo = theme.named(QComboBox(), "picture_preset_combo", "Size of the picture")
         self.preset_combo.addItems([*texts, "Custom"])
-        self.preset_combo.setAccessibleName("Size of the picture")
         self.width_spin = self._spin("picture_width_spin", "Width", screen[0])
         self.height_spin = self._spin("picture_height_spin", "Height", screen[1])
-        self.transparent_check = QCheckBox(
-            "Transparent background", objectName="picture_transparent_check"
+        self.transparent_check = theme.named(
+            QCheckBox("Transparent background"), "picture_transparent_check"
         )
         self.file_row = FileRow(path, "PNG picture (*.png)", ".png")
         self.preset_combo.currentIndexChanged.connect(self._take_preset)
@@ -83,9 +83,7 @@ class PictureDialog(QDialog):
         grid.addWidget(self.file_row, 3, 1)
         buttons = QDialogButtonBox()
         buttons.addButton(QDialogButtonBox.StandardButton.Cancel)
-        self.save_button = theme.with_role(
-            QPushButton("Save", objectName="picture_save_button"), "primary"
-        )
+        self.save_button = theme.named(QPushButton("Save"), "picture_save_button", role="primary")
         self.file_row.changed.connect(lambda: self.save_button.setEnabled(self.file_row.named))
         buttons.addButton(self.save_button, QDialogButtonBox.ButtonRole.AcceptRole)
         buttons.accepted.connect(self.accept)
@@ -113,8 +111,7 @@ class PictureDialog(QDialog):
         return self.transparent_check.isChecked()
 
     def _spin(self, name: str, text: str, value: int) -> QSpinBox:
-        spin = QSpinBox(objectName=name)
-        spin.setAccessibleName(f"{text} in pixels")
+        spin = theme.named(QSpinBox(), name, f"{text} in pixels")
         spin.setRange(16, _LARGEST)
         spin.setSuffix(" px")
         spin.setValue(value)
@@ -125,9 +122,8 @@ class PictureDialog(QDialog):
             for spin, length in zip(
                 (self.width_spin, self.height_spin), self._sizes[at], strict=True
             ):
-                blocked = spin.blockSignals(True)
-                spin.setValue(length)
-                spin.blockSignals(blocked)
+                with QSignalBlocker(spin):
+                    spin.setValue(length)
 
     def _note_custom(self) -> None:
         self.preset_combo.setCurrentIndex(self.preset_combo.count() - 1)

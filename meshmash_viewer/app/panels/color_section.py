@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from PySide6.QtCore import QSize
+from PySide6.QtCore import QSignalBlocker, QSize
 from PySide6.QtWidgets import (
     QComboBox,
     QDoubleSpinBox,
@@ -68,14 +68,10 @@ class ColorSection(QWidget):
         grid.setHorizontalSpacing(theme.GAP)
         grid.setVerticalSpacing(theme.GAP // 2)
         grid.setColumnStretch(1, 1)
-        self.map_combo = QComboBox(self)
-        self.map_combo.setObjectName("colormap_combo")
-        self.map_combo.setAccessibleName("Colour map")
+        self.map_combo = theme.named(QComboBox(self), "colormap_combo", "Colour map")
         self.map_combo.setIconSize(QSize(56, 12))
         self.map_combo.activated.connect(self._choose_map)
-        self.policy_combo = QComboBox(self)
-        self.policy_combo.setObjectName("limits_combo")
-        self.policy_combo.setAccessibleName("Limits of the colours")
+        self.policy_combo = theme.named(QComboBox(self), "limits_combo", "Limits of the colours")
         for key, text in _POLICIES:
             self.policy_combo.addItem(text, key)
         self.policy_combo.activated.connect(self._choose_policy)
@@ -116,8 +112,7 @@ class ColorSection(QWidget):
             (self.percent_low, "percentile_low_spin", "Low percentile", default.low),
             (self.percent_high, "percentile_high_spin", "High percentile", default.high),
         ):
-            spin.setObjectName(name)
-            spin.setAccessibleName(text)
+            theme.named(spin, name, text)
             spin.setRange(0.0, 100.0)
             spin.setDecimals(1)
             spin.setSuffix(" %")
@@ -202,9 +197,8 @@ class ColorSection(QWidget):
                 (self.percent_low, display.limits.low),
                 (self.percent_high, display.limits.high),
             ):
-                blocked = spin.blockSignals(True)
-                spin.setValue(value)
-                spin.blockSignals(blocked)
+                with QSignalBlocker(spin):
+                    spin.setValue(value)
         limits = self._limits
         if isinstance(display.limits, LockedLimits):
             limits = (display.limits.low, display.limits.high)

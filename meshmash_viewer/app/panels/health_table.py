@@ -78,8 +78,7 @@ class HealthTable(QWidget):
             mark = QLabel()
             mark.setFixedSize(14, 20)
             text = QLabel(row.text)
-            count = QLabel("–", objectName=f"health_{row.attribute}")
-            count.setAccessibleName(row.text)
+            count = theme.named(QLabel("–"), f"health_{row.attribute}", row.text)
             count.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
             for label in (mark, text, count):
                 label.setToolTip(row.tooltip)
@@ -95,9 +94,10 @@ class HealthTable(QWidget):
             grid.addLayout(cell, at, 1)
             grid.addWidget(count, at, 2)
             if row.repair:
-                button = theme.with_role(QPushButton(row.verb, objectName=row.repair), "link")
+                button = theme.named(
+                    QPushButton(row.verb), row.repair, REPAIRS[row.repair].label, role="link"
+                )
                 button.setToolTip(f"{REPAIRS[row.repair].label} (can be undone)")
-                button.setAccessibleName(REPAIRS[row.repair].label)
                 button.clicked.connect(
                     lambda _checked=False, name=row.repair: document.repair(name)
                 )

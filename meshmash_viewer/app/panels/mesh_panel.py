@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtCore import QEvent, QObject, QSignalBlocker, Qt
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -31,7 +31,7 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model import cost
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.live import expected_bytes
-from meshmash_viewer.units import LENGTH_UNITS, format_quantity, power_unit
+from meshmash_viewer.units import LENGTH_UNITS, counted, format_quantity, power_unit
 
 __all__ = ["MeshPanel"]
 
@@ -46,22 +46,20 @@ class MeshPanel(QWidget):
 
     def __init__(self, document: Document, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.setObjectName("mesh_panel")
-        self.setAccessibleName("Mesh")
+        theme.named(self, "mesh_panel", "Mesh")
         self._document = document
         self.seconds_rate: float | None = None
 
-        content = QWidget(objectName="panel_content")
+        content = theme.named(QWidget(), "panel_content")
         column = QVBoxLayout(content)
         column.setContentsMargins(theme.MARGIN, theme.GAP, theme.MARGIN, theme.MARGIN)
         column.setSpacing(6)
         self._build_facts(column)
         self._heading(column, "Health")
         column.addWidget(HealthTable(document))
-        self.undo_button = theme.with_role(
-            QPushButton("Undo repair", objectName="undo_repair_button"), "link"
+        self.undo_button = theme.named(
+            QPushButton("Undo repair"), "undo_repair_button", "Undo the last repair", role="link"
         )
-        self.undo_button.setAccessibleName("Undo the last repair")
         self.undo_button.clicked.connect(document.undo_repair)
         column.addWidget(self.undo_button, 0, Qt.AlignmentFlag.AlignLeft)
         self._heading(column, "Laplacian")
@@ -69,8 +67,9 @@ class MeshPanel(QWidget):
         self._heading(column, "Decomposition")
         self.target_box = TargetBox(document)
         column.addWidget(self.target_box)
-        self.cost_label = theme.with_role(QLabel(objectName="cost_label", wordWrap=True), "muted")
-        self.cost_label.setAccessibleName("Estimated memory and time")
+        self.cost_label = theme.named(
+            QLabel(wordWrap=True), "cost_label", "Estimated memory and time", role="muted"
+        )
         column.addWidget(self.cost_label)
         column.addStretch(1)
 
@@ -117,10 +116,10 @@ class MeshPanel(QWidget):
         column.addWidget(theme.with_role(QLabel(text), "heading"))
 
     def _build_facts(self, column: QVBoxLayout) -> None:
-        self.name_label = theme.with_role(QLabel(objectName="mesh_name_label"), "heading")
-        self.name_label.setAccessibleName("Name of the mesh")
-        self.path_label = theme.with_role(QLabel(objectName="mesh_path_label"), "muted")
-        self.path_label.setAccessibleName("Path of the mesh")
+        self.name_label = theme.named(
+            QLabel(), "mesh_name_label", "Name of the mesh", role="heading"
+        )
+        self.path_label = theme.named(QLabel(), "mesh_path_label", "Path of the mesh", role="muted")
         column.addWidget(self.name_label)
         column.addWidget(self.path_label)
         grid = QGridLayout()
@@ -129,8 +128,7 @@ class MeshPanel(QWidget):
         grid.setColumnStretch(1, 1)
         self._facts: dict[str, QLabel] = {}
         for at, name in enumerate(("Vertices", "Faces", "Area", "Extent")):
-            label = QLabel("–", objectName=f"mesh_{name.lower()}_label")
-            label.setAccessibleName(name)
+            label = theme.named(QLabel("–"), f"mesh_{name.lower()}_label", name)
             label.setAlignment(Qt.AlignmentFlag.AlignRight)
             label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
             # a long value is cut off rather than widening the panel; the tooltip has all of it
@@ -138,17 +136,20 @@ class MeshPanel(QWidget):
             self._facts[name] = label
             grid.addWidget(QLabel(name), at, 0)
             grid.addWidget(label, at, 1)
-        self.unit_combo = QComboBox(objectName="unit_combo", editable=True)
+        self.unit_combo = theme.named(
+            QComboBox(editable=True), "unit_combo", "Unit of the coordinates"
+        )
         # the last ones show that a voxel size can be said too, whichever it is
         voxels = ("8 nm", "4 × 4 × 40 nm")
         self.unit_combo.addItems([*(unit or "none" for unit in LENGTH_UNITS), *voxels])
         self.unit_combo.setInsertPolicy(QComboBox.InsertPolicy.NoInsert)
-        self.unit_combo.setAccessibleName("Unit of the coordinates")
         self.unit_combo.setToolTip(
             "Unit of the coordinates in the file; or the size of a voxel, such as “8 nm” or "
             "“4 × 4 × 40 nm”, by which coordinates counted in voxels are multiplied"
         )
-        self.unit_combo.lineEdit().editingFinished.connect(self._choose_unit)
+        self._unit_edit = self.unit_combo.lineEdit()
+        assert self._unit_edit is not None  # the list is editable
+        self._unit_edit.editingFinished.connect(self._choose_unit)
         self.unit_combo.activated.connect(self._choose_unit)
         grid.addWidget(QLabel("Unit"), 4, 0)
         grid.addWidget(self.unit_combo, 4, 1, Qt.AlignmentFlag.AlignRight)
@@ -195,22 +196,20 @@ class MeshPanel(QWidget):
     def _show_unit(self, text: str) -> None:
         """Write the unit, from its beginning and in the width that it takes."""
         self.unit_combo.setCurrentText(text)
-        self.unit_combo.lineEdit().setCursorPosition(0)
+        if self._unit_edit is not None:
+            self._unit_edit.setCursorPosition(0)
         wide = self.unit_combo.fontMetrics().horizontalAdvance(text) + 58
         self.unit_combo.setFixedWidth(min(max(wide, _NARROWEST_UNIT), _WIDEST_UNIT))
 
     # -- the Laplacian ------------------------------------------------------------------------
 
     def _build_operator(self, column: QVBoxLayout) -> None:
-        self.robust_check = QCheckBox("Robust", objectName="robust_check")
-        self.robust_check.setAccessibleName("Robust Laplacian")
+        self.robust_check = theme.named(QCheckBox("Robust"), "robust_check", "Robust Laplacian")
         self.robust_check.setToolTip(
             "Sharp & Crane 2020: right for any triangle mesh, also non-manifold ones. "
             "Without it, the plain cotangent Laplacian, for clean meshes only"
         )
-        self.mollify_spin = QuantityBox()
-        self.mollify_spin.setObjectName("mollify_spin")
-        self.mollify_spin.setAccessibleName("Mollify factor")
+        self.mollify_spin = theme.named(QuantityBox(), "mollify_spin", "Mollify factor")
         self.mollify_spin.setToolTip(
             "How far edges are lengthened, relative to their mean, so that no triangle is "
             "degenerate (no unit; 1e-05 suits nearly every mesh)"
@@ -234,9 +233,8 @@ class MeshPanel(QWidget):
 
     def _refresh_operator(self) -> None:
         operator = self._document.operator
-        blocked = self.robust_check.blockSignals(True)
-        self.robust_check.setChecked(operator.robust)
-        self.robust_check.blockSignals(blocked)
+        with QSignalBlocker(self.robust_check):
+            self.robust_check.setChecked(operator.robust)
         if not self.mollify_spin.hasFocus():
             self.mollify_spin.show_quantity(operator.mollify_factor)
         self.mollify_spin.setEnabled(operator.robust)
@@ -251,11 +249,11 @@ class MeshPanel(QWidget):
             return
         n = ready.health.n_vertices
         translation, spectrum = self._document.translation(), self._document.spectrum
-        if len(translation.eigenvalues):
+        if spectrum is not None and len(translation.eigenvalues):
             wanted, exact = translation.count(target)
             if exact and wanted <= len(translation.eigenvalues):
                 computed = "Already computed" if spectrum.complete else "Converged already"
-                self.cost_label.setText(f"{computed}: {wanted:,} eigenpairs are in the store.")
+                self.cost_label.setText(f"{computed}: {counted(wanted, 'eigenpair')} in the store.")
                 return
         pairs = min(translation.count(target)[0], n)
         memory = cost.written_bytes(cost.decomposition_bytes(n, pairs, ready.health.n_components))
@@ -266,33 +264,30 @@ class MeshPanel(QWidget):
         )
 
     def _build_foot(self) -> QWidget:
-        foot = QWidget(objectName="mesh_panel_foot")
+        foot = theme.named(QWidget(), "mesh_panel_foot")
         column = QVBoxLayout(foot)
         column.setContentsMargins(theme.MARGIN, theme.MARGIN, theme.MARGIN, theme.MARGIN)
         column.setSpacing(6)
-        self.compute_button = theme.with_role(
-            QPushButton("Compute", objectName="compute_button"), "primary"
+        self.compute_button = theme.named(
+            QPushButton("Compute"), "compute_button", "Compute eigenpairs", role="primary"
         )
-        self.compute_button.setAccessibleName("Compute eigenpairs")
         self.compute_button.setToolTip("Decompose the mesh (Ctrl+Return)")
         self.compute_button.clicked.connect(self._document.compute)
-        self.cancel_button = QPushButton("Cancel", objectName="cancel_button")
-        self.cancel_button.setAccessibleName("Cancel what runs")
+        self.cancel_button = theme.named(QPushButton("Cancel"), "cancel_button", "Cancel what runs")
         self.cancel_button.setToolTip("Stop; eigenpairs that have converged stay (Esc)")
         self.cancel_button.clicked.connect(self._document.cancel)
         row = QHBoxLayout()
         row.setSpacing(theme.GAP)
         row.addWidget(self.compute_button, 2)
         row.addWidget(self.cancel_button, 1)
-        self.progress_bar = QProgressBar(objectName="progress_bar", textVisible=False)
-        self.progress_bar.setAccessibleName("Progress")
+        self.progress_bar = theme.named(QProgressBar(textVisible=False), "progress_bar", "Progress")
         self.progress_bar.setRange(0, 1000)
-        self.progress_label = theme.with_role(
-            QLabel(objectName="progress_label", wordWrap=True), "muted"
+        self.progress_label = theme.named(
+            QLabel(wordWrap=True), "progress_label", "What is being done", role="muted"
         )
-        self.progress_label.setAccessibleName("What is being done")
-        self.proof_label = theme.with_role(QLabel(objectName="proof_label", wordWrap=True), "proof")
-        self.proof_label.setAccessibleName("Proof of the eigenpairs")
+        self.proof_label = theme.named(
+            QLabel(wordWrap=True), "proof_label", "Proof of the eigenpairs", role="proof"
+        )
         self.proof_label.setToolTip(
             "Pairs computed, whether the count is certified complete, the worst residual "
             "‖Lφ − λMφ‖ / λ‖Mφ‖, and the largest entry of |ΦᵀMΦ − I|"
@@ -327,14 +322,17 @@ class MeshPanel(QWidget):
     def _refresh_proof(self) -> None:
         spectrum, state = self._document.spectrum, self._document.job
         text, role = "", "muted"
-        if spectrum is not None and spectrum.certificate is not None:
-            text = spectrum.certificate.sentence(len(spectrum), self._document.mesh.unit)
+        mesh = self._document.mesh
+        if mesh is not None and spectrum is not None and spectrum.certificate is not None:
+            text = spectrum.certificate.sentence(len(spectrum), mesh.unit)
             role = "proof" if spectrum.complete else "warning"
         elif spectrum is not None and state is None and spectrum.preview and not spectrum.n_exact:
-            text = f"A preview of {len(spectrum):,} pairs: Compute makes them exact."
+            text = f"A preview of {counted(len(spectrum), 'pair')}: Compute makes them exact."
         elif spectrum is not None and state is None and len(spectrum):
             owed = f" of {spectrum.total:,}" if spectrum.total else ""
-            text = f"{len(spectrum):,}{owed} pairs, stopped early: Compute goes on from here."
+            text = (
+                f"{counted(len(spectrum), 'pair')}{owed}, stopped early: Compute goes on from here."
+            )
             role = "warning"
         elif state is None and self._document.ready is None:
             text = "Open a mesh to compute its eigenfunctions."

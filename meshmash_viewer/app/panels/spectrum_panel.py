@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtWidgets import (
     QCheckBox,
     QLabel,
@@ -14,7 +14,7 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.facts import format_wavelength, subscript
+from meshmash_viewer.app.controls.facts import format_wavelength
 from meshmash_viewer.app.controls.segments import Segments
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.panel_head import PanelHead
@@ -23,7 +23,7 @@ from meshmash_viewer.app.plots.plot import Plot
 from meshmash_viewer.app.plots.response_view import ResponseView, shows_bands
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.units import format_quantity
+from meshmash_viewer.units import format_quantity, subscript
 
 __all__ = ["SpectrumPanel"]
 
@@ -33,8 +33,7 @@ class SpectrumPanel(QWidget):
 
     def __init__(self, document: Document, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.setObjectName("spectrum_panel")
-        self.setAccessibleName("Spectrum")
+        theme.named(self, "spectrum_panel", "Spectrum")
         self._document = document
         self._build()
         # In turns of their own: to lay out what was hidden takes as long as to fill it.
@@ -57,30 +56,30 @@ class SpectrumPanel(QWidget):
             self,
         )
         self.view_choice.chosen.connect(self._choose_view)
-        self.log_check = QCheckBox("Log λ", self)
-        self.log_check.setObjectName("spectrum_log_check")
-        self.log_check.setAccessibleName("Eigenvalues in log scale")
+        self.log_check = theme.named(
+            QCheckBox("Log λ", self), "spectrum_log_check", "Eigenvalues in log scale"
+        )
         self.log_check.toggled.connect(self._set_log)
-        self.readout = QLabel(self)
-        self.readout.setObjectName("spectrum_readout")
-        self.legend = theme.with_role(QLabel(self), "muted")
-        self.legend.setObjectName("spectrum_legend")
+        self.readout = theme.named(QLabel(self), "spectrum_readout")
+        self.legend = theme.named(QLabel(self), "spectrum_legend", role="muted")
         self.legend.setTextFormat(Qt.TextFormat.RichText)
         self.head = PanelHead((self.view_choice, self.log_check), (self.readout, self.legend), self)
         column.addWidget(self.head)
         self.plot = Plot("spectrum_plot", "Spectrum", self)
-        self.empty = theme.with_role(
-            QLabel("The eigenvalues appear here as they converge.", self), "muted"
+        self.empty = theme.named(
+            QLabel("The eigenvalues appear here as they converge.", self),
+            "spectrum_empty_label",
+            role="muted",
         )
-        self.empty.setObjectName("spectrum_empty_label")
         self.empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
         holder = QWidget(self)
         self._stack = QStackedLayout(holder)
         self._stack.addWidget(self.plot)
         self._stack.addWidget(self.empty)
         column.addWidget(holder, 1)
-        self._views = {
-            "eigenvalues": EigenvalueView(self.plot, self._document),
+        self._eigenvalues = EigenvalueView(self.plot, self._document)
+        self._views: dict[str, EigenvalueView | ResponseView] = {
+            "eigenvalues": self._eigenvalues,
             "responses": ResponseView(self.plot, self._document),
         }
         self._shown = self._drawn_scale = ""
@@ -110,7 +109,7 @@ class SpectrumPanel(QWidget):
 
     def _hover(self, x: float, _y: float) -> None:
         if self._shown == "eigenvalues" and math.isfinite(x):
-            self._read(self._views["eigenvalues"].index_at(x))
+            self._read(self._eigenvalues.index_at(x))
         else:
             self._read(None)
 
@@ -150,9 +149,8 @@ class SpectrumPanel(QWidget):
         self._show_what_is_there()
         bottom, left = self.view.labels()
         log = self._log[self._scale_key()]
-        blocked = self.log_check.blockSignals(True)
-        self.log_check.setChecked(log)
-        self.log_check.blockSignals(blocked)
+        with QSignalBlocker(self.log_check):
+            self.log_check.setChecked(log)
         self.view.set_log(log)
         responses = self._shown == "responses"
         self.plot.set_log(log and responses, log and not responses)

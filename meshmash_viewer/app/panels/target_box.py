@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from PySide6.QtCore import QSignalBlocker
 from PySide6.QtWidgets import (
-    QAbstractSpinBox,
     QButtonGroup,
     QGridLayout,
     QLabel,
@@ -42,20 +44,19 @@ class TargetBox(QWidget):
         self._document = document
         self._refused = "", ""
 
-        self.count_spin = CountBox(objectName="target_count_spin")
+        self.count_spin = theme.named(CountBox(), "target_count_spin", "Number of eigenpairs")
         self.count_spin.setRange(1, _MOST)
         self.count_spin.setSingleStep(10)
-        self.count_spin.setAccessibleName("Number of eigenpairs")
-        self.eigenvalue_spin = QuantityBox()
-        self.eigenvalue_spin.setObjectName("target_eigenvalue_spin")
-        self.eigenvalue_spin.setAccessibleName("Largest eigenvalue")
-        self.wavelength_spin = QuantityBox()
-        self.wavelength_spin.setObjectName("target_wavelength_spin")
-        self.wavelength_spin.setAccessibleName("Shortest wavelength")
-        self.time_spin = QuantityBox()
-        self.time_spin.setObjectName("target_time_spin")
-        self.time_spin.setAccessibleName("Shortest time of the heat kernel signature")
-        rows: dict[str, tuple[str, str, QAbstractSpinBox]] = {
+        self.eigenvalue_spin = theme.named(
+            QuantityBox(), "target_eigenvalue_spin", "Largest eigenvalue"
+        )
+        self.wavelength_spin = theme.named(
+            QuantityBox(), "target_wavelength_spin", "Shortest wavelength"
+        )
+        self.time_spin = theme.named(
+            QuantityBox(), "target_time_spin", "Shortest time of the heat kernel signature"
+        )
+        rows: dict[str, tuple[str, str, CountBox | QuantityBox]] = {
             "count": ("Eigenpairs", "That many of the lowest eigenpairs", self.count_spin),
             "max_eigenvalue": (
                 "Largest λ",
@@ -83,9 +84,10 @@ class TargetBox(QWidget):
         grid.setHorizontalSpacing(theme.GAP)
         grid.setVerticalSpacing(6)
         for at, (kind, (text, tooltip, box)) in enumerate(rows.items()):
-            radio = QRadioButton(text, objectName=f"target_{kind}_radio")
+            radio = theme.named(
+                QRadioButton(text), f"target_{kind}_radio", f"Compute by {text.lower()}"
+            )
             radio.setToolTip(tooltip)
-            radio.setAccessibleName(f"Compute by {text.lower()}")
             box.setToolTip(tooltip)
             # as wide as the panel, not as the longest number there is
             box.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
@@ -98,7 +100,7 @@ class TargetBox(QWidget):
             grid.addWidget(radio, at, 0)
             grid.addWidget(box, at, 1)
         grid.setColumnStretch(1, 1)
-        self.note = theme.with_role(QLabel(wordWrap=True, objectName="weyl_note"), "muted")
+        self.note = theme.named(QLabel(wordWrap=True), "weyl_note", role="muted")
         grid.addWidget(self.note, len(rows), 0, 1, 2)
         self.fault = note("target_fault", "warning", self)
         grid.addWidget(self.fault, len(rows), 0, 1, 2)  # one or the other: nothing moves
@@ -130,14 +132,10 @@ class TargetBox(QWidget):
         eigenvalue, bounded = translation.eigenvalue(target)
         length, measured = translation.wavelength(target)
         time, resolved = translation.time(target)
-        for kind, exact in (
-            ("count", counted),
-            ("max_eigenvalue", bounded),
-            ("wavelength", measured),
-            ("time", resolved),
+        for field, exact in zip(
+            self._boxes.values(), (counted, bounded, measured, resolved), strict=True
         ):
-            box = self._boxes[kind]
-            dress(box, "" if exact else "≈ ", box.suffix())
+            dress(field, "" if exact else "≈ ", field.suffix())
         # the box being typed in is left alone, so that the text under the cursor stays
         if target.kind != "count" or not self.count_spin.hasFocus():
             self._show_count(count)
@@ -178,9 +176,8 @@ class TargetBox(QWidget):
         self.wavelength_spin.bounds = (wavelength(high), wavelength(low))
 
     def _show_count(self, count: float) -> None:
-        blocked = self.count_spin.blockSignals(True)
-        self.count_spin.setValue(max(1, min(int(count), self._most)))
-        self.count_spin.blockSignals(blocked)
+        with QSignalBlocker(self.count_spin):
+            self.count_spin.setValue(max(1, min(int(count), self._most)))
 
     def _refuse(self, kind: str, number: float) -> None:
         """Say at the field why this mesh cannot have what was typed."""
@@ -191,6 +188,7 @@ class TargetBox(QWidget):
             text = "The number of eigenpairs is a whole number from 1."
         else:
             box = self._boxes[kind]
+            assert isinstance(box, QuantityBox)
             unit = box.suffix()
             low, high = box.bounds
             name = "Eigenvalues" if kind == "max_eigenvalue" else "Waves"
@@ -207,7 +205,8 @@ class TargetBox(QWidget):
         while parent is not None and not isinstance(parent, QScrollArea):
             parent = parent.parentWidget()
         if parent is not None:
-            self.window().layout().activate()
+            if (layout := self.window().layout()) is not None:
+                layout.activate()
             parent.ensureWidgetVisible(self.fault, 0, theme.GAP)
 
     def _forgive(self) -> None:
@@ -217,7 +216,7 @@ class TargetBox(QWidget):
     def _show_note(self) -> None:
         self.note.setVisible(bool(self.note.text()) and self.fault.isHidden())
 
-    def _choose(self, kind: str) -> None:
+    def _choose(self, kind: Any) -> None:
         self._forgive()
         box = self._boxes[kind]
         try:

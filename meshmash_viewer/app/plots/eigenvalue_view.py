@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
 
@@ -141,10 +142,10 @@ class EigenvalueView:
         if self._document.spectrum is not None:
             self.select(float(marker.value()), 0.0)
 
-    def _heights(self, eigenvalues: np.ndarray, zeros: int) -> np.ndarray:
+    def _heights(self, eigenvalues: npt.NDArray[np.float64], zeros: int) -> npt.NDArray[np.float64]:
         if not self._log:
-            return np.maximum(eigenvalues, 0.0)
+            return np.asarray(np.maximum(eigenvalues, 0.0))
         # zero has no logarithm: zero modes stand a little under the first that is not
         rest = eigenvalues[zeros:]
         floor = rest[0] / 3.0 if len(rest) else 1.0
-        return np.log10(np.concatenate([np.full(zeros, floor), rest]))
+        return np.asarray(np.log10(np.concatenate([np.full(zeros, floor), rest])))

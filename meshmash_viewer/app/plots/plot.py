@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pyqtgraph as pg
 from PySide6.QtCore import QPointF, Qt, Signal
@@ -25,12 +26,12 @@ def color(name: str, alpha: float = 1.0) -> QColor:
 
 def solid(name: str, width: float = 1.0, alpha: float = 1.0) -> QPen:
     """A pen as wide in pixels whatever the zoom."""
-    return pg.mkPen(color(name, alpha), width=width)
+    return QPen(pg.mkPen(color(name, alpha), width=width))
 
 
 def dashed(name: str, width: float = 1.0) -> QPen:
     """A dashed pen as wide in pixels whatever the zoom."""
-    return pg.mkPen(color(name), width=width, style=Qt.PenStyle.DashLine)
+    return QPen(pg.mkPen(color(name), width=width, style=Qt.PenStyle.DashLine))
 
 
 def hatch(name: str) -> QBrush:
@@ -38,23 +39,23 @@ def hatch(name: str) -> QBrush:
     return QBrush(color(name, 0.8), Qt.BrushStyle.BDiagPattern)
 
 
-class ScientificAxis(pg.AxisItem):
+class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
     """An axis that writes 2×10⁻⁸ where pyqtgraph would rescale its unit, or round it to 0."""
 
     def __init__(self, orientation: str) -> None:
         super().__init__(orientation)
         self.enableAutoSIPrefix(False)
 
-    def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
+    def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str | None]:
         """Labels of evenly spaced ticks."""
         if self.logMode:
             return self._log_texts(values)
-        return linear_texts([value * scale for value in values], spacing * scale)
+        return list(linear_texts([value * scale for value in values], spacing * scale))
 
     def tickValues(self, low: float, high: float, size: float) -> list[tuple[float, list[float]]]:
         """Ticks: in log scale whole decades, and 2 to 9 between them."""
         if not self.logMode:
-            return super().tickValues(low, high, size)[:2]
+            return list(super().tickValues(low, high, size)[:2])
         first, last = math.floor(low), math.ceil(high)
         room = 45.0 if self.orientation in ("bottom", "top") else 26.0
         stride = max(1, math.ceil((last - first) / max(size / room, 1.0)))
@@ -77,7 +78,7 @@ class ScientificAxis(pg.AxisItem):
         return texts
 
 
-class Plot(pg.PlotWidget):
+class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
     """A plot in the theme's colours.
 
     The wheel zooms, a drag moves, a double click shows everything again.
@@ -178,9 +179,9 @@ class Plot(pg.PlotWidget):
         box = self.plotItem.vb
         if not box.sceneBoundingRect().contains(position):
             return None
-        return box.mapSceneToView(position)
+        return QPointF(box.mapSceneToView(position))
 
-    def _click(self, event: object) -> None:
+    def _click(self, event: Any) -> None:
         point = self._point(event.scenePos())
         if event.button() != Qt.MouseButton.LeftButton or point is None:
             return

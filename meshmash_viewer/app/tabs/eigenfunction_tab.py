@@ -9,13 +9,13 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.facts import Facts, format_wavelength, note, show_note, subscript
+from meshmash_viewer.app.controls.facts import Facts, format_wavelength, note, show_note
 from meshmash_viewer.app.tabs.field_stepper import FieldStepper
 from meshmash_viewer.app.tabs.play_button import PlayButton
 from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.ranges import first_nonzero
 from meshmash_viewer.model.spectrum import Spectrum
-from meshmash_viewer.units import format_quantity
+from meshmash_viewer.units import format_quantity, subscript
 
 __all__ = ["EigenfunctionTab"]
 

@@ -85,7 +85,7 @@ class SimilarityTab(QWidget):
         for pin in pins:
             swatch = QPixmap(12, 12)
             swatch.fill(QColor(pin.color))
-            self.combo.addItem(QIcon(swatch), f"Vertex {pin.vertex}")
+            self.combo.addItem(QIcon(swatch), f"Vertex {pin.vertex:,}")
         self.combo.blockSignals(blocked)
         self.refresh()
 
@@ -96,7 +96,7 @@ class SimilarityTab(QWidget):
         row = next((row for row, pin in enumerate(pins) if pin.vertex == vertex), -1)
         self.combo.setCurrentIndex(row)
         self.combo.setEnabled(bool(pins))
-        self.title.setText("Similar to a vertex" if row < 0 else f"Similar to vertex {vertex}")
+        self.title.setText("Similar to a vertex" if row < 0 else f"Similar to vertex {vertex:,}")
         show_note(self.hint, "" if pins else "Click a vertex on the render to pin it.")
         self.basis.show_key(display.similarity_basis)
         what = (

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from math import ceil, floor, log10
 
-from meshmash_viewer.units import format_quantity
+from meshmash_viewer.units import format_quantity, superscript
 
 __all__ = ["exponent_text", "round_length", "scale_bar_text", "ticks"]
 
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 #: Each unit with the next larger one and how many of it make one of that.
 _LARGER = {"nm": ("µm", 1000.0), "µm": ("mm", 1000.0), "mm": ("m", 1000.0)}
 _SMALLER = {"m": ("mm", 1000.0), "mm": ("µm", 1000.0), "µm": ("nm", 1000.0)}
@@ -35,7 +34,7 @@ def scale_bar_text(length: float, unit: str) -> str:
 
 def exponent_text(exponent: int) -> str:
     """Write a power of ten as a factor: "×10⁻⁵", and nothing for 0."""
-    return f"×10{str(exponent).translate(_SUPERSCRIPTS)}" if exponent else ""
+    return f"×10{superscript(exponent)}" if exponent else ""
 
 
 def ticks(low: float, high: float, most: int = 6) -> tuple[list[float], list[str], int]:

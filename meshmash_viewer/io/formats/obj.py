@@ -15,6 +15,7 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.polygons import NotANumber, RawMesh, fan_triangles, parse_rows
 from meshmash_viewer.mesh import FloatArray, IntArray
+from meshmash_viewer.units import counted
 
 __all__ = ["read_obj"]
 
@@ -112,7 +113,7 @@ def _vertices(text: bytes) -> FloatArray:
     vertices = np.column_stack([numbers[first], numbers[first + 1], numbers[first + 2]])
     if not np.isfinite(vertices).all():
         broken = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
-        vertex = "1 vertex" if len(broken) == 1 else f"{len(broken)} vertices"
+        vertex = counted(len(broken), "vertex")
         raise _LineFault(f"has {vertex} with a coordinate that is not finite", int(broken[0]))
     return vertices
 
@@ -137,7 +138,7 @@ def _faces(text: bytes, vertices_before: IntArray, n_vertices: int) -> IntArray:
     if corners.max() >= n_vertices:
         wrong = np.flatnonzero(corners >= n_vertices)
         rows = np.unique(np.searchsorted(ends, wrong, side="right"))
-        face = "1 face" if len(rows) == 1 else f"{len(rows)} faces"
+        face = counted(len(rows), "face")
         raise _LineFault(
             f"has {face} with a vertex index out of range, the first being vertex"
             f" {given[wrong[0]]} of {n_vertices}",
