@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
-__all__ = ["CancelCallback", "Cancelled", "Progress", "ProgressCallback"]
+__all__ = ["CancelCallback", "Cancelled", "Progress", "ProgressBar", "ProgressCallback"]
 
 
 class Cancelled(Exception):
@@ -43,3 +44,49 @@ class Progress:
 
 ProgressCallback: TypeAlias = Callable[[Progress], None]
 CancelCallback: TypeAlias = Callable[[], bool]
+
+#: A bar that moves with the share of the work, since pairs come in heaps.
+_FORMAT = "{desc}: {percentage:3.0f}%|{bar}|{postfix} [{elapsed}]"
+
+
+class ProgressBar:
+    """Reports as a bar on stderr.
+
+    Parameters
+    ----------
+    name : str
+        What is worked on.
+    then : callable, optional
+        Gets every report too.
+    leave : bool
+        Whether the bar stays when it is full.
+    """
+
+    def __init__(
+        self, name: str, then: ProgressCallback | None = None, *, leave: bool = True
+    ) -> None:
+        from tqdm import tqdm
+
+        self._then = then
+        self._bar: Any = tqdm(
+            desc=name,
+            total=1.0,
+            leave=leave,
+            file=sys.stderr,
+            bar_format=_FORMAT,
+            dynamic_ncols=True,
+        )
+
+    def __enter__(self) -> ProgressBar:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.close()
+
+    def __call__(self, progress: Progress) -> None:
+        """Draw a report."""
+        self._bar.n = progress.fraction or 0.0
+        self._bar.set_postfix_str(progress.message or progress.stage, refresh=False)
+        self._bar.refresh()
+        if self._then is not None:
+            self._then(progress)

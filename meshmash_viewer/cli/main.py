@@ -27,7 +27,7 @@ from meshmash_viewer.cli.arguments import (
     window_parser,
 )
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.progress import Cancelled, Progress
+from meshmash_viewer.progress import Cancelled, ProgressBar
 from meshmash_viewer.spectral.engine.compiler import check_compiler
 
 if TYPE_CHECKING:
@@ -260,7 +260,9 @@ def _solver(
 ) -> Iterator[Solver]:
     from meshmash_viewer.cli.commands import Solver
 
-    with _ProgressBar(mesh.name) as bar:
+    # A bar on a terminal, nothing in a pipe.
+    shown = ProgressBar(mesh.name, leave=False) if sys.stderr.isatty() else contextlib.nullcontext()
+    with shown as bar:
         solver = Solver(
             target,
             operator,
@@ -272,33 +274,6 @@ def _solver(
         yield solver
     if solver.remark:
         _say(solver.remark)
-
-
-class _ProgressBar:
-    """A bar on a terminal, nothing in a pipe; it counts eigenpairs once their number is known."""
-
-    def __init__(self, name: str) -> None:
-        self._bar: Any = None
-        if sys.stderr.isatty():
-            from tqdm import tqdm
-
-            self._bar = tqdm(desc=name, unit=" pairs", leave=False, dynamic_ncols=True)
-
-    def __enter__(self) -> _ProgressBar:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.close()
-
-    def __call__(self, progress: Progress) -> None:
-        if self._bar is None:
-            return
-        self._bar.set_postfix_str(progress.stage, refresh=False)
-        if progress.total and self._bar.total != progress.total:
-            self._bar.reset(total=progress.total)
-        self._bar.n = progress.converged
-        self._bar.refresh()
 
 
 @contextlib.contextmanager

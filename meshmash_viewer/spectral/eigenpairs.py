@@ -6,7 +6,7 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, UnprovenWarning
 from meshmash_viewer.laplacian import SparseMatrix
-from meshmash_viewer.progress import Progress, ProgressCallback
+from meshmash_viewer.progress import ProgressBar, ProgressCallback
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import whole_number
 
@@ -77,7 +77,7 @@ def find_eigenpairs(
         stiffness = _with_exact_null_space(stiffness)
     if dtype is None:
         dtype = np.float32 if single else np.float64
-    with _bar(verbose, progress) as reports:
+    with ProgressBar("eigenpairs", progress) if verbose else nullcontext(progress) as reports:
         result = solve(stiffness, mass, dtype=dtype, progress=reports, **options)
     if verbose:
         _say(result.proof(unit))
@@ -163,26 +163,6 @@ def scratch_rows(dtype: np.dtype[Any]) -> Iterator[Callable[[int, int], Array]]:
             return np.memmap(file, dtype=dtype, mode="w+", shape=(k, n))
 
         yield allocate
-
-
-@contextmanager
-def _bar(verbose: int, progress: ProgressCallback | None) -> Iterator[ProgressCallback | None]:
-    """Draw a progress bar on stderr if asked for, passing reports on to `progress`."""
-    if not verbose:
-        yield progress
-        return
-    from tqdm import tqdm
-
-    with tqdm(total=None, unit="pair", file=sys.stderr, desc="eigenpairs") as bar:
-
-        def report(state: Progress) -> None:
-            if state.total and bar.total != state.total:
-                bar.total = state.total
-            bar.update(state.converged - bar.n)
-            if progress is not None:
-                progress(state)
-
-        yield report
 
 
 def _say(line: str) -> None:
