@@ -162,7 +162,8 @@ def _component(entries: bytes, masses: bytes) -> tuple[FloatArray, FloatArray, F
     stiffness = np.frombuffer(entries).reshape(n, n)
     with np.errstate(over="ignore"):
         ratio = np.abs(np.diagonal(stiffness)) / mass
-    light = ratio > _MASSLESS * max(float(np.median(ratio)), 1e-300)
+    usual = np.median(ratio[np.isfinite(ratio)]) if np.isfinite(ratio).any() else 0.0
+    light = ratio > _MASSLESS * max(float(usual), 1e-300)
     if light.any() and not light.all():
         return _with_light_vertices(stiffness, mass, light)
     root = np.sqrt(mass)
