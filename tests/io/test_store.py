@@ -406,3 +406,16 @@ def test_too_much_for_the_disk_is_refused_beforehand(sphere: Mesh, tmp_path: Pat
     assert open_store(sphere, tmp_path).load() is None
     with open_store(sphere, tmp_path) as store:
         store.allocate(3)
+
+
+def test_a_smaller_request_goes_on_in_a_file_with_room_for_more(
+    sphere: Mesh, tmp_path: Path, whole: Decomposition
+) -> None:
+    with open_store(sphere, tmp_path) as store:
+        fill(store, whole, 0, 4)
+        rows = store.extend(6, None, np.arange(4))
+        assert rows.shape == (6, sphere.n_vertices)
+        np.testing.assert_array_equal(rows[:4], whole.rows[:4])
+        rows[4:] = whole.rows[4:6]
+        store.append(4, whole.eigenvalues[4:6], whole.residuals[4:6])
+    np.testing.assert_array_equal(loaded(sphere, tmp_path).rows[:6], whole.rows[:6])
