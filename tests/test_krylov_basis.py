@@ -113,3 +113,18 @@ def test_products_are_added_where_the_rows_are() -> None:
     np.testing.assert_allclose(result, wanted, rtol=1e-13, atol=1e-13)
     with pytest.raises(ValueError, match="contiguous"):
         add_product(weights, rows[16:24], np.zeros((4, 1002))[:, ::2])
+
+
+@pytest.mark.parametrize("p", [1, 8, 11])
+@pytest.mark.parametrize("exactly", [False, True])
+def test_quotients_and_residuals_are_those_of_the_definition(p: int, exactly: bool) -> None:
+    ordered = order_pencil(reduce_pencil(*torus(12, 10, 1.0, 1.2)[0]))
+    pencil = ordered.pencil
+    rows = np.random.default_rng(p).standard_normal((p, pencil.n))
+    rows /= np.linalg.norm(rows, axis=1)[:, None]
+    values, residuals = measure_pairs(ordered, rows.copy(), exactly)
+    images = rows @ pencil.matrix.toarray()
+    np.testing.assert_allclose(values, np.sum(rows * images, axis=1), rtol=1e-12)
+    defects = (images - values[:, None] * rows) * pencil.root_mass
+    sizes = np.linalg.norm(rows * pencil.root_mass, axis=1)
+    np.testing.assert_allclose(residuals, np.linalg.norm(defects, axis=1) / sizes, rtol=1e-12)

@@ -180,6 +180,8 @@ def test_matching_refuses_what_does_not_fit():
         match_features(np.ones((4, 3)), np.ones((4, 2)))
     with pytest.raises(InputError, match="no vertex with features"):
         match_features(np.ones((4, 3)), np.full((4, 3), np.nan))
+    with pytest.raises(InputError, match="no vertex with features"):
+        match_features(np.full((4, 3), np.nan), np.ones((4, 3)))
     with pytest.raises(InputError, match="share"):
         match_features(np.ones((4, 3)), np.ones((4, 3)), quantile=10)
     with pytest.raises(InputError, match="one row a vertex"):
