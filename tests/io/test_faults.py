@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.formats.vtk import vtk_legacy_surface
 from meshmash_viewer.io.limits import ReadLimits
 from meshmash_viewer.io.read import read_mesh
 
@@ -189,3 +190,10 @@ def test_limits_grow_with_the_file_and_with_what_it_may_honestly_unpack_to() -> 
     assert ReadLimits.of(10**7, 5 * 10**7) == one
     assert ReadLimits.of(10**7, 10**8).memory == ReadLimits.of(2 * 10**7).memory
     assert ReadLimits.of(10**7, 10**12) == ReadLimits.of(10**7, 10**10)
+
+
+def test_a_vtk_file_without_points_has_no_vertices(tmp_path: Path) -> None:
+    path = tmp_path / "empty.vtk"
+    path.write_text("# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\n")
+    with pytest.raises(InputError, match="holds no vertices"):
+        vtk_legacy_surface(path)

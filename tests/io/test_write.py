@@ -21,6 +21,7 @@ from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.io.write import (
     EIGENPAIR_WRITERS,
     WRITERS,
+    check_output,
     provenance,
     write_eigenpairs,
     write_features,
@@ -285,3 +286,14 @@ def test_places_where_nothing_can_be_written(
 def test_rows_have_to_go_with_the_mesh(mesh: Mesh, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="5 rows"):
         write_features(tmp_path / "out.npz", Features(np.zeros((5, 1)), ("a",)), mesh)
+
+
+@pytest.mark.parametrize("kind", ["features", "eigenpairs", "picture"])
+def test_what_cannot_be_written_is_known_before_it_is_computed(kind: str, tmp_path: Path) -> None:
+    ending = ".png" if kind == "picture" else ".npz"
+    check_output(tmp_path / f"a{ending}", kind)
+    with pytest.raises(InputError, match="has no ending in which"):
+        check_output(tmp_path / "a.xyz", kind)
+    with pytest.raises(InputError, match="absent"):
+        check_output(tmp_path / "absent" / f"a{ending}", kind)
+    assert not list(tmp_path.iterdir())
