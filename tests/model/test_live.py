@@ -18,6 +18,7 @@ from meshmash_viewer.features.shape import feature_distance
 from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model import heat_table
 from meshmash_viewer.model.display import FieldKind, SimilarityBasis
 from meshmash_viewer.model.field import FieldRequest
 from meshmash_viewer.model.heat_table import build_heat_table
@@ -421,3 +422,33 @@ def test_at_times_when_nothing_is_left_the_signature_is_that_of_the_null_space(
     values, draft = live.heat_kernel(asked)
     assert not draft
     np.testing.assert_allclose(values, 1.0 / rectangle.area, rtol=1e-5)
+
+
+def test_a_vertex_without_values_does_not_make_the_same_pairs_others(rectangle: Mesh) -> None:
+    """They are known by their values: NaN of a vertex that no face uses are the same, too."""
+    spectrum = spectrum_of(rectangle, 60)
+    rows = np.array(spectrum.rows)
+    rows[:, 11] = np.nan
+    before = replace(spectrum, rows=rows, certificate=None)
+    proven = replace(before, rows=rows.copy(), certificate=spectrum.certificate)
+    live = LiveFeatures()
+    for make in (lambda which: band_request(which, 0), similarity_request):
+        live.prepare(make(before))
+        assert live.prepared(make(proven))
+        other = replace(proven, rows=2.0 * rows)
+        assert not live.prepared(make(other))
+
+
+def test_a_table_holds_where_no_vertex_that_its_steps_are_chosen_by_has_values(
+    rectangle: Mesh, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(heat_table, "_SAMPLE", 100)
+    spectrum = spectrum_of(rectangle, 60)
+    rows = np.array(spectrum.rows)
+    rows[:, :: rectangle.n_vertices // 100] = np.nan
+    sparse = replace(spectrum, rows=rows)
+    times = hks_time_range(spectrum.eigenvalues)
+    table = build_heat_table(sparse, times)
+    for time in times:
+        wanted = direct(sparse, np.exp(-spectrum.eigenvalues * time)[None])[:, 0]
+        np.testing.assert_allclose(table.at(time), wanted, rtol=2e-4)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -115,3 +116,24 @@ def test_a_spectrum_of_rounding_has_no_times_of_its_own() -> None:
         pytest.approx(4 * math.log(10)),
         pytest.approx(4 * math.log(10)),
     )
+
+
+def test_a_multiplet_is_the_run_of_equal_eigenvalues_around_an_index() -> None:
+    values = np.array([-1e-18, 1e-18, 1.0, 2.0, 2.0 + 1e-7, 2.0 + 2e-7, 3.0, 4.0, 4.0])
+    spectrum = spectrum_of(values)
+    runs = {0: (0, 1), 1: (0, 1), 3: (3, 5), 4: (3, 5), 5: (3, 5), 7: (7, 8), 8: (7, 8)}
+    for index in range(-2, len(values) + 2):
+        found = spectrum.multiplet(index)
+        assert (None if found is None else (found.first, found.last)) == runs.get(index)
+    assert spectrum.multiplet(4, gap=1e-9) is None
+    assert spectrum_of(np.empty(0)).multiplet(0) is None
+    assert spectrum_of(np.ones(1)).multiplet(0) is None
+
+
+def test_a_spectrum_without_a_preview_is_exact_as_it_is() -> None:
+    assert TWO_PIECES.exact is TWO_PIECES
+    assert all(TWO_PIECES.is_exact(index) for index in range(7))
+    rough = replace(TWO_PIECES, preview=True, n_exact=4)
+    assert [rough.is_exact(index) for index in range(7)] == [True] * 4 + [False] * 3
+    np.testing.assert_array_equal(rough.exact.eigenvalues, TWO_PIECES.eigenvalues[:4])
+    assert not rough.exact.preview
