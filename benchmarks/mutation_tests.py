@@ -113,16 +113,25 @@ class Reach:
 
 
 class _Chosen:
-    """Runs chosen tests in the order given."""
+    """Runs chosen tests in the order given, each for so many seconds at most."""
 
-    def __init__(self, tests: Sequence[str]) -> None:
-        self._rank = {test: rank for rank, test in enumerate(tests)}
+    def __init__(self, seconds: dict[str, float]) -> None:
+        self._rank = {test: rank for rank, test in enumerate(seconds)}
+        self._seconds = seconds
 
     def pytest_collection_modifyitems(self, items: list[Any]) -> None:
         items[:] = sorted(
             (item for item in items if item.nodeid in self._rank),
             key=lambda item: self._rank[item.nodeid],
         )
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: Any) -> Any:
+        signal.alarm(int(self._seconds[item.nodeid]))  # ends the process, whatever it is at
+        try:
+            return (yield)
+        finally:
+            signal.alarm(0)
 
 
 class _Recorder:
@@ -339,7 +348,7 @@ class Tests:
         copy : Path
             Made here; removed by the caller.
         patience : float
-            Seconds that they may take beyond five times what they took without the fault.
+            Seconds that each may take beyond ten times what it took without the fault.
         """
         shutil.copytree(self._tree, copy)
         module = copy / mutation.path
@@ -347,9 +356,8 @@ class Tests:
         module.write_bytes(mutation.applied(source))
         if b"numba" in source or b"compiled(" in source:
             self._forget_kernels(copy, mutation.path)
-        names = [reach.test for reach in tests]
-        seconds = patience + 5.0 * sum(reach.seconds for reach in tests)
-        return Run(copy, names, seconds, _Chosen(names), first_failure=True)
+        seconds = {reach.test: patience + 10.0 * reach.seconds for reach in tests}
+        return Run(copy, list(seconds), sum(seconds.values()), _Chosen(seconds), first_failure=True)
 
     def _forget_kernels(self, copy: Path, path: str) -> None:
         """Compiled kernels hold what they call: numba looks at their own file only."""

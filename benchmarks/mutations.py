@@ -174,7 +174,7 @@ def _try_all(
                     _say(f"{len(outcome)} of {len(mutations)}: {mutation}: entered by no test")
                     continue
                 copy = copies / str(number)
-                run = tests.start(mutation, chosen, copy, patience=60.0)
+                run = tests.start(mutation, chosen, copy, patience=20.0)
                 running[mutation] = run, copy, len(chosen)
             time.sleep(0.02)
             for mutation, (run, copy, n_tests) in list(running.items()):

@@ -18,7 +18,6 @@ from meshmash_viewer.features.shape import feature_distance
 from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model import heat_table
 from meshmash_viewer.model.display import FieldKind, SimilarityBasis
 from meshmash_viewer.model.field import FieldRequest
 from meshmash_viewer.model.heat_table import build_heat_table
@@ -437,18 +436,3 @@ def test_a_vertex_without_values_does_not_make_the_same_pairs_others(rectangle: 
         assert live.prepared(make(proven))
         other = replace(proven, rows=2.0 * rows)
         assert not live.prepared(make(other))
-
-
-def test_a_table_holds_where_no_vertex_that_its_steps_are_chosen_by_has_values(
-    rectangle: Mesh, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(heat_table, "_SAMPLE", 100)
-    spectrum = spectrum_of(rectangle, 60)
-    rows = np.array(spectrum.rows)
-    rows[:, :: rectangle.n_vertices // 100] = np.nan
-    sparse = replace(spectrum, rows=rows)
-    times = hks_time_range(spectrum.eigenvalues)
-    table = build_heat_table(sparse, times)
-    for time in times:
-        wanted = direct(sparse, np.exp(-spectrum.eigenvalues * time)[None])[:, 0]
-        np.testing.assert_allclose(table.at(time), wanted, rtol=2e-4)
