@@ -302,6 +302,8 @@ def test_verify_agrees_with_the_solver(proven: Decomposition, matrices: tuple[An
         assert again.orthonormality < 1e-9
     around = solve(*matrices, 20, sigma=float(proven.eigenvalues[60]) * 1.001)
     assert around.verify(*matrices).complete
+    alone = solve(*matrices, 1, sigma=float(proven.eigenvalues[60]) * 1.001)
+    assert alone.verify(*matrices).complete
     small = random_mesh(0)
     assert solve(*small, 30).verify(*small).complete
     assert solve(*small, 10**6).verify(*small).complete
