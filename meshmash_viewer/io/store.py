@@ -274,7 +274,7 @@ class EigenpairStore:
         except OSError as fault:
             self._lose(fault)
         else:
-            self._batches = sorted([*self._batches, batch], key=lambda each: each.start)
+            self._batches.append(batch)
 
     def finish(self, decomposition: Decomposition, max_eigenvalue: float | None = None) -> None:
         """Record that a run is complete, and let other processes write.

@@ -181,11 +181,14 @@ class StoredSpectrum:
     @property
     def is_exhausted(self) -> bool:
         """Whether the proven pairs are all that the mesh has."""
-        return self.proof is not None and self.proof.exhausted and self._is_whole
+        proof = self._whole_proof
+        return proof is not None and proof.exhausted
 
     @property
-    def _is_whole(self) -> bool:
-        return self.proof is not None and self.n_proven == self.proof.n_pairs
+    def _whole_proof(self) -> Proof | None:
+        """The proof, unless some of its pairs have been lost since."""
+        proof = self.proof
+        return proof if proof is not None and self.n_proven == proof.n_pairs else None
 
     def covers(self, target: Target) -> int | None:
         """How many leading pairs answer a request; None if some have yet to be computed."""
@@ -198,7 +201,8 @@ class StoredSpectrum:
         assert bound is not None
         proven = self.eigenvalues[:n_proven]
         count = int(np.searchsorted(proven, bound * (1 + _THRESHOLD_MARGIN), side="right"))
-        threshold = self.proof.max_eigenvalue if self.proof is not None and self._is_whole else None
+        proof = self._whole_proof
+        threshold = None if proof is None else proof.max_eigenvalue
         known_to = -np.inf if threshold is None else threshold
         if count < n_proven or bound <= known_to or self.is_exhausted:
             return count

@@ -5,8 +5,10 @@ from __future__ import annotations
 import errno
 import multiprocessing
 import os
+import shutil
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -419,3 +421,18 @@ def test_a_smaller_request_goes_on_in_a_file_with_room_for_more(
         rows[4:] = whole.rows[4:6]
         store.append(4, whole.eigenvalues[4:6], whole.residuals[4:6])
     np.testing.assert_array_equal(loaded(sphere, tmp_path).rows[:6], whole.rows[:6])
+
+
+def test_what_the_disk_has_room_for_to_the_byte_is_taken(
+    sphere: Mesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    needed = 8 * 10 * sphere.n_vertices
+    for free in (needed - 1, needed):
+        disk = SimpleNamespace(free=free)
+        monkeypatch.setattr(shutil, "disk_usage", lambda _, disk=disk: disk)
+        with open_store(sphere, tmp_path) as store:
+            if free < needed:
+                with pytest.raises(StoreUnusable, match="no space left"):
+                    store.allocate(10)
+            else:
+                assert store.allocate(10).shape == (10, sphere.n_vertices)
