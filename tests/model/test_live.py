@@ -436,3 +436,10 @@ def test_a_vertex_without_values_does_not_make_the_same_pairs_others(rectangle: 
         assert live.prepared(make(proven))
         other = replace(proven, rows=2.0 * rows)
         assert not live.prepared(make(other))
+
+
+def test_pairs_without_a_value_anywhere_have_a_table_of_none(rectangle: Mesh) -> None:
+    spectrum = spectrum_of(rectangle, 60)
+    empty = replace(spectrum, rows=np.full_like(spectrum.rows, np.nan))
+    times = hks_time_range(spectrum.eigenvalues)
+    assert np.isnan(build_heat_table(empty, times).at(times[1])).all()
