@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import subprocess
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast
@@ -12,10 +13,11 @@ from listeners import Listener
 
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model import previews
+from meshmash_viewer.model import previews, process
 from meshmash_viewer.model.jobs import DecomposeJob, InspectJob, Job, PreviewJob
 from meshmash_viewer.model.process import child_command, prepare_preview
 from meshmash_viewer.model.transport import Wire
+from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.weyl import Target
 
 
@@ -54,16 +56,19 @@ def test_it_gives_way_to_other_jobs(large: Mesh, tmp_path: Path, other: type[Job
 @pytest.fixture
 def wire(tmp_path: Path) -> Iterator[Wire]:
     """The window's end of a pipe to a process that does jobs."""
-    process = subprocess.Popen(
+    child = subprocess.Popen(
         child_command(tmp_path),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         start_new_session=True,
     )
-    wire = Wire(cast(Any, process.stdout), cast(Any, process.stdin), tmp_path)
+    wire = Wire(cast(Any, child.stdout), cast(Any, child.stdin), tmp_path)
     yield wire
     wire.close()
-    process.wait()
+    with child:
+        assert child.stderr is not None
+        assert child.stderr.read() == b"", "what it prepares beside the jobs works"
 
 
 def done(wire: Wire, job: Job) -> Any:
@@ -85,3 +90,23 @@ def test_a_mesh_of_the_same_name_is_not_taken_for_the_one_before(wire: Wire, sph
         assert ready.health.area == pytest.approx(mesh.area)
     grew = done(wire, DecomposeJob(other, OperatorOptions(), Target("count", 4)))
     np.testing.assert_allclose(grew.eigenvalues[1:], 0.5, rtol=0.02)
+
+
+class Kept:
+    """Stands for a wire."""
+
+    def __init__(self) -> None:
+        self.sent: list[Any] = []
+        self.send = self.sent.append
+
+
+def test_reports_are_thinned_but_for_the_first_of_a_stage(tmp_path: Path) -> None:
+    wire = Kept()
+    channel = process._PipeChannel(cast(Wire, wire), threading.Event(), tmp_path)
+    for stage in ("a", "b"):
+        for _ in range(1000):
+            channel.report(Progress(stage))
+    stages = [progress.stage for _, progress in wire.sent]
+    assert stages == sorted(stages)
+    assert set(stages) == {"a", "b"}
+    assert len(stages) < 1000

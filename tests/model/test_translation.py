@@ -5,7 +5,13 @@ import pytest
 import shapes
 
 from meshmash_viewer.model.translation import Translation
-from meshmash_viewer.spectral.weyl import Target, wavelength, weyl_count, weyl_eigenvalue
+from meshmash_viewer.spectral.weyl import (
+    Target,
+    resolved_time,
+    wavelength,
+    weyl_count,
+    weyl_eigenvalue,
+)
 
 AREA = 4 * np.pi  # of the unit sphere, so that Weyl's law says λ of them
 
@@ -31,6 +37,9 @@ def test_known_eigenvalues_are_counted() -> None:
     assert translation.count(Target("max_eigenvalue", 12.5)) == (16, True)
     assert translation.eigenvalue(Target("count", 16)) == (12.0, True)
     assert translation.wavelength(Target("count", 16)) == (pytest.approx(wavelength(12.0)), True)
+    assert translation.time(Target("count", 16)) == (pytest.approx(resolved_time(12.0)), True)
+    assert translation.time(Target("time", 0.3)) == (0.3, True)
+    assert translation.time(Target("count", 100)) == (pytest.approx(resolved_time(94.0)), False)
 
 
 def test_beyond_them_weyls_law_goes_on_from_the_last() -> None:
