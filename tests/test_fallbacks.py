@@ -14,6 +14,7 @@ from scipy.sparse.linalg import LinearOperator, splu
 from test_eigensolver import Matrices, check, dense, random_mesh
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.eigensolver import Decomposition, iterate, solve
 
 
@@ -118,3 +119,9 @@ def test_an_iteration_that_is_left_does_not_run_on() -> None:
     assert first.stop < 150
     assert found[-1] < 400
     assert not [thread for thread in threading.enumerate() if thread.name == "eigenpairs"]
+
+
+def test_an_iteration_ends_when_it_is_asked_to(matrices: Matrices) -> None:
+    with pytest.raises(Cancelled):
+        list(iterate(*matrices, 60, cancel=lambda: True))
+    assert len(list(iterate(*matrices, 5, cancel=lambda: False))) > 0
