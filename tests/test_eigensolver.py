@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import threading
+import time
 from dataclasses import replace
 from typing import Any
 
@@ -421,3 +422,10 @@ def test_what_memory_held_before_is_not_read(dtype: type) -> None:
     assert decomposition.complete
     assert np.isnan(decomposition.rows[:, -2:]).all()
     assert np.isfinite(decomposition.rows[:, :-2]).all()
+
+
+def test_the_time_told_lies_within_the_time_taken() -> None:
+    began = time.perf_counter()
+    told = solve(*random_mesh(3), 10).timings
+    assert 0.0 < told["total"] <= time.perf_counter() - began
+    assert all(seconds >= 0.0 for seconds in told.values())
