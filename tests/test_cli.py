@@ -171,8 +171,8 @@ def test_repairs_components_and_what_they_do_to_features(
     basic = ("features", path, "--count", 20, "--n-components", 3, "-o", out)
     status, _, err = run(capsys, *basic, "--component-column")
     assert status == 0
-    assert "1 vertices that no face uses have rows of NaN" in err
-    assert "1 tiny components (12 vertices) carry values up to" in err
+    assert "rows of NaN stand for 1 vertex that no face uses" in err
+    assert "on 1 tiny component (12 vertices)" in err
     with np.load(out) as archive:
         assert archive["columns"][-1] == "component"
         labels = archive["features"][:, -1]
