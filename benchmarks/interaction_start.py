@@ -31,7 +31,7 @@ def main() -> None:
             QTimer.singleShot(100, self.close)
 
     main_window.MainWindow = Watched
-    run.run_app(["--fresh"])
+    run.run_app(fresh=True)
     print(json.dumps(found))
 
 

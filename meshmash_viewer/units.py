@@ -50,7 +50,7 @@ _ALIASES = {
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 #: Numbers below this are written out.
-_LONG = 999_999.5
+_LONG = 1e6
 _NUMBER = r"[0-9.]+(?:[eE][+-]?[0-9]+)?"
 _PATTERN = re.compile(
     rf"\s*(?P<sizes>(?:{_NUMBER}(?:\s*[x×,]\s*{_NUMBER})*)?)\s*(?P<unit>[a-zµμ]*)\s*"
@@ -125,7 +125,7 @@ def format_quantity(value: float, unit: str, power: int = 1, digits: int = 4) ->
 def format_number(value: float, digits: int = 4) -> str:
     """Write a number with some digits, as 1.2e-08 or 1e+06 only where it would be long."""
     text = f"{value:.{digits}g}"
-    return f"{float(text):.0f}" if "e+" in text and abs(value) < _LONG else text
+    return f"{float(text):.0f}" if "e+" in text and abs(float(text)) < _LONG else text
 
 
 def counted(number: int, noun: str) -> str:

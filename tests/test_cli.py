@@ -171,8 +171,8 @@ def test_repairs_components_and_what_they_do_to_features(
     basic = ("features", path, "--count", 20, "--n-components", 3, "-o", out)
     status, _, err = run(capsys, *basic, "--component-column")
     assert status == 0
-    assert "1 vertices that no face uses have rows of NaN" in err
-    assert "1 tiny components (12 vertices) carry values up to" in err
+    assert "rows of NaN stand for 1 vertex that no face uses" in err
+    assert "on 1 tiny component (12 vertices)" in err
     with np.load(out) as archive:
         assert archive["columns"][-1] == "component"
         labels = archive["features"][:, -1]
@@ -482,12 +482,17 @@ def test_no_display_is_said(
 def test_window_gets_its_arguments(
     capsys: pytest.CaptureFixture[str], ball: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seen: list[list[str]] = []
+    seen: list[tuple[object, ...]] = []
+
+    def run_app(*given: object, fresh: bool) -> int:
+        seen.append((*given, fresh))
+        return 0
+
     monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen")
-    monkeypatch.setattr("meshmash_viewer.app.run.run_app", lambda argv: seen.append(argv) or 0)
+    monkeypatch.setattr("meshmash_viewer.app.run.run_app", run_app)
     assert run(capsys, ball, "--unit", "nm", "--fresh")[0] == 0
     assert run(capsys)[0] == 0
-    assert seen == [[str(ball), "--unit", "nm", "--fresh"], []]
+    assert seen == [(ball, "nm", True), (None, "", False)]
     assert run(capsys, ball, "--unit", "ell")[0] == 2
 
 

@@ -1,9 +1,20 @@
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.units import LENGTH_UNITS, NO_VOXEL, Voxel, parse_unit, written_unit
+from meshmash_viewer.units import (
+    LENGTH_UNITS,
+    NO_VOXEL,
+    Voxel,
+    counted,
+    format_number,
+    parse_unit,
+    whole_number,
+    written_unit,
+)
 
 
 @pytest.mark.parametrize(
@@ -42,3 +53,40 @@ def test_what_is_no_unit_is_refused_with_what_is(text: str) -> None:
     assert repr(text) in str(fault.value)
     assert all(unit in str(fault.value) for unit in LENGTH_UNITS)
     assert "4 x 4 x 40 nm" in str(fault.value)
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (64_005.0, 2, "64000"),
+        (64_005.0, 5, "64005"),
+        (999_999.0, 4, "1e+06"),
+        (1_000_000.0, 4, "1e+06"),
+        (-64_005.0, 3, "-64000"),
+        (1.2345e-8, 3, "1.23e-08"),
+        (12.0, 4, "12"),
+        (math.inf, 4, "inf"),
+    ],
+)
+def test_numbers_are_written_out_where_that_is_short(value: float, digits: int, text: str) -> None:
+    assert format_number(value, digits) == text
+
+
+@pytest.mark.parametrize(
+    ("number", "noun", "text"),
+    [
+        (1, "pair", "1 pair"),
+        (0, "pair", "0 pairs"),
+        (22_351, "vertex", "22,351 vertices"),
+        (1, "vertex", "1 vertex"),
+    ],
+)
+def test_one_of_something_is_not_many(number: int, noun: str, text: str) -> None:
+    assert counted(number, noun) == text
+
+
+@pytest.mark.parametrize("count", [0, -1, 1.5, math.nan, math.inf])
+def test_a_count_is_a_whole_number_from_one(count: float) -> None:
+    assert whole_number(3.0, "n_components") == 3
+    with pytest.raises(InputError, match=r"n_components is .*: give a whole number from 1"):
+        whole_number(count, "n_components")

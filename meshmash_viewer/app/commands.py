@@ -90,11 +90,16 @@ class Commands:
         if command.needs not in self.there():
             return
         name, given = command.does or (command.name, checked)
-        act: Callable[..., object] = getattr(self, name, None) or getattr(self._document, name)
+        act = self.method(name)
         if command.does or command.checkable:
             act(given)
         else:
             act()
+
+    def method(self, name: str) -> Callable[..., object]:
+        """What a command of this name calls."""
+        found: Callable[..., object] = getattr(self, name, None) or getattr(self._document, name)
+        return found
 
     def there(self) -> set[str]:
         """What a command may need (`Command.needs`) and is there now."""
@@ -362,7 +367,7 @@ class Commands:
 
     # -- inspecting ---------------------------------------------------------------------------
 
-    def pin_under_pointer(self) -> None:
+    def pin(self) -> None:
         """Pin the vertex under the pointer, or take its pin away."""
         scene = self.scene
         assert scene is not None
@@ -373,7 +378,7 @@ class Commands:
         else:
             self._document.notify(Notice("Hold the pointer over the mesh, then press P."))
 
-    def pin_by_index(self) -> None:
+    def pin_index(self) -> None:
         """Ask for an index and pin that vertex."""
         assert self._document.mesh is not None
         last = self._document.mesh.n_vertices - 1

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import threading
+import weakref
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from PySide6.QtCore import QObject, QThread
 
@@ -34,7 +35,9 @@ class LatestThread(QThread, Generic[Request]):
     ) -> None:
         super().__init__(parent)
         if parent is not None:
-            parent.destroyed.connect(self.close)  # a thread that runs must not be destroyed
+            # a thread that runs must not be destroyed; by name it would keep whose work it does
+            held = weakref.ref(self)
+            parent.destroyed.connect(lambda: _close(held))
         self._work = work
         self._rest = rest
         self._condition = threading.Condition()
@@ -92,3 +95,9 @@ class LatestThread(QThread, Generic[Request]):
 
     def _given_up(self) -> bool:
         return self._dropped or self._closing
+
+
+def _close(held: weakref.ref[LatestThread[Any]]) -> None:
+    thread = held()
+    if thread is not None:
+        thread.close()

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 import atexit
 import gc
 import importlib
 import os
 import signal
 import sys
-from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +19,6 @@ from PySide6.QtWidgets import QApplication
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons
-from meshmash_viewer.units import UNIT_FORMS
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.main_window import MainWindow
@@ -61,25 +58,23 @@ def application() -> QApplication:
     return made
 
 
-def run_app(argv: Sequence[str] | None = None) -> int:
+def run_app(path: Path | None = None, unit: str = "", *, fresh: bool = False) -> int:
     """Open the window and stay until it is closed.
 
     Parameters
     ----------
-    argv : sequence of str, optional
-        ``[MESH] [--unit UNIT] [--fresh]``; the process's own arguments if not given.
+    path : Path, optional
+        Mesh or session to open.
+    unit : str
+        As `read_mesh` takes it; empty for what the file states.
+    fresh : bool
+        Whether to ignore stored settings.
 
     Returns
     -------
     int
         Exit status.
     """
-    parser = argparse.ArgumentParser(prog="meshmash-viewer")
-    parser.add_argument("mesh", nargs="*", type=Path, help="mesh or session file to open")
-    parser.add_argument("--unit", default="", help=UNIT_FORMS)
-    parser.add_argument("--fresh", action="store_true", help="ignore stored settings")
-    options = parser.parse_args(argv)
-
     app = application()
     # Ctrl+C in the terminal closes the window as its cross does
     signal.signal(signal.SIGINT, lambda *_: QApplication.closeAllWindows())
@@ -90,16 +85,14 @@ def run_app(argv: Sequence[str] | None = None) -> int:
     from meshmash_viewer.app.faults import FaultBoundary
     from meshmash_viewer.app.main_window import MainWindow
 
-    window = MainWindow(fresh=options.fresh, deferred=True)
+    window = MainWindow(fresh=fresh, deferred=True)
     window.show()
     _Loader(window)
     with FaultBoundary(window.document.notify):
-        if options.mesh:
-            first = options.mesh[0]
-            if options.unit:
-                window.open_mesh(first, options.unit)
-            else:
-                window.commands.open_path(first)
+        if path is not None and unit:
+            window.open_mesh(path, unit)
+        elif path is not None:
+            window.commands.open_path(path)
         status = app.exec()
     pulse.stop()
     return status

@@ -70,7 +70,6 @@ class Palette:
     on_accent: str
     selection: str
     scene: str
-    scene_text: str
     missing: str
     information: str
     information_back: str
@@ -96,77 +95,51 @@ class PlotColors:
     series: tuple[str, ...]
 
 
-_LIGHT = Palette(
-    window="#f3f5f7",
-    surface="#ffffff",
-    raised="#ffffff",
-    field="#ffffff",
-    border="#dde2e8",
-    border_strong="#bcc5cf",
-    text="#1b232d",
-    muted="#5a6675",
-    disabled="#a2abb6",
-    accent="#1c66a8",
-    accent_hover="#17578f",
-    on_accent="#ffffff",
-    selection="#d6e6f5",
-    scene="#eceff3",
-    scene_text="#26303b",
-    missing="#b9bfc7",
-    information="#1c66a8",
-    information_back="#e8f1fa",
-    warning="#8a5a00",
-    warning_back="#fdf3dc",
-    error="#b3261e",
-    error_back="#fdebe9",
-    good="#1b7a4b",
+#: By name, light and dark.
+_COLORS = {
+    "window": ("#f3f5f7", "#1a1e24"),
+    "surface": ("#ffffff", "#21262d"),
+    "raised": ("#ffffff", "#2a3038"),
+    "field": ("#ffffff", "#1a1e24"),
+    "border": ("#dde2e8", "#353c46"),
+    "border_strong": ("#bcc5cf", "#505a67"),
+    "text": ("#1b232d", "#e3e8ee"),
+    "muted": ("#5a6675", "#9ca8b6"),
+    "disabled": ("#a2abb6", "#626d7a"),
+    "accent": ("#1c66a8", "#5ba7e4"),
+    "accent_hover": ("#17578f", "#78b9ee"),
+    "on_accent": ("#ffffff", "#0d141b"),
+    "selection": ("#d6e6f5", "#264663"),
+    "scene": ("#eceff3", "#14171c"),
+    "missing": ("#b9bfc7", "#59616b"),
+    "information": ("#1c66a8", "#7cbcf0"),
+    "information_back": ("#e8f1fa", "#1f3245"),
+    "warning": ("#8a5a00", "#f0bd58"),
+    "warning_back": ("#fdf3dc", "#3b3017"),
+    "error": ("#b3261e", "#ff9b92"),
+    "error_back": ("#fdebe9", "#45201f"),
+    "good": ("#1b7a4b", "#62c793"),
+}
+_PLOT_COLORS = {
+    "background": ("#ffffff", "#21262d"),
+    "foreground": ("#3c4855", "#b4bfcb"),
+    "grid": ("#e3e7ec", "#343b45"),
+    "curve": ("#1c66a8", "#5ba7e4"),
+    "reference": ("#8a95a2", "#7f8b99"),
+    "marker": ("#d5530b", "#ff9a57"),
+    "handle": ("#d5530b", "#ff9a57"),
+    "hatch": ("#c9a227", "#d8b74a"),
+}
+_SERIES = (
+    ("#1c66a8", "#d5530b", "#1b7a4b", "#a3428b", "#8a6d00", "#0b7f99", "#5b4db0"),
+    ("#5ba7e4", "#ff9a57", "#62c793", "#dd8ac8", "#e0c34f", "#55c5dc", "#a79bf0"),
 )
-_DARK = Palette(
-    window="#1a1e24",
-    surface="#21262d",
-    raised="#2a3038",
-    field="#1a1e24",
-    border="#353c46",
-    border_strong="#505a67",
-    text="#e3e8ee",
-    muted="#9ca8b6",
-    disabled="#626d7a",
-    accent="#5ba7e4",
-    accent_hover="#78b9ee",
-    on_accent="#0d141b",
-    selection="#264663",
-    scene="#14171c",
-    scene_text="#dbe2ea",
-    missing="#59616b",
-    information="#7cbcf0",
-    information_back="#1f3245",
-    warning="#f0bd58",
-    warning_back="#3b3017",
-    error="#ff9b92",
-    error_back="#45201f",
-    good="#62c793",
+_PALETTES = tuple(
+    Palette(**{name: pair[dark] for name, pair in _COLORS.items()}) for dark in (0, 1)
 )
-_LIGHT_PLOT = PlotColors(
-    background="#ffffff",
-    foreground="#3c4855",
-    grid="#e3e7ec",
-    curve="#1c66a8",
-    reference="#8a95a2",
-    marker="#d5530b",
-    handle="#d5530b",
-    hatch="#c9a227",
-    series=("#1c66a8", "#d5530b", "#1b7a4b", "#a3428b", "#8a6d00", "#0b7f99", "#5b4db0"),
-)
-_DARK_PLOT = PlotColors(
-    background="#21262d",
-    foreground="#b4bfcb",
-    grid="#343b45",
-    curve="#5ba7e4",
-    reference="#7f8b99",
-    marker="#ff9a57",
-    handle="#ff9a57",
-    hatch="#d8b74a",
-    series=("#5ba7e4", "#ff9a57", "#62c793", "#dd8ac8", "#e0c34f", "#55c5dc", "#a79bf0"),
+_PLOTS = tuple(
+    PlotColors(**{name: pair[dark] for name, pair in _PLOT_COLORS.items()}, series=_SERIES[dark])
+    for dark in (0, 1)
 )
 
 
@@ -205,12 +178,12 @@ def is_dark() -> bool:
 
 def palette() -> Palette:
     """The colours in force."""
-    return _DARK if _State.dark else _LIGHT
+    return _PALETTES[_State.dark]
 
 
 def plot_colors() -> PlotColors:
     """The colours of plots in force."""
-    return _DARK_PLOT if _State.dark else _LIGHT_PLOT
+    return _PLOTS[_State.dark]
 
 
 def pad_numbers(parent: QWidget) -> None:

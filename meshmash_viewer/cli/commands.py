@@ -397,7 +397,7 @@ def write_render(
     path : Path
         Ends in ".png".
     field : str
-        One of `FIELD_KINDS`.
+        "hks", "eigenfunction", "band" or "none".
     solver : Solver
         Not asked for the bare mesh.
     index : int, optional

@@ -125,10 +125,7 @@ def _window(options: argparse.Namespace) -> int:
         parse_unit(options.unit)
     from meshmash_viewer.app.run import run_app
 
-    arguments = list(options.mesh)
-    arguments += ["--unit", options.unit] if options.unit else []
-    arguments += ["--fresh"] if options.fresh else []
-    return run_app(arguments)
+    return run_app(Path(first) if first else None, options.unit or "", fresh=options.fresh)
 
 
 def _info(options: argparse.Namespace) -> int:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, TruncationWarning
 from meshmash_viewer.features.truncation import Truncation, measure_truncation
-from meshmash_viewer.units import power_unit
+from meshmash_viewer.units import counted, power_unit
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.filters import FilterBank
@@ -111,7 +111,7 @@ class Features:
         said = []
         if count := len(mesh.unreferenced):
             said.append(
-                f"{count:,} vertices that no face uses have rows of NaN: the repair "
+                f"rows of NaN stand for {counted(count, 'vertex')} that no face uses: the repair "
                 "drop_unreferenced_vertices leaves them out."
             )
         labels = mesh.component_labels
@@ -124,9 +124,10 @@ class Features:
         if strange.any():
             specks = np.unique(labels[strange])
             said.append(
-                f"{len(specks):,} tiny components ({int(sizes[specks].sum()):,} vertices) carry "
-                f"values up to {times[strange].max():,.0f} times those of the largest one: "
-                "the repair keep_largest_component leaves them out."
+                f"values are up to {times[strange].max():,.0f} times those of the largest "
+                f"component on {counted(len(specks), 'tiny component')} "
+                f"({counted(int(sizes[specks].sum()), 'vertex')}): the repair "
+                "keep_largest_component leaves them out."
             )
         return said
 

@@ -22,11 +22,6 @@ class FileLock:
         self.path = path
         self._descriptor: int | None = None
 
-    @property
-    def is_held(self) -> bool:
-        """Whether this object holds it."""
-        return self._descriptor is not None
-
     def acquire(self) -> bool:
         """Take the lock if nobody else has it; True if it is held now.
 

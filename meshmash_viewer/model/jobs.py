@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
@@ -82,16 +82,25 @@ class ReadJob:
 
 
 @dataclass(frozen=True, eq=False)
-class InspectJob:
-    """Take a mesh handed over in memory; returns `MeshReady`."""
+class _OnMesh:
+    """Of every job on a mesh that is there."""
 
     mesh: Mesh
-    operator: OperatorOptions = field(default_factory=OperatorOptions)
+    doing: ClassVar[str]
 
     @property
     def label(self) -> str:
         """See `Job.label`."""
-        return f"Inspecting {self.mesh.name or 'the mesh'}"
+        return f"{self.doing} {self.mesh.name or 'the mesh'}"
+
+
+@dataclass(frozen=True, eq=False)
+class InspectJob(_OnMesh):
+    """Take a mesh handed over in memory; returns `MeshReady`."""
+
+    operator: OperatorOptions = field(default_factory=OperatorOptions)
+
+    doing: ClassVar[str] = "Inspecting"
 
     def run(self, channel: Channel) -> MeshReady:
         """See `Job.run`."""
@@ -99,7 +108,7 @@ class InspectJob:
 
 
 @dataclass(frozen=True, eq=False)
-class ScaleJob:
+class ScaleJob(_OnMesh):
     """Give the voxels another size; returns `MeshReady`.
 
     Parameters
@@ -114,17 +123,13 @@ class ScaleJob:
         What has been repaired on `mesh`.
     """
 
-    mesh: Mesh
     voxel: Voxel
     unit: str
     path: Path | None = None
     operator: OperatorOptions = field(default_factory=OperatorOptions)
     repairs: tuple[str, ...] = ()
 
-    @property
-    def label(self) -> str:
-        """See `Job.label`."""
-        return f"Scaling {self.mesh.name or 'the mesh'}"
+    doing: ClassVar[str] = "Scaling"
 
     def run(self, channel: Channel) -> MeshReady:
         """See `Job.run`."""
@@ -134,19 +139,15 @@ class ScaleJob:
 
 
 @dataclass(frozen=True, eq=False)
-class RepairJob:
+class RepairJob(_OnMesh):
     """Apply one repair of `health.REPAIRS`, after others; returns `MeshReady`."""
 
-    mesh: Mesh
     repair: str
     path: Path | None = None
     operator: OperatorOptions = field(default_factory=OperatorOptions)
     earlier: tuple[str, ...] = ()
 
-    @property
-    def label(self) -> str:
-        """See `Job.label`."""
-        return f"Repairing {self.mesh.name or 'the mesh'}"
+    doing: ClassVar[str] = "Repairing"
 
     def run(self, channel: Channel) -> MeshReady:
         """See `Job.run`."""
@@ -160,16 +161,12 @@ class RepairJob:
 
 
 @dataclass(frozen=True, eq=False)
-class PreviewJob:
+class PreviewJob(_OnMesh):
     """Approximate the first eigenfunctions within seconds; returns `SpectrumGrew` or None."""
 
-    mesh: Mesh
     operator: OperatorOptions = field(default_factory=OperatorOptions)
 
-    @property
-    def label(self) -> str:
-        """See `Job.label`."""
-        return f"Previewing {self.mesh.name or 'the mesh'}"
+    doing: ClassVar[str] = "Previewing"
 
     def run(self, channel: Channel) -> SpectrumGrew | None:
         """See `Job.run`."""
@@ -180,17 +177,13 @@ class PreviewJob:
 
 
 @dataclass(frozen=True, eq=False)
-class DecomposeJob:
+class DecomposeJob(_OnMesh):
     """Solve the eigenproblem into the store; sends `SpectrumGrew`, returns the last of them."""
 
-    mesh: Mesh
     operator: OperatorOptions
     target: Target
 
-    @property
-    def label(self) -> str:
-        """See `Job.label`."""
-        return f"Decomposing {self.mesh.name or 'the mesh'}"
+    doing: ClassVar[str] = "Decomposing"
 
     def run(self, channel: Channel) -> SpectrumGrew:
         """See `Job.run`."""

@@ -16,7 +16,6 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -25,11 +24,11 @@ import numpy as np
 
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.failure import failure_of
-from meshmash_viewer.model.jobs import Channel, DecomposeJob, Job, MeshReady, PreviewJob
+from meshmash_viewer.model.jobs import Channel, Job, MeshReady
 from meshmash_viewer.model.transport import Wire
 from meshmash_viewer.progress import Cancelled, Progress
 
-__all__ = ["child_command", "end_group", "prepare_preview", "serve"]
+__all__ = ["child_command", "end_group", "serve"]
 
 #: Seconds between two reports; a person reads no faster.
 _REPORT_SECONDS = 0.05
@@ -57,7 +56,7 @@ def serve(folder: str) -> None:
     with open(os.devnull, "rb") as nothing:
         os.dup2(nothing.fileno(), 0)
     wire = Wire(source, sink, Path(folder))
-    jobs = _Jobs()
+    jobs: queue.SimpleQueue[Job] = queue.SimpleQueue()
     asked_to_stop = threading.Event()
     listener = threading.Thread(
         target=_listen, args=(wire, jobs, asked_to_stop, folder), daemon=True
@@ -68,81 +67,12 @@ def serve(folder: str) -> None:
     threading.Thread(target=_warm_up_solver, daemon=True).start()
     while True:
         channel = _PipeChannel(wire, asked_to_stop, Path(folder))
-        result = _run(jobs.get(), channel, wire)
-        if isinstance(result, MeshReady) and result.known is None:
-            prepare_preview(result.mesh, channel, jobs.first)
+        _run(jobs.get(), channel, wire)
 
 
-def prepare_preview(mesh: Mesh, channel: Channel, first: Callable[[], Job | None]) -> None:
-    """Begin with what the window is about to ask for, while it takes the mesh.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    channel : Channel
-    first : callable
-        The job that waits first, if any: another one than was expected goes before.
-    """
-    from meshmash_viewer.model.previews import open_preview
-
-    try:
-        open_preview(mesh, _EarlyChannel(mesh, channel, first))
-    except Cancelled:
-        return
-    except Exception:  # noqa: BLE001  the job that asks for it fails in the same way, and says so
-        return
-
-
-class _Jobs:
-    """Jobs in the order they came, of which the first can be looked at before its turn."""
-
-    def __init__(self) -> None:
-        self._queue: queue.SimpleQueue[Job] = queue.SimpleQueue()
-        self._first: Job | None = None
-        self.put = self._queue.put
-
-    def get(self) -> Job:
-        job, self._first = self._first or self._queue.get(), None
-        return job
-
-    def first(self) -> Job | None:
-        if self._first is None:
-            with contextlib.suppress(queue.Empty):
-                self._first = self._queue.get_nowait()
-        return self._first
-
-
-class _EarlyChannel:
-    """Says nothing until the work is asked for, and gives way to any other."""
-
-    def __init__(self, mesh: Mesh, channel: Channel, first: Callable[[], Job | None]) -> None:
-        self.folder = channel.folder
-        self._mesh = mesh
-        self._channel = channel
-        self._first = first
-        self._unsaid: Progress | None = None
-
-    def report(self, progress: Progress) -> None:
-        self._unsaid = progress
-
-    def send(self, message: object) -> None:
-        raise AssertionError("nobody has asked for anything yet")
-
-    def cancelled(self) -> bool:
-        job = self._first()
-        if job is None:
-            return self._channel.cancelled()
-        if not isinstance(job, PreviewJob | DecomposeJob):
-            return True
-        if job.mesh.content_hash != self._mesh.content_hash:
-            return True
-        if self._unsaid is not None:
-            self._channel.report(self._unsaid)
-            self._unsaid = None
-        return self._channel.cancelled()
-
-
-def _listen(wire: Wire, jobs: _Jobs, asked_to_stop: threading.Event, folder: str) -> None:
+def _listen(
+    wire: Wire, jobs: queue.SimpleQueue[Job], asked_to_stop: threading.Event, folder: str
+) -> None:
     """Take orders while the main thread works."""
     try:
         while True:
@@ -160,21 +90,20 @@ def _listen(wire: Wire, jobs: _Jobs, asked_to_stop: threading.Event, folder: str
         os._exit(0)
 
 
-def _run(job: Job, channel: Channel, wire: Wire) -> object:
-    """Do a job and send how it ended; returns the result, None if there is none."""
+def _run(job: Job, channel: Channel, wire: Wire) -> None:
+    """Do a job and send how it ended."""
     message: tuple[str, object]
     try:
         result = _known_mesh.recognised(job).run(channel)
         if isinstance(result, MeshReady):
             _known_mesh.mesh = result.mesh
         wire.send(("finished", result))
-        return result
+        return
     except Cancelled:
         message = ("cancelled", None)
     except Exception as error:  # noqa: BLE001  whatever it is, the window must hear of it
         message = ("failed", failure_of(error, job.label))
     wire.send(message)
-    return None
 
 
 class _KnownMesh:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from meshmash_viewer.units import power_unit
+from meshmash_viewer.units import counted, power_unit
 
 __all__ = ["Certificate", "Method"]
 
@@ -121,10 +121,10 @@ class Certificate:
             3e-10 · orthonormality 3e-13".
         """
         state = "complete" if self.complete else f"not proven complete: {', '.join(self.lacks)}"
-        counted = f" ({self.count_sentence(unit)})" if self.method != "none" else ""
+        how = f" ({self.count_sentence(unit)})" if self.method != "none" else ""
         parts = [
-            f"{n_pairs} pair{'' if n_pairs == 1 else 's'}",
-            state + counted,
+            counted(n_pairs, "pair"),
+            state + how,
             f"worst residual {self.residual:.0e}",
             f"orthonormality {self.orthonormality:.0e}",
         ]

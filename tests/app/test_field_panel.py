@@ -21,6 +21,7 @@ from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, PercentileL
 from meshmash_viewer.model.live import LiveFeatures
 from meshmash_viewer.model.ranges import hks_range, resolved_from
 from meshmash_viewer.spectral.weyl import required_eigenvalue
+from meshmash_viewer.units import format_quantity
 
 LEFT = Qt.MouseButton.LeftButton
 pytestmark = pytest.mark.usefixtures("shown_at_once")
@@ -82,9 +83,9 @@ def test_eigenfunctions_scroll_by_wheel_keys_and_number(panel: FieldPanel, docum
     QTest.keyClick(spin, Qt.Key.Key_Return)
     assert document.display.index == slider.value() == 42
     value = document.spectrum.eigenvalues[42]
-    assert part(panel, "eigenvalue_label").text() == f"λ₄₂ = {value:.4g} nm⁻²"
+    assert part(panel, "eigenvalue_label").text() == f"λ₄₂ = {format_quantity(value, 'nm', -2)}"
     length = 2 * math.pi / math.sqrt(value)
-    assert part(panel, "wavelength_label").text() == f"{length:.4g} nm"
+    assert part(panel, "wavelength_label").text() == format_quantity(length, "nm")
     assert part(panel, "residual_label").text() == "3.0e-12"
 
 
@@ -157,8 +158,8 @@ def test_time_slider_is_in_log_scale_with_its_length(panel: FieldPanel, document
         QTest.mouseClick(slider, LEFT, pos=QPoint(x, 13))
         time = document.display.time
         assert math.log(time / low) / math.log(high / low) == pytest.approx(share, abs=5e-3)
-        assert part(panel, "hks_length_label").text() == f"{math.sqrt(time):.4g} nm"
-        assert part(panel, "hks_time_label").text() == f"t = {time:.4g} nm²"
+        assert part(panel, "hks_length_label").text() == format_quantity(math.sqrt(time), "nm")
+        assert part(panel, "hks_time_label").text() == f"t = {format_quantity(time, 'nm', 2)}"
     assert slider.hatched is None, "the automatic range begins where the pairs suffice"
 
 

@@ -177,6 +177,12 @@ def test_the_window_is_there_before_the_render_is_loaded(qtbot: QtBot) -> None:
 # -- the table of commands -------------------------------------------------------------------
 
 
+def test_every_command_does_something(window: MainWindow) -> None:
+    for command in COMMANDS:
+        name = command.does[0] if command.does else command.name
+        assert callable(window.commands.method(name)), name
+
+
 def test_every_command_is_on_its_menu_with_its_keys(window: MainWindow) -> None:
     for command in COMMANDS:
         assert command.menu in MENUS

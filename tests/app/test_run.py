@@ -50,7 +50,7 @@ def test_the_application_opens_a_mesh_and_ends_when_its_window_is_closed(
     timer = QTimer(interval=5)
     timer.timeout.connect(look)
     timer.start()
-    assert run.run_app([str(path), "--unit", "8 nm", "--fresh"]) == 0
+    assert run.run_app(path, "8 nm", fresh=True) == 0
     timer.stop()
     assert seen["first"] == (False, True), "the window comes before the render is loaded"
     assert seen["page"]

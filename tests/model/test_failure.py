@@ -21,9 +21,9 @@ def test_what_can_be_mended_says_how_and_has_a_defect_for_details_alone() -> Non
     wrong = failure_of(raised(InputError, "The mesh is upside down: turn it over."), "Reading a")
     assert (wrong.text, wrong.details) == ("The mesh is upside down: turn it over.", "")
     full = failure_of(raised(OSError, errno.ENOSPC, "No space left on device", "out.npz"))
-    assert full.text == "out.npz: No space left on device."
+    assert full.text == "out.npz: No space left on device; free the disk, or choose another folder."
     unnamed = failure_of(raised(OSError, errno.EIO, "Input/output error"))
-    assert unnamed.text == "Input/output error."
+    assert unnamed.text == "Input/output error; free the disk, or choose another folder."
     memory = failure_of(raised(MemoryError))
     assert "fewer eigenpairs" in memory.text
     for failure in (wrong, full, unnamed, memory):

@@ -6,7 +6,7 @@ import math
 
 from PySide6.QtCore import QSignalBlocker, Signal
 from PySide6.QtGui import QFocusEvent, QValidator
-from PySide6.QtWidgets import QDoubleSpinBox, QSpinBox, QWidget
+from PySide6.QtWidgets import QDoubleSpinBox, QWidget
 
 from meshmash_viewer.units import format_number
 
@@ -66,7 +66,7 @@ class QuantityBox(QDoubleSpinBox):
     def validate(self, text: str, position: int) -> tuple[QValidator.State, str, int]:
         """Let a number be typed digit by digit, with its exponent last."""
         number = self._number(text)
-        if number is not None and self.bounds[0] <= number <= self.bounds[1]:
+        if number is not None and self._is_allowed(number):
             return QValidator.State.Acceptable, text, position
         possible = set(_bare(self, text)) <= _CHARACTERS
         state = QValidator.State.Intermediate if possible else QValidator.State.Invalid
@@ -93,6 +93,9 @@ class QuantityBox(QDoubleSpinBox):
         self.setValue(min(max(self.value() * 2.0 ** (steps / 4.0), low), high))
         self.selectAll()
 
+    def _is_allowed(self, number: float) -> bool:
+        return self.bounds[0] <= number <= self.bounds[1]
+
     def _number(self, text: str) -> float | None:
         try:
             number = float(_bare(self, text).replace(",", "."))
@@ -101,47 +104,35 @@ class QuantityBox(QDoubleSpinBox):
         return number if math.isfinite(number) else None
 
 
-class CountBox(QSpinBox):
-    """A whole number that may be typed beyond its limits, and is then the nearest within them.
+class CountBox(QuantityBox):
+    """A whole number; one beyond its bounds becomes the nearest within them."""
 
-    Qt's own takes no key that would lead beyond them: of "1e99" it keeps 199.
-    """
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setDecimals(0)
+        self.setSpecialValueText("")
 
-    #: A number was given that is out of bounds.
-    refused = Signal(float)
+    def textFromValue(self, value: float) -> str:
+        """Write all digits."""
+        return f"{value:.0f}"
 
-    def validate(self, text: str, position: int) -> tuple[QValidator.State, str, int]:
-        """Let anything be typed that may become a number."""
-        bare = _bare(self, text)
-        if bare.isascii() and bare.isdigit() and len(bare) < 10:
-            within = self.minimum() <= int(bare) <= self.maximum()
-            state = QValidator.State.Acceptable if within else QValidator.State.Intermediate
-        elif set(bare) <= _CHARACTERS:
-            state = QValidator.State.Intermediate
-        else:
-            state = QValidator.State.Invalid
-        return state, text, position
-
-    def valueFromText(self, text: str) -> int:
-        """Read what was typed."""
-        bare = _bare(self, text)
-        return int(bare) if bare.isascii() and bare.isdigit() else self.value()
+    def stepBy(self, steps: int) -> None:
+        """One step is ``singleStep``."""
+        QDoubleSpinBox.stepBy(self, steps)
 
     def fixup(self, text: str) -> str:
         """Take the nearest number that is allowed, and say so."""
-        try:
-            number = float(_bare(self, text).replace(",", "."))
-        except ValueError:
-            return str(self.value())
-        if math.isnan(number):
-            return str(self.value())
-        within = int(min(max(number, self.minimum()), self.maximum()))
-        if within != number:
-            self.refused.emit(number)
-        return str(within)
+        number = self._number(text)
+        if number is None:
+            return self.textFromValue(self.value())
+        self.refused.emit(number)
+        return self.textFromValue(min(max(number, self.bounds[0]), self.bounds[1]) // 1.0)
+
+    def _is_allowed(self, number: float) -> bool:
+        return super()._is_allowed(number) and number == int(number)
 
 
-def dress(box: QSpinBox | QDoubleSpinBox, prefix: str, suffix: str) -> None:
+def dress(box: QuantityBox, prefix: str, suffix: str) -> None:
     """Put words before and after a number, and leave what is being typed as it is.
 
     Qt would write it anew: of "1e9", on the way to 1e99, it makes "1e+09".
@@ -160,5 +151,5 @@ def dress(box: QSpinBox | QDoubleSpinBox, prefix: str, suffix: str) -> None:
             edit.setModified(True)
 
 
-def _bare(box: QSpinBox | QDoubleSpinBox, text: str) -> str:
+def _bare(box: QuantityBox, text: str) -> str:
     return text.removeprefix(box.prefix()).removesuffix(box.suffix()).strip()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from PySide6.QtCore import QSignalBlocker
 from PySide6.QtWidgets import (
     QButtonGroup,
     QGridLayout,
@@ -45,7 +44,7 @@ class TargetBox(QWidget):
         self._refused = "", ""
 
         self.count_spin = theme.named(CountBox(), "target_count_spin", "Number of eigenpairs")
-        self.count_spin.setRange(1, _MOST)
+        self._limit_count(_MOST)
         self.count_spin.setSingleStep(10)
         self.eigenvalue_spin = theme.named(
             QuantityBox(), "target_eigenvalue_spin", "Largest eigenvalue"
@@ -56,7 +55,7 @@ class TargetBox(QWidget):
         self.time_spin = theme.named(
             QuantityBox(), "target_time_spin", "Shortest time of the heat kernel signature"
         )
-        rows: dict[str, tuple[str, str, CountBox | QuantityBox]] = {
+        rows: dict[str, tuple[str, str, QuantityBox]] = {
             "count": ("Eigenpairs", "That many of the lowest eigenpairs", self.count_spin),
             "max_eigenvalue": (
                 "Largest λ",
@@ -169,15 +168,18 @@ class TargetBox(QWidget):
 
     def _limit(self, area: float) -> None:
         """Let the fields take what this mesh can have, and what has been asked for already."""
-        self.count_spin.setMaximum(self._most)
+        self._limit_count(self._most)
         low = min(max(_BELOW * weyl_eigenvalue(area, 1), 1e-140), 1e140)
         high = min(max(_ABOVE * weyl_eigenvalue(area, self._most), low), 1e140)
         self.eigenvalue_spin.bounds = (low, high)
         self.wavelength_spin.bounds = (wavelength(high), wavelength(low))
 
     def _show_count(self, count: float) -> None:
-        with QSignalBlocker(self.count_spin):
-            self.count_spin.setValue(max(1, min(int(count), self._most)))
+        self.count_spin.show_quantity(max(1, min(int(count), self._most)))
+
+    def _limit_count(self, most: int) -> None:
+        self.count_spin.setRange(1, most)
+        self.count_spin.bounds = (1, most)
 
     def _refuse(self, kind: str, number: float) -> None:
         """Say at the field why this mesh cannot have what was typed."""
@@ -188,7 +190,6 @@ class TargetBox(QWidget):
             text = "The number of eigenpairs is a whole number from 1."
         else:
             box = self._boxes[kind]
-            assert isinstance(box, QuantityBox)
             unit = box.suffix()
             low, high = box.bounds
             name = "Eigenvalues" if kind == "max_eigenvalue" else "Waves"
