@@ -61,6 +61,7 @@ class ProfilePanel(QWidget):
         self.view_choice.chosen.connect(self._show_view)
         self.missing_label = theme.with_role(QLabel(self), "muted")
         self.missing_label.setObjectName("profile_missing_label")
+        self.missing_label.setToolTip("They miss more than 1 % for want of eigenpairs")
         self.head = PanelHead((self.view_choice,), (self.missing_label,), self)
         column.addWidget(self.head)
         self.plot = Plot("profile_plot", "Profiles of the pinned vertices", self)
@@ -204,9 +205,7 @@ class ProfilePanel(QWidget):
         if not self._marker.moving:
             self._marker.setValue(at)
         self._missing.setVisible(missing is not None)
-        self.missing_label.setText(
-            "" if missing is None else "Hatched: misses more than 1 %, for want of eigenpairs"
-        )
+        self.missing_label.setText("" if missing is None else "Hatched: misses over 1 %")
         self.head.fit()
         if missing is not None:
             self._missing.setRegion(missing)
