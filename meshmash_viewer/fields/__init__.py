@@ -19,6 +19,7 @@ _LISTED: tuple[type[Family], ...] = (
     Eigenfunctions,
     HeatKernelSignature,
     GeometryVectors,
+    WaveKernelSignature,
     Similarity,
 )
 
@@ -30,11 +31,7 @@ FEATURES: dict[str, type[Family]] = {
     name: family for name, family in FAMILIES.items() if family.counted
 }
 
-_WRITTEN: tuple[type[Family], ...] = (
-    *FEATURES.values(),
-    WaveKernelSignature,
-    *FAMILIES.values(),
-)
+_WRITTEN = (*FEATURES.values(), *FAMILIES.values())
 
 #: By kind of export, features before eigenpairs.
 EXPORTS: dict[str, type[Family]] = {each.export: each for each in _WRITTEN if each.export}
