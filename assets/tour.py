@@ -27,8 +27,9 @@ from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
 from meshmash_viewer.app.view.canvas import Canvas
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.io.read import read_mesh
-from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.samples import sample_path
 
 LEFT = Qt.MouseButton.LeftButton
@@ -159,7 +160,7 @@ class Tour:
         self.wait(
             lambda: document.spectrum is not None and len(document.spectrum) >= constants + 12
         )
-        display.index = constants + 5
+        display.change(Eigenfunctions, index=constants + 5)
         self.settle()
         self.shoot("computing")
         document.cancel()
@@ -170,20 +171,20 @@ class Tour:
         self.ask_for(200)
         self.wait(lambda: document.job is None and document.spectrum.complete)
         window.stage.message_bar.dismiss()
-        display.index = constants + 7
+        display.change(Eigenfunctions, index=constants + 7)
         display.nodal_lines = True
         self.settle()
         self.shoot("eigenfunction")
 
-        display.kind = FieldKind.HKS
+        display.kind = "hks"
         self.settle()
         self.shoot("hks")
-        display.kind = FieldKind.BAND
-        display.band = 9
+        display.kind = "band"
+        display.change(GeometryVectors, index=9)
         self.settle()
         self.shoot("bands")
 
-        display.kind = FieldKind.HKS
+        display.kind = "hks"
         for vertex in self.vertices_in_sight(4):
             place = window.scene.display_point(vertex)
             child = window.scene.childAt(place) or window.scene
@@ -194,7 +195,7 @@ class Tour:
         self.settle()
         self.shoot("similar")
 
-        display.kind = FieldKind.HKS
+        display.kind = "hks"
         self.settle()
         self.dialog("export", "export_dialog", "export")
         self.dialog("save_picture", "picture_dialog", "picture")
@@ -210,11 +211,11 @@ class Tour:
         window.stage.message_bar.dismiss()
 
         theme.set_mode(theme.Mode.DARK)
-        display.kind = FieldKind.EIGENFUNCTION
-        display.index = constants + 16
+        display.kind = "eigenfunction"
+        display.change(Eigenfunctions, index=constants + 16)
         self.settle()
         self.shoot("dark-eigenfunction")
-        display.kind = FieldKind.HKS
+        display.kind = "hks"
         self.settle()
         self.shoot("dark-hks")
         self.dialog("export", "export_dialog", "dark-export")
@@ -222,12 +223,12 @@ class Tour:
         self.settle()
         self.shoot("dark-small")
         theme.set_mode(theme.Mode.LIGHT)
-        display.kind = FieldKind.BAND
+        display.kind = "band"
         self.settle()
         self.shoot("small")
         available = window.screen().availableGeometry()
         self.resize(available.width(), available.height())
-        display.kind = FieldKind.EIGENFUNCTION
+        display.kind = "eigenfunction"
         self.settle()
         self.shoot("large")
 
@@ -235,7 +236,7 @@ class Tour:
         self.open(sample_path("two_components"))
         self.ask_for(30)
         self.wait(lambda: document.job is None and document.spectrum is not None)
-        display.index = 3
+        display.change(Eigenfunctions, index=3)
         self.settle()
         self.shoot("faults")
         theme.set_mode(theme.Mode.DARK)
@@ -255,14 +256,14 @@ class Tour:
             window.open_mesh(path, "nm")
             self.wait(lambda: document.path == path and document.spectrum is not None)
             constants = document.ready.health.n_components
-            display.index = constants + 4
+            display.change(Eigenfunctions, index=constants + 4)
             self.settle()
             self.shoot("preview")
 
             # the same function before and after the exact one has taken its place
             before, limits = self.shown()
             self.ask_for(constants + 20)
-            self.wait(lambda: document.spectrum.is_exact(display.index))
+            self.wait(lambda: document.spectrum.is_exact(display[Eigenfunctions].index))
             self.wait(lambda: document.job is None)
             window.stage.message_bar.dismiss()
             self.settle()

@@ -32,7 +32,9 @@ from meshmash_viewer.app import heap
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application, keep_what_is_loaded
 from meshmash_viewer.app.view.canvas import Canvas
-from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.geometry_vectors import GeometryVectors
+from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.model.jobs import ExportJob
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import subscript
@@ -122,8 +124,8 @@ class Session:
         window, rows = self.window, self.document.spectrum.shown_rows
         shown = window.scene._drawing.surface.values
         label = self.part("eigenvalue_label").text()
-        if self.display.index != index:
-            return f"at {self.display.index} instead of {index}"
+        if self.display[Eigenfunctions].index != index:
+            return f"at {self.display[Eigenfunctions].index} instead of {index}"
         if not np.array_equal(shown, np.asarray(rows[index], dtype=np.float32)):
             return "another field is displayed"
         if not label.startswith(f"λ{subscript(index)} "):
@@ -212,12 +214,12 @@ class Session:
         tabs.setCurrentIndex(2)
         yield 0.1
         for band in range(8):
-            display.band = band
+            display.change(GeometryVectors, index=band)
             yield 0.03
         yield self.at_rest
         self.phase("bands")
         for band in range(32):
-            display.band = band
+            display.change(GeometryVectors, index=band)
             yield 0.016
         yield self.at_rest
         self.phase("pins")
@@ -233,7 +235,7 @@ class Session:
         yield 0.2
         yield self.at_rest
         for step in range(20):
-            display.similarity_vertex = 1000 * step
+            display.change(Similarity, vertex=1000 * step)
             yield 0.03
         yield self.at_rest
         self.phase("nodal lines")
@@ -253,11 +255,13 @@ class Session:
             display.limits = policy
             yield 0.3
         self.phase("export of features")
-        times = {"t_min": None, "t_max": None, "n_scales": 8}
+        from meshmash_viewer.fields import EXPORTS
+
         self.document.export(
             ExportJob(
                 self.document.mesh, self.document.spectrum.operator or self.document.operator,
-                self.folder / "hks.npz", "hks", len(self.document.spectrum), times,
+                self.folder / "hks.npz", EXPORTS["hks"].exported(8),
+                len(self.document.spectrum),
             )
         )  # fmt: skip
         yield 0.1
@@ -283,20 +287,20 @@ class Session:
         count = 40 if self.result["driver"] == "no-op" else 12
         pairs, vertices = self.order["pairs"], self.order["vertices"]
         kinds = {
-            "step": (FieldKind.EIGENFUNCTION, "index", lambda i: (3 + i) % pairs),
-            "leap": (FieldKind.EIGENFUNCTION, "index", lambda i: (3 + 107 * i) % pairs),
-            "hks": (FieldKind.HKS, "time", lambda i: time_at(self.document, (i % 37) / 37)),
-            "band": (FieldKind.BAND, "band", lambda i: i % 32),
+            "step": ("eigenfunction", "index", lambda i: (3 + i) % pairs),
+            "leap": ("eigenfunction", "index", lambda i: (3 + 107 * i) % pairs),
+            "hks": ("hks", "time", lambda i: time_at(self.document, (i % 37) / 37)),
+            "band": ("band", "band", lambda i: i % 32),
             "similarity": (
-                FieldKind.SIMILARITY, "similarity_vertex", lambda i: 7919 * (i + 1) % vertices,
+                "similarity", "similarity_vertex", lambda i: 7919 * (i + 1) % vertices,
             ),
         }  # fmt: skip
         for key in ("ticks", "ticks_p95", "ticks_in_render", "ticks_rounds"):
             self.result[key] = {}
         for name, (kind, control, value_of) in kinds.items():
             self.phase(f"tick {name}")
-            if kind is FieldKind.SIMILARITY:
-                display.similarity_vertex = 0
+            if kind == "similarity":
+                display.change(Similarity, vertex=0)
             display.kind = kind
             yield 0.5
             yield self.at_rest
@@ -357,7 +361,7 @@ class Session:
             # not before the preview is looked at, and after the first exact pairs have replaced it
             if spectrum is not None and "pairs_20" in self.moments:
                 step += 1
-                self.display.index = 1 + step % (len(spectrum) - 1)
+                self.display.change(Eigenfunctions, index=1 + step % (len(spectrum) - 1))
             yield 0.05
         self.phase("end")
         yield self.at_rest

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from meshmash_viewer.model.ranges import hks_range
-from meshmash_viewer.model.squares import sum_squares
+from meshmash_viewer.features.squares import sum_squares
+from meshmash_viewer.fields.hks import HeatKernelSignature
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.field_source import FieldSource
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def time_at(document: Document, share: float) -> float:
     """The diffusion time at a share of the slider."""
-    low, high = hks_range(document.spectrum, document.display)
+    low, high = document.display[HeatKernelSignature].range(document.spectrum)
     return float(low * (high / low) ** share)
 
 

@@ -17,6 +17,7 @@ __all__ = [
     "format_number",
     "format_quantity",
     "is_voxel",
+    "named_quantity",
     "parse_unit",
     "power_unit",
     "subscript",
@@ -149,3 +150,9 @@ def whole_number(count: float, name: str) -> int:
     if not (math.isfinite(count) and count >= 1 and count == int(count)):
         raise InputError(f"{name} is {count}: give a whole number from 1.")
     return int(count)
+
+
+def named_quantity(name: str, unit: str, power: int = 1) -> str:
+    """Name an axis: "Time t (nm²)", or "Time t" where there is no unit."""
+    written = power_unit(unit, power)
+    return f"{name} ({written})" if written else name

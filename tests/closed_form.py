@@ -9,11 +9,11 @@ from PySide6.QtGui import QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit, QWidget
 
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.jobs import MeshReady
-from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.spectral.certificate import Certificate
 
 A, B = 12000.0, 47000.0  # nm

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from functools import cache
 
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.spectral.eigensolver import solve
 
 

@@ -44,7 +44,7 @@ mesh = mv.Mesh([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1
 L, M = mv.cotangent_laplacian(mesh)
 def heat_table():
     import numpy as np
-    import meshmash_viewer.model.field_kernels
+    import meshmash_viewer.fields.kernels
 def preview():
     from meshmash_viewer.spectral.preview import preview_eigenpairs
     preview_eigenpairs(mesh, 4)

@@ -1,4 +1,4 @@
-"""The house has one direction: numerics, io, model, app; and only the render knows VTK."""
+"""The house has one direction: numerics, fields, io, model, app; only the render knows VTK."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import meshmash_viewer
+from meshmash_viewer.fields import EXPORTS, FAMILIES
 
 PACKAGE = Path(meshmash_viewer.__file__).parent
 MODULES = {
@@ -26,10 +27,11 @@ VTK = {"pyvista", "pyvistaqt", "vtk", "vtkmodules"}
 #: What each layer may import besides itself.
 ALLOWED = {
     "numerics": set(),
-    "io": {"numerics"},
-    "model": {"numerics", "io"},
-    "app": {"numerics", "io", "model"},
-    "cli": {"numerics", "io", "model", "app"},
+    "fields": {"numerics"},
+    "io": {"numerics", "fields"},
+    "model": {"numerics", "fields", "io"},
+    "app": {"numerics", "fields", "io", "model"},
+    "cli": {"numerics", "fields", "io", "model", "app"},
 }
 #: Modules outside app/ that touch VTK, inside functions: a conversion, a reader, a writer.
 VTK_OUTSIDE_APP = {
@@ -48,7 +50,7 @@ BACK = {
 
 def layer(module: str) -> str:
     first = module.split(".")[1] if "." in module else ""
-    if first in ("io", "model", "app"):
+    if first in ("fields", "io", "model", "app"):
         return first
     return "cli" if first in ("cli", "__main__") else "numerics"
 
@@ -160,6 +162,22 @@ def test_panels_know_the_model_and_not_one_another(module: str) -> None:
         others |= {name for name in imports(module) if name.endswith("_tab")}
     assert not others
     assert "meshmash_viewer.app.main_window" not in imports(module)
+
+
+def test_families_are_known_by_their_table() -> None:
+    """Outside of fields/ and of their tabs, hardly a file knows a family of fields by name."""
+    known = (*FAMILIES.values(), *EXPORTS.values())
+    families = {family.__module__ for family in known}
+    names = {*FAMILIES, *(family.export for family in known if family.counted)}
+    knowing = set()
+    for module in MODULES:
+        if layer(module) in ("numerics", "fields") or module.startswith("meshmash_viewer.app.tabs"):
+            continue
+        tree = ast.parse(MODULES[module].read_text(encoding="utf-8"))
+        said = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)}
+        if imports(module) & families or names & {each for each in said if isinstance(each, str)}:
+            knowing.add(module)
+    assert len(knowing) <= 4, sorted(knowing)
 
 
 def test_the_command_line_loads_the_window_only_to_open_one() -> None:

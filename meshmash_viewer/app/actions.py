@@ -16,7 +16,7 @@ from PySide6.QtWidgets import QMainWindow, QMenu, QToolBar
 
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.theme import Mode
-from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.fields import FAMILIES
 
 __all__ = ["COMMANDS", "MENUS", "MOUSE_HELP", "Actions", "Command"]
 
@@ -29,7 +29,7 @@ MOUSE_HELP: tuple[tuple[str, str], ...] = (
     ("Shift + drag, or right button", "Shift"),
     ("Ctrl + drag", "Roll"),
     ("Wheel", "Zoom to the pointer"),
-    ("Ctrl + wheel", "Next or previous eigenfunction, time or band"),
+    ("Ctrl + wheel", "Next or previous eigenfunction, time or column"),
     ("Middle click", "Put what is under the pointer in the middle"),
     ("Move", "Read index and value of the vertex under the pointer"),
     ("Click", "Pin that vertex, or take its pin away"),
@@ -131,29 +131,28 @@ COMMANDS: tuple[Command, ...] = (
             checkable=True),
     Command("reset_layout", "Reset layout", "View", "Put the panels back where they were"),
     # -- Field
-    Command("play", "Play", "Field", "Step through eigenfunctions, times or bands by itself",
+    Command("play", "Play", "Field", "Step through eigenfunctions, times or columns by itself",
             ("Space",), checkable=True, toolbar="Play", icon="play", needs="spectrum"),
-    Command("next", "Next", "Field", "The next eigenfunction, time or band", ("Right",),
+    Command("next", "Next", "Field", "The next eigenfunction, time or column", ("Right",),
             separated=True, needs="spectrum", does=("step", 1)),
-    Command("previous", "Previous", "Field", "The previous eigenfunction, time or band",
+    Command("previous", "Previous", "Field", "The previous eigenfunction, time or column",
             ("Left",), needs="spectrum", does=("step", -1)),
-    Command("next_ten", "Ten on", "Field", "Ten eigenfunctions, times or bands on", ("PgDown",),
+    Command("next_ten", "Ten on", "Field", "Ten eigenfunctions, times or columns on", ("PgDown",),
             needs="spectrum", does=("step", 10)),
-    Command("previous_ten", "Ten back", "Field", "Ten eigenfunctions, times or bands back",
+    Command("previous_ten", "Ten back", "Field", "Ten eigenfunctions, times or columns back",
             ("PgUp",), needs="spectrum", does=("step", -10)),
-    Command("first", "First", "Field", "The first eigenfunction, time or band", ("Home",),
+    Command("first", "First", "Field", "The first eigenfunction, time or column", ("Home",),
             needs="spectrum"),
     Command("last", "Last", "Field", "The last one that has converged", ("End",),
             needs="spectrum"),
     Command("flip", "Flip sign", "Field",
             "Draw the eigenfunction with the other sign, which is as good", ("F",),
             toolbar="Flip sign", icon="flip", separated=True, needs="spectrum"),
-    Command("show_eigenfunctions", "Eigenfunctions", "Field", "Show eigenfunctions", ("1",),
-            separated=True, needs="spectrum", does=("show_kind", FieldKind.EIGENFUNCTION)),
-    Command("show_hks", "Heat kernel signature", "Field", "Show the heat kernel signature",
-            ("2",), needs="spectrum", does=("show_kind", FieldKind.HKS)),
-    Command("show_bands", "Geometry vectors", "Field", "Show B-spline bands", ("3",),
-            needs="spectrum", does=("show_kind", FieldKind.BAND)),
+    *(
+        Command(f"show_{name}", family.label, "Field", family.tip, (str(at),),
+                separated=at == 1, needs="spectrum", does=("show_kind", name))
+        for at, (name, family) in enumerate(FAMILIES.items(), 1)
+    ),
     # -- Inspect
     Command("pin", "Pin vertex under the pointer", "Inspect",
             "Pin the vertex under the pointer, or take its pin away", ("P",), needs="render"),

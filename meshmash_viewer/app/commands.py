@@ -22,7 +22,6 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.read import READABLE_ENDINGS
 from meshmash_viewer.io.session import SESSION_ENDING
 from meshmash_viewer.model import cost, stepping
-from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.failure import Failure
 
@@ -128,7 +127,7 @@ class Commands:
         actions["undo_repair"].setEnabled(document.can_undo and not running)
         actions["clear_pins"].setEnabled(bool(document.pins))
         actions["similar"].setEnabled(bool(document.pins) and document.spectrum is not None)
-        if display.kind is not FieldKind.EIGENFUNCTION:
+        if not display.family.signed:
             for name in ("nodal_lines", "flip"):
                 actions[name].setEnabled(False)
         actions["nodal_lines"].setChecked(display.nodal_lines)
@@ -332,8 +331,8 @@ class Commands:
         """Step by itself, or stop."""
         self._document.display.playing = on
 
-    def show_kind(self, kind: FieldKind) -> None:
-        """Put another kind of field on the render."""
+    def show_kind(self, kind: str) -> None:
+        """Put another family of fields on the render."""
         self._document.display.kind = kind
 
     def first(self) -> None:
@@ -349,8 +348,8 @@ class Commands:
         stepping.step(self._document, steps)
 
     def flip(self) -> None:
-        """Flip the sign of the eigenfunction on the render."""
-        if self._document.display.kind is FieldKind.EIGENFUNCTION:
+        """Flip the sign of what is on the render, if it has one that is free."""
+        if self._document.display.family.signed:
             self._document.flip()
 
     def choose_theme(self, mode: theme.Mode) -> None:
@@ -387,12 +386,6 @@ class Commands:
         )
         if chosen and all(pin.vertex != vertex for pin in self._document.pins):
             self._document.toggle_pin(vertex)
-
-    def similar(self) -> None:
-        """Paint the distance in feature space from the vertex pinned last."""
-        if self._document.pins:
-            self._document.display.similarity_vertex = self._document.pins[-1].vertex
-            self._document.display.kind = FieldKind.SIMILARITY
 
     # -- help ---------------------------------------------------------------------------------
 

@@ -1,15 +1,11 @@
-"""Computes the field on the render; only the latest request counts.
-
-Off the interface thread, unless that takes longer than the answer: a thread that sleeps is woken in
-a quarter of a millisecond, and has to wake the interface's in turn.
-"""
+"""Computes the field on the render, off the interface thread; only the latest request counts."""
 
 from __future__ import annotations
 
 import gc
 import importlib
 import sys
-from time import perf_counter
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, Qt, QThread, QTimer, Signal, Slot
@@ -17,9 +13,9 @@ from PySide6.QtCore import QObject, Qt, QThread, QTimer, Signal, Slot
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import first_a_frame
 from meshmash_viewer.app.look_ahead import LookAhead
-from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.field import Field, FieldRequest, compute_field, request_of, title_of
+from meshmash_viewer.model.field import Field, FieldRequest, compute_field, request_of
 from meshmash_viewer.model.limits import LimitPolicy
 from meshmash_viewer.model.live import LiveFeatures
 from meshmash_viewer.progress import CancelCallback, Cancelled
@@ -29,32 +25,11 @@ if TYPE_CHECKING:
 
 __all__ = ["FieldSource"]
 
-#: Attributes of the display that can change the values of a field.
-_WATCHED = (
-    "kind",
-    "index",
-    "flipped",
-    "time",
-    "hks_automatic",
-    "hks_t_min",
-    "hks_t_max",
-    "hks_scales",
-    "band",
-    "band_count",
-    "band_automatic",
-    "band_min",
-    "band_max",
-    "similarity_vertex",
-    "similarity_basis",
-)
-
 #: Seconds without a newer request after which it is worth building tables for the last one.
 _REST = 0.15
-#: An answer from tables that took fewer seconds the last time is given without a thread.
-_PROMPT = 0.005
 #: Milliseconds without a new field after which it is said that one is being computed.
 _LATE = 200
-_KERNELS = "meshmash_viewer.model.field_kernels"
+_KERNELS = "meshmash_viewer.fields.kernels"
 
 
 class FieldSource(QObject):
@@ -63,9 +38,8 @@ class FieldSource(QObject):
     `field_ready` carries each new `Field`, or None when there is nothing to show; `failed` one
     sentence if a field cannot be computed; `awaited` the title of the one that has been chosen
     while another is still on the render, and "" when it has come. One thread answers requests;
-    another builds the tables that make the next ones cheap, after which a draft is computed again.
-    From tables that are there, the interface thread computes small fields itself, in the next turn
-    of its loop; the next eigenfunction in the direction of scrolling is prepared.
+    another builds the tables that make the next ones cheap, after which a draft is computed again;
+    a third computes what is likely to be asked for next.
     """
 
     field_ready = Signal(object)
@@ -82,22 +56,18 @@ class FieldSource(QObject):
         self._wanted: FieldRequest | None = None
         self._policy: LimitPolicy | None = None
         self._threads: threadpool_limits | None = None
-        #: What the last field of each kind took in seconds, with its limits.
-        self._took: dict[FieldKind, float] = {}
         self._late = QTimer(self, singleShot=True, interval=_LATE)
         self._late.timeout.connect(self._say_awaited)
-        self._soon = QTimer(self, singleShot=True, interval=0)
-        self._soon.timeout.connect(self._answer_here)
         queued = Qt.ConnectionType.QueuedConnection
         self._computed.connect(self._take, queued)
         self._prepared.connect(self._improve, queued)
         self._answers = LatestThread(self._answer, parent=self)
         self._tables = LatestThread(self._build, rest=_REST, parent=self)
-        self._ahead = LookAhead(
-            self._compute, lambda index: index in document.display.flipped, parent=self
-        )
-        self._signals = [getattr(document.display.events, name) for name in _WATCHED]
-        self._signals += [document.spectrum_changed, document.mesh_changed]
+        self._ahead = LookAhead(self._compute, self._expected, parent=self)
+        events = document.display.events
+        self._signals = [
+            events.kind, events.fields, document.spectrum_changed, document.mesh_changed
+        ]  # fmt: skip
         for signal in self._signals:
             signal.connect(self.refresh)
         self._answers.start()
@@ -130,13 +100,11 @@ class FieldSource(QObject):
         if request == self._wanted:
             return
         before, self._wanted = self._wanted, request
-        if request is None or (before is not None and not _same_mesh(before, request)):
-            self._soon.stop()
+        if request is None or (before is not None and not before.same_mesh(request)):
             self._answers.drop()
             self._tables.drop()
             self._live.forget()
             self._ahead.forget()
-            self._took.clear()
             self._field = None
             self._come()
             self.field_ready.emit(None)
@@ -144,34 +112,17 @@ class FieldSource(QObject):
             if not self._late.isActive():
                 self._late.start()
             first_a_frame()
-            if self._is_there(request) or self._is_prompt(request):
-                self._soon.start()
+            # what has been computed already, unless something older is on its way
+            there = None if self._answers.working else self._ahead.answer(request)
+            if there is not None:
+                self._computed.emit(request, there)
             else:
-                self._soon.stop()
                 self._answers.ask(request)
-
-    def _is_there(self, request: FieldRequest) -> bool:
-        """Whether it has been computed already, and nothing older is on its way."""
-        return not self._answers.working and self._ahead.answer(request) is not None
-
-    def _is_prompt(self, request: FieldRequest) -> bool:
-        """Whether it is answered faster here than by a thread.
-
-        Eigenfunctions are on a disk that may be slow, and a solver takes all processors.
-        """
-        return (
-            request.kind is not FieldKind.EIGENFUNCTION
-            and self._took.get(request.kind, _PROMPT) < _PROMPT
-            and self._document.job is None
-            and not self._answers.working
-            and self._live.prepared(request)
-        )
 
     def close(self) -> None:
         """Stop both threads and wait for them."""
         for signal in self._signals:
             signal.disconnect(self.refresh)
-        self._soon.stop()
         self._late.stop()
         self._answers.close()
         self._tables.close()
@@ -184,7 +135,6 @@ class FieldSource(QObject):
 
     def _answer(self, request: FieldRequest, cancel: CancelCallback) -> None:
         answer: Field | Exception | None
-        started = perf_counter()
         try:
             if self._threads is None:
                 # More threads of the linear algebra would compete with the interface's, and beside
@@ -195,7 +145,6 @@ class FieldSource(QObject):
             answer = self._compute(request)
         except Exception as error:  # noqa: BLE001  the window says it
             answer = error
-        self._took[request.kind] = perf_counter() - started
         self._computed.emit(request, answer)
 
     def _compute(self, request: FieldRequest) -> Field | None:
@@ -208,7 +157,8 @@ class FieldSource(QObject):
 
     def _build(self, request: FieldRequest, cancel: CancelCallback) -> None:
         try:
-            _load_kernels()
+            if request.family.compiled:
+                _load_kernels()
             self._live.prepare(request, cancel)
         except Cancelled:
             return
@@ -219,26 +169,20 @@ class FieldSource(QObject):
 
     # -- in the interface thread --------------------------------------------------------------
 
-    @Slot()
-    def _answer_here(self) -> None:
-        request = self._wanted
-        if request is None:
-            return
-        field = self._ahead.answer(request)
-        if field is not None:
-            self._take(request, field)
-        elif request.kind is FieldKind.EIGENFUNCTION:  # it was there, and has been forgotten
-            self._answers.ask(request)
-        else:
-            self._answer(request, lambda: False)
+    def _expected(self, before: FieldRequest | None, request: FieldRequest) -> FieldRequest | None:
+        chosen = self._document.display.fields[request.family.name]
+        previous = None if before is None else before.family
+        following = request.family.likely_next(previous, chosen, request.spectrum)
+        return None if following is None else replace(request, family=following)
 
     @Slot(object, object)
     def _take(self, request: FieldRequest, answer: Field | Exception | None) -> None:
-        if self._wanted is None or not _same_mesh(self._wanted, request):
+        if self._wanted is None or not self._wanted.same_mesh(request):
             return
         if isinstance(answer, Exception):
             self._come()
-            self.failed.emit(f"The field cannot be computed ({type(answer).__name__}): {answer}")
+            named = "" if isinstance(answer, InputError) else f" ({type(answer).__name__})"
+            self.failed.emit(f"The field cannot be computed{named}: {answer}")
             return
         wanted, shown = self._wanted, self._field
         if not self._live.prepared(wanted):
@@ -246,7 +190,7 @@ class FieldSource(QObject):
         if request != wanted and shown is not None and shown.request == wanted:
             return  # it was overtaken by one that had been prepared
         # What the slider has just left may be shown on the way; another kind of field would flash.
-        if answer is not None and request.kind is wanted.kind:
+        if answer is not None and request.family.name == wanted.family.name:
             self._field = answer
             self._come()
             if request != wanted:
@@ -257,7 +201,7 @@ class FieldSource(QObject):
     @Slot()
     def _say_awaited(self) -> None:
         if self._wanted is not None:
-            self.awaited.emit(title_of(self._wanted))
+            self.awaited.emit(self._wanted.family.title())
 
     def _come(self) -> None:
         """Nothing is waited for any more."""
@@ -268,7 +212,9 @@ class FieldSource(QObject):
     def _improve(self, request: FieldRequest) -> None:
         """Compute the field again if it had to do without the tables that are there now."""
         wanted, field = self._wanted, self._field
-        if wanted is None or not _same_mesh(wanted, request) or wanted.kind is not request.kind:
+        if wanted is None or not wanted.same_mesh(request):
+            return
+        if wanted.family.name != request.family.name:
             return
         if field is None or field.draft or field.request != wanted:
             self._answers.ask(wanted)
@@ -286,8 +232,3 @@ def _load_kernels() -> None:
             importlib.import_module(_KERNELS)
         finally:
             gc.enable()
-
-
-def _same_mesh(one: FieldRequest, other: FieldRequest) -> bool:
-    """Whether two requests are about one surface, be it in another unit."""
-    return one.places is other.places

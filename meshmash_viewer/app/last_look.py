@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from PySide6.QtCore import QObject
@@ -9,9 +10,7 @@ from PySide6.QtCore import QObject
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.ranges import hks_range
 
 __all__ = ["LastLook"]
 
@@ -34,14 +33,15 @@ class LastLook(QObject):
 
     def _note(self) -> None:
         key, spectrum, display = self._key(), self._document.spectrum, self._document.display
-        if key is None or spectrum is None or display.kind is FieldKind.SIMILARITY:
+        if key is None or spectrum is None or not display.family.position:
             return
         self._looks.pop(key, None)  # the newest is last
         self._looks[key] = {
-            "kind": display.kind.value,
-            "index": display.index,
-            "time": display.time,
-            "band": display.band,
+            "kind": display.kind,
+            "fields": {
+                name: {each: getattr(family, each) for each in family.position}
+                for name, family in display.fields.items()
+            },
         }
 
     def restore(self) -> None:
@@ -53,12 +53,11 @@ class LastLook(QObject):
         look = self._looks.get(self._key() or "")
         if look is None or spectrum is None or not len(spectrum):
             return
-        display.index = min(int(look["index"]), len(spectrum) - 1)
-        display.band = min(int(look["band"]), display.band_count - 1)
-        low, high = hks_range(spectrum, display)
-        time = look["time"]
-        display.time = time if time is not None and low <= time <= high else None
-        display.kind = FieldKind(look["kind"])
+        for name, place in look.get("fields", {}).items():
+            if name in display.fields:
+                display.put(replace(display.fields[name], **place).within(spectrum))
+        if look["kind"] in display.fields:
+            display.kind = look["kind"]
 
     def keep(self) -> None:
         """Store it for the next time the program runs."""

@@ -1,14 +1,12 @@
-"""The eigenfunction that is likely to be asked for next, computed while nothing else is."""
+"""The field that is likely to be asked for next, computed while nothing else is."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 from PySide6.QtCore import QObject, QThread
 
 from meshmash_viewer.app.latest_thread import LatestThread
-from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.field import Field, FieldRequest
 from meshmash_viewer.progress import CancelCallback
 
@@ -16,8 +14,6 @@ __all__ = ["LookAhead"]
 
 #: Seconds until it begins: the frame of the field that has just come goes first.
 _AFTER = 0.012
-#: Steps farther than this are leaps, after which one goes on by single steps.
-_STRIDE = 10
 
 
 class LookAhead:
@@ -30,8 +26,9 @@ class LookAhead:
     ----------
     compute : callable
         Of a request, its field; called in a thread of its own.
-    flipped : callable
-        Whether an eigenfunction is shown with its sign changed.
+    expected : callable
+        Of the request before and the one that has just been answered, the one after it; None where
+        that would not take long.
     parent : QObject
         Of the thread.
     """
@@ -39,11 +36,11 @@ class LookAhead:
     def __init__(
         self,
         compute: Callable[[FieldRequest], Field | None],
-        flipped: Callable[[int], bool],
+        expected: Callable[[FieldRequest | None, FieldRequest], FieldRequest | None],
         parent: QObject,
     ) -> None:
         self._compute = compute
-        self._flipped = flipped
+        self._expected = expected
         self._last: FieldRequest | None = None
         self._field: Field | None = None
         self._thread = LatestThread(self._work, rest=_AFTER, parent=parent)
@@ -52,12 +49,11 @@ class LookAhead:
     def follow(self, request: FieldRequest) -> None:
         """Take note of a request that has been answered, and prepare for the one after it."""
         before, self._last = self._last, request
-        steps = request.index - before.index if before is not None else 1
-        index = request.index + (steps if abs(steps) <= _STRIDE else 1)
-        if request.kind is not FieldKind.EIGENFUNCTION:
+        following = self._expected(before, request)
+        if following is not None:
+            self._thread.ask(following)
+        elif before is None or before.family.name != request.family.name:
             self.forget()
-        elif steps and 0 <= index < len(request.spectrum):
-            self._thread.ask(replace(request, index=index, flipped=self._flipped(index)))
 
     def answer(self, request: FieldRequest) -> Field | None:
         """The field of a request, if it is the one that was prepared for."""

@@ -173,7 +173,7 @@ class MainWindow(QMainWindow):
         self.scene.vertex_hovered.connect(self._on_hover)
         self.scene.stepped.connect(self.commands.step)
         display = self.document.display
-        for event in ("limits", "diverging_colormap", "sequential_colormap", "nodal_lines"):
+        for event in ("policies", "diverging_colormap", "sequential_colormap", "nodal_lines"):
             listen(getattr(display.events, event), self._show_field)
         self.loaded = True
         self.stage.welcome.set_loading("")
@@ -246,7 +246,7 @@ class MainWindow(QMainWindow):
             self.field_panel.set_field(None, (0.0, 1.0))
             later(self._clear_title)
             return
-        limits = field.limits(display.limits)
+        limits = field.limits(display.policies.get(field.family.name))
         colormap = display.diverging_colormap if field.signed else display.sequential_colormap
         self.scene.set_field(field, limits, colormap)
         self.scene.set_nodal_lines(field.values if display.nodal_lines and field.signed else None)

@@ -7,7 +7,7 @@ import numpy.typing as npt
 from PySide6.QtCore import QObject, Signal
 
 from meshmash_viewer.app.latest_thread import LatestThread
-from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.progress import CancelCallback
 
 __all__ = ["ProfileReader"]

@@ -8,8 +8,8 @@ from PySide6.QtCore import QObject, QThread, Signal
 
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import listen
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.progress import CancelCallback
 
 __all__ = ["RowCheck"]

@@ -12,7 +12,12 @@ from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.session import Session, read_session, write_session
 from meshmash_viewer.laplacian import OperatorOptions
-from meshmash_viewer.model.display_json import display_from_json, display_to_json, read_display
+from meshmash_viewer.model.display_json import (
+    display_from_json,
+    display_to_json,
+    drop_vertices,
+    read_display,
+)
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.jobs import ReadJob
 from meshmash_viewer.spectral.weyl import Target
@@ -141,14 +146,12 @@ class Restoration:
             )
         for vertex in pins:
             document.toggle_pin(vertex)
-        display = dict(self._display)
-        similar = display.get("similarity_vertex")
-        if similar is not None and similar >= mesh.n_vertices:
+        display = self._display
+        for place, vertex in drop_vertices(display, mesh.n_vertices):
             self._warn(
-                f"{self._path.name} has display.similarity_vertex = {similar}, which"
-                f" {document.path} does not have: it is left out."
+                f"{self._path.name} has display.{place} = {vertex}, which {document.path}"
+                " does not have: it is left out."
             )
-            del display["similarity_vertex"]
         display_from_json(document.display, display)
         self._restored = True
         self.restored.emit()

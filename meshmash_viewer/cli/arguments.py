@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.kinds import KINDS
 from meshmash_viewer.units import UNIT_FORMS
 
 if TYPE_CHECKING:
@@ -73,7 +72,9 @@ def command_parser() -> argparse.ArgumentParser:
 
     features = commands.add_parser("features", help="compute features of meshes")
     features.add_argument("mesh", nargs="+", type=Path)
-    features.add_argument("--kind", choices=tuple(KINDS), default="hks", help="default: hks")
+    from meshmash_viewer.fields import EXPORTS
+
+    features.add_argument("--kind", choices=tuple(EXPORTS), default="hks", help="default: hks")
     _add_mesh(features)
     _add_target(features, automatic=True)
     features.add_argument(

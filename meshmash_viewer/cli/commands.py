@@ -22,7 +22,6 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.weyl import Target, required_eigenvalue, wavelength
 
 if TYPE_CHECKING:
-    from meshmash_viewer.features.filters import FilterBank
     from meshmash_viewer.features.sums import Features
     from meshmash_viewer.progress import CancelCallback, ProgressCallback
     from meshmash_viewer.spectral.eigensolver import Decomposition
@@ -89,10 +88,6 @@ class Solver:
             )
         self.remark = found.remark
         return found.decomposition
-
-    def options(self) -> dict[str, Any]:
-        """The choices, as an export states them."""
-        return {"target": asdict(self.target), "operator": asdict(self.operator)}
 
 
 def describe(mesh: Mesh, target: Target) -> dict[str, Any]:
@@ -225,7 +220,7 @@ def write_kind(
     path : Path
         Its ending says the format.
     kind : str
-        One of `meshmash_viewer.features.kinds.KINDS`.
+        One of `meshmash_viewer.fields.EXPORTS`.
     solver : Solver
     n_components : int
         Number of columns: times, bands or energies.
@@ -253,9 +248,13 @@ def write_kind(
         mesh_limit,
         sufficient_target,
     )
+    from meshmash_viewer.fields import EXPORTS
     from meshmash_viewer.health import median_edge_length
+    from meshmash_viewer.io.provenance import export_options
     from meshmash_viewer.io.write import write_eigenpairs, write_features
 
+    chosen = {name: time for name, time in (("t_min", t_min), ("t_max", t_max)) if time is not None}
+    family = EXPORTS[kind].exported(n_components, **chosen)
     began = time.perf_counter()
     n = mesh.n_vertices - len(mesh.unreferenced)
     remarks: list[str] = []
@@ -272,9 +271,9 @@ def write_kind(
             reach = mesh_limit(t_min, mesh.area, n, mesh.unit, median_edge_length(mesh))
             raise InputError(f"{fault} {reach}") from fault
         solved = time.perf_counter()
-        if kind == "eigenpairs":
+        if not family.counted:
             break
-        bank = _bank(mesh, kind, pairs.eigenvalues, solver.target, n_components, t_min, t_max)
+        bank = family.bank(pairs.eigenvalues, mesh.area, solver.target.max_eigenvalue)
         features = truncated_features(
             pairs,
             bank,
@@ -288,9 +287,8 @@ def write_kind(
             break
         solver.target = farther_target(solver.target, mesh.area, n)
 
-    options = {**solver.options(), "proof": pairs.proof(mesh.unit)}
-    if repairs:
-        options["repairs"] = list(repairs)
+    proof = pairs.proof(mesh.unit)
+    options = export_options(kind, solver.operator, solver.target, proof, repairs)
     largest = float(pairs.eigenvalues[-1])
     report: dict[str, Any] = {
         "mesh": mesh.name,
@@ -303,7 +301,7 @@ def write_kind(
         "complete": pairs.complete,
         "worst_residual": float(pairs.residuals.max(initial=0.0)),
         "orthonormality": float(pairs.orthonormality),
-        "proof": pairs.proof(mesh.unit),
+        "proof": proof,
         "seconds_eigenpairs": round(solved - began, 3),
         "remarks": remarks,
     }
@@ -319,7 +317,7 @@ def write_kind(
     if features is None:
         write_eigenpairs(path, pairs, mesh, options)
     else:
-        if kind != "wks" and not (pairs.eigenvalues > 0.0).any():
+        if not (pairs.eigenvalues > 0.0).any():
             remarks.append(
                 f"all {pairs.n_components} eigenvalues are zero, one for each connected component,"
                 " so the features are the same all over a component: go further up the spectrum"
@@ -328,7 +326,7 @@ def write_kind(
         missing = features.truncation
         report["truncation"] = None if missing is None else missing.as_dict()
         if missing is not None and len(missing.flagged):
-            remarks.append(f"{missing.sentence()}{_more_pairs(kind, t_min)}.")
+            remarks.append(f"{missing.sentence()}{_more_pairs(t_min)}.")
         remarks += features.remarks(mesh)
         if component_column:
             features = features.with_components(mesh)
@@ -338,40 +336,11 @@ def write_kind(
     return report
 
 
-def _more_pairs(kind: str, t_min: float | None) -> str:
+def _more_pairs(t_min: float | None) -> str:
     """The way out of a truncated column."""
-    if kind == "hks" and t_min is not None:
+    if t_min is not None:
         return ": --count auto takes as many as it needs"
     return ": take more of them (--count, --max-eigenvalue, --wavelength)"
-
-
-def _bank(
-    mesh: Mesh,
-    kind: str,
-    eigenvalues: Any,
-    target: Target,
-    n_components: int,
-    t_min: float | None,
-    t_max: float | None,
-) -> FilterBank:
-    from meshmash_viewer.features.filters import (
-        bspline_bank,
-        heat_kernel_bank,
-        hks_times,
-        wave_kernel_bank,
-    )
-    from meshmash_viewer.spectral.weyl import weyl_eigenvalue
-
-    if kind == "hks":
-        return heat_kernel_bank(hks_times(eigenvalues, t_min, t_max, n_components, mesh.area))
-    if kind == "wks":
-        return wave_kernel_bank(eigenvalues, n_components)
-    # As compute_geometry_vectors: from zero to the threshold, where there is one.
-    bound = target.max_eigenvalue
-    top = float(eigenvalues[-1]) if bound is None else bound
-    if not top > 0.0:
-        top = weyl_eigenvalue(mesh.area, len(eigenvalues))
-    return bspline_bank(0.0, top, n_components)
 
 
 def write_render(
@@ -459,7 +428,7 @@ def write_render(
             values = features.values[:, index if field == "band" and index is not None else 0]
             unit = features.unit
             if features.truncation is not None and (said := features.truncation.sentence()):
-                report["remarks"] = [f"{said}{_more_pairs(field, None)}."]
+                report["remarks"] = [f"{said}{_more_pairs(None)}."]
             colormap = colormap or "viridis"
             # A few tips of the surface would otherwise take the whole colour bar.
             limits = limits or PercentileLimits().limits(values, mesh.area_sample())

@@ -159,6 +159,16 @@ def wave_kernel_bank(
     .. [1] Aubry, M., Schlickewei, U. and Cremers, D. (2011). "The Wave Kernel Signature: A
        Quantum Mechanical Approach to Shape Analysis." ICCV Workshops.
     """
+    response = wave_response(eigenvalues, n_energies, width)
+    centers = np.exp(response.energies)
+    columns = tuple(f"wks_λ={short_text(centers, i)}" for i in range(len(centers)))
+    return FilterBank("wks", columns, centers, "λ", -2, response, normalised=True)
+
+
+def wave_response(
+    eigenvalues: npt.ArrayLike, n_energies: int = 100, width: float = 7.0
+) -> LogGaussianResponse:
+    """The filters of `wave_kernel_bank`, before they are normalised."""
     spectrum = as_spectrum(eigenvalues)
     n_energies = whole_number(n_energies, "The number of energies")
     if not (np.isfinite(width) and width > 0.0):
@@ -173,9 +183,7 @@ def wave_kernel_bank(
     # deviation is itself a multiple of the step: solve for the step.
     step = (high - low) / (n_energies - 1 + 4.0 * width)
     energies = np.asarray(low + step * (2.0 * width + np.arange(n_energies)), dtype=np.float64)
-    columns = tuple(f"wks_λ={short_text(np.exp(energies), i)}" for i in range(n_energies))
-    response = LogGaussianResponse(energies, width * step, 0.5 * first)
-    return FilterBank("wks", columns, np.exp(energies), "λ", -2, response, normalised=True)
+    return LogGaussianResponse(energies, width * step, 0.5 * first)
 
 
 def bspline_bank(e_min: float, e_max: float, n_components: int) -> FilterBank:

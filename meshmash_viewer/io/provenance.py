@@ -5,15 +5,19 @@ from __future__ import annotations
 import datetime
 import json
 import platform
+from collections.abc import Sequence
+from dataclasses import asdict
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 from meshmash_viewer.units import LENGTH_UNITS
 
 if TYPE_CHECKING:
+    from meshmash_viewer.laplacian import OperatorOptions
     from meshmash_viewer.mesh import Mesh
+    from meshmash_viewer.spectral.weyl import Target
 
-__all__ = ["provenance", "stated_unit"]
+__all__ = ["export_options", "provenance", "stated_unit"]
 
 #: The packages whose numbers end up in a file.
 _PACKAGES = ("numpy", "scipy", "robust_laplacian")
@@ -51,6 +55,44 @@ def provenance(mesh: Mesh, options: dict[str, Any] | None = None) -> dict[str, A
         "options": dict(options or {}),
         "versions": versions,
     }
+
+
+def export_options(
+    kind: str,
+    operator: OperatorOptions,
+    target: Target,
+    proof: str,
+    repairs: Sequence[str] = (),
+) -> dict[str, Any]:
+    """The choices that led to exported features or eigenpairs, for `provenance`.
+
+    Parameters
+    ----------
+    kind : str
+        What was exported: "hks", "eigenpairs", ...
+    operator : OperatorOptions
+        Of the Laplacian.
+    target : Target
+        How much of the spectrum was used.
+    proof : str
+        What the eigenpairs have been shown to be.
+    repairs : sequence of str
+        What had been done to the mesh.
+
+    Returns
+    -------
+    dict
+        JSON-able: ``kind``, ``operator``, ``target``, ``proof``, ``repairs``.
+    """
+    options: dict[str, Any] = {
+        "kind": kind,
+        "operator": asdict(operator),
+        "target": asdict(target),
+        "proof": proof,
+    }
+    if repairs:
+        options["repairs"] = list(repairs)
+    return options
 
 
 def stated_unit(meta: str) -> str | None:

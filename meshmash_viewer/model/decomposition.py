@@ -19,12 +19,12 @@ from meshmash_viewer.io.spectrum import (
 )
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.alignment import Alignment
 from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.previews import StoredPreview, open_preview
 from meshmash_viewer.model.results import SpectrumGrew
 from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.spectral.alignment import Alignment
 from meshmash_viewer.spectral.eigensolver import estimate_memory
 from meshmash_viewer.spectral.weyl import Target
 

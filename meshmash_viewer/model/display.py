@@ -1,35 +1,20 @@
-"""What is looked at: which field, at which index, time or band, and in which colours."""
+"""What is looked at: the parameters of every family of fields, which one is shown, and how."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from enum import StrEnum
-from typing import ClassVar
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, TypeVar
 
 from psygnal import SignalGroupDescriptor
 
+from meshmash_viewer.fields import FAMILIES
+from meshmash_viewer.fields.family import Family
 from meshmash_viewer.model.limits import LimitPolicy
 
-__all__ = ["MOST_BANDS", "MOST_SCALES", "Display", "FieldKind", "SimilarityBasis"]
+__all__ = ["Display"]
 
-#: Most times of a heat kernel signature, and most bands, that can be asked for.
-MOST_SCALES, MOST_BANDS = 1024, 512
-
-
-class FieldKind(StrEnum):
-    """The families of fields that can be on the render."""
-
-    EIGENFUNCTION = "eigenfunction"
-    HKS = "hks"
-    BAND = "band"
-    SIMILARITY = "similarity"
-
-
-class SimilarityBasis(StrEnum):
-    """The features in which "similar to this" measures distance."""
-
-    HKS = "hks"
-    BANDS = "bands"
+Chosen = TypeVar("Chosen", bound=Family)
 
 
 @dataclass
@@ -38,57 +23,62 @@ class Display:
 
     Parameters
     ----------
-    kind : FieldKind
-    index : int
-        Eigenfunction on the render, counted from 0.
-    flipped : frozenset of int
-        Indices of eigenfunctions drawn with the other sign.
+    kind : str
+        Name of the family on the render.
+    fields : mapping of str to Family
+        The parameters of every family, by its name; replaced as a whole, see `put`.
     playing : bool
-        Whether the index (or time, or band) advances by itself.
-    time : float or None
-        HKS time in squared length units; None is the middle of the range in log scale.
-    hks_automatic : bool
-        Whether the range comes from the spectrum (Sun et al. 2009) or from the next two.
-    hks_t_min, hks_t_max : float or None
-        Range of times in squared length units when not automatic.
-    hks_scales : int
-        Number of times in the exported feature and on the profile plot.
-    band : int
-        B-spline band on the render, counted from 0.
-    band_count : int
-    band_automatic : bool
-        Whether bands span the whole computed spectrum or the next two.
-    band_min, band_max : float or None
-        Range of eigenvalues in inverse squared length units when not automatic.
-    similarity_vertex : int or None
-        Vertex from which distance in feature space is measured.
-    similarity_basis : SimilarityBasis
+        Whether the field advances by itself.
     nodal_lines : bool
     diverging_colormap, sequential_colormap : str
         Colour map names (matplotlib's) for signed and for non-negative fields.
-    limits : LimitPolicy or None
-        None takes the policy that suits the field's kind.
+    policies : mapping of str to LimitPolicy
+        How the limits of colours are chosen, by the family's name; where there is none, as suits
+        the field.
     """
 
     events: ClassVar[SignalGroupDescriptor] = SignalGroupDescriptor()
 
-    kind: FieldKind = FieldKind.EIGENFUNCTION
-    index: int = 1
-    flipped: frozenset[int] = field(default_factory=frozenset)
+    kind: str = next(iter(FAMILIES))
+    fields: Mapping[str, Family] = field(
+        default_factory=lambda: {name: family() for name, family in FAMILIES.items()}
+    )
     playing: bool = False
-    time: float | None = None
-    hks_automatic: bool = True
-    hks_t_min: float | None = None
-    hks_t_max: float | None = None
-    hks_scales: int = 32
-    band: int = 0
-    band_count: int = 32
-    band_automatic: bool = True
-    band_min: float | None = None
-    band_max: float | None = None
-    similarity_vertex: int | None = None
-    similarity_basis: SimilarityBasis = SimilarityBasis.HKS
     nodal_lines: bool = False
     diverging_colormap: str = "RdBu_r"
     sequential_colormap: str = "viridis"
-    limits: LimitPolicy | None = None
+    policies: Mapping[str, LimitPolicy] = field(default_factory=dict)
+
+    def __getitem__(self, family: type[Chosen]) -> Chosen:
+        """The parameters of one family."""
+        chosen = self.fields[family.name]
+        assert isinstance(chosen, family)
+        return chosen
+
+    @property
+    def family(self) -> Family:
+        """The parameters of the family on the render."""
+        return self.fields[self.kind]
+
+    def put(self, *families: Family) -> None:
+        """Take other parameters of some families."""
+        self.fields = {**self.fields, **{family.name: family for family in families}}
+
+    def change(self, family: type[Family], **parameters: Any) -> None:
+        """Change some parameters of a family."""
+        self.put(replace(self.fields[family.name], **parameters))
+
+    def show(self, family: Family) -> None:
+        """Take other parameters of a family, and put it on the render."""
+        self.put(family)
+        self.kind = family.name
+
+    @property
+    def limits(self) -> LimitPolicy | None:
+        """How the limits of the family on the render are chosen; None as suits the field."""
+        return self.policies.get(self.kind)
+
+    @limits.setter
+    def limits(self, policy: LimitPolicy | None) -> None:
+        others = {name: each for name, each in self.policies.items() if name != self.kind}
+        self.policies = others if policy is None else {**others, self.kind: policy}

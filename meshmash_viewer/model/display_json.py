@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from collections.abc import Iterator, Mapping
+from dataclasses import Field, fields, replace
 from pathlib import Path
 from typing import Any
 
+from meshmash_viewer.fields import FAMILIES, FEATURES
+from meshmash_viewer.fields.family import Family
 from meshmash_viewer.io.schema import (
     Check,
     Refused,
@@ -18,14 +21,7 @@ from meshmash_viewer.io.schema import (
     understood,
     whole,
 )
-from meshmash_viewer.io.session import MOST_INDEX
-from meshmash_viewer.model.display import (
-    MOST_BANDS,
-    MOST_SCALES,
-    Display,
-    FieldKind,
-    SimilarityBasis,
-)
+from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.limits import (
     LimitPolicy,
     LockedLimits,
@@ -34,29 +30,25 @@ from meshmash_viewer.model.limits import (
     SymmetricLimits,
 )
 
-__all__ = ["display_from_json", "display_to_json", "read_display"]
+__all__ = ["display_from_json", "display_to_json", "drop_vertices", "read_display"]
 
 _POLICIES: dict[str, Any] = {
     policy.__name__: policy
     for policy in (SymmetricLimits, MinMaxLimits, PercentileLimits, LockedLimits)
 }
-#: What is not kept: a window never opens playing.
-_LEFT_OUT = {"playing"}
+#: What is written as it is; a window never opens playing.
+_PLAIN = ("kind", "nodal_lines", "diverging_colormap", "sequential_colormap")
 
 
 def display_to_json(display: Display) -> dict[str, Any]:
     """The display as plain JSON."""
-    content: dict[str, Any] = {}
-    for name in (each.name for each in fields(display)):
-        value = getattr(display, name)
-        if name in _LEFT_OUT:
-            continue
-        if name == "limits":
-            value = None if value is None else _policy_to_json(value)
-        elif isinstance(value, frozenset):
-            value = sorted(value)
-        content[name] = value
-    return content
+    families = {
+        name: {each.name: _plain(getattr(family, each.name)) for each in _kept(family)}
+        for name, family in display.fields.items()
+    }
+    policies = {name: _policy_to_json(policy) for name, policy in display.policies.items()}
+    plain = {name: getattr(display, name) for name in _PLAIN}
+    return {**plain, "fields": families, "policies": policies}
 
 
 def read_display(content: object, path: Path) -> dict[str, Any]:
@@ -74,7 +66,38 @@ def read_display(content: object, path: Path) -> dict[str, Any]:
 def display_from_json(display: Display, content: dict[str, Any]) -> None:
     """Set what `read_display` has read, the kind last: it decides which of the others count."""
     for name, value in sorted(content.items(), key=lambda item: item[0] == "kind"):
-        setattr(display, name, value)
+        if name == "fields":
+            display.put(
+                *(replace(display.fields[family], **chosen) for family, chosen in value.items())
+            )
+        else:
+            setattr(display, name, value)
+
+
+def drop_vertices(content: dict[str, Any], n_vertices: int) -> Iterator[tuple[str, int]]:
+    """Leave out of what `read_display` has read the vertices that a mesh does not have.
+
+    Yields
+    ------
+    place : str
+        Where it was in the display.
+    vertex : int
+    """
+    for family, chosen in content.get("fields", {}).items():
+        for each in _kept(FAMILIES[family]):
+            vertex = chosen.get(each.name)
+            if each.metadata["type"] == "vertex" and vertex is not None and vertex >= n_vertices:
+                del chosen[each.name]
+                yield f"fields.{family}.{each.name}", vertex
+
+
+def _kept(family: Family | type[Family]) -> list[Field[Any]]:
+    """Parameters that a session keeps: those that say what their values may be."""
+    return [each for each in fields(family) if each.metadata]
+
+
+def _plain(value: object) -> object:
+    return sorted(value) if isinstance(value, frozenset) else value
 
 
 def _policy_to_json(policy: LimitPolicy) -> dict[str, Any]:
@@ -99,38 +122,92 @@ def _color_map(value: object) -> str:
     return str(choice(colormaps, "the name of a colour map of matplotlib")(value))
 
 
+def _parameter(each: Field[Any]) -> Check:
+    """What a parameter of a family may be."""
+    about = each.metadata
+    kind: str = about["type"]
+    least: Any = about.get("least")
+    most: Any = about.get("most")
+    check: Check
+    if kind == "flag":
+        check = flag
+    elif kind == "family":
+        check = choice(FEATURES)
+    elif kind == "number":
+        check = number(least)
+    elif kind == "indices":
+        every = listing(whole(least, most), 1_000_000)
+        check = lambda value: frozenset(every(value))  # noqa: E731
+    else:
+        check = whole(least, most)
+    return none_or(check) if each.default is None else check
+
+
 def _in_order(taken: dict[str, Any], low: str, high: str, value: object) -> None:
     first, second = taken.get(low), taken.get(high)
     if first is not None and second is not None and not first < second:
         raise Refused(f"an object with {low} below {high}", value)
 
 
-_ABOVE_ZERO = number(1e-300)
+_FAMILIES: dict[str, dict[str, Check]] = {
+    name: {each.name: _parameter(each) for each in _kept(family)}
+    for name, family in FAMILIES.items()
+}
 _CHECKS: dict[str, Check] = {
-    "kind": lambda value: FieldKind(choice(FieldKind)(value)),
-    "index": whole(0, MOST_INDEX),
-    "flipped": lambda value: frozenset(listing(whole(0, MOST_INDEX), 1_000_000)(value)),
-    "time": none_or(_ABOVE_ZERO),
-    "hks_automatic": flag,
-    "hks_t_min": none_or(_ABOVE_ZERO),
-    "hks_t_max": none_or(_ABOVE_ZERO),
-    "hks_scales": whole(1, MOST_SCALES),
-    "band": whole(0, MOST_BANDS - 1),
-    "band_count": whole(1, MOST_BANDS),
-    "band_automatic": flag,
-    "band_min": none_or(number(0.0)),
-    "band_max": none_or(number(0.0)),
-    "similarity_vertex": none_or(whole(0, MOST_INDEX)),
-    "similarity_basis": lambda value: SimilarityBasis(choice(SimilarityBasis)(value)),
+    "kind": choice(FAMILIES),
     "nodal_lines": flag,
     "diverging_colormap": _color_map,
     "sequential_colormap": _color_map,
-    "limits": none_or(_policy),
+}
+
+
+def _family(name: str) -> Check:
+    def check(value: object) -> dict[str, Any]:
+        taken: dict[str, Any] = record(_FAMILIES[name])(value)
+        if ordered := FAMILIES[name].ordered:
+            _in_order(taken, *ordered, value)
+        return taken
+
+    return check
+
+
+_NOW: dict[str, Check] = {
+    **_CHECKS,
+    "fields": record({name: _family(name) for name in FAMILIES}),
+    "policies": record(dict.fromkeys(FAMILIES, _policy)),
 }
 
 
 def _display(value: object) -> dict[str, Any]:
-    taken: dict[str, Any] = record(_CHECKS)(value)
-    _in_order(taken, "hks_t_min", "hks_t_max", value)
-    _in_order(taken, "band_min", "band_max", value)
-    return taken
+    if isinstance(value, Mapping) and ("fields" in value or "policies" in value):
+        return dict(record(_NOW)(value))
+    return _version_1(value)
+
+
+def _version_1(value: object) -> dict[str, Any]:
+    """Sessions that were written before families had their own entries."""
+    flat = {
+        old: _earlier(family, new)
+        for family in FAMILIES.values()
+        for old, new in family.earlier.items()
+    }
+    taken: dict[str, Any] = record({**_CHECKS, **flat, "limits": none_or(_policy)})(value)
+    chosen: dict[str, dict[str, Any]] = {}
+    for name, family in FAMILIES.items():
+        known = {old: new for old, new in family.earlier.items() if old in taken}
+        if family.ordered:
+            low, high = (old for old, new in family.earlier.items() if new in family.ordered)
+            _in_order(taken, low, high, value)
+        if known:
+            chosen[name] = {new: taken.pop(old) for old, new in known.items()}
+    limits = taken.pop("limits", None)
+    if limits is not None:
+        taken["policies"] = dict.fromkeys(FAMILIES, limits)
+    return {**taken, "fields": chosen} if chosen else taken
+
+
+def _earlier(family: type[Family], name: str) -> Check:
+    """The check of a parameter, of which some values were called otherwise."""
+    each = next(each for each in fields(family) if each.name == name)
+    check, other = _parameter(each), each.metadata.get("earlier", {})
+    return lambda value: check(other.get(value, value) if isinstance(value, str) else value)

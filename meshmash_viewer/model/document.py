@@ -10,9 +10,12 @@ import numpy as np
 from psygnal import Signal
 
 from meshmash_viewer.features.truncation import sufficient_target
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.similarity import Similarity
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.display import Display, FieldKind
+from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.jobs import (
     DecomposeJob,
     ExportJob,
@@ -25,7 +28,6 @@ from meshmash_viewer.model.jobs import (
     RepairJob,
     ScaleJob,
 )
-from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.model.translation import Translation
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.weyl import Target
@@ -207,12 +209,11 @@ class Document:
         self.spectrum = spectrum
         self._preview = None
         self.pins = pins
-        self.display.similarity_vertex = None
-        self.display.flipped = frozenset()
-        # the first function that is not constant on every component: there is nothing to see before
-        self.display.index = ready.health.n_components
-        if self.display.kind is FieldKind.SIMILARITY:
-            self.display.kind = FieldKind.EIGENFUNCTION
+        n_components = ready.health.n_components
+        display = self.display
+        display.put(*(each.for_other_mesh(n_components) for each in display.fields.values()))
+        if not display.family.usable:
+            display.kind = Display().kind
         self.mesh_changed.emit()
         self.pins_changed.emit()
         self.spectrum_changed.emit()
@@ -282,9 +283,8 @@ class Document:
         if not spectrum.preview and preview is not None and len(spectrum) < len(preview):
             spectrum = spectrum.before(preview)
         self.spectrum = spectrum
-        last = max(len(spectrum) - 1, 0)
-        if spectrum.complete and self.display.index > last:
-            self.display.index = last
+        if spectrum.complete:
+            self.display.put(self.display[Eigenfunctions].within(spectrum))
         self.spectrum_changed.emit()
 
     def leave_out_damaged(self, spectrum: Spectrum, index: int) -> None:
@@ -292,7 +292,8 @@ class Document:
         if self.spectrum is not spectrum:
             return
         self.spectrum = None if index == 0 else spectrum.first(index)
-        self.display.index = min(self.display.index, max(index - 1, 0))
+        shown = self.display[Eigenfunctions].index
+        self.display.change(Eigenfunctions, index=min(shown, max(index - 1, 0)))
         self.spectrum_changed.emit()
         text = (
             f"Eigenpair {index} is damaged on the disk: it is not shown any more, nor those behind"
@@ -345,7 +346,14 @@ class Document:
 
     def flip(self) -> None:
         """Show the eigenfunction on the render with the other sign."""
-        self.display.flipped = self.display.flipped ^ {self.display.index}
+        chosen = self.display[Eigenfunctions]
+        self.display.change(Eigenfunctions, flipped=chosen.flipped ^ {chosen.index})
+
+    def similar(self) -> None:
+        """Show the distance in feature space from the vertex pinned last."""
+        if self.pins:
+            chosen = self.display[Similarity]
+            self.display.show(replace(chosen, vertex=self.pins[-1].vertex))
 
     # -- the job that runs ------------------------------------------------------------------
 

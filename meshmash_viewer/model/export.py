@@ -4,27 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-import numpy.typing as npt
+from typing import TYPE_CHECKING
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.kinds import KINDS
+from meshmash_viewer.fields.family import Family
 from meshmash_viewer.laplacian import OperatorOptions, compute_vertex_areas
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.results import Written
 from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Cancelled, Progress
+from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import counted
 
 if TYPE_CHECKING:
-    from meshmash_viewer.features.filters import FilterBank
     from meshmash_viewer.io.stored_spectrum import StoredSpectrum
 
-__all__ = ["ExportJob", "export", "export_bank"]
+__all__ = ["ExportJob", "export"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,21 +35,23 @@ class ExportJob:
         Of the eigenpairs that are looked up in the store.
     path : Path
         Its ending says the format.
-    kind : str
-        One of `meshmash_viewer.features.kinds.KINDS`.
+    family : Family
+        Resolved: what is written, and with which parameters.
     n_pairs : int
         Number of leading eigenpairs to use.
-    parameters : dict
-        By kind: ``t_min, t_max, n_scales`` (hks), ``e_min, e_max, n_bands``
-        (geometry-vectors), ``n_energies`` (wks).
+    target : Target, optional
+        What was asked for when these were computed.
+    repairs : tuple of str
+        What has been done to the mesh.
     """
 
     mesh: Mesh
     operator: OperatorOptions
     path: Path
-    kind: str
+    family: Family
     n_pairs: int
-    parameters: dict[str, Any] = field(default_factory=dict)
+    target: Target | None = None
+    repairs: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -64,57 +63,20 @@ class ExportJob:
         return export(self, channel)
 
 
-def export_bank(
-    kind: str, eigenvalues: npt.NDArray[np.float64], parameters: dict[str, Any]
-) -> FilterBank:
-    """The filters of a kind of features.
-
-    Parameters
-    ----------
-    kind : str
-        One of `meshmash_viewer.features.kinds.KINDS`, but not eigenpairs.
-    eigenvalues : ndarray of float64, shape (k,)
-        Of the pairs that are used.
-    parameters : dict
-        See `ExportJob`.
-
-    Raises
-    ------
-    InputError
-        If there are too few eigenvalues for it.
-    """
-    from meshmash_viewer.features.filters import (
-        bspline_bank,
-        heat_kernel_bank,
-        hks_times,
-        wave_kernel_bank,
-    )
-
-    if kind == "hks":
-        t_min, t_max = parameters.get("t_min"), parameters.get("t_max")
-        return heat_kernel_bank(hks_times(eigenvalues, t_min, t_max, parameters["n_scales"]))
-    if kind == "wks":
-        return wave_kernel_bank(eigenvalues, parameters["n_energies"])
-    low, high = parameters.get("e_min", 0.0), parameters.get("e_max", float(eigenvalues[-1]))
-    return bspline_bank(low, high, parameters["n_bands"])
-
-
 def export(job: ExportJob, channel: Channel) -> Written:
     """Write the file that a job describes.
 
     Raises
     ------
     InputError
-        If the kind is unknown, the eigenpairs are no longer in the store or damaged there, or the
-        file cannot be written.
+        If the eigenpairs are no longer in the store or damaged there, or the file cannot be
+        written.
     Cancelled
         If the person asked to stop.
     """
     from meshmash_viewer.io.spectrum import find_eigenpairs
     from meshmash_viewer.model.decomposition import SPARE
 
-    if job.kind not in KINDS:
-        raise InputError(f"{job.kind!r} cannot be exported: choose one of {', '.join(KINDS)}.")
     channel.report(Progress("reading", message="Reading eigenpairs"))
     stored = find_eigenpairs(job.mesh, job.operator, channel.folder / SPARE)
     if stored is None or stored.n_converged < job.n_pairs:
@@ -143,19 +105,18 @@ def _export(
 ) -> Written:
     """Write; `check` is called before."""
     from meshmash_viewer.features.sums import truncated_features
-    from meshmash_viewer.io.write import provenance, write_eigenpairs, write_features
+    from meshmash_viewer.io.provenance import export_options
+    from meshmash_viewer.io.write import write_eigenpairs, write_features
 
     decomposition = stored.decomposition(job.n_pairs)
-    options = {
-        "kind": job.kind,
-        "n_pairs": job.n_pairs,
-        "robust": job.operator.robust,
-        "mollify_factor": job.operator.mollify_factor,
-        "proof": decomposition.proof(job.mesh.unit),
-        **job.parameters,
-    }
-    meta = provenance(job.mesh, options)
-    if job.kind == "eigenpairs":
+    meta = export_options(
+        job.family.export,
+        job.operator,
+        job.target or Target("count", job.n_pairs),
+        decomposition.proof(job.mesh.unit),
+        job.repairs,
+    )
+    if not job.family.counted:
         check()
         channel.report(Progress("writing", message=job.label))
         write_eigenpairs(job.path, decomposition, job.mesh, meta)
@@ -166,7 +127,7 @@ def _export(
         areas = compute_vertex_areas(job.mesh, operator.robust, operator.mollify_factor)
         decomposition = replace(decomposition, mass=areas)
     values = decomposition.eigenvalues
-    bank = export_bank(job.kind, values, job.parameters)
+    bank = job.family.bank(values)
     channel.report(Progress("features", message="Computing features"))
     # The threshold that the pairs were computed to says more than the last of them.
     bound = None if stored.proof is None else stored.proof.max_eigenvalue
@@ -178,4 +139,4 @@ def _export(
     channel.report(Progress("writing", message=job.label))
     write_features(job.path, features, job.mesh, eigenvalues=values, meta=meta)
     said = "" if features.truncation is None else features.truncation.sentence()
-    return Written(job.path, f"{KINDS[job.kind]}, {counted(bank.n_filters, 'column')},", said)
+    return Written(job.path, f"{job.family.label}, {counted(bank.n_filters, 'column')},", said)

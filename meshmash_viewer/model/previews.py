@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.alignment import Alignment, align
 from meshmash_viewer.model.results import MeshReady, SpectrumGrew
 from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Progress
+from meshmash_viewer.spectral.alignment import Alignment, align
 from meshmash_viewer.spectral.preview import preview_eigenpairs
 
 __all__ = ["FROM_VERTICES", "StoredPreview", "is_worthwhile", "open_preview"]
@@ -70,7 +70,7 @@ class StoredPreview:
         mass: npt.NDArray[np.float64],
         before: Alignment | None,
     ) -> Alignment:
-        """See `meshmash_viewer.model.alignment.align`."""
+        """See `meshmash_viewer.spectral.alignment.align`."""
         shown = np.load(self.path, mmap_mode="r")
         return align(shown, rows, eigenvalues, mass, before)
 

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import Health
 from meshmash_viewer.io.row_file import StoredRows
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.alignment import Alignment, ShownRows
-from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.spectral.alignment import Alignment, ShownRows
 from meshmash_viewer.spectral.certificate import Certificate
 
 __all__ = ["MeshReady", "SpectrumGrew", "Written"]

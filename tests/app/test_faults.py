@@ -26,6 +26,7 @@ from meshmash_viewer.app.faults import FaultBoundary
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.view.canvas import Canvas
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.io.session import Session, write_session
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
@@ -387,7 +388,7 @@ def test_a_bad_session_is_one_sentence_and_changes_nothing(
     assert clause in notice.text
     assert document.job is None
     assert before == (document.ready, document.spectrum, document.target, document.operator)
-    assert document.display.band_count == 32
+    assert document.display[GeometryVectors].count == 32
     shown.stage.message_bar.dismiss()
 
 
@@ -411,7 +412,7 @@ def test_the_good_session_can_be_opened_after_a_bad_one(
     for each in (bad, path):
         window.commands.open_path(each)
     qtbot.waitUntil(lambda: len(document.pins) == 2, timeout=PATIENCE)
-    assert document.display.band_count == 7
+    assert document.display[GeometryVectors].count == 7
     assert document.target == Target("count", 7)
     # a session whose mesh is gone leaves everything as it is
     absent = tmp_path / "absent.meshmash.json"

@@ -13,13 +13,16 @@ from PySide6.QtWidgets import QWidget
 from scipy.linalg import eigh
 
 from meshmash_viewer.app.panels.field_panel import FieldPanel
+from meshmash_viewer.fields import FAMILIES
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.geometry_vectors import GeometryVectors
+from meshmash_viewer.fields.hks import HeatKernelSignature, resolved_from
+from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.laplacian import cotangent_laplacian
-from meshmash_viewer.model.display import FieldKind, SimilarityBasis
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import compute_field, request_of
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, PercentileLimits
 from meshmash_viewer.model.live import LiveFeatures
-from meshmash_viewer.model.ranges import hks_range, resolved_from
 from meshmash_viewer.spectral.weyl import required_eigenvalue
 from meshmash_viewer.units import format_quantity
 
@@ -65,23 +68,23 @@ def test_every_control_has_its_names(panel: FieldPanel) -> None:
 
 
 def test_turning_to_a_tab_puts_its_field_on_the_render(panel: FieldPanel, document) -> None:
-    for tab, kind in enumerate(FieldKind):
+    for tab, kind in enumerate(FAMILIES):
         choose(panel, tab)
-        assert document.display.kind is kind
-    document.display.kind = FieldKind.HKS
+        assert document.display.kind == kind
+    document.display.kind = "hks"
     assert panel.tabs.currentIndex() == 1
 
 
 def test_eigenfunctions_scroll_by_wheel_keys_and_number(panel: FieldPanel, document) -> None:
     slider, spin = part(panel, "eigenvector_slider"), part(panel, "eigenvector_spin")
     turn_wheel(slider, 4)
-    assert document.display.index == spin.value() == 5
+    assert document.display[Eigenfunctions].index == spin.value() == 5
     QTest.keyClick(slider, Qt.Key.Key_PageDown)
-    assert document.display.index == slider.value() == 15
+    assert document.display[Eigenfunctions].index == slider.value() == 15
     spin.selectAll()
     QTest.keyClicks(spin, "42")
     QTest.keyClick(spin, Qt.Key.Key_Return)
-    assert document.display.index == slider.value() == 42
+    assert document.display[Eigenfunctions].index == slider.value() == 42
     value = document.spectrum.eigenvalues[42]
     assert part(panel, "eigenvalue_label").text() == f"λ₄₂ = {format_quantity(value, 'nm', -2)}"
     length = 2 * math.pi / math.sqrt(value)
@@ -90,14 +93,14 @@ def test_eigenfunctions_scroll_by_wheel_keys_and_number(panel: FieldPanel, docum
 
 
 def test_zero_modes_and_multiplets_are_said(panel: FieldPanel, document) -> None:
-    document.display.index = 0
+    document.display.change(Eigenfunctions, index=0)
     assert part(panel, "eigenvalue_label").text() == "λ₀ = 0"
     assert part(panel, "wavelength_label").text() == "∞"
     assert "constant" in part(panel, "multiplet_label").text()
-    document.display.index = 14
+    document.display.change(Eigenfunctions, index=14)
     said = part(panel, "multiplet_label").text()
     assert said == "λ₁₂…λ₁₅ within 1e-6: any rotation of these is as good."
-    document.display.index = 20
+    document.display.change(Eigenfunctions, index=20)
     assert part(panel, "multiplet_label").isHidden()
 
 
@@ -107,18 +110,18 @@ def test_only_what_has_converged_can_be_scrolled_to(qtbot) -> None:
     qtbot.addWidget(panel)
     slider = part(panel, "eigenvector_slider")
     QTest.keyClick(slider, Qt.Key.Key_End)
-    assert document.display.index == 36
+    assert document.display[Eigenfunctions].index == 36
     assert part(panel, "converged_label").text() == "37 of 120 so far"
     document.accept_spectrum(rectangle_spectrum(document.mesh, 120, converged=80))
     assert slider.maximum() == 79
-    assert document.display.index == 36, "growing does not move what is looked at"
+    assert document.display[Eigenfunctions].index == 36, "growing does not move what is looked at"
     document.accept_spectrum(rectangle_spectrum(document.mesh, 120))
     assert part(panel, "converged_label").text() == "120, complete"
 
 
 def test_a_preview_is_marked_until_exact_pairs_replace_it(panel: FieldPanel, document) -> None:
     exact = document.spectrum
-    document.display.index = 5
+    document.display.change(Eigenfunctions, index=5)
     document.spectrum = None
     document.accept_spectrum(replace(exact, preview=True, certificate=None))
     assert part(panel, "eigenvalue_label").text().startswith("λ₅ ≈ ")
@@ -127,24 +130,24 @@ def test_a_preview_is_marked_until_exact_pairs_replace_it(panel: FieldPanel, doc
     document.accept_spectrum(exact)
     assert part(panel, "eigenvalue_label").text().startswith("λ₅ = ")
     assert part(panel, "preview_label").isHidden()
-    assert document.display.index == 5
+    assert document.display[Eigenfunctions].index == 5
 
 
 def test_flip_and_nodal_lines(panel: FieldPanel, document) -> None:
-    document.display.index = 3
+    document.display.change(Eigenfunctions, index=3)
     QTest.mouseClick(part(panel, "flip_button"), LEFT)
-    assert document.display.flipped == {3}
+    assert document.display[Eigenfunctions].flipped == {3}
     check = part(panel, "nodal_lines_check")
     QTest.mouseClick(check, LEFT, pos=QPoint(8, check.height() // 2))
     assert document.display.nodal_lines
-    document.display.index = 4
+    document.display.change(Eigenfunctions, index=4)
     assert not part(panel, "flip_button").isChecked()
 
 
 def test_playing_goes_on_by_itself(panel: FieldPanel, document, qtbot) -> None:
     QTest.mouseClick(part(panel, "eigenvector_play_button"), LEFT)
     assert document.display.playing
-    qtbot.waitUntil(lambda: document.display.index >= 3, timeout=5000)
+    qtbot.waitUntil(lambda: document.display[Eigenfunctions].index >= 3, timeout=5000)
     document.display.playing = False
     assert not part(panel, "eigenvector_play_button").isChecked()
 
@@ -152,11 +155,11 @@ def test_playing_goes_on_by_itself(panel: FieldPanel, document, qtbot) -> None:
 def test_time_slider_is_in_log_scale_with_its_length(panel: FieldPanel, document) -> None:
     choose(panel, 1)
     slider = part(panel, "hks_time_slider")
-    low, high = hks_range(document.spectrum, document.display)
+    low, high = document.display[HeatKernelSignature].range(document.spectrum)
     for share in (0.0, 0.25, 1.0):
         x = slider.value_x(round(share * slider.maximum()))
         QTest.mouseClick(slider, LEFT, pos=QPoint(x, 13))
-        time = document.display.time
+        time = document.display[HeatKernelSignature].time
         assert math.log(time / low) / math.log(high / low) == pytest.approx(share, abs=5e-3)
         assert part(panel, "hks_length_label").text() == format_quantity(math.sqrt(time), "nm")
         assert part(panel, "hks_time_label").text() == f"t = {format_quantity(time, 'nm', 2)}"
@@ -167,12 +170,12 @@ def test_short_times_are_hatched_and_what_they_need_is_said(panel: FieldPanel, d
     choose(panel, 1)
     give(part(panel, "hks_t_min_field"), "1e5")
     display = document.display
-    assert not display.hks_automatic
-    assert display.hks_t_min == 1e5
-    low, high = hks_range(document.spectrum, display)
+    assert not display[HeatKernelSignature].automatic
+    assert display[HeatKernelSignature].t_min == 1e5
+    low, high = display[HeatKernelSignature].range(document.spectrum)
     share = math.log(resolved_from(document.spectrum) / low) / math.log(high / low)
     assert part(panel, "hks_time_slider").hatched == pytest.approx((0.0, share))
-    display.time = 2e5
+    display.change(HeatKernelSignature, time=2e5)
     said = part(panel, "hks_missing_label").text()
     stiffness, mass = cotangent_laplacian(document.mesh, robust=True)
     whole = np.exp(-eigh(stiffness.toarray(), mass.toarray(), eigvals_only=True) * 2e5)
@@ -182,35 +185,38 @@ def test_short_times_are_hatched_and_what_they_need_is_said(panel: FieldPanel, d
     needed = required_eigenvalue(2e5)
     assert f"{needed:.2g} nm⁻²" in said
     assert f"all {document.mesh.n_vertices} pairs that the mesh has" in said
-    display.time = 1e6
+    display.change(HeatKernelSignature, time=1e6)
     needed = required_eigenvalue(1e6)
     more = document.mesh.area * (needed - document.spectrum.eigenvalues[-1]) / (4 * math.pi)
     said = part(panel, "hks_missing_label").text()
     assert f"about {120 + more:,.0f} pairs in all" in said
     check = part(panel, "hks_automatic_check")
     QTest.mouseClick(check, LEFT, pos=QPoint(8, check.height() // 2))
-    assert display.hks_automatic
+    assert display[HeatKernelSignature].automatic
 
 
 def test_a_range_in_the_wrong_order_is_refused_with_a_sentence(panel: FieldPanel, document) -> None:
     choose(panel, 1)
     give(part(panel, "hks_t_max_field"), "1")
-    assert document.display.hks_automatic
+    assert document.display[HeatKernelSignature].automatic
     assert "below" in part(panel, "hks_t_min_field_fault").text()
 
 
 def test_scales_and_bands_are_numbers_of_the_model(panel: FieldPanel, document) -> None:
     choose(panel, 1)
     part(panel, "hks_scales_spin").setValue(64)
-    assert document.display.hks_scales == 64
+    assert document.display[HeatKernelSignature].scales == 64
     choose(panel, 2)
     part(panel, "band_spin").setValue(20)
-    assert document.display.band == 20
+    assert document.display[GeometryVectors].index == 20
     part(panel, "band_count_spin").setValue(8)
-    assert (document.display.band_count, document.display.band) == (8, 7)
+    assert (document.display[GeometryVectors].count, document.display[GeometryVectors].index) == (
+        8,
+        7,
+    )
     give(part(panel, "band_max_field"), "1e-6 nm⁻²")
-    assert document.display.band_max == 1e-6
-    assert not document.display.band_automatic
+    assert document.display[GeometryVectors].high == 1e-6
+    assert not document.display[GeometryVectors].automatic
     assert part(panel, "band_wavelength_label").text().endswith(" nm")
 
 
@@ -225,18 +231,18 @@ def test_similarity_follows_the_last_pin(panel: FieldPanel, document) -> None:
     document.toggle_pin(17)
     document.toggle_pin(200)
     combo = part(panel, "similarity_vertex_combo")
-    assert document.display.similarity_vertex == 200
+    assert document.display[Similarity].vertex == 200
     assert combo.currentText() == "Vertex 200"
     combo.setCurrentIndex(0)
     combo.activated.emit(0)
-    assert document.display.similarity_vertex == 17
+    assert document.display[Similarity].vertex == 17
     choose(panel, 3)
-    QTest.mouseClick(part(panel, "similarity_basis_bands"), LEFT)
-    assert document.display.similarity_basis is SimilarityBasis.BANDS
+    QTest.mouseClick(part(panel, "similarity_basis_band"), LEFT)
+    assert document.display[Similarity].basis == "band"
     document.toggle_pin(17)
-    assert document.display.similarity_vertex == 200
+    assert document.display[Similarity].vertex == 200
     document.clear_pins()
-    assert document.display.similarity_vertex is None
+    assert document.display[Similarity].vertex is None
     assert not part(panel, "similarity_hint").isHidden()
 
 
@@ -262,7 +268,7 @@ def test_colour_maps_suit_the_field_and_limits_follow_the_policy(panel: FieldPan
     give(part(panel, "limit_high_field"), "-1")
     assert "below" in part(panel, "limits_fault").text()
     assert document.display.limits.high == 5e-5
-    document.display.kind = FieldKind.HKS
+    document.display.kind = "hks"
     arrive()
     maps.activated.emit(maps.findData("cividis"))
     assert document.display.sequential_colormap == "cividis"
@@ -275,7 +281,7 @@ def test_without_eigenpairs_it_says_what_to_do(qtbot) -> None:
     qtbot.addWidget(panel)
     assert "Open a mesh" in part(panel, "field_hint").text()
     assert not part(panel, "eigenvector_slider").isEnabled()
-    for kind in FieldKind:
+    for kind in FAMILIES:
         document.display.kind = kind
 
 
@@ -283,6 +289,6 @@ def test_a_spectrum_of_zeros_only_has_no_times(qtbot) -> None:
     document = rectangle_document(converged=1)
     panel = FieldPanel(document)
     qtbot.addWidget(panel)
-    for kind in FieldKind:
+    for kind in FAMILIES:
         document.display.kind = kind
     assert not part(panel, "hks_time_slider").isEnabled()

@@ -10,15 +10,16 @@ from solved import spectrum_of
 
 import meshmash_viewer.app.field_source as field_source_module
 from meshmash_viewer.app.field_source import FieldSource
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.geometry_vectors import GeometryVectors
+from meshmash_viewer.fields.similarity import Similarity
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, FieldRequest
-from meshmash_viewer.model.jobs import JobState, MeshReady, PreviewJob
+from meshmash_viewer.model.jobs import MeshReady
 from meshmash_viewer.model.live import LiveFeatures
-from meshmash_viewer.model.spectrum import Spectrum
-from meshmash_viewer.progress import Progress
 
 
 def show(document: Document, mesh: Mesh, n_pairs: int = 60) -> None:
@@ -46,7 +47,7 @@ def test_first_field_comes_by_itself(
         show(document, rectangle)
         assert not source.idle
     assert ready.args[0] is source.field
-    assert source.field.index == document.display.index
+    assert source.field.family.index == document.display[Eigenfunctions].index
     qtbot.waitUntil(lambda: source.idle)
 
 
@@ -57,9 +58,9 @@ def test_latest_request_wins_and_none_waits_in_line(
     fields: list[Field] = []
     source.field_ready.connect(fields.append)
     for index in range(200):
-        document.display.index = index % 60
+        document.display.change(Eigenfunctions, index=index % 60)
     qtbot.waitUntil(lambda: source.idle)
-    assert source.field.index == 199 % 60
+    assert source.field.family.index == 199 % 60
     assert len(fields) < 20
     np.testing.assert_allclose(
         source.field.values, document.spectrum.rows[199 % 60], rtol=1e-5, atol=1e-12
@@ -74,11 +75,11 @@ def test_a_field_of_the_kind_just_left_does_not_flash(
     fields: list[Field] = []
     source.field_ready.connect(fields.append)
     left = source.field
-    document.display.kind = FieldKind.HKS
+    document.display.kind = "hks"
     source._take(left.request, left)  # as if it had been computed while the kind changed
     assert not fields
     qtbot.waitUntil(lambda: source.idle)
-    assert {field.kind for field in fields} == {FieldKind.HKS}
+    assert {field.family.name for field in fields} == {"hks"}
 
 
 def test_table_is_built_behind_a_first_answer(
@@ -86,69 +87,24 @@ def test_table_is_built_behind_a_first_answer(
 ) -> None:
     show(document, rectangle)
     with qtbot.waitSignal(
-        source.field_ready, check_params_cb=lambda field: field.kind is FieldKind.HKS
+        source.field_ready, check_params_cb=lambda field: field.family.name == "hks"
     ):
-        document.display.kind = FieldKind.HKS
+        document.display.kind = "hks"
     qtbot.waitUntil(lambda: source.idle)
-    assert source.live.heat_table is not None
-    assert source.live.heat_table.spectrum is document.spectrum
+    assert source.live.table("hks") is not None
+    assert source.live.table("hks").spectrum is document.spectrum
 
 
 def test_similarity_comes_as_soon_as_it_can(
     qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh
 ) -> None:
     show(document, rectangle)
-    document.display.similarity_vertex = 17
+    document.display.change(Similarity, vertex=17)
     with qtbot.waitSignal(
-        source.field_ready, check_params_cb=lambda field: field.kind is FieldKind.SIMILARITY
+        source.field_ready, check_params_cb=lambda field: field.family.name == "similarity"
     ):
-        document.display.kind = FieldKind.SIMILARITY
+        document.display.kind = "similarity"
     assert source.field.values[17] == 0.0
-
-
-def test_what_is_quick_is_computed_without_a_thread(
-    qtbot: QtBot,
-    document: Document,
-    source: FieldSource,
-    rectangle: Mesh,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    show(document, rectangle)
-    for kind in (FieldKind.BAND, FieldKind.HKS):
-        document.display.kind = kind
-        qtbot.waitUntil(lambda: source.idle)
-    asked: list[FieldRequest] = []
-    ask = source._answers.ask
-    monkeypatch.setattr(source._answers, "ask", lambda one: (asked.append(one), ask(one)))
-    fields: list[Field] = []
-    source.field_ready.connect(fields.append)
-
-    source._took[FieldKind.HKS] = 1e-4
-    wanted = 1.37 * source.field.request.time
-    for time in (1.1 * wanted, wanted):
-        document.display.time = time
-    qtbot.waitUntil(lambda: source.idle)
-    assert not asked
-    assert [field.request.time for field in fields] == [wanted]
-    exact = document.spectrum.rows[:].astype(np.float64) ** 2
-    exact = np.exp(-document.spectrum.eigenvalues * wanted) @ exact
-    assert np.abs(fields[0].values - exact).max() <= 1e-4 * np.ptp(exact)
-
-    # What took long, is on a disk, or would compete with a solver, is left to the thread.
-    source._took[FieldKind.HKS] = 1.0
-    document.display.time = 1.1 * wanted
-    qtbot.waitUntil(lambda: source.idle)
-    source._took[FieldKind.EIGENFUNCTION] = 1e-4
-    document.display.kind = FieldKind.EIGENFUNCTION
-    qtbot.waitUntil(lambda: source.idle)
-    source._took[FieldKind.HKS] = 1e-4
-    document.job = JobState(PreviewJob, Progress(stage="cells"))
-    document.display.kind = FieldKind.HKS
-    qtbot.waitUntil(lambda: source.idle)
-    assert [request.kind for request in asked] == [
-        FieldKind.HKS, FieldKind.EIGENFUNCTION, FieldKind.HKS,
-    ]  # fmt: skip
-    document.job = None
 
 
 def test_the_next_eigenfunction_is_there_already(
@@ -159,17 +115,17 @@ def test_the_next_eigenfunction_is_there_already(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     show(document, rectangle)
-    document.display.index = 7
-    document.display.flipped = frozenset({8})
+    document.display.change(Eigenfunctions, index=7)
+    document.display.change(Eigenfunctions, flipped=frozenset({8}))
     qtbot.waitUntil(lambda: source.idle and source._ahead._field is not None)
-    qtbot.waitUntil(lambda: source._ahead._field.index == 8)
+    qtbot.waitUntil(lambda: source._ahead._field.family.index == 8)
 
     def fails(*arguments: object) -> None:
         raise AssertionError("computed although it was there")
 
     monkeypatch.setattr(source._answers, "ask", fails)
     with qtbot.waitSignal(source.field_ready):
-        document.display.index = 8
+        document.display.change(Eigenfunctions, index=8)
     assert source.idle
     expected = -document.spectrum.rows[8]
     np.testing.assert_allclose(source.field.values, expected, rtol=1e-5, atol=1e-12)
@@ -182,13 +138,13 @@ def test_a_prepared_field_is_not_overtaken_by_an_older_one(
     show(document, rectangle)
     qtbot.waitUntil(lambda: source.idle and source._ahead._field is not None)
     older, newer = source.field, source._ahead._field
-    document.display.index = newer.index
+    document.display.change(Eigenfunctions, index=newer.family.index)
     qtbot.waitUntil(lambda: source.field is newer)
     source._take(older.request, older)
     assert source.field is newer
 
 
-def test_a_fault_in_what_is_quick_is_a_sentence_too(
+def test_a_fault_is_a_sentence(
     qtbot: QtBot,
     document: Document,
     source: FieldSource,
@@ -196,16 +152,15 @@ def test_a_fault_in_what_is_quick_is_a_sentence_too(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     show(document, rectangle)
-    document.display.kind = FieldKind.BAND
+    document.display.kind = "band"
     qtbot.waitUntil(lambda: source.idle)
-    source._took[FieldKind.BAND] = 1e-4
 
     def fails(*arguments: object) -> None:
         raise MemoryError("no room")
 
     monkeypatch.setattr(field_source_module, "compute_field", fails)
     with qtbot.waitSignal(source.failed) as failed:
-        document.display.band = 7
+        document.display.change(GeometryVectors, index=7)
     assert failed.args == ["The field cannot be computed (MemoryError): no room"]
 
 
@@ -213,8 +168,8 @@ def test_another_mesh_takes_field_and_tables_away(
     qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh, sphere: Mesh
 ) -> None:
     show(document, rectangle)
-    document.display.kind = FieldKind.HKS
-    qtbot.waitUntil(lambda: source.idle and source.live.heat_table is not None)
+    document.display.kind = "hks"
+    qtbot.waitUntil(lambda: source.idle and source.live.table("hks") is not None)
     document.accept_mesh(MeshReady(sphere, mesh_health(sphere), sphere.vertex_normals))
     assert source.field is None
     assert source.live.nbytes == 0
@@ -255,14 +210,14 @@ def test_what_takes_long_is_said_until_it_comes(
     leave, compute = threading.Event(), field_source_module.compute_field
 
     def slow(request: FieldRequest, live: LiveFeatures) -> Field | None:
-        if request.kind is FieldKind.HKS:
+        if request.family.name == "hks":
             leave.wait(10)
         return compute(request, live)
 
     monkeypatch.setattr(field_source_module, "compute_field", slow)
-    document.display.kind = FieldKind.HKS
+    document.display.kind = "hks"
     qtbot.waitUntil(lambda: said == ["Heat kernel signature"])
-    assert source.field.kind is FieldKind.EIGENFUNCTION, "which is why it has to be said"
+    assert source.field.family.name == "eigenfunction", "which is why it has to be said"
     leave.set()
     qtbot.waitUntil(lambda: source.idle)
     assert set(said[1:]) == {""}
@@ -283,7 +238,7 @@ def test_field_that_cannot_be_computed_is_a_sentence(
     show(document, rectangle)
     qtbot.waitUntil(lambda: source.idle)
     broken = Spectrum(np.arange(3.0), np.zeros((1, rectangle.n_vertices)), np.zeros(3))
-    document.display.index = 2
+    document.display.change(Eigenfunctions, index=2)
     with qtbot.waitSignal(source.failed) as failed:
         document.accept_spectrum(broken)
     assert "cannot be computed" in failed.args[0]
@@ -294,7 +249,7 @@ def test_closing_does_not_wait_for_tables(
 ) -> None:
     source = FieldSource(document)
     show(document, rectangle)
-    document.display.kind = FieldKind.BAND
+    document.display.kind = "band"
     source.close()
-    document.display.kind = FieldKind.HKS
+    document.display.kind = "hks"
     source.close()

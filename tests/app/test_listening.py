@@ -16,6 +16,7 @@ from meshmash_viewer.app.listening import (
     later,
     listen,
 )
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.model.document import Document
 
 
@@ -42,9 +43,9 @@ def test_listeners_are_told_at_once_and_followers_in_a_turn(qtbot: QtBot, calls:
     acts, shows = Follower(calls, "acts"), Follower(calls, "shows")
     follow(document.display.events, shows.show)
     follow(document.spectrum_changed, shows.show)
-    listen(document.display.events.index, acts.show)
-    document.display.index = 4
-    document.display.index = 5
+    listen(document.display.events.fields, acts.show)
+    document.display.change(Eigenfunctions, index=4)
+    document.display.change(Eigenfunctions, index=5)
     document.spectrum_changed.emit()
     assert calls == ["acts", "acts"]
     qtbot.waitUntil(lambda: len(calls) > 2)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,16 +10,26 @@ from PySide6.QtCore import QObject
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.look_ahead import LookAhead
-from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.field import Field, FieldRequest
-from meshmash_viewer.model.spectrum import Spectrum
 
 SPECTRUM = Spectrum(np.arange(30.0), np.zeros((30, 4)), np.zeros(30))
-FLIPPED = {6}
+FLIPPED = frozenset({6})
 
 
-def asked(index: int, kind: FieldKind = FieldKind.EIGENFUNCTION) -> FieldRequest:
-    return FieldRequest(SPECTRUM, "nm", kind, index=index, flipped=index in FLIPPED)
+CHOSEN = Eigenfunctions(flipped=FLIPPED)
+
+
+def asked(index: int) -> FieldRequest:
+    return FieldRequest(SPECTRUM, "nm", replace(CHOSEN, index=index).resolved(SPECTRUM, {}))
+
+
+def expected(before: FieldRequest | None, request: FieldRequest) -> FieldRequest | None:
+    previous = None if before is None else before.family
+    family = request.family.likely_next(previous, CHOSEN, SPECTRUM)
+    return None if family is None else replace(request, family=family)
 
 
 class Computer:
@@ -46,14 +57,14 @@ def computer() -> Computer:
 @pytest.fixture
 def ahead(qtbot: QtBot, computer: Computer) -> Iterator[LookAhead]:
     owner = QObject()
-    ahead = LookAhead(computer, lambda index: index in FLIPPED, owner)
+    ahead = LookAhead(computer, expected, owner)
     yield ahead
     computer.go_on.set()
     ahead.close()
 
 
 @pytest.mark.parametrize(
-    ("visited", "expected"),
+    ("visited", "wanted"),
     [
         ([4], 5),
         ([5, 4], 3),
@@ -64,19 +75,19 @@ def ahead(qtbot: QtBot, computer: Computer) -> Iterator[LookAhead]:
     ],
 )
 def test_it_goes_on_in_the_direction_of_the_last_step(
-    qtbot: QtBot, ahead: LookAhead, visited: list[int], expected: int
+    qtbot: QtBot, ahead: LookAhead, visited: list[int], wanted: int
 ) -> None:
     for index in visited:
         ahead.follow(asked(index))
-    qtbot.waitUntil(lambda: ahead.answer(asked(expected)) is not None)
-    assert ahead.answer(asked(expected)).request == asked(expected)
-    assert ahead.answer(asked(expected + 1)) is None
+    qtbot.waitUntil(lambda: ahead.answer(asked(wanted)) is not None)
+    assert ahead.answer(asked(wanted)).request == asked(wanted)
+    assert ahead.answer(asked(wanted + 1)) is None
 
 
 def test_it_knows_which_signs_are_changed(qtbot: QtBot, ahead: LookAhead) -> None:
     ahead.follow(asked(5))
     qtbot.waitUntil(lambda: ahead.answer(asked(6)) is not None)
-    assert ahead.answer(asked(6)).request.flipped
+    assert ahead.answer(asked(6)).request.family.flipped
 
 
 @pytest.mark.parametrize("visited", [[28, 29], [1, 0], [20, 29]])
@@ -86,13 +97,13 @@ def test_there_is_nothing_beyond_the_ends(
     for index in visited:
         ahead.follow(asked(index))
     qtbot.wait(60)
-    assert all(0 <= request.index < 30 for request in computer.requests)
+    assert all(0 <= request.family.index < 30 for request in computer.requests)
 
 
 def test_another_kind_of_field_or_mesh_needs_no_such_field(qtbot: QtBot, ahead: LookAhead) -> None:
     ahead.follow(asked(4))
     qtbot.waitUntil(lambda: ahead.answer(asked(5)) is not None)
-    ahead.follow(asked(0, FieldKind.HKS))
+    ahead.follow(replace(asked(0), family=HeatKernelSignature(time=1.0)))
     assert ahead.answer(asked(5)) is None
 
 

@@ -36,10 +36,13 @@ from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
 from meshmash_viewer.app.view.text_layer import text_size
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.io.write import WRITERS
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.display import Display, FieldKind
+from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.document import Notice, Severity
 from meshmash_viewer.model.limits import LockedLimits
 from meshmash_viewer.spectral.weyl import Target, required_eigenvalue, weyl_eigenvalue
@@ -445,13 +448,13 @@ def test_a_message_leaves_the_title_of_the_field_alone(ball: MainWindow, width: 
     ball.resize(width, 800)
     document, bar = ball.document, ball.stage.message_bar
     document.toggle_pin(3)
-    document.display.similarity_vertex = 3
+    document.display.change(Similarity, vertex=3)
     document.notify(
         Notice("Something took longer than it should have: look there.", Severity.WARNING)
     )
     places = []
-    for kind, index in ((FieldKind.EIGENFUNCTION, 5), (FieldKind.SIMILARITY, 0)):
-        document.display.index = index
+    for kind, index in (("eigenfunction", 5), ("similarity", 0)):
+        document.display.change(Eigenfunctions, index=index)
         document.display.kind = kind
         QTest.qWait(20)
         wait_for(lambda: ball.field_source.idle)
@@ -526,15 +529,15 @@ def test_keys_go_through_the_eigenfunctions(qtbot: QtBot, ball: MainWindow) -> N
         (Qt.Key.Key_PageUp, 19),
     ):
         QTest.keyClick(ball, key)
-        assert display.index == index
-    qtbot.waitUntil(lambda: ball.field_source.field.index == 19, timeout=PATIENCE)
+        assert display[Eigenfunctions].index == index
+    qtbot.waitUntil(lambda: ball.field_source.field.family.index == 19, timeout=PATIENCE)
     QTest.keyClick(ball, Qt.Key.Key_N)
     assert display.nodal_lines
     assert ball.actions_["nodal_lines"].isChecked()
     QTest.keyClick(ball, Qt.Key.Key_F)
-    assert 19 in display.flipped
+    assert 19 in display[Eigenfunctions].flipped
     QTest.keyClick(ball, Qt.Key.Key_2)
-    assert display.kind is FieldKind.HKS
+    assert display.kind == "hks"
     QTest.keyClick(ball, Qt.Key.Key_Space)
     assert display.playing
     QTest.keyClick(ball, Qt.Key.Key_Space)
@@ -552,7 +555,7 @@ def test_space_presses_a_focused_button_and_digits_go_into_a_field(ball: MainWin
     spin.selectAll()
     QTest.keyClicks(spin, "12")
     assert spin.value() == 12
-    assert ball.document.display.kind is FieldKind.EIGENFUNCTION
+    assert ball.document.display.kind == "eigenfunction"
 
 
 # -- themes and layout -------------------------------------------------------------------------
@@ -633,11 +636,12 @@ def test_exports_say_what_they_miss_before_and_after(
     dialog = ExportDialog(document, tmp_path, ball)
     assert "miss" not in dialog.remark_label.text()
     dialog.deleteLater()
-    display.hks_t_min, display.hks_t_max, display.hks_automatic = 1 / last, 1e3 / last, False
+    display.change(HeatKernelSignature, t_min=1 / last)
+    display.change(HeatKernelSignature, t_max=1e3 / last)
+    display.change(HeatKernelSignature, automatic=False)
     dialog = ExportDialog(document, tmp_path, ball)
     said = dialog.remark_label.text()
     assert re.match(r"\d+ of 32 columns miss more than 1 %.* about [34]\d %: the file", said)
-    dialog.energies_spin.setValue(12)
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("eigenpairs"))
     assert "miss" not in dialog.remark_label.text()
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("hks"))
@@ -669,13 +673,13 @@ def test_the_export_dialog_says_what_the_file_will_contain(
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("eigenpairs"))
     assert dialog.path == tmp_path / "ball_eigenpairs.npz"
     assert not dialog.table.item(2, 0).flags()
-    assert dialog.energies_spin.isHidden()
+    assert dialog.count_spin.isHidden()
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("wks"))
-    assert not dialog.energies_spin.isHidden()
-    dialog.energies_spin.setValue(12)
+    assert not dialog.count_spin.isHidden()
+    dialog.count_spin.setValue(12)
     assert "× 12 columns" in dialog.contents_label.text()
     assert "wks_λ=" in dialog.columns_label.text()
-    assert (dialog.job().kind, dialog.job().parameters) == ("wks", {"n_energies": 12})
+    assert (dialog.job().family.export, dialog.job().family.count) == ("wks", 12)
     dialog.pairs_spin.setValue(2)  # the constant and one more, which leave no range of energies
     assert "more eigenpairs" in dialog.contents_label.text()
     assert not dialog.export_button.isEnabled()
@@ -684,7 +688,11 @@ def test_the_export_dialog_says_what_the_file_will_contain(
     dialog.pairs_spin.setValue(10)
     assert "× 10 columns" in dialog.contents_label.text()
     job = dialog.job()
-    assert (job.kind, job.n_pairs, job.path.name) == ("eigenpairs", 10, "ball_eigenpairs.npz")
+    assert job.family.export == "eigenpairs"
+    assert (job.n_pairs, job.path.name) == (
+        10,
+        "ball_eigenpairs.npz",
+    )
     dialog.file_row.edit.setText(str(tmp_path / "nowhere" / "x.npz"))
     dialog.export_button.click()
     assert dialog.result() != QDialog.DialogCode.Accepted
@@ -724,7 +732,7 @@ def test_a_session_comes_back(
     document = ball.document
     document.toggle_pin(17)
     document.toggle_pin(42)
-    document.display.index = 7
+    document.display.change(Eigenfunctions, index=7)
     document.display.limits = LockedLimits(-2.0, 3.0)
     document.display.nodal_lines = True
     document.target = Target("count", 30)
@@ -738,7 +746,7 @@ def test_a_session_comes_back(
     qtbot.waitUntil(lambda: len(other.document.pins) == 2, timeout=PATIENCE)
     assert other.document.path == sphere_file
     assert [pin.vertex for pin in other.document.pins] == [17, 42]
-    assert other.document.display.index == 7
+    assert other.document.display[Eigenfunctions].index == 7
     assert other.document.display.limits == LockedLimits(-2.0, 3.0)
     assert other.document.display.nodal_lines
     assert other.document.target == Target("count", 30)
@@ -844,19 +852,19 @@ def test_a_known_mesh_opens_with_its_last_field(
 ) -> None:
     display, source = ball.document.display, ball.field_source
     known = ball.document.path
-    display.index = 7
-    display.kind = FieldKind.HKS
+    display.change(Eigenfunctions, index=7)
+    display.kind = "hks"
     catch_up()
     mesh, other = shapes.icosphere(2, radius=400.0), tmp_path / "other.npz"
     np.savez(other, vertices=mesh.vertices, faces=mesh.faces)
     open_file(ball, other)
     assert ball.document.spectrum is None
-    display.kind = FieldKind.EIGENFUNCTION
+    display.kind = "eigenfunction"
     catch_up()
     qtbot.waitUntil(lambda: source.idle, timeout=PATIENCE)
-    kinds: list[FieldKind] = []
-    source.field_ready.connect(lambda field: field is not None and kinds.append(field.kind))
+    kinds: list[str] = []
+    source.field_ready.connect(lambda field: field is not None and kinds.append(field.family.name))
     open_file(ball, known)
     qtbot.waitUntil(lambda: source.idle and bool(kinds), timeout=PATIENCE)
-    assert display.index == 7
-    assert kinds[0] is FieldKind.HKS, "at once: no other field comes first"
+    assert display[Eigenfunctions].index == 7
+    assert kinds[0] == "hks", "at once: no other field comes first"

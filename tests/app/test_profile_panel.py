@@ -9,9 +9,10 @@ from PySide6.QtWidgets import QToolButton
 
 from meshmash_viewer.app.panels.profile_panel import ProfilePanel
 from meshmash_viewer.features.filters import bspline_bank, hks_times
-from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.geometry_vectors import GeometryVectors
+from meshmash_viewer.fields.hks import HeatKernelSignature, resolved_from
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.ranges import band_range, hks_range, resolved_from
 
 LEFT = Qt.MouseButton.LeftButton
 pytestmark = pytest.mark.usefixtures("shown_at_once")
@@ -49,7 +50,7 @@ def test_says_what_to_do_until_something_is_pinned(panel: ProfilePanel, document
 
 
 def test_hks_over_time_is_the_direct_sum(panel: ProfilePanel, document, qtbot) -> None:
-    document.display.kind = FieldKind.HKS
+    document.display.kind = "hks"
     document.toggle_pin(5)
     document.toggle_pin(300)
     spectrum = document.spectrum
@@ -66,13 +67,13 @@ def test_bands_and_coefficients(panel: ProfilePanel, document, qtbot) -> None:
     document.toggle_pin(42)
     spectrum, display = document.spectrum, document.display
     values = spectrum.rows[:, 42]
-    display.flipped = frozenset({3})
+    display.change(Eigenfunctions, flipped=frozenset({3}))
     x, y = curves(panel, document, qtbot)[42]
     assert y[3] == -values[3]
     assert np.array_equal(np.delete(y, 3), np.delete(values, 3))
-    display.kind = FieldKind.BAND
+    display.kind = "band"
     x, y = curves(panel, document, qtbot)[42]
-    bank = bspline_bank(*band_range(spectrum, display), display.band_count)
+    bank = bspline_bank(*display[GeometryVectors].range(spectrum), display[GeometryVectors].count)
     assert np.array_equal(x, np.arange(32))
     assert y == pytest.approx(bank(spectrum.eigenvalues) @ values**2)
 
@@ -81,31 +82,33 @@ def test_current_time_is_marked_and_what_needs_more_pairs_hatched(
     panel: ProfilePanel, document, qtbot
 ) -> None:
     display = document.display
-    display.kind = FieldKind.HKS
+    display.kind = "hks"
     document.toggle_pin(5)
     curves(panel, document, qtbot)
     assert not panel._missing.isVisible()
-    display.hks_t_min, display.hks_t_max, display.hks_automatic = 1e5, 1e8, False
+    display.change(HeatKernelSignature, t_min=1e5)
+    display.change(HeatKernelSignature, t_max=1e8)
+    display.change(HeatKernelSignature, automatic=False)
     assert 10 ** np.array(panel._missing.getRegion()) == pytest.approx(
         [1e5, resolved_from(document.spectrum)]
     )
     assert panel.missing_label.isVisible()
-    display.time = 3e6
+    display.change(HeatKernelSignature, time=3e6)
     assert 10 ** panel._marker.value() == pytest.approx(3e6)
 
 
 def test_a_click_puts_that_time_on_the_render(panel: ProfilePanel, document, qtbot) -> None:
-    document.display.kind = FieldKind.HKS
+    document.display.kind = "hks"
     document.toggle_pin(5)
     curves(panel, document, qtbot)
-    low, high = hks_range(document.spectrum, document.display)
+    low, high = document.display[HeatKernelSignature].range(document.spectrum)
     QTest.qWait(80)
     (_, _), (bottom, top) = panel.plot.viewRange()
     x = np.log10(low * (high / low) ** 0.8)
     at = panel.plot.pixel_of(x, bottom + 0.9 * (top - bottom)).toPoint()
     QTest.mouseMove(panel.plot.viewport(), at)
     QTest.mouseClick(panel.plot.viewport(), LEFT, pos=at)
-    assert np.log10(document.display.time) == pytest.approx(x, abs=0.02)
+    assert np.log10(document.display[HeatKernelSignature].time) == pytest.approx(x, abs=0.02)
 
 
 def test_profiles_grow_with_the_spectrum(qtbot) -> None:

@@ -12,6 +12,7 @@ from PySide6.QtCore import QObject
 
 from meshmash_viewer.app import row_check
 from meshmash_viewer.app.row_check import RowCheck
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice
@@ -64,14 +65,14 @@ def test_pairs_from_a_damaged_one_on_are_taken_away(
     whole = np.array(np.memmap(path, np.float64, "r").reshape(30, -1)[:index])
     spoil(path, sphere, index)
     open_mesh()
-    document.display.index = 20
+    document.display.change(Eigenfunctions, index=20)
     qtbot.waitUntil(lambda: bool(said))
     spectrum = document.spectrum
     if index == 0:
         assert spectrum is None
     else:
         assert len(spectrum) == index
-        assert document.display.index == index - 1
+        assert document.display[Eigenfunctions].index == index - 1
         np.testing.assert_array_equal(spectrum.rows[:index], whole)
     assert isinstance(said[0], Notice)
     assert f"Eigenpair {index} is damaged" in said[0].text

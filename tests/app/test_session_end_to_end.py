@@ -21,8 +21,10 @@ from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
 from meshmash_viewer.app.view.canvas import Canvas
 from meshmash_viewer.decompose import decompose_mesh
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.geometry_vectors import GeometryVectors
+from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.io.read import read_mesh
-from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Severity
 from meshmash_viewer.model.jobs import DecomposeJob
 from meshmash_viewer.samples import sample_path
@@ -105,20 +107,20 @@ def test_open_compute_scroll_tune_inspect_export(
 
     # scroll by wheel and keys meanwhile
     wait(lambda: source.field is not None)
-    start = display.index
+    start = display[Eigenfunctions].index
     turn_wheel(canvas, 3, CONTROL)
-    assert display.index == start + 3
-    wait(lambda: source.field.index == start + 3)
+    assert display[Eigenfunctions].index == start + 3
+    wait(lambda: source.field.family.index == start + 3)
     values = source.field.values.copy()
     QTest.keyClick(canvas, Qt.Key.Key_Right)
     QTest.keyClick(canvas, Qt.Key.Key_Right)
     QTest.keyClick(canvas, Qt.Key.Key_Left)
-    wait(lambda: source.field.index == start + 4)
+    wait(lambda: source.field.family.index == start + 4)
     assert not np.array_equal(source.field.values, values)
     assert part(window, "eigenvector_spin").value() == start + 4
     assert isinstance(document.job.job, DecomposeJob), "it still computes"
     turn_wheel(canvas, -1, CONTROL)
-    assert display.index == start + 3
+    assert display[Eigenfunctions].index == start + 3
     before = window.scene.camera()
     turn_wheel(canvas, -2)
     assert window.scene.camera() != before, "the wheel alone zooms"
@@ -141,34 +143,34 @@ def test_open_compute_scroll_tune_inspect_export(
     # HKS: drag its slider
     tabs = part(window, "field_tabs").tabBar()
     QTest.mouseClick(tabs, LEFT, pos=tabs.tabRect(1).center())
-    assert display.kind is FieldKind.HKS
-    wait(lambda: source.field.kind is FieldKind.HKS)
+    assert display.kind == "hks"
+    wait(lambda: source.field.family.name == "hks")
     slider = part(window, "hks_time_slider")
     assert isinstance(slider, QSlider)
-    time_before, middle = source.field.time, slider.height() // 2
+    time_before, middle = source.field.family.time, slider.height() // 2
     at = QPoint(round(slider.width() * 0.5), middle)
     drag(slider, at, *(at + QPoint(round(slider.width() * by), 0) for by in (0.05, 0.15, 0.3)))
     wait(lambda: source.idle)
-    assert source.field.time > 2 * time_before
+    assert source.field.family.time > 2 * time_before
     assert not source.field.signed
     assert "nm²" in source.field.quantity
 
     # bands: drag the end of their range on the spectrum
     QTest.mouseClick(tabs, LEFT, pos=tabs.tabRect(2).center())
-    wait(lambda: source.idle and source.field.kind is FieldKind.BAND)
+    wait(lambda: source.idle and source.field.family.name == "band")
     plot, last = part(window, "spectrum_plot"), float(document.spectrum.eigenvalues[-1])
     QTest.qWait(100)
     way = [plot.pixel_of(share * last, 0.85).toPoint() for share in (1.0, 0.9, 0.7, 0.6)]
     drag(plot.viewport(), *way)
-    assert not display.band_automatic
-    assert display.band_max == pytest.approx(0.6 * last, rel=0.05)
+    assert not display[GeometryVectors].automatic
+    assert display[GeometryVectors].high == pytest.approx(0.6 * last, rel=0.05)
     wait(lambda: source.idle)
-    assert source.field.request.eigenvalues[1] == display.band_max
+    assert source.field.family.high == display[GeometryVectors].high
 
     # click a vertex in the render, read its value and its profile
     QTest.keyClick(canvas, Qt.Key.Key_R)
     QTest.mouseClick(tabs, LEFT, pos=tabs.tabRect(1).center())
-    wait(lambda: source.idle and source.field.kind is FieldKind.HKS)
+    wait(lambda: source.idle and source.field.family.name == "hks")
     vertex = visible_vertex(window)
     place = canvas.mapFrom(window.scene, window.scene.display_point(vertex))
     QTest.mouseMove(canvas, place)
@@ -183,7 +185,12 @@ def test_open_compute_scroll_tune_inspect_export(
     profile = window.profile_panel
     wait(lambda: len(profile._curves) == 1)
     ((_, dots),) = profile._curves.values()
-    wait(lambda: dots.getData()[0] is not None and len(dots.getData()[0]) == display.hks_scales)
+    wait(
+        lambda: (
+            dots.getData()[0] is not None
+            and len(dots.getData()[0]) == display[HeatKernelSignature].scales
+        )
+    )
 
     # export, open the file again, and compare with another way to compute it
     QTest.keyClick(window, Qt.Key.Key_E, CONTROL)
@@ -300,6 +307,6 @@ def test_bad_files_are_one_sentence_and_the_open_mesh_stays(
     # and it goes on working
     window.setFocus()
     QTest.keyClick(window, Qt.Key.Key_End)
-    wait(lambda: window.field_source.idle and window.field_source.field.index == 19)
+    wait(lambda: window.field_source.idle and window.field_source.field.family.index == 19)
     window.open_mesh(save_ball(tmp_path / "other.npz", 2))
     wait(lambda: document.mesh is not mesh)

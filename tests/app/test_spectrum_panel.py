@@ -10,16 +10,10 @@ from PySide6.QtTest import QTest
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.panels.spectrum_panel import SpectrumPanel
-from meshmash_viewer.app.plots.band_curves import (
-    band_centers,
-    band_curves,
-    band_responses,
-    band_support,
-)
-from meshmash_viewer.features.filters import bspline_bank
-from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.geometry_vectors import GeometryVectors
+from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.ranges import band_range, hks_range, hks_time
 from meshmash_viewer.spectral.weyl import weyl_eigenvalue
 
 LEFT = Qt.MouseButton.LeftButton
@@ -68,18 +62,18 @@ def test_draws_every_eigenvalue_and_weyls_law(panel: SpectrumPanel, document) ->
 
 def test_a_click_puts_that_eigenfunction_on_the_render(panel: SpectrumPanel, document) -> None:
     click(panel, 80, 1e-7)
-    assert document.display.index == 80
+    assert document.display[Eigenfunctions].index == 80
     assert panel.view.marker.value() == 80
     assert panel.view.current.getData()[0].tolist() == [80.0]
     assert panel.readout.text().startswith("λ₈₀ = ")
 
 
 def test_the_marker_can_be_dragged_along(panel: SpectrumPanel, document) -> None:
-    document.display.index = 20
+    document.display.change(Eigenfunctions, index=20)
     height = document.spectrum.eigenvalues[-1] / 2
     way = [place(panel, x, height) for x in (20, 30, 50, 60)]
     drag(panel.plot.viewport(), *way)
-    assert abs(document.display.index - 60) <= 1
+    assert abs(document.display[Eigenfunctions].index - 60) <= 1
 
 
 def test_it_grows_without_moving_its_axis(qtbot) -> None:
@@ -107,69 +101,52 @@ def test_zero_modes_have_a_place_in_log_scale(panel: SpectrumPanel, document) ->
 
 def test_ends_of_the_bands_are_dragged_on_the_spectrum(panel: SpectrumPanel, document) -> None:
     display = document.display
-    display.kind = FieldKind.BAND
+    display.kind = "band"
     last = document.spectrum.eigenvalues[-1]
     way = [place(panel, share * last, 0.85) for share in (1.0, 0.9, 0.7, 0.6)]
     drag(panel.plot.viewport(), *way)
-    assert not display.band_automatic
-    assert display.band_max == pytest.approx(0.6 * last, rel=0.02)
-    assert display.band_min == 0.0
-    assert panel.view.high.value() == pytest.approx(display.band_max)
+    assert not display[GeometryVectors].automatic
+    assert display[GeometryVectors].high == pytest.approx(0.6 * last, rel=0.02)
+    assert display[GeometryVectors].low == 0.0
+    assert panel.view.high.value() == pytest.approx(display[GeometryVectors].high)
 
 
 def test_a_band_is_clicked_or_dragged_to(panel: SpectrumPanel, document) -> None:
     display = document.display
-    display.kind = FieldKind.BAND
-    low, high = band_range(document.spectrum, display)
-    centers = band_centers(low, high, display.band_count)
+    display.kind = "band"
+    centers = display[GeometryVectors].centers(document.spectrum)
     click(panel, centers[20], 0.9)
-    assert display.band == 20
+    assert display[GeometryVectors].index == 20
     assert panel.view.handle.value() == pytest.approx(centers[20])
     drag(panel.plot.viewport(), *[place(panel, centers[band], 0.9) for band in (20, 18, 12, 10)])
-    assert display.band == 10
+    assert display[GeometryVectors].index == 10
     x, y = panel.view.response.getData()
-    assert (x[0], x[-1]) == pytest.approx(band_support(low, high, display.band_count, 10))
+    assert (x[0], x[-1]) == pytest.approx(display[GeometryVectors].support(document.spectrum))
     assert y.max() == pytest.approx(2 / 3, rel=0.01), "a uniform cubic B-spline"
 
 
 def test_a_heat_kernel_is_drawn_and_its_time_dragged(panel: SpectrumPanel, document) -> None:
     display = document.display
-    display.kind = FieldKind.HKS
-    time = hks_time(document.spectrum, display)
+    display.kind = "hks"
+    time = display[HeatKernelSignature].time_in(document.spectrum)
     x, y = panel.view.response.getData()
     assert y == pytest.approx(np.exp(-(10.0**x) * time)), "in log scale by itself"
     assert panel.view.handle.value() == pytest.approx(math.log10(1 / time))
     start = math.log10(1 / time)
     drag(panel.plot.viewport(), *[place(panel, start + by, 0.6) for by in (0, 0.1, 0.2, 0.3)])
-    assert display.time == pytest.approx(time / 10**0.3, rel=0.05)
-    low, high = hks_range(document.spectrum, display)
-    assert low <= display.time <= high
+    assert display[HeatKernelSignature].time == pytest.approx(time / 10**0.3, rel=0.05)
+    low, high = display[HeatKernelSignature].range(document.spectrum)
+    assert low <= display[HeatKernelSignature].time <= high
 
 
 def test_what_is_beyond_the_spectrum_is_hatched(panel: SpectrumPanel, document) -> None:
     display = document.display
-    display.kind = FieldKind.BAND
+    display.kind = "band"
     assert not panel.view.missing.isVisible()
-    display.band_max = 2 * document.spectrum.eigenvalues[-1]
-    display.band_automatic = False
+    display.change(GeometryVectors, high=2 * document.spectrum.eigenvalues[-1])
+    display.change(GeometryVectors, automatic=False)
     assert panel.view.missing.isVisible()
     assert panel.view.missing.getRegion()[0] == pytest.approx(document.spectrum.eigenvalues[-1])
-
-
-def test_bands_sampled_on_their_supports_are_the_filter() -> None:
-    low, high = 1e-8, 7e-8
-    for count in (1, 2, 3, 4, 5, 32):
-        bank = bspline_bank(low, high, count)
-        assert band_centers(low, high, count) == pytest.approx(bank.parameters)
-        for band, curve in enumerate(band_curves(low, high, count)):
-            assert curve.response == pytest.approx(bank(curve.eigenvalues)[band], abs=1e-9), (
-                f"band {band} of {count}"
-            )
-            fine = np.linspace(low, high, 1001)
-            assert band_responses(low, high, count, fine) == pytest.approx(bank(fine), abs=1e-9)
-            start, end = band_support(low, high, count, band)
-            outside = (fine < start - 1e-12) | (fine > end + 1e-12)
-            assert np.abs(bank(fine)[band][outside]).max(initial=0.0) < 1e-12
 
 
 def test_follows_the_theme_and_says_what_will_come(qtbot) -> None:

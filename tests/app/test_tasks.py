@@ -12,7 +12,7 @@ from long_jobs import DyingJob, EndlessJob, FailingJob
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.tasks import Tasks
-from meshmash_viewer.features.kinds import KINDS
+from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
@@ -71,7 +71,9 @@ def test_read_decompose_export_and_open_again(session: Session, neuron_file: Pat
     assert len(document.spectrum) == 40
     assert document.spectrum.complete
     out = neuron_file.parent / "out.npz"
-    document.export(ExportJob(document.mesh, document.operator, out, "hks", 40, {"n_scales": 8}))
+    document.export(
+        ExportJob(document.mesh, document.operator, out, EXPORTS["hks"].exported(8), 40)
+    )
     session.wait_until_idle()
     with np.load(out) as file:
         assert file["features"].shape == (document.mesh.n_vertices, 8)
@@ -126,7 +128,7 @@ def test_export_waits_its_turn(session: Session, neuron: Mesh, tmp_path: Path) -
     document = session.document
     session.tasks.run(DecomposeJob(neuron, OperatorOptions(), Target("count", 20)))
     out = tmp_path / "pairs.npz"
-    document.export(ExportJob(neuron, OperatorOptions(), out, "eigenpairs", 20))
+    document.export(ExportJob(neuron, OperatorOptions(), out, EXPORTS["eigenpairs"](), 20))
     assert "waits for" in session.last().text
     session.wait(lambda: out.exists())
     session.wait_until_idle()
@@ -137,21 +139,20 @@ def test_every_kind_is_exported_as_the_command_line_has_it(
     session: Session, neuron: Mesh, tmp_path: Path
 ) -> None:
     session.tasks.run(DecomposeJob(neuron, OperatorOptions(), Target("count", 20)))
-    columns = {"n_scales": 7, "n_bands": 7, "n_energies": 7}
-    for kind in KINDS:
+    for kind, family in EXPORTS.items():
         out = tmp_path / f"{kind}.npz"
-        session.document.export(ExportJob(neuron, OperatorOptions(), out, kind, 20, columns))
+        session.document.export(ExportJob(neuron, OperatorOptions(), out, family.exported(7), 20))
         session.wait_until_idle()
         with np.load(out) as file:
             assert json.loads(str(file["meta"]))["options"]["kind"] == kind
-            if kind != "eigenpairs":
+            if family.counted:
                 assert file["features"].shape == (neuron.n_vertices, 7)
-                assert KINDS[kind] in session.last().text
+                assert family.label in session.last().text
 
 
 def test_export_of_what_was_cleared_says_so(session: Session, neuron: Mesh, tmp_path: Path) -> None:
     session.document.export(
-        ExportJob(neuron, OperatorOptions(), tmp_path / "x.npz", "eigenpairs", 20)
+        ExportJob(neuron, OperatorOptions(), tmp_path / "x.npz", EXPORTS["eigenpairs"](), 20)
     )
     session.wait_until_idle()
     assert "compute them again" in session.last().text

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmash_viewer.model.alignment import Alignment, ShownRows, align
+from meshmash_viewer.spectral.alignment import Alignment, ShownRows, align
 
 
 @pytest.fixture

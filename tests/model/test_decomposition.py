@@ -10,6 +10,7 @@ import shapes
 from listeners import Listener
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.io.spectrum import find_eigenpairs
 from meshmash_viewer.io.store import EigenpairStore
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
@@ -138,7 +139,7 @@ def test_a_damaged_batch_is_found_before_a_number_is_used_and_only_it_is_made_ag
     known, remark = find_known(sphere, OPERATOR)
     assert known is not None
     assert not remark
-    job = ExportJob(sphere, OPERATOR, tmp_path / "pairs.npz", "eigenpairs", 40)
+    job = ExportJob(sphere, OPERATOR, tmp_path / "pairs.npz", Eigenfunctions(), 40)
     with pytest.raises(InputError, match="damaged"):
         job.run(listener)
     dataclasses.replace(job, n_pairs=n_first).run(listener)
@@ -191,7 +192,7 @@ def test_without_a_cache_the_session_has_a_store(
     assert grew.stored.path.is_relative_to(tmp_path / "eigenpairs")
     assert "until the window is closed" in grew.remark
     assert len(decompose(sphere, OPERATOR, Target("count", 5), listener).spectrum) == 5
-    ExportJob(sphere, OPERATOR, tmp_path / "pairs.npz", "eigenpairs", 8).run(listener)
+    ExportJob(sphere, OPERATOR, tmp_path / "pairs.npz", Eigenfunctions(), 8).run(listener)
     more = decompose(sphere, OPERATOR, Target("count", 30), listener)
     assert more.spectrum.complete
 
@@ -212,7 +213,9 @@ def test_a_cache_removed_while_computing_costs_nothing(
     assert "until the window is closed" in grew.remark
     assert grew.spectrum.complete
     assert residuals(sphere, grew).max() < 1e-7
-    ExportJob(sphere, OPERATOR, tmp_path / "pairs.npz", "eigenpairs", 300).run(Listener(tmp_path))
+    ExportJob(sphere, OPERATOR, tmp_path / "pairs.npz", Eigenfunctions(), 300).run(
+        Listener(tmp_path)
+    )
     # The next mesh finds a cache again.
     other = Mesh(sphere.vertices * 1.1, sphere.faces)
     assert not decompose(other, OPERATOR, Target("count", 8), Listener(tmp_path)).remark

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from solved import spectrum_of
 
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import PIN_COLORS, Document, Notice
 from meshmash_viewer.model.jobs import MeshReady
-from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.spectral.weyl import Target
 
 
@@ -114,7 +115,7 @@ def test_pairs_from_a_damaged_one_on_are_not_shown(
 ) -> None:
     spectrum = spectrum_of(sphere, 9)
     document.accept_spectrum(spectrum)
-    document.display.index = shown
+    document.display.change(Eigenfunctions, index=shown)
     notices: list[Notice] = []
     document.noticed.connect(notices.append)
     document.leave_out_damaged(replace(spectrum), damaged)
@@ -122,7 +123,7 @@ def test_pairs_from_a_damaged_one_on_are_not_shown(
     document.leave_out_damaged(spectrum, damaged)
     assert document.spectrum is not None
     np.testing.assert_array_equal(document.spectrum.eigenvalues, spectrum.eigenvalues[:damaged])
-    assert document.display.index == left
+    assert document.display[Eigenfunctions].index == left
     assert f"Eigenpair {damaged} is damaged" in notices[-1].text
 
 
@@ -131,4 +132,4 @@ def test_nothing_is_shown_where_the_first_pair_is_damaged(document: Document, sp
     document.accept_spectrum(spectrum)
     document.leave_out_damaged(spectrum, 0)
     assert document.spectrum is None
-    assert document.display.index == 0
+    assert document.display[Eigenfunctions].index == 0

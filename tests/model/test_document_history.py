@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 from solved import spectrum_of
 
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.geometry_vectors import GeometryVectors
+from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import PIN_COLORS, Document, Notice
 from meshmash_viewer.model.jobs import (
     DecomposeJob,
@@ -52,29 +55,29 @@ def test_another_mesh_starts_without_what_was_chosen_on_the_last(
     document: Document, three_spheres: Mesh
 ) -> None:
     display = document.display
-    display.index = 9
+    display.change(Eigenfunctions, index=9)
     document.flip()
-    assert display.flipped == {9}
+    assert display[Eigenfunctions].flipped == {9}
     document.toggle_pin(3)
-    display.similarity_vertex = 3
-    display.kind = FieldKind.SIMILARITY
+    display.change(Similarity, vertex=3)
+    display.kind = "similarity"
     document.accept_mesh(ready(three_spheres))
-    assert display.flipped == frozenset()
-    assert display.index == 3  # the first that is not constant on all three
-    assert display.similarity_vertex is None
-    assert display.kind is FieldKind.EIGENFUNCTION
+    assert display[Eigenfunctions].flipped == frozenset()
+    assert display[Eigenfunctions].index == 3  # the first that is not constant on all three
+    assert display[Similarity].vertex is None
+    assert display.kind == "eigenfunction"
     assert document.pins == ()
     assert not document.can_undo
 
 
 def test_a_second_flip_takes_the_first_back(document: Document) -> None:
-    document.display.index = 4
+    document.display.change(Eigenfunctions, index=4)
     document.flip()
-    document.display.index = 5
+    document.display.change(Eigenfunctions, index=5)
     document.flip()
-    document.display.index = 4
+    document.display.change(Eigenfunctions, index=4)
     document.flip()
-    assert document.display.flipped == {5}
+    assert document.display[Eigenfunctions].flipped == {5}
 
 
 def test_undo_goes_back_a_repair_at_a_time_in_the_unit_given_since(
@@ -142,12 +145,12 @@ def test_pins_stay_where_a_repair_left_their_vertex(document: Document, sphere: 
 def test_an_index_beyond_a_finished_spectrum_comes_back_to_its_end(
     document: Document, sphere: Mesh
 ) -> None:
-    document.display.index = 30
+    document.display.change(Eigenfunctions, index=30)
     spectrum = spectrum_of(sphere, 8)
     document.accept_spectrum(replace(spectrum, certificate=None))
-    assert document.display.index == 30  # it may still come
+    assert document.display[Eigenfunctions].index == 30  # it may still come
     document.accept_spectrum(spectrum)
-    assert document.display.index == 7
+    assert document.display[Eigenfunctions].index == 7
 
 
 def test_exact_eigenvalues_translate_a_target_only_for_the_operator_they_belong_to(
@@ -248,7 +251,7 @@ def test_a_new_document_plays_nothing_and_takes_ranges_from_the_spectrum() -> No
     display = Document().display
     assert not display.playing
     assert not display.nodal_lines
-    assert display.hks_automatic
-    assert display.band_automatic
-    assert display.index == 1
-    assert display.flipped == frozenset()
+    assert display[HeatKernelSignature].automatic
+    assert display[GeometryVectors].automatic
+    assert display[Eigenfunctions].index == 1
+    assert display[Eigenfunctions].flipped == frozenset()

@@ -6,15 +6,19 @@ import numpy as np
 import pytest
 from solved import spectrum_of
 
+from meshmash_viewer.fields import FEATURES
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.geometry_vectors import GeometryVectors
+from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.fields.similarity import Similarity
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.display import FieldKind, SimilarityBasis
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.field import band_support, compute_field, request_of
+from meshmash_viewer.model.field import compute_field, request_of
 from meshmash_viewer.model.jobs import MeshReady
 from meshmash_viewer.model.limits import LockedLimits
 from meshmash_viewer.model.live import LiveFeatures
-from meshmash_viewer.model.spectrum import Spectrum
 
 
 @pytest.fixture
@@ -37,7 +41,7 @@ def test_nothing_to_show_before_there_are_pairs(rectangle: Mesh) -> None:
 
 
 def test_eigenfunction_and_its_other_sign(document: Document) -> None:
-    document.display.index = 5
+    document.display.change(Eigenfunctions, index=5)
     request = request_of(document)
     assert request is not None
     field = compute_field(request, LiveFeatures())
@@ -52,38 +56,40 @@ def test_eigenfunction_and_its_other_sign(document: Document) -> None:
 
 
 def test_index_beyond_what_has_converged_shows_the_last(document: Document) -> None:
-    document.display.index = 10_000
-    assert request_of(document).index == 39
+    document.display.change(Eigenfunctions, index=10_000)
+    assert request_of(document).family.index == 39
 
 
 def test_what_does_not_matter_makes_no_other_request(document: Document) -> None:
     before = request_of(document)
-    document.display.band_count = 7
-    document.display.time = 3.0
-    document.display.flipped = frozenset({17})
+    document.display.change(GeometryVectors, count=7)
+    document.display.change(HeatKernelSignature, time=3.0)
+    document.display.change(Eigenfunctions, flipped=frozenset({17}))
     assert request_of(document) == before
     document.accept_spectrum(replace(document.spectrum))
     assert request_of(document) != before
 
 
 def test_hks_names_time_and_length(document: Document) -> None:
-    document.display.kind = FieldKind.HKS
-    document.display.time = 0.25
+    document.display.kind = "hks"
+    document.display.change(HeatKernelSignature, time=0.25)
     field = compute_field(request_of(document), LiveFeatures())
     assert field.quantity == "t = 0.25 nm² (√t = 0.5 nm)"
-    assert (field.unit, field.signed, field.time) == ("nm⁻²", False, 0.25)
+    assert (field.unit, field.signed, field.family.time) == ("nm⁻²", False, 0.25)
 
 
 @pytest.mark.parametrize(("count", "band"), [(1, 0), (3, 1), (12, 0), (12, 4), (12, 11)])
 def test_band_names_its_support(document: Document, count: int, band: int) -> None:
     from meshmash_viewer.features.filters import bspline_bank
 
-    document.display.kind = FieldKind.BAND
-    document.display.band_count, document.display.band = count, band
+    document.display.kind = "band"
+    document.display.change(GeometryVectors, count=count)
+    document.display.change(GeometryVectors, index=band)
     request = request_of(document)
-    low, high = band_support(request)
-    grid = np.linspace(*request.eigenvalues, 2001)
-    weights = bspline_bank(*request.eigenvalues, count)(grid)[band]
+    ends = request.family.range(document.spectrum)
+    low, high = request.family.support(document.spectrum)
+    grid = np.linspace(*ends, 2001)
+    weights = bspline_bank(*ends, count)(grid)[band]
     step = grid[1] - grid[0]
     inside = grid[weights > 0.0]
     assert inside[0] == pytest.approx(low, abs=1.5 * step)
@@ -91,12 +97,12 @@ def test_band_names_its_support(document: Document, count: int, band: int) -> No
 
 
 def test_similarity_needs_a_vertex_and_a_table(document: Document) -> None:
-    document.display.kind = FieldKind.SIMILARITY
-    assert request_of(document).kind is FieldKind.EIGENFUNCTION
-    document.display.similarity_vertex = 3
+    document.display.kind = "similarity"
+    assert request_of(document).family.name == "eigenfunction"
+    document.display.change(Similarity, vertex=3)
     live = LiveFeatures()
-    for basis in SimilarityBasis:
-        document.display.similarity_basis = basis
+    for basis in FEATURES:
+        document.display.change(Similarity, basis=basis)
         request = request_of(document)
         assert compute_field(request, live) is None
         live.prepare(request)

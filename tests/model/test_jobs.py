@@ -9,6 +9,7 @@ import pytest
 import shapes
 from listeners import Listener
 
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
@@ -119,4 +120,4 @@ def test_jobs_say_what_they_are_at(sphere: Mesh, mesh_name: str) -> None:
     assert RepairJob(mesh, "x").label == f"Repairing {shown}"
     assert PreviewJob(mesh).label == f"Previewing {shown}"
     assert shown in DecomposeJob(mesh, PLAIN, Target()).label
-    assert "out.npz" in ExportJob(mesh, PLAIN, Path("out.npz"), "hks", 5).label
+    assert "out.npz" in ExportJob(mesh, PLAIN, Path("out.npz"), Eigenfunctions(), 5).label

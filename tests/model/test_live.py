@@ -16,13 +16,17 @@ from meshmash_viewer.features.filters import (
 )
 from meshmash_viewer.features.shape import feature_distance
 from meshmash_viewer.features.sums import accumulate_features
+from meshmash_viewer.fields import FEATURES
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.geometry_vectors import GeometryVectors
+from meshmash_viewer.fields.heat_table import build_heat_table
+from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.fields.similarity import Similarity
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.display import FieldKind, SimilarityBasis
 from meshmash_viewer.model.field import FieldRequest
-from meshmash_viewer.model.heat_table import build_heat_table
 from meshmash_viewer.model.live import LiveFeatures, expected_bytes
-from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.certificate import Certificate
 
@@ -33,15 +37,31 @@ def direct(spectrum: Spectrum, coefficients: np.ndarray) -> np.ndarray:
 
 
 def hks_request(spectrum: Spectrum, time: float) -> FieldRequest:
-    times = hks_time_range(spectrum.eigenvalues)
-    return FieldRequest(spectrum, "", FieldKind.HKS, time=time, times=times)
+    t_min, t_max = hks_time_range(spectrum.eigenvalues)
+    return between(spectrum, time, t_min, t_max)
+
+
+def between(spectrum: Spectrum, time: float, t_min: float, t_max: float) -> FieldRequest:
+    family = HeatKernelSignature(time=time, t_min=t_min, t_max=t_max, automatic=False)
+    return FieldRequest(spectrum, "", family)
 
 
 def band_request(spectrum: Spectrum, band: int, count: int = 12) -> FieldRequest:
-    bounds = (0.0, float(spectrum.eigenvalues[-1]))
-    return FieldRequest(
-        spectrum, "", FieldKind.BAND, band=band, band_count=count, eigenvalues=bounds
-    )
+    family = GeometryVectors(index=band, count=count).resolved(spectrum, {})
+    return FieldRequest(spectrum, "", family)
+
+
+def similarity_request(
+    spectrum: Spectrum, vertex: int = 77, times: tuple[float, float] | None = None, count: int = 8
+) -> FieldRequest:
+    t_min, t_max = times or hks_time_range(spectrum.eigenvalues)
+    features = HeatKernelSignature(t_min=t_min, t_max=t_max, automatic=False, scales=count)
+    return FieldRequest(spectrum, "", Similarity(vertex, "hks", features))
+
+
+def answer(live: LiveFeatures, asked: FieldRequest) -> tuple[np.ndarray | None, bool]:
+    found = live.compute(asked)
+    return (None, True) if found is None else (found.values, found.draft)
 
 
 @pytest.mark.parametrize("shape", ["rectangle", "neuron"])
@@ -136,7 +156,7 @@ def test_unreferenced_vertices_stay_grey(neuron: Mesh) -> None:
     times = hks_time_range(spectrum.eigenvalues)
     asked = hks_request(spectrum, times[1])
     for _ in range(2):
-        values, _ = live.heat_kernel(asked)
+        values, _ = answer(live, asked)
         np.testing.assert_array_equal(np.isfinite(values), neuron.referenced)
         live.prepare(asked)
         assert live.prepared(asked)
@@ -147,7 +167,7 @@ def test_time_outside_the_table_is_summed_directly(rectangle: Mesh) -> None:
     live = LiveFeatures()
     live.prepare(hks_request(spectrum, 1.0))
     for time in (0.0, 1e-9, 1e9):
-        values, draft = live.heat_kernel(hks_request(spectrum, time))
+        values, draft = answer(live, hks_request(spectrum, time))
         wanted = direct(spectrum, np.exp(-spectrum.eigenvalues * time)[None])[:, 0]
         np.testing.assert_allclose(values, wanted, rtol=1e-6)
         assert not draft
@@ -162,39 +182,27 @@ def test_bands_are_the_same_with_and_without_a_table(neuron: Mesh) -> None:
         for band in (0, 5, 11):
             asked = band_request(spectrum, band)
             assert live.prepared(asked) is prepared
-            values, _ = live.band(asked)
+            values, _ = answer(live, asked)
             np.testing.assert_allclose(values, wanted[:, band], rtol=1e-5)
         live.prepare(band_request(spectrum, 3))
     assert not live.prepared(band_request(spectrum, 3, count=13))
 
 
-@pytest.mark.parametrize("basis", list(SimilarityBasis))
-def test_similarity_is_the_distance_in_feature_space(neuron: Mesh, basis: SimilarityBasis) -> None:
+@pytest.mark.parametrize("basis", list(FEATURES))
+def test_similarity_is_the_distance_in_feature_space(neuron: Mesh, basis: str) -> None:
     spectrum = spectrum_of(neuron, 100)
     values = spectrum.eigenvalues
-    times, bounds = hks_time_range(values), (0.0, float(values[-1]))
-    if basis is SimilarityBasis.HKS:
-        bank = heat_kernel_bank(hks_times(values, *times, 16))
-    else:
-        bank = bspline_bank(*bounds, 16)
+    basic = FEATURES[basis].exported(16)
+    bank = basic.bank(values)
     features = direct(spectrum, bank(values))
     live = LiveFeatures()
     for vertex in (0, 777):
-        asked = FieldRequest(
-            spectrum,
-            "",
-            FieldKind.SIMILARITY,
-            times=times,
-            scales=16,
-            band_count=16,
-            eigenvalues=bounds,
-            vertex=vertex,
-            basis=basis,
-        )
+        family = Similarity(vertex, basis).resolved(spectrum, {basis: basic})
+        asked = FieldRequest(spectrum, "", family)
         if not live.prepared(asked):
-            assert live.similarity(asked) == (None, True)
+            assert answer(live, asked) == (None, True)
             live.prepare(asked)
-        found, draft = live.similarity(asked)
+        found, draft = answer(live, asked)
         assert found is not None
         wanted = feature_distance(features, vertex)
         assert not draft
@@ -216,17 +224,9 @@ def test_similarity_holds_on_a_neuron_among_specks(rectangle: Mesh) -> None:
     times = (0.01, 1.0)
     bank = heat_kernel_bank(np.geomspace(*times, 16))
     live = LiveFeatures()
-    asked = FieldRequest(
-        spectrum,
-        "",
-        FieldKind.SIMILARITY,
-        times=times,
-        scales=16,
-        vertex=77,
-        basis=SimilarityBasis.HKS,
-    )
+    asked = similarity_request(spectrum, 77, times, 16)
     live.prepare(asked)
-    found, _ = live.similarity(asked)
+    found, _ = answer(live, asked)
     assert found is not None
     wanted = feature_distance(direct(spectrum, bank(spectrum.eigenvalues)), 77)
     body = slice(0, rectangle.n_vertices)
@@ -254,7 +254,7 @@ def test_tables_outlast_the_proof_of_the_same_pairs(rectangle: Mesh) -> None:
     live.prepare(band_request(spectrum, 0))
     proven = replace(spectrum, certificate=Certificate("dense", len(spectrum), len(spectrum)))
     assert live.prepared(band_request(proven, 1))
-    live.band(band_request(proven, 1))
+    answer(live, band_request(proven, 1))
     other = replace(spectrum, eigenvalues=spectrum.eigenvalues[:59])
     assert not live.prepared(band_request(other, 1))
 
@@ -263,12 +263,6 @@ def other_pairs(spectrum: Spectrum) -> Spectrum:
     """As many pairs of the same vertices, of another mesh or another operator."""
     rows = np.ascontiguousarray(spectrum.rows[:, ::-1])
     return replace(spectrum, rows=rows, eigenvalues=1.3 * spectrum.eigenvalues)
-
-
-def similarity_request(spectrum: Spectrum, vertex: int = 77) -> FieldRequest:
-    times = hks_time_range(spectrum.eigenvalues)
-    kind = FieldKind.SIMILARITY
-    return FieldRequest(spectrum, "", kind, times=times, scales=8, vertex=vertex)
 
 
 @pytest.mark.parametrize(
@@ -299,24 +293,24 @@ def test_no_table_answers_for_another_spectrum(rectangle: Mesh, change: Any) -> 
 
     heat = hks_request(other, times[1])
     assert not live.prepared(heat)
-    values, draft = live.heat_kernel(heat)
+    values, draft = answer(live, heat)
     wanted = direct(other, np.exp(-other.eigenvalues * times[1])[None])[:, 0]
     np.testing.assert_allclose(values, wanted, rtol=1e-5)
     assert not draft
 
     band = replace(band_request(spectrum, 3), spectrum=other)
     assert not live.prepared(band)
-    bank = bspline_bank(*band.eigenvalues, band.band_count)
+    bank = band.family.bank(spectrum.eigenvalues)
     wanted = direct(other, bank(other.eigenvalues))[:, 3]
-    np.testing.assert_allclose(live.band(band)[0], wanted, rtol=1e-5)
+    np.testing.assert_allclose(answer(live, band)[0], wanted, rtol=1e-5)
 
     similar = replace(similarity_request(spectrum), spectrum=other)
     assert not live.prepared(similar)
-    assert live.similarity(similar) == (None, True)
+    assert answer(live, similar) == (None, True)
     live.prepare(similar)
-    bank = heat_kernel_bank(hks_times(other.eigenvalues, *similar.times, 8))
+    bank = heat_kernel_bank(hks_times(other.eigenvalues, *hks_time_range(spectrum.eigenvalues), 8))
     wanted = feature_distance(direct(other, bank(other.eigenvalues)), 77)
-    found, draft = live.similarity(similar)
+    found, draft = answer(live, similar)
     assert found is not None
     assert not draft
     assert np.abs(found - wanted).max() < 4e-3 * wanted.max()
@@ -335,18 +329,19 @@ def test_a_table_of_fewer_pairs_answers_for_more_as_a_draft_alone() -> None:
     live.prepare(asked)
     live.prepare(similarity_request(part))
     # What was made of fewer is near, and shown until the sum over all is there.
-    assert live.heat_kernel(asked)[1] is False
-    assert live.heat_kernel(hks_request(whole, time))[1] is True
-    assert live.similarity(similarity_request(whole))[1] is True
+    assert answer(live, asked)[1] is False
+    assert answer(live, hks_request(whole, time))[1] is True
+    assert answer(live, similarity_request(whole))[1] is True
     wanted = direct(whole, np.exp(-values * time)[None])[:, 0]
     live.prepare(hks_request(whole, time))
     live.prepare(similarity_request(whole))
-    found, draft = live.heat_kernel(hks_request(whole, time))
+    found, draft = answer(live, hks_request(whole, time))
     assert not draft
     assert np.abs(found - wanted).max() <= 2e-4 * wanted.max()
-    assert live.similarity(similarity_request(whole))[1] is False
-    bands = replace(similarity_request(whole), basis=SimilarityBasis.BANDS, eigenvalues=(0.0, 9.0))
-    assert live.similarity(bands) == (None, True)
+    assert answer(live, similarity_request(whole))[1] is False
+    basis = {"band": GeometryVectors()}
+    bands = replace(similarity_request(whole), family=Similarity(77, "band").resolved(whole, basis))
+    assert answer(live, bands) == (None, True)
 
 
 def test_each_table_counts_its_bytes(rectangle: Mesh) -> None:
@@ -358,12 +353,13 @@ def test_each_table_counts_its_bytes(rectangle: Mesh) -> None:
         live.prepare(one)
         seen.append(live.nbytes)
     heat, bands, similarity = np.diff(seen)
-    assert live.heat_table is not None
-    assert heat == live.heat_table.nbytes >= 2 * n * live.heat_table.n_nodes
+    table = live.table("hks")
+    assert table is not None
+    assert heat == table.nbytes >= 2 * n * table.content.n_nodes
     assert bands == 4 * n * 12
     assert 2 * n <= similarity <= 2 * n * 9
     live.forget()
-    assert live.heat_table is None
+    assert live.table("hks") is None
 
 
 def test_expected_bytes_are_what_is_documented() -> None:
@@ -374,7 +370,7 @@ def test_expected_bytes_are_what_is_documented() -> None:
 
 def test_what_needs_no_table_is_prepared(rectangle: Mesh) -> None:
     spectrum, live = spectrum_of(rectangle, 60), LiveFeatures()
-    asked = FieldRequest(spectrum, "", FieldKind.EIGENFUNCTION, index=4)
+    asked = FieldRequest(spectrum, "", Eigenfunctions(4))
     assert live.prepared(asked)
     live.prepare(asked)
     assert live.nbytes == 0
@@ -382,7 +378,7 @@ def test_what_needs_no_table_is_prepared(rectangle: Mesh) -> None:
         assert not live.prepared(one)
     live.prepare(hks_request(spectrum, 1.0))
     assert not live.prepared(similarity_request(spectrum))
-    far = replace(hks_request(spectrum, 1.0), times=(1e-6, 1e6))
+    far = between(spectrum, 1.0, 1e-6, 1e6)
     assert not live.prepared(far)
     live.prepare(far)
     assert live.prepared(far)
@@ -397,12 +393,12 @@ def test_a_vertex_far_from_all_others_knows_its_distances(rectangle: Mesh) -> No
     rows[:, specks] *= np.array([100.0, 150.0, 150.0])
     rows[:, 11] = np.nan
     spiked = replace(spectrum, rows=rows)
-    asked = replace(similarity_request(spiked), times=(0.01, 1.0))
+    asked = similarity_request(spiked, times=(0.01, 1.0))
     live = LiveFeatures()
     live.prepare(asked)
     features = direct(spiked, heat_kernel_bank(np.geomspace(0.01, 1.0, 8))(spiked.eigenvalues))
     for vertex in (3, 70, 77):
-        found, _ = live.similarity(replace(asked, vertex=vertex))
+        found, _ = answer(live, similarity_request(spiked, vertex, (0.01, 1.0)))
         assert found is not None
         wanted = feature_distance(features, vertex)
         assert found[vertex] == 0.0
@@ -416,9 +412,9 @@ def test_at_times_when_nothing_is_left_the_signature_is_that_of_the_null_space(
 ) -> None:
     spectrum = spectrum_of(rectangle, 60)
     live = LiveFeatures()
-    asked = replace(hks_request(spectrum, 1e5), times=(1e-2, 1e6))  # exp(-λ t) is 0 long before
+    asked = between(spectrum, 1e5, 1e-2, 1e6)  # exp(-λ t) is 0 long before
     live.prepare(asked)
-    values, draft = live.heat_kernel(asked)
+    values, draft = answer(live, asked)
     assert not draft
     np.testing.assert_allclose(values, 1.0 / rectangle.area, rtol=1e-5)
 

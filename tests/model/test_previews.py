@@ -7,11 +7,11 @@ import pytest
 import shapes
 from listeners import Listener
 
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model import previews
 from meshmash_viewer.model.decomposition import decompose
-from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.field import FieldRequest, compute_field
 from meshmash_viewer.model.jobs import InspectJob, PreviewJob
 from meshmash_viewer.model.live import LiveFeatures
@@ -49,7 +49,7 @@ def test_preview_is_marked_and_found_again(large: Mesh, tmp_path: Path) -> None:
     again = PreviewJob(large).run(listener)
     assert again is not None
     assert len(listener.reports) == reports
-    request = FieldRequest(spectrum, "nm", FieldKind.EIGENFUNCTION, index=3)
+    request = FieldRequest(spectrum, "nm", Eigenfunctions(3))
     field = compute_field(request, LiveFeatures())
     assert field is not None
     assert field.draft

@@ -7,16 +7,9 @@ import numpy as np
 import pytest
 
 from meshmash_viewer.features.filters import heat_kernel_bank
-from meshmash_viewer.model.display import Display
-from meshmash_viewer.model.ranges import (
-    band_range,
-    first_nonzero,
-    hks_range,
-    hks_time,
-    missing_shares,
-    resolved_from,
-)
-from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.fields.geometry_vectors import GeometryVectors
+from meshmash_viewer.fields.hks import HeatKernelSignature, resolved_from
+from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.spectral.weyl import required_eigenvalue
 
 
@@ -36,25 +29,25 @@ def test_zeros_of_several_components_are_left_out() -> None:
 
 
 def test_automatic_times_are_those_of_sun_2009_and_all_resolved() -> None:
-    low, high = hks_range(TWO_PIECES, Display())
+    low, high = HeatKernelSignature().range(TWO_PIECES)
     assert low == pytest.approx(4 * math.log(10) / 8e-8)
     assert high == pytest.approx(4 * math.log(10) / 1e-8)
-    assert hks_time(TWO_PIECES, Display()) == pytest.approx(math.sqrt(low * high))
+    assert HeatKernelSignature().time_in(TWO_PIECES) == pytest.approx(math.sqrt(low * high))
     assert low / 3 < resolved_from(TWO_PIECES) < low
 
 
 def test_range_by_hand_and_the_time_in_it() -> None:
-    display = Display(hks_automatic=False, hks_t_min=10.0, hks_t_max=1000.0)
-    assert hks_range(TWO_PIECES, display) == (10.0, 1000.0)
-    assert hks_time(TWO_PIECES, display) == pytest.approx(100.0)
-    display.time = 200.0
-    assert hks_time(TWO_PIECES, display) == 200.0
+    display = HeatKernelSignature(automatic=False, t_min=10.0, t_max=1000.0)
+    assert display.range(TWO_PIECES) == (10.0, 1000.0)
+    assert display.time_in(TWO_PIECES) == pytest.approx(100.0)
+    display = replace(display, time=200.0)
+    assert display.time_in(TWO_PIECES) == 200.0
 
 
 def test_a_range_is_there_while_all_eigenvalues_are_zero() -> None:
-    low, high = hks_range(ZEROS, Display())
+    low, high = HeatKernelSignature().range(ZEROS)
     assert 0.0 < low < high
-    low, high = band_range(ZEROS, Display())
+    low, high = GeometryVectors().range(ZEROS)
     assert low < high
     assert resolved_from(ZEROS) == math.inf
 
@@ -69,7 +62,7 @@ def test_resolved_time_leaves_less_than_one_per_cent_of_the_heat_trace() -> None
     assert required_eigenvalue(time) == pytest.approx(kept[-1])
     for t in (time, 0.2 * time):
         missing = 1 - np.exp(-kept * t).sum() / (math.pi / t)
-        estimated = missing_shares(spectrum, heat_kernel_bank([t]), area)
+        estimated = spectrum.missing_shares(heat_kernel_bank([t]), area)
         assert estimated == pytest.approx(missing, rel=0.3)
         assert (missing < 0.01) == (t == time)
 
@@ -77,36 +70,36 @@ def test_resolved_time_leaves_less_than_one_per_cent_of_the_heat_trace() -> None
 def test_with_all_pairs_every_time_is_resolved() -> None:
     whole = spectrum_of(np.arange(8.0), 8)
     assert resolved_from(whole) == 0.0
-    assert missing_shares(whole, heat_kernel_bank([1e-9]), 1.0) == 0.0
+    assert whole.missing_shares(heat_kernel_bank([1e-9]), 1.0) == 0.0
 
 
 def test_bands_span_the_spectrum_unless_told() -> None:
-    assert band_range(TWO_PIECES, Display()) == (0.0, 8e-8)
-    assert band_range(TWO_PIECES, Display(band_automatic=False, band_max=3e-8)) == (0.0, 3e-8)
+    assert GeometryVectors().range(TWO_PIECES) == (0.0, 8e-8)
+    assert GeometryVectors(automatic=False, high=3e-8).range(TWO_PIECES) == (0.0, 3e-8)
 
 
 def test_an_end_left_open_by_hand_is_automatic_and_wrong_ends_are_exchanged() -> None:
-    low, high = hks_range(TWO_PIECES, Display())
+    low, high = HeatKernelSignature().range(TWO_PIECES)
     middle = math.sqrt(low * high)
-    assert hks_range(TWO_PIECES, Display(hks_automatic=False)) == (low, high)
-    by_hand = Display(hks_automatic=False, hks_t_min=middle)
-    assert hks_range(TWO_PIECES, by_hand) == (middle, high)
-    by_hand = Display(hks_automatic=False, hks_t_max=middle)
-    assert hks_range(TWO_PIECES, by_hand) == (low, middle)
-    by_hand = Display(hks_automatic=False, hks_t_min=1000.0, hks_t_max=10.0)
-    assert hks_range(TWO_PIECES, by_hand) == (10.0, 1000.0)
-    assert hks_range(TWO_PIECES, Display(hks_t_min=5.0, hks_t_max=6.0)) == (low, high)
+    assert HeatKernelSignature(automatic=False).range(TWO_PIECES) == (low, high)
+    by_hand = HeatKernelSignature(automatic=False, t_min=middle)
+    assert by_hand.range(TWO_PIECES) == (middle, high)
+    by_hand = HeatKernelSignature(automatic=False, t_max=middle)
+    assert by_hand.range(TWO_PIECES) == (low, middle)
+    by_hand = HeatKernelSignature(automatic=False, t_min=1000.0, t_max=10.0)
+    assert by_hand.range(TWO_PIECES) == (10.0, 1000.0)
+    assert HeatKernelSignature(t_min=5.0, t_max=6.0).range(TWO_PIECES) == (low, high)
 
 
 def test_bands_by_hand_are_in_order_and_never_empty() -> None:
-    by_hand = Display(band_automatic=False, band_min=2e-8)
-    assert band_range(TWO_PIECES, by_hand) == (2e-8, 8e-8)
-    by_hand = Display(band_automatic=False, band_min=5e-8, band_max=2e-8)
-    assert band_range(TWO_PIECES, by_hand) == (2e-8, 5e-8)
-    by_hand = Display(band_automatic=False, band_min=2e-8, band_max=2e-8)
-    assert band_range(TWO_PIECES, by_hand) == (2e-8, 2e-8 + 1.0)
-    assert band_range(TWO_PIECES, Display(band_min=2e-8, band_max=3e-8)) == (0.0, 8e-8)
-    assert band_range(ZEROS, Display()) == (0.0, 1.0)
+    by_hand = GeometryVectors(automatic=False, low=2e-8)
+    assert by_hand.range(TWO_PIECES) == (2e-8, 8e-8)
+    by_hand = GeometryVectors(automatic=False, low=5e-8, high=2e-8)
+    assert by_hand.range(TWO_PIECES) == (2e-8, 5e-8)
+    by_hand = GeometryVectors(automatic=False, low=2e-8, high=2e-8)
+    assert by_hand.range(TWO_PIECES) == (2e-8, 2e-8 + 1.0)
+    assert GeometryVectors(low=2e-8, high=3e-8).range(TWO_PIECES) == (0.0, 8e-8)
+    assert GeometryVectors().range(ZEROS) == (0.0, 1.0)
 
 
 def test_a_spectrum_of_rounding_has_no_times_of_its_own() -> None:

@@ -10,15 +10,17 @@ import pytest
 from listeners import Listener
 from solved import spectrum_of
 
+from meshmash_viewer.fields import FAMILIES
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.alignment import Alignment, ShownRows
-from meshmash_viewer.model.display import FieldKind, SimilarityBasis
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import compute_field, request_of
 from meshmash_viewer.model.jobs import InspectJob, ReadJob, RepairJob, ScaleJob
 from meshmash_viewer.model.live import LiveFeatures
 from meshmash_viewer.model.script import reproduction_script
+from meshmash_viewer.spectral.alignment import Alignment, ShownRows
 
 VOXEL = (4.0, 4.0, 40.0)
 
@@ -40,13 +42,13 @@ def document(neuron: Mesh, tmp_path: Path) -> Document:
     return document
 
 
-@pytest.mark.parametrize("kind", list(FieldKind))
-def test_script_makes_the_field_again(document: Document, tmp_path: Path, kind: FieldKind) -> None:
+@pytest.mark.parametrize("kind", list(FAMILIES))
+def test_script_makes_the_field_again(document: Document, tmp_path: Path, kind: str) -> None:
     document.display.kind = kind
-    document.display.index = 4
-    document.display.flipped = frozenset({4})
-    document.display.similarity_vertex = 11
-    document.display.similarity_basis = SimilarityBasis.HKS
+    document.display.change(Eigenfunctions, index=4)
+    document.display.change(Eigenfunctions, flipped=frozenset({4}))
+    document.display.change(Similarity, vertex=11)
+    document.display.change(Similarity, basis="hks")
     live, request = LiveFeatures(), request_of(document)
     live.prepare(request)
     shown = compute_field(request, live).values
@@ -83,7 +85,7 @@ def test_mesh_in_memory_leaves_a_line_to_fill_in(sphere: Mesh, tmp_path: Path) -
 
 
 def test_signs_that_follow_a_preview_are_in_the_script(document: Document) -> None:
-    document.display.index = 4
+    document.display.change(Eigenfunctions, index=4)
     plain = reproduction_script(document)
     spectrum = document.spectrum
     turn = Alignment(((4, np.array([[-1.0]])), (5, np.eye(2))))
@@ -94,5 +96,5 @@ def test_signs_that_follow_a_preview_are_in_the_script(document: Document) -> No
     assert "-decomposition" in turned
     document.flip()
     assert reproduction_script(document) == plain
-    document.display.index = 5
+    document.display.change(Eigenfunctions, index=5)
     assert "multiplet" in reproduction_script(document)

@@ -8,10 +8,10 @@ from solved import spectrum_of
 from meshmash_viewer.features.filters import FilterBank, heat_kernel_bank
 from meshmash_viewer.features.shape import feature_distance
 from meshmash_viewer.features.sums import accumulate_features
+from meshmash_viewer.fields.kernels import distances
+from meshmash_viewer.fields.similarity_table import SimilarityTable, build_similarity_table
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.field_kernels import distances
-from meshmash_viewer.model.similarity import SimilarityTable, build_similarity_table
-from meshmash_viewer.model.spectrum import Spectrum
 
 
 @pytest.fixture(scope="module")

@@ -3,10 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.geometry_vectors import GeometryVectors
+from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.ranges import hks_range
-from meshmash_viewer.model.spectrum import Spectrum
 from meshmash_viewer.model.stepping import advance, go_to_end, go_to_start, step
 from meshmash_viewer.spectral.certificate import Certificate
 
@@ -25,70 +26,73 @@ def document() -> Document:
 def test_eigenfunctions_stop_at_the_ends_and_playing_goes_round(document: Document) -> None:
     display = document.display
     assert step(document, 1)
-    assert display.index == 2
+    assert display[Eigenfunctions].index == 2
     go_to_end(document)
-    assert display.index == 5
+    assert display[Eigenfunctions].index == 5
     assert not step(document, 1)
     advance(document)
-    assert display.index == 0
+    assert display[Eigenfunctions].index == 0
     assert not step(document, -1)
 
 
 def test_bands(document: Document) -> None:
-    document.display.kind = FieldKind.BAND
+    document.display.kind = "band"
     step(document, 10)
-    assert document.display.band == 10
+    assert document.display[GeometryVectors].index == 10
     go_to_end(document)
-    assert document.display.band == document.display.band_count - 1
+    assert document.display[GeometryVectors].index == document.display[GeometryVectors].count - 1
     go_to_start(document)
-    assert document.display.band == 0
+    assert document.display[GeometryVectors].index == 0
 
 
 def test_a_step_in_time_is_a_scale_of_the_feature(document: Document) -> None:
     display = document.display
-    display.kind = FieldKind.HKS
-    t_min, t_max = hks_range(document.spectrum, display)  # type: ignore[arg-type]
+    display.kind = "hks"
+    t_min, t_max = display[HeatKernelSignature].range(document.spectrum)  # type: ignore[arg-type]
     go_to_start(document)
-    assert display.time == pytest.approx(t_min)
-    for _ in range(display.hks_scales - 1):
+    assert display[HeatKernelSignature].time == pytest.approx(t_min)
+    for _ in range(display[HeatKernelSignature].scales - 1):
         assert step(document, 1)
-    assert display.time == pytest.approx(t_max)
+    assert display[HeatKernelSignature].time == pytest.approx(t_max)
     assert not step(document, 1)
     advance(document)
-    assert display.time == pytest.approx(t_min)
+    assert display[HeatKernelSignature].time == pytest.approx(t_min)
 
 
 def test_nothing_to_step_through() -> None:
     document = Document()
     assert not step(document, 1)
     go_to_end(document)
-    assert document.display.index == 1
+    assert document.display[Eigenfunctions].index == 1
 
 
 def test_steps_of_a_time_chosen_by_hand_end_at_the_range(document: Document) -> None:
     display = document.display
-    display.kind, display.hks_scales = FieldKind.HKS, 5
-    display.hks_automatic, display.hks_t_min, display.hks_t_max = False, 1.0, 10_000.0
-    display.time = 100.0
+    display.kind = "hks"
+    display.change(HeatKernelSignature, scales=5)
+    display.change(HeatKernelSignature, automatic=False)
+    display.change(HeatKernelSignature, t_min=1.0)
+    display.change(HeatKernelSignature, t_max=10_000.0)
+    display.change(HeatKernelSignature, time=100.0)
     assert step(document, 1)
-    assert display.time == pytest.approx(1000.0)
+    assert display[HeatKernelSignature].time == pytest.approx(1000.0)
     assert step(document, -2)
-    assert display.time == pytest.approx(10.0)
+    assert display[HeatKernelSignature].time == pytest.approx(10.0)
     assert step(document, -3)
-    assert display.time == pytest.approx(1.0)
+    assert display[HeatKernelSignature].time == pytest.approx(1.0)
     assert not step(document, -1)
-    display.time = 9999.0  # a step that is short is one still
+    display.change(HeatKernelSignature, time=9999.0)  # a step that is short is one still
     assert step(document, 1)
-    assert display.time == pytest.approx(10_000.0)
+    assert display[HeatKernelSignature].time == pytest.approx(10_000.0)
     go_to_start(document)
-    assert display.time == pytest.approx(1.0)
+    assert display[HeatKernelSignature].time == pytest.approx(1.0)
     go_to_end(document)
-    assert display.time == pytest.approx(10_000.0)
+    assert display[HeatKernelSignature].time == pytest.approx(10_000.0)
 
 
 def test_zeros_have_no_time_to_step_through() -> None:
     document = Document()
-    document.display.kind = FieldKind.HKS
+    document.display.kind = "hks"
     document.accept_spectrum(Spectrum(np.zeros(3), np.zeros((3, 3)), np.zeros(3)))
     assert not step(document, 1)
-    assert document.display.time is None
+    assert document.display[HeatKernelSignature].time is None

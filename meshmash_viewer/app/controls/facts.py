@@ -8,7 +8,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.translation import Translation
 from meshmash_viewer.spectral.weyl import Target, wavelength
 from meshmash_viewer.units import counted, format_quantity

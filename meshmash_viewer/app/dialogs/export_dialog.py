@@ -27,18 +27,15 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.file_row import FileRow
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.kinds import KINDS
 from meshmash_viewer.features.truncation import missing_sentence
+from meshmash_viewer.fields import EXPORTS
+from meshmash_viewer.fields.family import MOST_COUNT, Family
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.io.write import EIGENPAIR_WRITERS, check_output
 from meshmash_viewer.model.cost import written_bytes
-from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.export import export_bank
 from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.model.jobs import ExportJob
-from meshmash_viewer.model.ranges import band_range, hks_range, missing_shares
-from meshmash_viewer.model.spectrum import Spectrum
-from meshmash_viewer.units import format_quantity, power_unit
 
 __all__ = ["FORMATS", "ExportDialog", "Format"]
 
@@ -64,7 +61,6 @@ FORMATS = (
     Format("PLY", ".ply", "the mesh with one property a column", 4, 50),
     Format("GIFTI functional", ".func.gii", "maps for neuroimaging tools", 5, 0),
 )
-_KIND_OF_FIELD = {FieldKind.HKS: "hks", FieldKind.BAND: "geometry-vectors"}
 
 
 class ExportDialog(QDialog):
@@ -90,17 +86,16 @@ class ExportDialog(QDialog):
 
         self.kind_combo = QComboBox(objectName="export_kind_combo")
         self.kind_combo.setAccessibleName("What to export")
-        for kind, text in KINDS.items():
-            self.kind_combo.addItem(text, kind)
+        for kind, family in EXPORTS.items():
+            self.kind_combo.addItem(family.export_label or family.label, kind)
         self.pairs_spin = QSpinBox(objectName="export_pairs_spin")
         self.pairs_spin.setAccessibleName("Number of eigenpairs to use")
         self.pairs_spin.setRange(1, len(self._spectrum))
         self.pairs_spin.setValue(len(self._spectrum))
         self.pairs_spin.setSuffix(f" of {len(self._spectrum):,} eigenpairs")
-        self.energies_spin = QSpinBox(objectName="export_energies_spin")
-        self.energies_spin.setAccessibleName("Number of energies of the wave kernel signature")
-        self.energies_spin.setRange(1, 1000)
-        self.energies_spin.setValue(32)
+        self.count_spin = QSpinBox(objectName="export_count_spin")
+        self.count_spin.setAccessibleName("Number of columns")
+        self.count_spin.setRange(1, MOST_COUNT)
         self._build_table()
         self.contents_label = self._label("export_contents_label", "What the file will contain")
         self.columns_label = self._label("export_columns_label", "Columns")
@@ -120,10 +115,10 @@ class ExportDialog(QDialog):
             (
                 ("What", self.kind_combo),
                 ("Made from", self.pairs_spin),
-                ("Energies", self.energies_spin),
+                ("Columns", self.count_spin),
                 ("Format", self.table),
                 ("Contains", self.contents_label),
-                ("Columns", self.columns_label),
+                ("Named", self.columns_label),
                 ("File", self.file_row),
             )
         ):
@@ -131,8 +126,8 @@ class ExportDialog(QDialog):
             label.setContentsMargins(0, 4, 0, 0)
             grid.addWidget(label, at, 0, top)
             grid.addWidget(widget, at, 1)
-            if widget is self.energies_spin:
-                self._energies_row = (label, widget)
+            if widget is self.count_spin:
+                self._count_row = (label, widget)
         grid.addWidget(self.remark_label, grid.rowCount(), 1)
 
         buttons = QDialogButtonBox()
@@ -155,10 +150,11 @@ class ExportDialog(QDialog):
 
         self.kind_combo.currentIndexChanged.connect(self._change_kind)
         self.pairs_spin.valueChanged.connect(self._refresh)
-        self.energies_spin.valueChanged.connect(self._refresh)
+        self.count_spin.valueChanged.connect(self._refresh)
         self.table.itemSelectionChanged.connect(self._change_format)
         self.file_row.changed.connect(self._refresh_remark)
-        kind = _KIND_OF_FIELD.get(document.display.kind, "hks")
+        shown = document.display.family.behind(document.display.fields)
+        kind = shown.export if shown.counted else next(iter(EXPORTS))
         self.kind_combo.setCurrentIndex(self.kind_combo.findData(kind))
         self._change_kind()
 
@@ -166,7 +162,7 @@ class ExportDialog(QDialog):
 
     @property
     def kind(self) -> str:
-        """Key of `KINDS`."""
+        """Key of `EXPORTS`."""
         return self.kind_combo.currentData()
 
     @property
@@ -185,23 +181,23 @@ class ExportDialog(QDialog):
             self._mesh,
             self._spectrum.operator or self._document.operator,
             self.path,
-            self.kind,
+            self._family(self._used()),
             self.pairs_spin.value(),
-            self._parameters(),
+            self._document.target,
+            self._document.repairs,
         )
 
-    def _parameters(self) -> dict[str, float]:
-        """Ranges in force for as many pairs as are used, so that the screen and the file agree."""
-        display, used = self._document.display, self._used()
-        if self.kind == "hks":
-            t_min, t_max = hks_range(used, display)
-            return {"t_min": t_min, "t_max": t_max, "n_scales": display.hks_scales}
-        if self.kind == "geometry-vectors":
-            e_min, e_max = band_range(used, display)
-            return {"e_min": e_min, "e_max": e_max, "n_bands": display.band_count}
-        if self.kind == "wks":
-            return {"n_energies": self.energies_spin.value()}
-        return {}
+    def _chosen(self) -> Family:
+        """The family to export, as the window has it."""
+        family = EXPORTS[self.kind]
+        return self._document.display.fields.get(family.name) or family()
+
+    def _family(self, used: Spectrum) -> Family:
+        """With ranges for as many pairs as are used, so that the screen and the file agree."""
+        chosen = self._chosen()
+        if chosen.counted:
+            chosen = replace(chosen, **{chosen.counted: self.count_spin.value()})
+        return chosen.resolved(used, self._document.display.fields)
 
     def _used(self) -> Spectrum:
         spectrum, count = self._spectrum, self.pairs_spin.value()
@@ -255,9 +251,14 @@ class ExportDialog(QDialog):
 
     def _change_kind(self) -> None:
         """Only two of the formats can hold eigenpairs."""
-        pairs = self.kind == "eigenpairs"
-        for widget in self._energies_row:
-            widget.setVisible(self.kind == "wks")
+        chosen = self._chosen()
+        pairs = not chosen.counted
+        for widget in self._count_row:
+            widget.setVisible(not pairs)
+        if not pairs:
+            blocked = self.count_spin.blockSignals(True)
+            self.count_spin.setValue(getattr(chosen, chosen.counted))
+            self.count_spin.blockSignals(blocked)
         for row, each in enumerate(FORMATS):
             possible = not pairs or each.ending in EIGENPAIR_WRITERS
             for at in range(self.table.columnCount()):
@@ -267,7 +268,7 @@ class ExportDialog(QDialog):
         if pairs and self.format.ending not in EIGENPAIR_WRITERS:
             self.table.selectRow(0)
         path, stem = self.path, self.path.name.removesuffix(self.format.ending)
-        for kind in KINDS:
+        for kind in EXPORTS:
             if stem.endswith(f"_{kind}"):
                 stem = f"{stem.removesuffix(kind)}{self.kind}"
                 self.file_row.edit.setText(str(path.with_name(stem + self.format.ending)))
@@ -305,32 +306,16 @@ class ExportDialog(QDialog):
         """Names of the columns as they will be written, and a sentence on them."""
         used, unit = self._used(), self._mesh.unit
         self._missing = ""
-        per_area = power_unit(unit, -2)
-        density = f" Values in {per_area}." if per_area else ""
-        if self.kind == "eigenpairs":
-            about = f"Eigenvalues up to {format_quantity(float(used.eigenvalues[-1]), unit, -2)}"
-            values = power_unit(unit, -1)
-            about += f", eigenvectors in {values}, M-orthonormal." if values else "."
+        family = self._family(used)
+        about = family.contents(used, unit)
+        if not family.counted:
             return [f"eigenvector_{at}" for at in range(len(used))], about
-        chosen = self._parameters()
-        bank = export_bank(self.kind, used.eigenvalues, chosen)
-        shares = missing_shares(used, bank, self._mesh.area)
+        bank = family.bank(used.eigenvalues)
+        shares = used.missing_shares(bank, self._mesh.area)
         if sentence := missing_sentence(bank.columns, shares):
             self._missing = f"{sentence}: the file will say so."
-        if self.kind == "hks":
-            t_min, t_max = chosen["t_min"], chosen["t_max"]
-            about = (
-                f"Times from {format_quantity(t_min, unit, 2)} to "
-                f"{format_quantity(t_max, unit, 2)}, lengths √t from "
-                f"{format_quantity(t_min**0.5, unit)} to {format_quantity(t_max**0.5, unit)}."
-            )
-        elif self.kind == "geometry-vectors":
-            low, high = chosen["e_min"], chosen["e_max"]
-            about = f"Bands of λ from {low:.4g} to {format_quantity(high, unit, -2)}."
-        else:
-            low, high = bank.parameters[0], bank.parameters[-1]
-            about = f"Energies λ from {low:.4g} to {format_quantity(high, unit, -2)}."
-        return list(bank.columns), about + density
+        values = family.unit(unit)
+        return list(bank.columns), f"{about} Values in {values}." if values else about
 
     def _refresh_remark(self) -> None:
         parts = [self._missing] if self._missing else []
@@ -344,7 +329,7 @@ class ExportDialog(QDialog):
         self.export_button.setEnabled(self._possible and self.file_row.named)
 
     def _accept(self) -> None:
-        kind = "eigenpairs" if self.kind == "eigenpairs" else "features"
+        kind = "features" if self._chosen().counted else "eigenpairs"
         try:
             check_output(self.path, kind)
         except (InputError, OSError) as fault:

@@ -20,7 +20,6 @@ from meshmash_viewer.app.controls.facts import note, show_note
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.controls.swatches import DIVERGING, SEQUENTIAL, swatch_icon
 from meshmash_viewer.app.listening import follow, later, listen
-from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.limits import (
@@ -176,7 +175,7 @@ class ColorSection(QWidget):
     def _is_signed(self) -> bool:
         if self._signed is not None:
             return self._signed
-        return self._document.display.kind is FieldKind.EIGENFUNCTION
+        return self._document.display.family.signed
 
     def refresh(self) -> None:
         """Show what the model holds."""

@@ -8,11 +8,9 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import note, show_note
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.color_section import ColorSection
-from meshmash_viewer.app.tabs.band_tab import BandTab
-from meshmash_viewer.app.tabs.eigenfunction_tab import EigenfunctionTab
-from meshmash_viewer.app.tabs.hks_tab import HksTab
+from meshmash_viewer.app.tabs import tab_of
 from meshmash_viewer.app.tabs.play_button import Player
-from meshmash_viewer.app.tabs.similarity_tab import SimilarityTab
+from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 
@@ -39,29 +37,15 @@ class FieldPanel(QWidget):
         self.tabs.tabBar().setObjectName("field_tab_bar")
         self.tabs.tabBar().setExpanding(False)
         self.tabs.setUsesScrollButtons(True)
-        self._pages = (
-            EigenfunctionTab(document, self),
-            HksTab(document, self),
-            BandTab(document, self),
-            SimilarityTab(document, self),
-        )
-        for page, text, tip in zip(
-            self._pages,
-            ("Eigenfunctions", "HKS", "Geometry vectors", "Similar"),
-            (
-                "Eigenfunctions of the Laplacian",
-                "Heat kernel signature",
-                "B-spline bands of the spectrum",
-                "Distance in feature space from a pinned vertex",
-            ),
-            strict=True,
-        ):
+        self._pages = {name: tab_of(family)(document, self) for name, family in FAMILIES.items()}
+        for name, page in self._pages.items():
             area = QScrollArea(self)
             area.setFrameShape(QFrame.Shape.NoFrame)
             area.setWidgetResizable(True)
             page.setObjectName("panel_content")
             area.setWidget(page)
-            self.tabs.setTabToolTip(self.tabs.addTab(area, text), tip)
+            family = FAMILIES[name]
+            self.tabs.setTabToolTip(self.tabs.addTab(area, family.short), family.tip)
         self.tabs.currentChanged.connect(self._choose_kind)
         self.hint = note("field_hint", "muted", self)
         self.hint.setContentsMargins(theme.MARGIN, theme.MARGIN, theme.MARGIN, 0)
@@ -83,17 +67,16 @@ class FieldPanel(QWidget):
         self.colors.set_field(field, limits)
 
     def _choose_kind(self, tab: int) -> None:
-        self._document.display.kind = self._pages[tab].kind
+        self._document.display.kind = list(self._pages)[tab]
 
     def _refresh_tab(self) -> None:
-        kinds = [page.kind for page in self._pages]
         blocked = self.tabs.blockSignals(True)
-        self.tabs.setCurrentIndex(kinds.index(self._document.display.kind))
+        self.tabs.setCurrentIndex(list(self._pages).index(self._document.display.kind))
         self.tabs.blockSignals(blocked)
 
     def _refresh_use(self) -> None:
         usable = self._document.spectrum is not None and len(self._document.spectrum) > 0
-        for page in self._pages:
+        for page in self._pages.values():
             page.setEnabled(usable)
         if usable:
             show_note(self.hint, "")

@@ -258,7 +258,8 @@ class MeshPanel(QWidget):
         pairs = min(translation.count(target)[0], n)
         memory = cost.written_bytes(cost.decomposition_bytes(n, pairs, ready.health.n_components))
         time = cost.written_duration(cost.decomposition_seconds(n, pairs, self.seconds_rate))
-        window = cost.written_bytes(expected_bytes(n, self._document.display.band_count))
+        columns = sum(each.table_columns for each in self._document.display.fields.values())
+        window = cost.written_bytes(expected_bytes(n, columns))
         self.cost_label.setText(
             f"Takes about {memory} of memory and {time}. Live features then take {window}."
         )

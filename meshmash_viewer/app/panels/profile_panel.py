@@ -14,23 +14,20 @@ from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.panel_head import PanelHead
 from meshmash_viewer.app.panels.pin_legend import PinLegend
 from meshmash_viewer.app.plots.plot import Plot, color, hatch, solid
-from meshmash_viewer.app.plots.profile_curves import Samples, samples_of
 from meshmash_viewer.app.profile_reader import ProfileReader
-from meshmash_viewer.model.display import FieldKind, SimilarityBasis
+from meshmash_viewer.fields import FAMILIES
+from meshmash_viewer.fields.family import Family, Profile
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.document import Document, Pin
-from meshmash_viewer.model.ranges import (
-    band_range,
-    first_nonzero,
-    hks_range,
-    hks_time,
-    resolved_from,
-)
-from meshmash_viewer.model.spectrum import Spectrum
-from meshmash_viewer.units import power_unit
 
 __all__ = ["ProfilePanel"]
 
-_VIEWS = {"hks": "HKS", "bands": "Geometry vectors", "eigenfunctions": "Eigenfunctions"}
+#: Families that have profiles, those of features first.
+_VIEWS = {
+    name: family.short
+    for name, family in sorted(FAMILIES.items(), key=lambda item: not item[1].counted)
+    if family.export
+}
 
 
 class ProfilePanel(QWidget):
@@ -42,7 +39,8 @@ class ProfilePanel(QWidget):
         self.setAccessibleName("Profiles")
         self._document = document
         self._shown = ""
-        self._drawn: tuple[object, ...] = ()
+        self._drawn: Family | None = None
+        self._profile: Profile | None = None
         self._curves: dict[Pin, tuple[pg.PlotCurveItem, pg.ScatterPlotItem]] = {}
         self._reader = ProfileReader(self)
         self._reader.changed.connect(self._refresh)
@@ -63,6 +61,7 @@ class ProfilePanel(QWidget):
         self.view_choice.chosen.connect(self._show_view)
         self.missing_label = theme.with_role(QLabel(self), "muted")
         self.missing_label.setObjectName("profile_missing_label")
+        self.missing_label.setToolTip("They miss more than 1 % for want of eigenpairs")
         self.head = PanelHead((self.view_choice,), (self.missing_label,), self)
         column.addWidget(self.head)
         self.plot = Plot("profile_plot", "Profiles of the pinned vertices", self)
@@ -109,19 +108,9 @@ class ProfilePanel(QWidget):
 
     def _select(self, x: float, _y: float) -> None:
         """Put on the render what is at a place of the plot."""
-        display, spectrum = self._document.display, self._document.spectrum
-        if spectrum is None:
-            return
-        if self._shown == "eigenfunctions":
-            display.index = min(max(round(x), 0), len(spectrum) - 1)
-            display.kind = FieldKind.EIGENFUNCTION
-        elif self._shown == "bands":
-            display.band = min(max(round(x), 0), display.band_count - 1)
-            display.kind = FieldKind.BAND
-        elif first_nonzero(spectrum) < len(spectrum):
-            low, high = hks_range(spectrum, display)
-            display.time = min(max(10.0**x, low), high)
-            display.kind = FieldKind.HKS
+        spectrum = self._document.spectrum
+        if spectrum is not None and self._profile is not None:
+            self._document.display.show(self._family.at_place(spectrum, x))
 
     def _drag(self, marker: pg.InfiniteLine) -> None:
         self._select(float(marker.value()), 0.0)
@@ -130,15 +119,12 @@ class ProfilePanel(QWidget):
 
     def _follow_kind(self) -> None:
         display = self._document.display
-        key = {
-            FieldKind.HKS: "hks",
-            FieldKind.BAND: "bands",
-            FieldKind.EIGENFUNCTION: "eigenfunctions",
-            FieldKind.SIMILARITY: "bands"
-            if display.similarity_basis is SimilarityBasis.BANDS
-            else "hks",
-        }[display.kind]
-        self._show_view(key)
+        self._show_view(display.family.behind(display.fields).name)
+
+    @property
+    def _family(self) -> Family:
+        """The family whose profiles are shown."""
+        return self._document.display.fields[self._shown]
 
     def _refresh(self) -> None:
         """Draw all profiles of which the values are there, and have the others read."""
@@ -159,11 +145,11 @@ class ProfilePanel(QWidget):
         if not there:
             return
         self._name_axes()
-        samples = samples_of(self._shown, spectrum, self._document.display)
+        self._profile = self._family.profile(spectrum)
         for pin in pins:
             values = self._reader.values(pin.vertex)
             if values is not None:
-                self._draw(pin, values[: len(spectrum)], samples)
+                self._draw(pin, values[: len(spectrum)], self._profile)
         self._drawn = self._key()
         self._mark(spectrum)
 
@@ -176,32 +162,22 @@ class ProfilePanel(QWidget):
         else:
             self._mark(spectrum)
 
-    def _key(self) -> tuple[object, ...]:
+    def _key(self) -> Family | None:
         """What the curves depend on beside the spectrum and the pins."""
         display, spectrum = self._document.display, self._document.spectrum
-        if self._shown == "eigenfunctions" or spectrum is None:
-            return (self._shown, display.flipped)
-        if self._shown == "bands":
-            return (self._shown, display.band_count, band_range(spectrum, display))
-        return (self._shown, display.hks_scales, hks_range(spectrum, display))
+        if spectrum is None:
+            return None
+        return self._family.resolved(spectrum, display.fields).at_rest()
 
     def _name_axes(self) -> None:
         mesh = self._document.mesh
         unit = mesh.unit if mesh is not None else ""
 
-        def named(text: str, power: int) -> str:
-            written = power_unit(unit, power)
-            return f"{text} ({written})" if written else text
+        bottom, left, _ = self._family.logarithmic
+        self.plot.set_log(bottom, left)
+        self.plot.set_labels(*self._family.axes(unit))
 
-        bottom, left = {
-            "hks": (named("Time t", 2), named("HKS", -2)),
-            "bands": ("Band", named("Geometry vector", -2)),
-            "eigenfunctions": ("Index", named("φ at the vertex", -1)),
-        }[self._shown]
-        self.plot.set_log(self._shown == "hks", self._shown == "hks")
-        self.plot.set_labels(bottom, left)
-
-    def _draw(self, pin: Pin, values: np.ndarray, samples: tuple[Samples, Samples]) -> None:
+    def _draw(self, pin: Pin, values: np.ndarray, profile: Profile | None) -> None:
         if pin not in self._curves:
             curve, dots = pg.PlotCurveItem(), pg.ScatterPlotItem(pxMode=True)
             dots.setPen(None)
@@ -210,37 +186,26 @@ class ProfilePanel(QWidget):
             self.plot.addItem(curve)
             self.plot.addItem(dots)
         curve, dots = self._curves[pin]
-        if not np.isfinite(values).all():  # on no face: it has no values
+        if profile is None or not np.isfinite(values).all():  # on no face: it has no values
             curve.setData([], [])
             dots.setData([], [])
             return
-        raw = self._shown == "eigenfunctions"
-        curve.setPen(solid(pin.color, 1.0, 0.45) if raw else solid(pin.color, 2.0))
-        curve.setData(*samples[0].values(values))
-        places, heights = samples[1].values(values)
+        curve.setPen(solid(pin.color, 1.0, 0.45) if self._family.signed else solid(pin.color, 2.0))
+        curve.setData(*profile.curve.values(values))
+        places, heights = profile.dots.values(values)
         dots.setData(places, heights, size=5.0 if len(places) <= 200 else 3.5)
 
     def _mark(self, spectrum: Spectrum) -> None:
         """Mark what is on the render, and hatch what needs more eigenpairs."""
-        display = self._document.display
-        self._zero.setVisible(self._shown == "eigenfunctions")
-        missing: tuple[float, float] | None = None
-        if self._shown == "eigenfunctions":
-            at = float(min(display.index, len(spectrum) - 1))
-        elif self._shown == "bands":
-            at = float(min(display.band, display.band_count - 1))
-        else:
-            at = float(np.log10(hks_time(spectrum, display)))
-            low, high = hks_range(spectrum, display)
-            resolved = resolved_from(spectrum)
-            if resolved > low * (1.0 + 1e-9):
-                missing = float(np.log10(low)), float(np.log10(min(resolved, high)))
+        self._zero.setVisible(self._family.signed)
+        self._marker.setVisible(self._profile is not None)
+        if self._profile is None:
+            return
+        at, missing = self._family.place(spectrum), self._family.unresolved(spectrum)
         if not self._marker.moving:
             self._marker.setValue(at)
         self._missing.setVisible(missing is not None)
-        self.missing_label.setText(
-            "" if missing is None else "Hatched: misses more than 1 %, for want of eigenpairs"
-        )
+        self.missing_label.setText("" if missing is None else "Hatched: misses over 1 %")
         self.head.fit()
         if missing is not None:
             self._missing.setRegion(missing)

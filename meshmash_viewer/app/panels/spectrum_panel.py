@@ -20,8 +20,8 @@ from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.panel_head import PanelHead
 from meshmash_viewer.app.plots.eigenvalue_view import EigenvalueView
 from meshmash_viewer.app.plots.plot import Plot
-from meshmash_viewer.app.plots.response_view import ResponseView, shows_bands
-from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.app.plots.response_view import ResponseView
+from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.units import format_quantity, subscript
 
@@ -83,8 +83,8 @@ class SpectrumPanel(QWidget):
             "responses": ResponseView(self.plot, self._document),
         }
         self._shown = self._drawn_scale = ""
-        # heat kernels differ where λ is small; eigenvalues and bands are spread evenly
-        self._log = {"eigenvalues": False, "bands": False, "hks": True}
+        # by the name of the family behind the responses
+        self._log = {name: family.logarithmic[2] for name, family in FAMILIES.items()}
         self.plot.clicked.connect(self._select)
         self.plot.hovered.connect(self._hover)
 
@@ -116,13 +116,12 @@ class SpectrumPanel(QWidget):
     # -- from the model ---------------------------------------------------------------------
 
     def _scale_key(self) -> str:
-        if self._shown == "eigenvalues":
-            return "eigenvalues"
-        return "bands" if shows_bands(self._document.display) else "hks"
+        return self.view.family.name
 
     def _follow_kind(self) -> None:
-        eigenfunctions = self._document.display.kind is FieldKind.EIGENFUNCTION
-        self._show_view("eigenvalues" if eigenfunctions else "responses")
+        display = self._document.display
+        counted = display.family.behind(display.fields).counted
+        self._show_view("responses" if counted else "eigenvalues")
 
     def _show_view(self, key: str) -> None:
         self.view_choice.show_key(key)
@@ -180,7 +179,7 @@ class SpectrumPanel(QWidget):
             self.plot.setToolTip("")
             return
         unit = mesh.unit if mesh is not None else ""
-        index = min(self._document.display.index if index is None else index, len(spectrum) - 1)
+        index = self._eigenvalues.index if index is None else index
         value = float(spectrum.eigenvalues[index])
         text = (
             f"λ{subscript(index)} {'=' if spectrum.is_exact(index) else '≈'} "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -11,11 +12,12 @@ from PySide6.QtCore import Qt
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.plots.plot import Plot, color, dashed, solid
-from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.spectrum import first_nonzero
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.ranges import first_nonzero
 from meshmash_viewer.spectral.weyl import weyl_eigenvalue
-from meshmash_viewer.units import power_unit
+from meshmash_viewer.units import named_quantity
 
 __all__ = ["EigenvalueView"]
 
@@ -66,8 +68,7 @@ class EigenvalueView:
     def labels(self) -> tuple[str, str]:
         """Names of the axes, with units."""
         mesh = self._document.mesh
-        unit = power_unit(mesh.unit if mesh is not None else "", -2)
-        return "Index", f"λ ({unit})" if unit else "λ"
+        return "Index", named_quantity("λ", mesh.unit if mesh is not None else "", -2)
 
     def legend(self) -> str:
         """What the marks mean, as rich text."""
@@ -119,7 +120,7 @@ class EigenvalueView:
         spectrum = self._document.spectrum
         if spectrum is None or not len(spectrum):
             return
-        index = min(self._document.display.index, len(spectrum) - 1)
+        index = self.index
         height = self._heights(spectrum.eigenvalues, first_nonzero(spectrum))[index]
         self.current.setData([index], [height], size=10.0)
         self.marker.setVisible(True)
@@ -129,8 +130,18 @@ class EigenvalueView:
     def select(self, x: float, _y: float) -> None:
         """Put the eigenfunction at a place of the plot on the render."""
         display = self._document.display
-        display.index = self.index_at(x)
-        display.kind = FieldKind.EIGENFUNCTION
+        display.show(replace(display[Eigenfunctions], index=self.index_at(x)))
+
+    @property
+    def family(self) -> Family:
+        """The family whose eigenvalues are drawn."""
+        return self._document.display[Eigenfunctions]
+
+    @property
+    def index(self) -> int:
+        """Index of the pair that is chosen, of those that are there."""
+        spectrum, chosen = self._document.spectrum, self._document.display[Eigenfunctions]
+        return chosen.index if spectrum is None else chosen.within(spectrum).index
 
     def index_at(self, x: float) -> int:
         """Index of the pair nearest to a place of the plot."""

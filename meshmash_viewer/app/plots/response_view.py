@@ -1,4 +1,4 @@
-"""Filter responses over the eigenvalue: heat kernel or B-spline bands, with handles to drag."""
+"""Filter responses over the eigenvalue, with handles to drag."""
 
 from __future__ import annotations
 
@@ -9,38 +9,32 @@ import pyqtgraph as pg
 from PySide6.QtCore import Qt
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.plots.band_curves import band_centers, band_curves, band_responses
 from meshmash_viewer.app.plots.plot import Plot, color, dashed, hatch, solid
-from meshmash_viewer.model.display import Display, FieldKind, SimilarityBasis
+from meshmash_viewer.fields import FEATURES
+from meshmash_viewer.fields.family import Family, FloatArray
+from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.ranges import band_range, first_nonzero, hks_range, hks_time
-from meshmash_viewer.model.spectrum import Spectrum
-from meshmash_viewer.units import power_unit
+from meshmash_viewer.units import named_quantity
 
-__all__ = ["ResponseView", "shows_bands"]
+__all__ = ["ResponseView"]
 
 _RUG = -0.09
-
-
-def shows_bands(display: Display) -> bool:
-    """Whether the filters that matter now are bands, or else heat kernels."""
-    if display.kind is FieldKind.SIMILARITY:
-        return display.similarity_basis is SimilarityBasis.BANDS
-    return display.kind is not FieldKind.HKS
+#: Places along which a filter is sampled, where it has none of its own.
+_SAMPLES = 256
 
 
 class ResponseView:
     """What is drawn on the spectrum plot while features are looked at.
 
-    For bands the ends of the range and the centre of the current band can be dragged, and a click
-    chooses the band there. For HKS the line at ``λ = 1/t`` can be dragged. Under them each
-    eigenvalue is a tick.
+    The filter of the field can be dragged where it is held, and so can the ends of the range where
+    the family has one; a click chooses the filter there. Under them each eigenvalue is a tick.
     """
 
     def __init__(self, plot: Plot, document: Document) -> None:
         self._plot = plot
         self._document = document
         self._log = False
+        self._said = ""
         self.rug = pg.PlotCurveItem(connect="pairs")
         self.series = tuple(pg.PlotCurveItem(connect="finite") for _ in range(3))
         self.response = pg.PlotCurveItem(fillLevel=0.0)
@@ -79,17 +73,14 @@ class ResponseView:
     def labels(self) -> tuple[str, str]:
         """Names of the axes, with units."""
         mesh = self._document.mesh
-        unit = power_unit(mesh.unit if mesh is not None else "", -2)
-        return f"λ ({unit})" if unit else "λ", "Response"
+        return named_quantity("λ", mesh.unit if mesh is not None else "", -2), "Response"
 
     def legend(self) -> str:
         """What the marks mean, as rich text."""
-        colors, display = theme.plot_colors(), self._document.display
+        colors = theme.plot_colors()
         ticks = f'<span style="color:{colors.reference}">|</span> eigenvalues'
         mark = f'<span style="color:{colors.marker}">▬</span>'
-        if shows_bands(display):
-            return f"{mark} band {display.band}&nbsp;&nbsp; {ticks}"
-        return f"{mark} exp(−λt), ╌ λ = 1/t&nbsp;&nbsp; {ticks}"
+        return f"{mark} {self._said}&nbsp;&nbsp; {ticks}"
 
     def heights(self) -> tuple[float, float] | None:
         """Range of the left axis: the same for all responses, so that it stays while they move."""
@@ -138,51 +129,40 @@ class ResponseView:
         spectrum = self._usable()
         if spectrum is None:
             return
-        if shows_bands(self._document.display):
-            self._draw_bands(spectrum)
-        else:
-            self._draw_heat(spectrum)
-
-    def _draw_bands(self, spectrum: Spectrum) -> None:
-        display = self._document.display
-        low, high = band_range(spectrum, display)
-        count = display.band_count
-        curves = band_curves(low, high, count)
+        response = self.family.response(spectrum, self._along(spectrum))
+        if response is None:
+            return
+        self._said = response.legend
         for offset, item in enumerate(self.series):
-            mine = curves[offset :: len(self.series)]
-            if mine:
-                gap = np.array([np.nan])
-                x = np.concatenate([part for c in mine for part in (self._x(c.eigenvalues), gap)])
-                y = np.concatenate([part for c in mine for part in (c.response, gap)])
-                item.setData(x, y)
-            else:
-                item.setData([], [])
-        current = curves[min(display.band, count - 1)]
-        self.response.setData(self._x(current.eigenvalues), current.response)
-        center = float(band_centers(low, high, count)[min(display.band, count - 1)])
-        known = float(spectrum.eigenvalues[-1])
-        for line, value in ((self.low, low), (self.high, high), (self.handle, center)):
-            line.setVisible(True)
+            mine = response.others[offset :: len(self.series)]
+            gap = np.array([np.nan])
+            x = [part for places, _ in mine for part in (self._x(places), gap)]
+            y = [part for _, heights in mine for part in (heights, gap)]
+            item.setData(np.concatenate([gap, *x]), np.concatenate([gap, *y]))
+        self.response.setData(self._x(response.curve[0]), response.curve[1])
+        low, high = response.ends or (0.0, 0.0)
+        for line, value in ((self.low, low), (self.high, high), (self.handle, response.handle)):
+            line.setVisible(line is self.handle or response.ends is not None)
             if not line.moving:
                 line.setValue(float(self._x(value)))
+        known = float(spectrum.eigenvalues[-1])
         self._hatch((known, high) if high > known * (1.0 + 1e-9) else None)
 
-    def _draw_heat(self, spectrum: Spectrum) -> None:
+    @property
+    def family(self) -> Family:
+        """The family whose filters are drawn: features, where what is shown has none."""
         display = self._document.display
-        time = hks_time(spectrum, display)
+        shown = display.family.behind(display.fields)
+        if shown.counted:
+            return shown
+        even = next(name for name, family in FEATURES.items() if not family.logarithmic[2])
+        return display.fields[even]
+
+    def _along(self, spectrum: Spectrum) -> FloatArray:
         known = float(spectrum.eigenvalues[-1])
-        ends = (self._floor(), known) if self._log else (0.0, known)
-        x = np.linspace(float(self._x(ends[0])), float(self._x(ends[1])), 256)
-        eigenvalues = 10.0**x if self._log else x
-        self.response.setData(x, np.exp(-eigenvalues * time))
-        for item in self.series:
-            item.setData([], [])
-        self.low.setVisible(False)
-        self.high.setVisible(False)
-        self.handle.setVisible(True)
-        if not self.handle.moving:
-            self.handle.setValue(float(self._x(1.0 / time)))
-        self._hatch(None)
+        first = self._floor() if self._log else 0.0
+        x = np.linspace(float(self._x(first)), float(self._x(known)), _SAMPLES)
+        return 10.0**x if self._log else x
 
     def _hatch(self, between: tuple[float, float] | None) -> None:
         self.missing.setVisible(between is not None)
@@ -192,47 +172,34 @@ class ResponseView:
     # -- from the person --------------------------------------------------------------------
 
     def select(self, x: float, _y: float) -> None:
-        """Choose the band, or the time, at a place of the plot."""
-        spectrum, display = self._usable(), self._document.display
-        if spectrum is None:
-            return
-        value = self._eigenvalue(x)
-        if shows_bands(display):
-            low, high = band_range(spectrum, display)
-            if low <= value <= high:
-                response = band_responses(low, high, display.band_count, np.array([value]))
-                display.band = int(np.argmax(response[:, 0]))
-                display.kind = FieldKind.BAND
-        elif value > 0.0:
-            self._set_time(spectrum, 1.0 / value)
+        """Choose the filter at a place of the plot."""
+        spectrum = self._usable()
+        if spectrum is not None:
+            self._hold(spectrum, self._eigenvalue(x))
 
-    def _set_time(self, spectrum: Spectrum, time: float) -> None:
-        low, high = hks_range(spectrum, self._document.display)
-        self._document.display.time = min(max(time, low), high)
-        self._document.display.kind = FieldKind.HKS
+    def _hold(self, spectrum: Spectrum, value: float) -> None:
+        family = self.family
+        response = family.response(spectrum, self._along(spectrum))
+        ends = None if response is None else response.ends
+        if ends is None or ends[0] <= value <= ends[1]:
+            self._document.display.show(family.at_eigenvalue(spectrum, value))
 
     def _drag(self, line: pg.InfiniteLine) -> None:
         spectrum, display = self._usable(), self._document.display
         if spectrum is None:
             return
         value = self._eigenvalue(float(line.value()))
+        family = self.family
         if line is self.handle:
-            if shows_bands(display):
-                low, high = band_range(spectrum, display)
-                centers = band_centers(low, high, display.band_count)
-                display.band = int(np.argmin(np.abs(centers - value)))
-                display.kind = FieldKind.BAND
-            elif value > 0.0:
-                self._set_time(spectrum, 1.0 / value)
+            display.show(family.at_eigenvalue(spectrum, value))
             return
-        low, high = band_range(spectrum, display)
-        least = 1e-3 * float(spectrum.eigenvalues[-1])
+        low, high = (self._eigenvalue(float(end.value())) for end in (self.low, self.high))
+        known = float(spectrum.eigenvalues[-1])
         if line is self.low:
-            low = min(max(value, 0.0), high - least)
+            low = min(max(value, 0.0), high - 1e-3 * known)
         else:
-            high = max(min(value, float(spectrum.eigenvalues[-1])), low + least)
-        display.band_min, display.band_max = low, high
-        display.band_automatic = False
+            high = max(min(value, known), low + 1e-3 * known)
+        display.put(family.between(low, high))
 
     def readout_of(self, x: float) -> float | None:
         """Eigenvalue at a place of the plot."""

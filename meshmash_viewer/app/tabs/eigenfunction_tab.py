@@ -12,9 +12,8 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import Facts, format_wavelength, note, show_note
 from meshmash_viewer.app.tabs.field_stepper import FieldStepper
 from meshmash_viewer.app.tabs.play_button import PlayButton
-from meshmash_viewer.model.display import FieldKind
-from meshmash_viewer.model.ranges import first_nonzero
-from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.units import format_quantity, subscript
 
 __all__ = ["EigenfunctionTab"]
@@ -23,7 +22,7 @@ __all__ = ["EigenfunctionTab"]
 class EigenfunctionTab(FieldStepper):
     """Scroll the eigenfunctions that have converged, and read what each one is."""
 
-    kind = FieldKind.EIGENFUNCTION
+    family = Eigenfunctions
 
     def _build(self) -> None:
         column = self._build_head(
@@ -72,9 +71,6 @@ class EigenfunctionTab(FieldStepper):
 
     # -- from the person --------------------------------------------------------------------
 
-    def _choose(self, index: int) -> None:
-        self._document.display.index = index
-
     def _flip(self) -> None:
         self._document.flip()
 
@@ -87,7 +83,8 @@ class EigenfunctionTab(FieldStepper):
         """Show what the model holds."""
         spectrum, display = self._document.spectrum, self._document.display
         length = 0 if spectrum is None else len(spectrum)
-        index = min(display.index, max(length - 1, 0))
+        chosen = display[Eigenfunctions]
+        index = min(chosen.index, max(length - 1, 0))
         for control in (self.slider, self.spin):
             blocked = control.blockSignals(True)
             if control.maximum() != max(length - 1, 0):
@@ -97,7 +94,7 @@ class EigenfunctionTab(FieldStepper):
         suffix = f" of {length - 1}" if length else ""
         if self.spin.suffix() != suffix:
             self.spin.setSuffix(suffix)
-        self.flip_button.setChecked(index in display.flipped)
+        self.flip_button.setChecked(index in chosen.flipped)
         blocked = self.nodal_check.blockSignals(True)
         self.nodal_check.setChecked(display.nodal_lines)
         self.nodal_check.blockSignals(blocked)

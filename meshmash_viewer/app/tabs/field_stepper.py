@@ -1,28 +1,27 @@
-"""What the tabs of steppable fields have in common: a title, a slider, an index."""
+"""What the tabs of families have in common, and what those of steppable fields have."""
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from PySide6.QtWidgets import QLabel, QSpinBox, QVBoxLayout, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.step_slider import StepSlider
 from meshmash_viewer.app.listening import follow
-from meshmash_viewer.model.display import FieldKind
+from meshmash_viewer.fields.family import Family
 from meshmash_viewer.model.document import Document
 
-__all__ = ["FieldStepper"]
+__all__ = ["FamilyTab", "FieldStepper"]
 
 
-class FieldStepper(QWidget):
-    """A tab of the Field panel that steps through one kind of field.
+class FamilyTab(QWidget):
+    """The controls of one family of fields.
 
-    Subclasses build themselves, beginning with `_build_head`, show the document in `refresh`, and
-    take what the slider or the index was moved to in `_choose`.
+    Subclasses build themselves in `_build` and show the document in `refresh`.
     """
 
-    kind: ClassVar[FieldKind]
+    family: ClassVar[type[Family]]
 
     def __init__(self, document: Document, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -34,7 +33,7 @@ class FieldStepper(QWidget):
 
     def _refresh_in_front(self) -> None:
         """Refresh if this is the tab in front; the others do so when they come there."""
-        if self._document.display.kind is self.kind:
+        if self._document.display.kind == self.family.name:
             self.refresh()
 
     def refresh(self) -> None:
@@ -44,8 +43,19 @@ class FieldStepper(QWidget):
     def _build(self) -> None:
         raise NotImplementedError
 
+    def _change(self, **parameters: Any) -> None:
+        self._document.display.change(self.family, **parameters)
+
+
+class FieldStepper(FamilyTab):
+    """A tab that steps through its family.
+
+    Subclasses begin with `_build_head`, and take what the slider or the index was moved to in
+    `_choose`.
+    """
+
     def _choose(self, value: int) -> None:
-        raise NotImplementedError
+        self._change(index=value)
 
     def _build_head(self, title: tuple[str, str], slider: tuple[str, str]) -> QVBoxLayout:
         """The column, with title and slider in it; each is given as object and accessible name."""

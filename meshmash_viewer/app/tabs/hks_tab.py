@@ -18,15 +18,9 @@ from meshmash_viewer.app.tabs.field_stepper import FieldStepper
 from meshmash_viewer.app.tabs.play_button import PlayButton
 from meshmash_viewer.features.filters import heat_kernel_bank
 from meshmash_viewer.features.truncation import percent
-from meshmash_viewer.model.display import MOST_SCALES, FieldKind
-from meshmash_viewer.model.ranges import (
-    first_nonzero,
-    hks_range,
-    hks_time,
-    missing_shares,
-    resolved_from,
-)
-from meshmash_viewer.model.spectrum import Spectrum
+from meshmash_viewer.fields.family import MOST_COUNT
+from meshmash_viewer.fields.hks import HeatKernelSignature, resolved_from
+from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.spectral.weyl import required_eigenvalue
 from meshmash_viewer.units import format_quantity, power_unit
 
@@ -39,7 +33,7 @@ _POSITIONS = 1000
 class HksTab(FieldStepper):
     """Choose a time, in log scale, its range, and the number of times that are exported."""
 
-    kind = FieldKind.HKS
+    family = HeatKernelSignature
 
     def _build(self) -> None:
         column = self._build_head(
@@ -74,7 +68,7 @@ class HksTab(FieldStepper):
         self.scales_spin.setObjectName("hks_scales_spin")
         self.scales_spin.setAccessibleName("Number of times")
         self.scales_spin.setToolTip("Columns of the exported feature, evenly spaced in log t")
-        self.scales_spin.setRange(1, MOST_SCALES)
+        self.scales_spin.setRange(1, MOST_COUNT)
         self.scales_spin.setKeyboardTracking(False)
         self.scales_spin.valueChanged.connect(self._set_scales)
         line = QHBoxLayout()
@@ -90,48 +84,48 @@ class HksTab(FieldStepper):
         spectrum = self._document.spectrum
         if spectrum is None or first_nonzero(spectrum) >= len(spectrum):
             return None
-        return hks_range(spectrum, self._document.display)
+        return self._document.display[HeatKernelSignature].range(spectrum)
 
     def _choose(self, position: int) -> None:
         between = self._range()
         if between is not None:
             low, high = between
             share = position / self.slider.maximum()
-            self._document.display.time = low * math.exp(share * math.log(high / low))
+            self._change(time=low * math.exp(share * math.log(high / low)))
 
     def _set_automatic(self, on: bool) -> None:
-        between, display = self._range(), self._document.display
-        if not on and between is not None:
-            display.hks_t_min, display.hks_t_max = between  # go on from what was automatic
-        display.hks_automatic = on
+        between = self._range()
+        if on or between is None:
+            self._change(automatic=on)
+        else:
+            self._set_range(*between)  # go on from what was automatic
 
     def _set_range(self, low: float, high: float) -> None:
-        display = self._document.display
-        display.hks_t_min, display.hks_t_max = low, high
-        display.hks_automatic = False
+        self._change(t_min=low, t_max=high, automatic=False)
 
     def _set_scales(self, count: int) -> None:
-        self._document.display.hks_scales = count
+        self._change(scales=count)
 
     # -- from the model ---------------------------------------------------------------------
 
     def refresh(self) -> None:
         """Show what the model holds."""
-        document, display = self._document, self._document.display
+        document = self._document
+        chosen = document.display[HeatKernelSignature]
         unit = document.mesh.unit if document.mesh is not None else ""
         blocked = self.scales_spin.blockSignals(True)
-        self.scales_spin.setValue(display.hks_scales)
+        self.scales_spin.setValue(chosen.scales)
         self.scales_spin.blockSignals(blocked)
         between = self._range()
         self.slider.setEnabled(between is not None)
-        one = max(round(_POSITIONS / max(display.hks_scales - 1, 1)), 1)  # a time of the feature
+        one = max(round(_POSITIONS / max(chosen.scales - 1, 1)), 1)  # a time of the feature
         self.slider.setSingleStep(one)
         self.slider.setPageStep(min(10 * one, _POSITIONS))
-        self.range_box.show_range(between, power_unit(unit, 2), automatic=display.hks_automatic)
+        self.range_box.show_range(between, power_unit(unit, 2), automatic=chosen.automatic)
         if between is None or document.spectrum is None:
             self._show_nothing()
             return
-        time = hks_time(document.spectrum, display)
+        time = chosen.time_in(document.spectrum)
         low, high = between
         span = math.log(high / low)
         blocked = self.slider.blockSignals(True)
@@ -162,7 +156,7 @@ class HksTab(FieldStepper):
         if mesh is None:
             return
         wanted, what = (time, "This time") if time < resolved else (low, "The hatched part")
-        missing = float(missing_shares(spectrum, heat_kernel_bank([wanted]), mesh.area)[0])
+        missing = float(spectrum.missing_shares(heat_kernel_bank([wanted]), mesh.area)[0])
         upto = "" if wanted == time else "up to "
         needed = required_eigenvalue(wanted)
         show_note(

@@ -6,14 +6,10 @@ from PySide6.QtCore import QObject, QTimer
 from PySide6.QtWidgets import QPushButton, QWidget
 
 from meshmash_viewer.app.listening import follow, listen
-from meshmash_viewer.model.display import FieldKind
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.stepping import advance
 
 __all__ = ["PlayButton", "Player"]
-
-#: Milliseconds a step: eigenfunctions want to be looked at, times are a film.
-_INTERVALS = {FieldKind.EIGENFUNCTION: 250, FieldKind.BAND: 250, FieldKind.HKS: 50}
 
 
 class Player(QObject):
@@ -30,8 +26,8 @@ class Player(QObject):
 
     def _refresh(self) -> None:
         display, spectrum = self._document.display, self._document.spectrum
-        interval = _INTERVALS.get(display.kind)
-        if display.playing and spectrum is not None and interval is not None:
+        interval = display.family.interval
+        if display.playing and spectrum is not None and interval:
             self._timer.start(interval)
         else:
             self._timer.stop()

@@ -8,26 +8,24 @@ from PySide6.QtWidgets import QComboBox, QLabel, QVBoxLayout, QWidget
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import note, show_note
 from meshmash_viewer.app.controls.segments import Segments
-from meshmash_viewer.app.listening import follow, listen
-from meshmash_viewer.model.display import FieldKind, SimilarityBasis
+from meshmash_viewer.app.listening import listen
+from meshmash_viewer.app.tabs.field_stepper import FamilyTab
+from meshmash_viewer.fields import FEATURES
+from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.model.document import Document, Pin
 
 __all__ = ["SimilarityTab"]
 
 
-class SimilarityTab(QWidget):
+class SimilarityTab(FamilyTab):
     """Paint how far every vertex is from a pinned one in feature space; follows the last pin."""
 
-    kind = FieldKind.SIMILARITY
+    family = Similarity
 
     def __init__(self, document: Document, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._document = document
         self._pins: tuple[Pin, ...] = ()
-        self._build()
-        follow(document.spectrum_changed, self.refresh)
+        super().__init__(document, parent)
         listen(document.pins_changed, self._follow_pins)
-        follow(document.display.events, self.refresh)
         self._follow_pins()
 
     def _build(self) -> None:
@@ -51,7 +49,7 @@ class SimilarityTab(QWidget):
         self.basis = Segments(
             "similarity_basis",
             "Features to measure in",
-            {SimilarityBasis.HKS: "HKS", SimilarityBasis.BANDS: "Geometry vectors"},
+            {name: family.short for name, family in FEATURES.items()},
             self,
         )
         self.basis.chosen.connect(self._choose_basis)
@@ -63,23 +61,23 @@ class SimilarityTab(QWidget):
     # -- from the person --------------------------------------------------------------------
 
     def _choose(self, row: int) -> None:
-        self._document.display.similarity_vertex = self._document.pins[row].vertex
+        self._change(vertex=self._document.pins[row].vertex)
 
     def _choose_basis(self, key: str) -> None:
-        self._document.display.similarity_basis = SimilarityBasis(key)
+        self._change(basis=key)
 
     # -- from the model ---------------------------------------------------------------------
 
     def _follow_pins(self) -> None:
         """Measure from the newest pin; from the last one left where its pin was taken away."""
-        pins, display = self._document.pins, self._document.display
+        pins, vertex = self._document.pins, self._document.display[Similarity].vertex
         before = {pin.vertex for pin in self._pins}
         self._pins = pins
         vertices = [pin.vertex for pin in pins]
-        if vertices and (vertices[-1] not in before or display.similarity_vertex not in vertices):
-            display.similarity_vertex = vertices[-1]
+        if vertices and (vertices[-1] not in before or vertex not in vertices):
+            self._change(vertex=vertices[-1])
         elif not vertices:
-            display.similarity_vertex = None
+            self._change(vertex=None)
         blocked = self.combo.blockSignals(True)
         self.combo.clear()
         for pin in pins:
@@ -92,19 +90,18 @@ class SimilarityTab(QWidget):
     def refresh(self) -> None:
         """Show what the model holds."""
         display, pins = self._document.display, self._document.pins
-        vertex = display.similarity_vertex
+        chosen = display[Similarity]
+        vertex = chosen.vertex
         row = next((row for row, pin in enumerate(pins) if pin.vertex == vertex), -1)
         self.combo.setCurrentIndex(row)
         self.combo.setEnabled(bool(pins))
         self.title.setText("Similar to a vertex" if row < 0 else f"Similar to vertex {vertex:,}")
         show_note(self.hint, "" if pins else "Click a vertex on the render to pin it.")
-        self.basis.show_key(display.similarity_basis)
-        what = (
-            f"{display.hks_scales} times of the HKS tab"
-            if display.similarity_basis is SimilarityBasis.HKS
-            else f"{display.band_count} bands of the Geometry vectors tab"
-        )
+        self.basis.show_key(chosen.basis)
+        features = display.fields[chosen.basis]
+        count = getattr(features, features.counted)
         show_note(
             self.explanation,
-            f"Over the {what}, each in units of its spread; 0 is alike, larger is less so.",
+            f"Over the {count} columns of the {features.short} tab, each in units of its spread;"
+            " 0 is alike, larger is less so.",
         )

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.features.filters import hks_time_range
-from meshmash_viewer.io.row_file import StoredRows
-from meshmash_viewer.laplacian import OperatorOptions
-from meshmash_viewer.model.alignment import Alignment, ShownRows
-from meshmash_viewer.spectral.certificate import Certificate
+from meshmash_viewer.features.filter_parameters import hks_time_range
+from meshmash_viewer.features.truncation import mean_shares
+from meshmash_viewer.spectral.alignment import Alignment, ShownRows
 
-__all__ = ["Multiplet", "Spectrum"]
+if TYPE_CHECKING:
+    from meshmash_viewer.features.filters import FilterBank
+    from meshmash_viewer.laplacian import OperatorOptions
+    from meshmash_viewer.spectral.certificate import Certificate
+
+__all__ = ["Multiplet", "Spectrum", "first_nonzero", "grew", "same_pairs"]
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,8 @@ class Spectrum:
     error : float
         Expected relative error of approximate eigenvalues.
     stored : StoredRows, optional
-        Where the exact rows are, with their checksums if they have not been compared with them.
+        Where the exact rows are, with their checksums if they have not been compared with them:
+        for whoever checks them, as fields know no files.
     shown : ShownRows, optional
         The rows as they are drawn, where that differs from `rows` by signs and rotations.
     known_to : float
@@ -70,7 +75,7 @@ class Spectrum:
     error: float = 0.0
     shown: ShownRows | None = None
     known_to: float = 0.0
-    stored: StoredRows | None = None
+    stored: Any = None
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
@@ -106,6 +111,18 @@ class Spectrum:
             return 1.0, 10.0
         t_min, t_max = hks_time_range(values)
         return float(t_min), float(t_max)
+
+    def missing_shares(self, bank: FilterBank, area: float) -> npt.NDArray[np.float64]:
+        """Estimate what is missing of each column for want of eigenpairs, shape (f,).
+
+        Parameters
+        ----------
+        bank : FilterBank
+        area : float
+            Of the surface, in squared length units.
+        """
+        known_to = self.known_to or None
+        return mean_shares(bank, self.eigenvalues, area, self.n_vertices, known_to)
 
     def first(self, count: int) -> Spectrum:
         """The lowest pairs of it alone."""
@@ -172,3 +189,32 @@ class Spectrum:
         while last < len(close) and close[last]:
             last += 1
         return None if first == last else Multiplet(first, last, gap)
+
+
+def first_nonzero(spectrum: Spectrum) -> int:
+    """Index of the first eigenvalue that is more than rounding; their number if there is none.
+
+    Without one there is no scale to take times or bands from.
+    """
+    values = spectrum.eigenvalues
+    if not len(values):
+        return 0
+    return int(np.searchsorted(values, 1e-10 * abs(float(values[-1])), side="right"))
+
+
+def grew(old: Spectrum, new: Spectrum) -> bool:
+    """Whether one spectrum is the other before it grew."""
+    count = len(old)
+    return (
+        count <= len(new)
+        and old.preview == new.preview
+        and old.operator == new.operator
+        and old.rows.shape[1] == new.rows.shape[1]
+        and bool(np.array_equal(old.eigenvalues, new.eigenvalues[:count]))
+        and bool(np.array_equal(old.rows[count - 1], new.rows[count - 1], equal_nan=True))
+    )
+
+
+def same_pairs(old: Spectrum, new: Spectrum) -> bool:
+    """Whether two spectra have the same pairs, be it that their proof has come since."""
+    return old is new or (len(old) == len(new) and grew(old, new))

@@ -20,8 +20,8 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.model.spectrum import Spectrum
-from meshmash_viewer.model.squares import add_squares, sum_squares
+from meshmash_viewer.features.squares import add_squares, sum_squares
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.progress import CancelCallback
 
 __all__ = ["HeatTable", "build_heat_table"]
@@ -134,7 +134,7 @@ class HeatTable:
         weights = np.zeros(_STENCIL)
         if self._fits:
             weights = self._fits[start] @ np.exp(-self._rates * time)
-        from meshmash_viewer.model.field_kernels import combine  # brings numba along
+        from meshmash_viewer.fields.kernels import combine  # brings numba along
 
         values = np.empty(self.columns.shape[1], dtype=np.float32)
         nodes = slice(start, start + _STENCIL)

@@ -7,8 +7,8 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.model.alignment import ShownRows
 from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.spectral.alignment import ShownRows
 
 __all__ = ["add_squares", "sum_squares"]
 

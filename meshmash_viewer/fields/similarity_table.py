@@ -9,8 +9,8 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.model.spectrum import Spectrum
-from meshmash_viewer.model.squares import sum_squares
+from meshmash_viewer.features.squares import sum_squares
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.progress import CancelCallback
 
 __all__ = ["SimilarityTable", "build_similarity_table"]
@@ -71,7 +71,7 @@ class SimilarityTable:
 
     def from_vertex(self, vertex: int) -> ColumnArray:
         """Distance of every vertex from one, shape (n,), a pure number."""
-        from meshmash_viewer.model.field_kernels import distances  # brings numba along
+        from meshmash_viewer.fields.kernels import distances  # brings numba along
 
         here = self._steps(vertex)
         result = np.empty(self.coordinates.shape[1], dtype=np.float32)

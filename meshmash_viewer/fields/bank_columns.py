@@ -1,0 +1,112 @@
+"""What families have in common whose fields are the columns of the exported feature."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from meshmash_viewer.features.squares import sum_squares
+from meshmash_viewer.fields.family import Answer, Family, Profile, Samples, Table, whole
+from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, same_pairs
+from meshmash_viewer.progress import CancelCallback
+
+__all__ = ["MOST_COLUMNS", "BankColumns"]
+
+#: Most columns that can be asked for.
+MOST_COLUMNS = 512
+
+
+@dataclass(frozen=True)
+class BankColumns(Family):
+    """One column of a filter bank; the table has them all.
+
+    Parameters
+    ----------
+    index : int
+        Column, counted from 0.
+    count : int
+        Number of them.
+    """
+
+    counted: ClassVar[str] = "count"
+    interval: ClassVar[int] = 250
+
+    index: int = whole(0, 0, MOST_COLUMNS - 1)
+    count: int = whole(32, 1, MOST_COLUMNS)
+
+    @property
+    def column(self) -> int:
+        """`index`, or the last one where there are fewer."""
+        return min(max(self.index, 0), self.count - 1)
+
+    @property
+    def table_columns(self) -> int:
+        """See `Family.table_columns`."""
+        return self.count
+
+    def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
+        """See `Family.resolved`."""
+        return self.within(spectrum)
+
+    def within(self, spectrum: Spectrum) -> Self:
+        """See `Family.within`."""
+        return replace(self, index=self.column)
+
+    def step(self, spectrum: Spectrum, steps: int) -> Self:
+        """See `Family.step`."""
+        return replace(self, index=min(max(self.index + steps, 0), self.count - 1))
+
+    def compute(self, spectrum: Spectrum, table: Table | None) -> Answer:
+        """See `Family.compute`."""
+        if table is not None and self.prepared(spectrum, table):
+            table.spectrum = spectrum  # next time it is the very same
+            return Answer(table.content[self.column])
+        weights = self.bank(spectrum.eigenvalues)(spectrum.eigenvalues)
+        one = weights[self.column : self.column + 1]
+        return Answer(np.asarray(sum_squares(spectrum.rows, one)[0]))
+
+    def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
+        """See `Family.prepared`."""
+        return (
+            table is not None
+            and table.family == self.at_rest()
+            and same_pairs(table.spectrum, spectrum)
+        )
+
+    def prepare(
+        self, spectrum: Spectrum, table: Table | None, cancel: CancelCallback | None
+    ) -> Table:
+        """See `Family.prepare`."""
+        weights = self.bank(spectrum.eigenvalues)(spectrum.eigenvalues)
+        columns = sum_squares(spectrum.rows, weights, cancel=cancel)
+        return Table(spectrum, self.at_rest(), np.asarray(columns))
+
+    def profile(self, spectrum: Spectrum) -> Profile | None:
+        """See `Family.profile`."""
+        if first_nonzero(spectrum) >= len(spectrum):
+            return None
+        bank = self.bank(spectrum.eigenvalues)
+        both = Samples(self.places(spectrum), bank(spectrum.eigenvalues))
+        return Profile(both, both)
+
+    def places(self, spectrum: Spectrum) -> np.ndarray:
+        """Where on the bottom axis of a profile the columns are, shape (count,)."""
+        return np.arange(self.count, dtype=np.float64)
+
+    def place(self, spectrum: Spectrum) -> float:
+        """See `Family.place`."""
+        return float(self.places(spectrum)[self.column])
+
+    def at_place(self, spectrum: Spectrum, place: float) -> Self:
+        """See `Family.at_place`."""
+        return replace(self, index=int(np.argmin(np.abs(self.places(spectrum) - place))))
+
+    def script(self, spectrum: Spectrum) -> list[str]:
+        """See `Family.script`."""
+        return [
+            f"features = mv.compute_features(decomposition, {self.bank_script()}, unit=mesh.unit)",
+            f"values = features.values[:, {self.column}]",
+        ]

@@ -1,0 +1,138 @@
+"""Eigenfunctions, one at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from meshmash_viewer.fields.family import (
+    Answer,
+    Family,
+    Profile,
+    Samples,
+    Table,
+    parameter,
+    whole,
+)
+from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.units import format_quantity, named_quantity, power_unit, subscript
+
+__all__ = ["Eigenfunctions"]
+
+#: Steps farther than this are leaps, after which one goes on by single steps.
+_STRIDE = 10
+
+
+@dataclass(frozen=True)
+class Eigenfunctions(Family):
+    """Rows of the spectrum.
+
+    Parameters
+    ----------
+    index : int
+        Counted from 0.
+    flipped : frozenset of int
+        Indices of those drawn with the other sign.
+    """
+
+    name: ClassVar[str] = "eigenfunction"
+    label: ClassVar[str] = "Eigenfunctions"
+    short: ClassVar[str] = "Eigenfunctions"
+    tip: ClassVar[str] = "Eigenfunctions of the Laplacian"
+    export: ClassVar[str] = "eigenpairs"
+    export_label: ClassVar[str] = "Eigenpairs"
+    position: ClassVar[tuple[str, ...]] = ("index",)
+    earlier: ClassVar[Mapping[str, str]] = {"index": "index", "flipped": "flipped"}
+    signed: ClassVar[bool] = True
+    interval: ClassVar[int] = 250  # they want to be looked at
+
+    index: int = whole(1, 0, 2**31 - 1)
+    flipped: frozenset[int] = parameter(frozenset(), type="indices", least=0, most=2**31 - 1)
+
+    def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
+        """See `Family.resolved`."""
+        index = self.within(spectrum).index
+        return replace(self, index=index, flipped=self.flipped & {index})
+
+    def for_other_mesh(self, n_components: int) -> Self:
+        """The first function that is not constant on every component: nothing to see before."""
+        return replace(self, index=n_components, flipped=frozenset())
+
+    def within(self, spectrum: Spectrum) -> Self:
+        """See `Family.within`."""
+        return replace(self, index=min(max(self.index, 0), max(len(spectrum) - 1, 0)))
+
+    def step(self, spectrum: Spectrum, steps: int) -> Self:
+        """See `Family.step`."""
+        return replace(self, index=min(max(self.index + steps, 0), len(spectrum) - 1))
+
+    def likely_next(self, before: Family | None, chosen: Self, spectrum: Spectrum) -> Self | None:
+        """One step farther in the direction of the last one."""
+        steps = self.index - before.index if isinstance(before, Eigenfunctions) else 1
+        index = self.index + (steps if abs(steps) <= _STRIDE else 1)
+        if not steps or not 0 <= index < len(spectrum):
+            return None
+        return replace(chosen, index=index).resolved(spectrum, {})
+
+    def title(self) -> str:
+        """See `Family.title`."""
+        return f"Eigenfunction {self.index}"
+
+    def quantity(self, spectrum: Spectrum, unit: str) -> str:
+        """See `Family.quantity`."""
+        name = f"λ{subscript(self.index)}"
+        written = format_quantity(float(spectrum.eigenvalues[self.index]), unit, -2)
+        if spectrum.is_exact(self.index):
+            return f"{name} = {written}"
+        # on the render too, and so on every picture that is made of it
+        return f"{name} ≈ {written} · preview, within about {100.0 * spectrum.error:.0f} %"
+
+    def unit(self, length: str) -> str:
+        """See `Family.unit`."""
+        return power_unit(length, -1)
+
+    def compute(self, spectrum: Spectrum, table: Table | None) -> Answer:
+        """One row in single precision, in the sign asked for."""
+        values = np.array(spectrum.shown_rows[self.index], dtype=np.float32)
+        if self.index in self.flipped:
+            np.negative(values, out=values)
+        ends = float(values.min()), float(values.max())
+        return Answer(values, not spectrum.is_exact(self.index), ends)
+
+    def profile(self, spectrum: Spectrum) -> Profile:
+        """Values of all at a vertex."""
+        signs = np.ones(len(spectrum))
+        signs[[index for index in self.flipped if index < len(signs)]] = -1.0
+        both = Samples(np.arange(len(spectrum), dtype=np.float64), signs)
+        return Profile(both, both)
+
+    def axes(self, unit: str) -> tuple[str, str]:
+        """See `Family.axes`."""
+        return "Index", named_quantity("φ at the vertex", unit, -1)
+
+    def place(self, spectrum: Spectrum) -> float:
+        """See `Family.place`."""
+        return float(self.within(spectrum).index)
+
+    def at_place(self, spectrum: Spectrum, place: float) -> Self:
+        """See `Family.at_place`."""
+        return replace(self, index=round(place)).within(spectrum)
+
+    def contents(self, spectrum: Spectrum, unit: str) -> str:
+        """See `Family.contents`."""
+        about = f"Eigenvalues up to {format_quantity(float(spectrum.eigenvalues[-1]), unit, -2)}"
+        values = power_unit(unit, -1)
+        return f"{about}, eigenvectors{f' in {values}' if values else ''}, M-orthonormal."
+
+    def script(self, spectrum: Spectrum) -> list[str]:
+        """See `Family.script`."""
+        shown = spectrum.shown
+        turned = 1.0 if shown is None else shown.alignment.sign(self.index)
+        sign = "-" if (self.index in self.flipped) != (turned == -1.0) else ""
+        lines = [f"values = {sign}decomposition.eigenvectors[:, {self.index}]"]
+        if turned is None:
+            lines.insert(0, "# one of a multiplet: on screen it is rotated within that")
+        return lines

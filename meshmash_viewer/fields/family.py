@@ -1,0 +1,401 @@
+"""What a family of fields is: its parameters, and all that the rest of the house asks of it.
+
+A family is one frozen dataclass in a file of its own, listed in `meshmash_viewer.fields.FAMILIES`.
+An instance holds a choice of its parameters. Some of them may be left open: `Family.resolved`
+fills these in from a spectrum, and leaves out what makes no difference to the values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.units import power_unit
+
+if TYPE_CHECKING:
+    from meshmash_viewer.features.filters import FilterBank
+
+__all__ = [
+    "MOST_COUNT",
+    "Answer",
+    "Family",
+    "Profile",
+    "Response",
+    "Samples",
+    "Table",
+    "flag",
+    "number",
+    "parameter",
+    "whole",
+]
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+ColumnArray: TypeAlias = npt.NDArray[np.float32]
+
+#: Most columns that a feature is exported with.
+MOST_COUNT = 1024
+
+
+def parameter(default: Any = None, **bounds: Any) -> Any:
+    """A parameter with what its values may be, for whoever reads them from a file.
+
+    The keywords are ``type`` ("whole", "number", "flag", "indices", "vertex", or "family" for the
+    name of a feature) and, for numbers, ``least`` and ``most``. Where the default is None, None is
+    a value, too.
+    """
+    return field(default=default, metadata=bounds)
+
+
+def whole(default: int | None, least: int, most: int) -> Any:
+    """A parameter that is a whole number within bounds, both included."""
+    return parameter(default, type="whole", least=least, most=most)
+
+
+def number(least: float) -> Any:
+    """A parameter that is a number from a least one on, or left open."""
+    return parameter(None, type="number", least=least)
+
+
+def flag(default: bool) -> Any:
+    """A parameter that is true or false."""
+    return parameter(default, type="flag")
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """Values of a field at every vertex.
+
+    Parameters
+    ----------
+    values : ndarray of float32, shape (n,)
+    draft : bool
+        Whether a better answer is on its way.
+    ends : tuple of float, optional
+        Smallest and largest value, NaN if one is, where they are known.
+    """
+
+    values: ColumnArray
+    draft: bool = False
+    ends: tuple[float, float] | None = None
+
+
+@dataclass(eq=False)
+class Table:
+    """What makes the next fields of a family cheap.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+        Which it was made from, or the same pairs as they are known now.
+    family : Family
+        At rest, see `Family.at_rest`: what it was made for.
+    content : Any
+        The family's own; has ``nbytes``.
+    """
+
+    spectrum: Spectrum
+    family: Family
+    content: Any
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that it holds."""
+        return int(self.content.nbytes)
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Filters over the eigenvalue.
+
+    Parameters
+    ----------
+    curve : tuple of two ndarrays of float64, shape (m,)
+        Eigenvalues, and the response of the filter whose field is chosen.
+    handle : float
+        Eigenvalue at which that filter is held.
+    legend : str
+        What it is, as HTML.
+    others : tuple of such curves
+        The other filters of the feature.
+    ends : tuple of float, optional
+        Range of eigenvalues that can be dragged at both ends.
+    """
+
+    curve: tuple[FloatArray, FloatArray]
+    handle: float
+    legend: str
+    others: tuple[tuple[FloatArray, FloatArray], ...] = ()
+    ends: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Places of a profile, and how its values there come from a vertex's eigenfunction values.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (m,)
+        As drawn: log t, band, or index.
+    coefficients : ndarray of float64, shape (m, k)
+        Of φ² for features; for eigenfunctions the sign of each, shape (k,).
+    logarithmic : bool
+        Whether values are drawn as their logarithm.
+    """
+
+    places: FloatArray
+    coefficients: FloatArray
+    logarithmic: bool = False
+
+    def values(self, at_vertex: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Points to draw for the eigenfunction values at a vertex, shape (<= k,)."""
+        length = len(at_vertex)
+        if self.coefficients.ndim == 1:
+            return self.places[:length], self.coefficients[:length] * at_vertex
+        values = self.coefficients[:, :length] @ np.square(at_vertex)
+        if self.logarithmic:
+            values = np.log10(np.maximum(values, np.finfo(np.float64).tiny))
+        return self.places, values
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """What the profile of a vertex is drawn from; dots are the exported columns."""
+
+    curve: Samples
+    dots: Samples
+
+
+@dataclass(frozen=True)
+class Family:
+    """A choice of parameters of one family; see the attributes for what it says of itself.
+
+    Attributes
+    ----------
+    name : str
+        In sessions, in names of files and of controls.
+    label, short, tip : str
+        On menus, on its tab, and a sentence of what it is.
+    export : str
+        Kind of features that it is exported as; empty where it is not.
+    export_label : str
+        What that is called where it differs from `label`.
+    counted : str
+        Name of the parameter that is the number of exported columns.
+    position : tuple of str
+        Parameters that say where in the family one is; they come last in what is remembered.
+    ordered : tuple of str
+        Two parameters of which the first is below the second.
+    earlier : dict
+        What its parameters were called in sessions of version 1.
+    signed : bool
+        Whether zero is in the middle of the values rather than at their end.
+    interval : int
+        Milliseconds a step when played; 0 where there is nothing to play.
+    logarithmic : tuple of bool
+        Whether the axes of its profile, bottom and left, and that of its response are powers of
+        ten.
+    compiled : bool
+        Whether its tables have compiled loops.
+    """
+
+    name: ClassVar[str]
+    label: ClassVar[str]
+    short: ClassVar[str]
+    tip: ClassVar[str]
+    export: ClassVar[str] = ""
+    export_label: ClassVar[str] = ""
+    counted: ClassVar[str] = ""
+    position: ClassVar[tuple[str, ...]] = ()
+    ordered: ClassVar[tuple[str, str] | None] = None
+    earlier: ClassVar[Mapping[str, str]] = {}
+    signed: ClassVar[bool] = False
+    interval: ClassVar[int] = 0
+    logarithmic: ClassVar[tuple[bool, bool, bool]] = (False, False, False)
+    compiled: ClassVar[bool] = False
+
+    # -- choices ------------------------------------------------------------------------------
+
+    @property
+    def usable(self) -> bool:
+        """Whether it is chosen what to show."""
+        return True
+
+    @property
+    def table_columns(self) -> int:
+        """Columns in single precision that its table holds."""
+        return 0
+
+    def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
+        """The same with what was left open filled in; equal ones have equal values.
+
+        Parameters
+        ----------
+        spectrum : Spectrum
+            With at least one pair.
+        chosen : mapping of str to Family
+            What is chosen of every family: one may build on another.
+        """
+        raise NotImplementedError
+
+    def at_rest(self) -> Self:
+        """The same without the position: equal ones have equal columns."""
+        return replace(self, **self._defaults(self.position))
+
+    def for_other_mesh(self, n_components: int) -> Self:
+        """What of it carries over to another mesh, which has so many connected components."""
+        return self
+
+    def within(self, spectrum: Spectrum) -> Self:
+        """The same at a position that a spectrum has."""
+        return self
+
+    def behind(self, chosen: Mapping[str, Family]) -> Family:
+        """The family whose filters and profiles say what this one is made of."""
+        return self
+
+    def step(self, spectrum: Spectrum, steps: int) -> Self:
+        """Some steps on, or back by a negative number; stops at the ends."""
+        return self
+
+    def likely_next(self, before: Family | None, chosen: Self, spectrum: Spectrum) -> Self | None:
+        """What is probably asked for after this one, if it takes long to have; resolved.
+
+        Parameters
+        ----------
+        before : Family or None
+            What was asked for before this one.
+        chosen : Family
+            As it was chosen, before it was resolved.
+        spectrum : Spectrum
+        """
+        return None
+
+    # -- values, of resolved ones -------------------------------------------------------------
+
+    def title(self) -> str:
+        """What the field is called on the render."""
+        raise NotImplementedError
+
+    def quantity(self, spectrum: Spectrum, unit: str) -> str:
+        """Which one it is, with the unit: "λ₅ = 1.2e-08 nm⁻²"."""
+        raise NotImplementedError
+
+    def unit(self, length: str) -> str:
+        """Unit of the values; eigenvectors are M-orthonormal, so that φ² is per area."""
+        return power_unit(length, -2)
+
+    def compute(self, spectrum: Spectrum, table: Table | None) -> Answer | None:
+        """Values at every vertex, from a table where it serves; None if there is no other way."""
+        raise NotImplementedError
+
+    def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
+        """Whether `prepare` would have nothing to do."""
+        return True
+
+    def prepare(
+        self, spectrum: Spectrum, table: Table | None, cancel: CancelCallback | None
+    ) -> Table:
+        """Build the table for fields like this one; `Cancelled` is raised if `cancel` says so.
+
+        Parameters
+        ----------
+        spectrum : Spectrum
+        table : Table or None
+            The one before it, if it `serves` still.
+        cancel : callable or None
+        """
+        raise NotImplementedError
+
+    def serves(self, spectrum: Spectrum, table: Table) -> bool:
+        """Whether an older table tells something until the next is built, or helps to build it."""
+        return False
+
+    # -- plots --------------------------------------------------------------------------------
+
+    def response(self, spectrum: Spectrum, along: FloatArray) -> Response | None:
+        """Filters, sampled along some eigenvalues where they have no places of their own."""
+        return None
+
+    def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
+        """The one whose filter is held at an eigenvalue."""
+        return self
+
+    def between(self, low: float, high: float) -> Self:
+        """The same over another range of eigenvalues."""
+        return self
+
+    def profile(self, spectrum: Spectrum) -> Profile | None:
+        """How the profile of a vertex is made; None where it has none of its own."""
+        return None
+
+    def axes(self, unit: str) -> tuple[str, str]:
+        """Names of the profile's axes, bottom and left."""
+        raise NotImplementedError
+
+    def place(self, spectrum: Spectrum) -> float:
+        """Where on the bottom axis of the profile it is."""
+        raise NotImplementedError
+
+    def at_place(self, spectrum: Spectrum, place: float) -> Self:
+        """The one nearest to a place of the bottom axis."""
+        raise NotImplementedError
+
+    def unresolved(self, spectrum: Spectrum) -> tuple[float, float] | None:
+        """What part of the bottom axis the pairs at hand do not resolve."""
+        return None
+
+    # -- files --------------------------------------------------------------------------------
+
+    @classmethod
+    def exported(cls, n_columns: int = 0, **chosen: Any) -> Self:
+        """One with so many columns, and other parameters as they are asked for."""
+        return cls(**({cls.counted: n_columns} if cls.counted else {}), **chosen)
+
+    def bank(
+        self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None
+    ) -> FilterBank:
+        """Filters of the exported columns.
+
+        Parameters
+        ----------
+        eigenvalues : ndarray of float64, shape (k,)
+        area : float, optional
+            Of the mesh: gives a range where all eigenvalues are zero.
+        bound : float, optional
+            Threshold that the eigenvalues were computed to.
+
+        Raises
+        ------
+        InputError
+            If the eigenvalues do not suffice.
+        """
+        raise NotImplementedError
+
+    def contents(self, spectrum: Spectrum, unit: str) -> str:
+        """One sentence on the range of the exported columns."""
+        return ""
+
+    def bank_script(self) -> str:
+        """The expression that makes the bank of the exported columns."""
+        raise NotImplementedError
+
+    def script(self, spectrum: Spectrum) -> list[str]:
+        """Python lines that make ``values`` of a ``decomposition`` and a ``mesh``.
+
+        Where they make ``features`` as well, these are what is exported.
+        """
+        raise NotImplementedError
+
+    # -- help for families --------------------------------------------------------------------
+
+    @classmethod
+    def _defaults(cls, names: tuple[str, ...]) -> dict[str, Any]:
+        found = {each.name: each.default for each in fields(cls) if each.name in names}
+        assert MISSING not in found.values()
+        return found

@@ -1,0 +1,167 @@
+"""Geometry vectors: eigenfunctions squared and summed in B-spline bands of the spectrum."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+
+from meshmash_viewer.fields.bank_columns import BankColumns
+from meshmash_viewer.fields.family import Family, FloatArray, Response, flag, number
+from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.spectral.weyl import weyl_eigenvalue
+from meshmash_viewer.units import format_quantity, named_quantity
+
+if TYPE_CHECKING:
+    from meshmash_viewer.features.filters import FilterBank
+
+__all__ = ["GeometryVectors"]
+
+#: Along the support of one band, as it is drawn.
+_SAMPLES = 33
+
+
+@dataclass(frozen=True)
+class GeometryVectors(BankColumns):
+    """Bands of the spectrum (Litman & Bronstein 2014).
+
+    Parameters
+    ----------
+    index, count : int
+        Band, counted from 0, and their number.
+    automatic : bool
+        Whether bands span the whole computed spectrum or the next two.
+    low, high : float or None
+        Range of eigenvalues in inverse squared length units when not automatic.
+    """
+
+    name: ClassVar[str] = "band"
+    label: ClassVar[str] = "Geometry vectors"
+    short: ClassVar[str] = "Geometry vectors"
+    tip: ClassVar[str] = "B-spline bands of the spectrum"
+    export: ClassVar[str] = "geometry-vectors"
+    position: ClassVar[tuple[str, ...]] = ("index",)
+    ordered: ClassVar[tuple[str, str] | None] = ("low", "high")
+    earlier: ClassVar[Mapping[str, str]] = {
+        "band": "index",
+        "band_count": "count",
+        "band_automatic": "automatic",
+        "band_min": "low",
+        "band_max": "high",
+    }
+
+    automatic: bool = flag(True)
+    low: float | None = number(0.0)
+    high: float | None = number(0.0)
+
+    def range(self, spectrum: Spectrum) -> tuple[float, float]:
+        """Smallest and largest eigenvalue in force, in inverse squared length units."""
+        return self._ends(float(spectrum.eigenvalues[-1]))
+
+    def _ends(self, top: float) -> tuple[float, float]:
+        low, high = 0.0, top
+        if not self.automatic:
+            low = low if self.low is None else self.low
+            high = high if self.high is None else self.high
+        low, high = min(low, high), max(low, high)
+        return (low, high) if low < high else (low, low + 1.0)
+
+    def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
+        """See `Family.resolved`."""
+        low, high = self.range(spectrum)
+        return replace(self, index=self.column, low=low, high=high, automatic=False)
+
+    def between(self, low: float, high: float) -> Self:
+        """See `Family.between`."""
+        return replace(self, low=low, high=high, automatic=False)
+
+    def title(self) -> str:
+        """See `Family.title`."""
+        return f"Geometry vector {self.index}"
+
+    def quantity(self, spectrum: Spectrum, unit: str) -> str:
+        """See `Family.quantity`."""
+        low, high = self.support(spectrum)
+        return f"λ from {format_quantity(low, '')} to {format_quantity(high, unit, -2)}"
+
+    # -- bands --------------------------------------------------------------------------------
+
+    def centers(self, spectrum: Spectrum) -> FloatArray:
+        """Eigenvalue in the middle of each band, shape (count,)."""
+        low, high = self.range(spectrum)
+        return low + (high - low) * _unit_bank(self.count).parameters
+
+    def support(self, spectrum: Spectrum) -> tuple[float, float]:
+        """Eigenvalues between which the band is not zero."""
+        low, high = self.range(spectrum)
+        first, last = _unit_support(self.count, self.column)
+        return low + (high - low) * first, low + (high - low) * last
+
+    def response(self, spectrum: Spectrum, along: FloatArray) -> Response:
+        """See `Family.response`."""
+        low, high = self.range(spectrum)
+        curves = tuple(
+            (low + (high - low) * places, heights) for places, heights in _unit_curves(self.count)
+        )
+        handle = float(self.centers(spectrum)[self.column])
+        return Response(curves[self.column], handle, f"band {self.column}", curves, (low, high))
+
+    def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
+        """See `Family.at_eigenvalue`."""
+        return replace(self, index=int(np.argmin(np.abs(self.centers(spectrum) - value))))
+
+    def axes(self, unit: str) -> tuple[str, str]:
+        """See `Family.axes`."""
+        return "Band", named_quantity("Geometry vector", unit, -2)
+
+    # -- files --------------------------------------------------------------------------------
+
+    def bank(
+        self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None
+    ) -> FilterBank:
+        """From zero to the threshold, where there is one, as `compute_geometry_vectors`."""
+        from meshmash_viewer.features.filters import bspline_bank
+
+        top = float(eigenvalues[-1]) if bound is None else bound
+        if not top > 0.0 and area is not None:
+            top = weyl_eigenvalue(area, len(eigenvalues))
+        return bspline_bank(*self._ends(top), self.count)
+
+    def contents(self, spectrum: Spectrum, unit: str) -> str:
+        """See `Family.contents`."""
+        low, high = self.range(spectrum)
+        return f"Bands of λ from {low:.4g} to {format_quantity(high, unit, -2)}."
+
+    def bank_script(self) -> str:
+        """See `Family.bank_script`."""
+        return f"mv.bspline_bank({self.low!r}, {self.high!r}, {self.count})"
+
+
+# Bands of another range are the same curves stretched, so they are made once for the range 0 to 1
+# and a number of bands; dragging an end then costs next to nothing.
+
+
+@lru_cache(maxsize=8)
+def _unit_bank(count: int) -> FilterBank:
+    from meshmash_viewer.features.filters import bspline_bank
+
+    return bspline_bank(0.0, 1.0, count)
+
+
+def _unit_support(count: int, band: int) -> tuple[float, float]:
+    """Uniform cubic B-splines: each spans at most four intervals between knots."""
+    degree = min(3, count - 1)
+    spans = count - degree
+    return max(band - degree, 0) / spans, min(band + 1, spans) / spans
+
+
+@lru_cache(maxsize=8)
+def _unit_curves(count: int) -> tuple[tuple[FloatArray, FloatArray], ...]:
+    """Each band over its support."""
+    places = [np.linspace(*_unit_support(count, band), _SAMPLES) for band in range(count)]
+    # all bands at all places at once is small and far cheaper than band by band
+    heights = _unit_bank(count)(np.concatenate(places)).reshape(count, count, _SAMPLES)
+    return tuple((places[band], heights[band, band]) for band in range(count))

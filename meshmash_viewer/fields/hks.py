@@ -1,0 +1,250 @@
+"""The heat kernel signature at one time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+
+from meshmash_viewer.features.squares import sum_squares
+from meshmash_viewer.fields.family import (
+    MOST_COUNT,
+    Answer,
+    Family,
+    FloatArray,
+    Profile,
+    Response,
+    Samples,
+    Table,
+    flag,
+    number,
+    whole,
+)
+from meshmash_viewer.fields.heat_table import build_heat_table
+from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, grew
+from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.spectral.weyl import resolved_time
+from meshmash_viewer.units import format_quantity, named_quantity
+
+if TYPE_CHECKING:
+    from meshmash_viewer.features.filters import FilterBank
+
+__all__ = ["HeatKernelSignature", "resolved_from"]
+
+#: Numbers read (pairs times vertices) by a direct sum that nobody feels.
+_SMALL = 3_000_000
+#: Times of a profile's curve; the exported ones are dots on it.
+_FINE = 96
+_ABOVE_ZERO = 1e-300
+
+
+@dataclass(frozen=True)
+class HeatKernelSignature(Family):
+    """``Σ_k exp(-λ_k t) φ_k²`` at a time t (Sun et al. 2009).
+
+    Parameters
+    ----------
+    time : float or None
+        In squared length units; None is the middle of the range in log scale.
+    automatic : bool
+        Whether the range comes from the spectrum (Sun et al. 2009) or from the next two.
+    t_min, t_max : float or None
+        Range of times in squared length units when not automatic.
+    scales : int
+        Number of times in the exported feature and on the profile plot.
+    """
+
+    name: ClassVar[str] = "hks"
+    label: ClassVar[str] = "Heat kernel signature"
+    short: ClassVar[str] = "HKS"
+    tip: ClassVar[str] = "Heat kernel signature"
+    export: ClassVar[str] = "hks"
+    counted: ClassVar[str] = "scales"
+    position: ClassVar[tuple[str, ...]] = ("time",)
+    ordered: ClassVar[tuple[str, str] | None] = ("t_min", "t_max")
+    earlier: ClassVar[Mapping[str, str]] = {
+        "time": "time",
+        "hks_automatic": "automatic",
+        "hks_t_min": "t_min",
+        "hks_t_max": "t_max",
+        "hks_scales": "scales",
+    }
+    interval: ClassVar[int] = 50  # times are a film
+    logarithmic: ClassVar[tuple[bool, bool, bool]] = (True, True, True)
+    compiled: ClassVar[bool] = True
+
+    time: float | None = number(_ABOVE_ZERO)
+    automatic: bool = flag(True)
+    t_min: float | None = number(_ABOVE_ZERO)
+    t_max: float | None = number(_ABOVE_ZERO)
+    scales: int = whole(32, 1, MOST_COUNT)
+
+    def range(self, spectrum: Spectrum) -> tuple[float, float]:
+        """Shortest and longest time in force, in squared length units.
+
+        An end left open by hand is automatic, and ends in the wrong order are exchanged.
+        """
+        t_min, t_max = spectrum.time_range
+        if not self.automatic:
+            t_min = self.t_min or t_min
+            t_max = self.t_max or t_max
+        return (t_min, t_max) if t_min < t_max else (t_max, t_min)
+
+    def time_in(self, spectrum: Spectrum) -> float:
+        """Time in force: the chosen one, or the middle of the range in log scale."""
+        if self.time is not None:
+            return self.time
+        t_min, t_max = self.range(spectrum)
+        return math.sqrt(t_min) * math.sqrt(t_max)
+
+    def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
+        """See `Family.resolved`."""
+        t_min, t_max = self.range(spectrum)
+        time = self.time_in(spectrum)
+        return replace(self, time=time, t_min=t_min, t_max=t_max, automatic=False)
+
+    def within(self, spectrum: Spectrum) -> Self:
+        """See `Family.within`."""
+        low, high = self.range(spectrum)
+        inside = self.time is not None and low <= self.time <= high
+        return self if inside else replace(self, time=None)
+
+    def step(self, spectrum: Spectrum, steps: int) -> Self:
+        """Times of the exported scales."""
+        if first_nonzero(spectrum) >= len(spectrum):
+            return self
+        low, high = self.range(spectrum)
+        before = math.log(self.time_in(spectrum))
+        far = steps / max(self.scales - 1, 1) * math.log(high / low)
+        moved = min(max(before + far, math.log(low)), math.log(high))
+        return replace(self, time=math.exp(moved)) if abs(moved - before) > 1e-9 else self
+
+    def title(self) -> str:
+        """See `Family.title`."""
+        return self.label
+
+    def quantity(self, spectrum: Spectrum, unit: str) -> str:
+        """See `Family.quantity`."""
+        time = self.time_in(spectrum)
+        length = format_quantity(time**0.5, unit)
+        return f"t = {format_quantity(time, unit, 2)} (√t = {length})"
+
+    # -- values -------------------------------------------------------------------------------
+
+    def compute(self, spectrum: Spectrum, table: Table | None) -> Answer:
+        """See `Family.compute`."""
+        time = self.time_in(spectrum)
+        if table is not None and table.content.covers(time):
+            if table.spectrum is spectrum:
+                return Answer(table.content.at(time))
+            if grew(table.spectrum, spectrum) and spectrum.rows.size > _SMALL:
+                return Answer(table.content.at(time), draft=True)
+        decay = np.exp(-spectrum.eigenvalues * time)
+        return Answer(np.asarray(sum_squares(spectrum.rows, decay[None])[0]))
+
+    def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
+        """See `Family.prepared`."""
+        covers = table is not None and table.content.covers(*self.range(spectrum))
+        return covers and table is not None and table.spectrum is spectrum
+
+    def prepare(
+        self, spectrum: Spectrum, table: Table | None, cancel: CancelCallback | None
+    ) -> Table:
+        """See `Family.prepare`."""
+        known = None if table is None else table.content
+        content = build_heat_table(spectrum, self.range(spectrum), known, cancel)
+        return Table(spectrum, self.at_rest(), content)
+
+    def serves(self, spectrum: Spectrum, table: Table) -> bool:
+        """See `Family.serves`."""
+        return grew(table.spectrum, spectrum)
+
+    # -- plots --------------------------------------------------------------------------------
+
+    def response(self, spectrum: Spectrum, along: FloatArray) -> Response:
+        """See `Family.response`."""
+        time = self.time_in(spectrum)
+        return Response((along, np.exp(-along * time)), 1.0 / time, "exp(−λt), ╌ λ = 1/t")
+
+    def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
+        """The time of which the eigenvalue is the inverse."""
+        if not value > 0.0:
+            return self
+        low, high = self.range(spectrum)
+        return replace(self, time=min(max(1.0 / value, low), high))
+
+    def profile(self, spectrum: Spectrum) -> Profile:
+        """See `Family.profile`."""
+        return Profile(self._samples(spectrum, _FINE), self._samples(spectrum, self.scales))
+
+    def _samples(self, spectrum: Spectrum, count: int) -> Samples:
+        times = np.geomspace(*self.range(spectrum), count)
+        decay = np.exp(-np.outer(times, spectrum.eigenvalues))
+        return Samples(np.log10(times), decay, logarithmic=True)
+
+    def axes(self, unit: str) -> tuple[str, str]:
+        """See `Family.axes`."""
+        return named_quantity("Time t", unit, 2), named_quantity("HKS", unit, -2)
+
+    def place(self, spectrum: Spectrum) -> float:
+        """See `Family.place`."""
+        return math.log10(self.time_in(spectrum))
+
+    def at_place(self, spectrum: Spectrum, place: float) -> Self:
+        """See `Family.at_place`."""
+        if first_nonzero(spectrum) >= len(spectrum):
+            return self
+        low, high = self.range(spectrum)
+        return replace(self, time=min(max(10.0**place, low), high))
+
+    def unresolved(self, spectrum: Spectrum) -> tuple[float, float] | None:
+        """See `Family.unresolved`."""
+        low, high = self.range(spectrum)
+        resolved = resolved_from(spectrum)
+        if resolved <= low * (1.0 + 1e-9):
+            return None
+        return math.log10(low), math.log10(min(resolved, high))
+
+    # -- files --------------------------------------------------------------------------------
+
+    def bank(
+        self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None
+    ) -> FilterBank:
+        """See `Family.bank`."""
+        from meshmash_viewer.features.filters import heat_kernel_bank, hks_times
+
+        return heat_kernel_bank(hks_times(eigenvalues, self.t_min, self.t_max, self.scales, area))
+
+    def contents(self, spectrum: Spectrum, unit: str) -> str:
+        """See `Family.contents`."""
+        low, high = self.range(spectrum)
+        return (
+            f"Times from {format_quantity(low, unit, 2)} to {format_quantity(high, unit, 2)},"
+            f" lengths √t from {format_quantity(low**0.5, unit)} to"
+            f" {format_quantity(high**0.5, unit)}."
+        )
+
+    def bank_script(self) -> str:
+        """See `Family.bank_script`."""
+        return f"mv.heat_kernel_bank(np.geomspace({self.t_min!r}, {self.t_max!r}, {self.scales}))"
+
+    def script(self, spectrum: Spectrum) -> list[str]:
+        """See `Family.script`."""
+        return [
+            f"features = mv.compute_features(decomposition, mv.heat_kernel_bank([{self.time!r}]), "
+            "unit=mesh.unit)",
+            "values = features.values[:, 0]",
+        ]
+
+
+def resolved_from(spectrum: Spectrum) -> float:
+    """Time from which the known pairs tell the HKS but for 1 %; 0 where these are all there are.
+
+    See `meshmash_viewer.spectral.weyl.resolved_time`. The automatic range begins above it.
+    """
+    if 0 < spectrum.n_vertices <= len(spectrum):
+        return 0.0
+    return resolved_time(max(float(spectrum.eigenvalues[-1]), spectrum.known_to))

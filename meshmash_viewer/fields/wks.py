@@ -1,0 +1,93 @@
+"""The wave kernel signature at one energy: eigenfunctions squared and summed in bands of log λ."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+
+from meshmash_viewer.fields.bank_columns import BankColumns
+from meshmash_viewer.fields.family import FloatArray, Response
+from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.units import format_quantity, named_quantity
+
+if TYPE_CHECKING:
+    from meshmash_viewer.features.filter_responses import LogGaussianResponse
+    from meshmash_viewer.features.filters import FilterBank
+
+__all__ = ["WaveKernelSignature"]
+
+
+@dataclass(frozen=True)
+class WaveKernelSignature(BankColumns):
+    """Gaussian bands of log λ, each with unit sum (Aubry et al. 2011).
+
+    Parameters
+    ----------
+    index, count : int
+        Energy, counted from 0, and their number.
+    """
+
+    name: ClassVar[str] = "wks"
+    label: ClassVar[str] = "Wave kernel signature"
+    short: ClassVar[str] = "WKS"
+    tip: ClassVar[str] = "Wave kernel signature"
+    export: ClassVar[str] = "wks"
+    position: ClassVar[tuple[str, ...]] = ("index",)
+    interval: ClassVar[int] = 100
+    logarithmic: ClassVar[tuple[bool, bool, bool]] = (False, False, True)
+
+    def title(self) -> str:
+        """See `Family.title`."""
+        return self.label
+
+    def quantity(self, spectrum: Spectrum, unit: str) -> str:
+        """See `Family.quantity`."""
+        energy = self.place(spectrum)
+        return f"ln λ = {energy:.4g} (λ = {format_quantity(np.exp(energy), unit, -2)})"
+
+    def bands(self, spectrum: Spectrum) -> LogGaussianResponse:
+        """The bands before they are normalised, with their energies and width in ln λ."""
+        from meshmash_viewer.features.filters import wave_response
+
+        return wave_response(spectrum.eigenvalues, self.count)
+
+    def places(self, spectrum: Spectrum) -> FloatArray:
+        """See `BankColumns.places`."""
+        return self.bands(spectrum).energies
+
+    def response(self, spectrum: Spectrum, along: FloatArray) -> Response:
+        """See `Family.response`."""
+        bands = self.bands(spectrum)
+        others = tuple((along, each) for each in bands(along))
+        energy = float(bands.energies[self.column])
+        legend = f"exp(−(ln λ − E)² / 2σ²), ╌ E = {energy:.4g}"
+        return Response(others[self.column], float(np.exp(energy)), legend, others)
+
+    def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
+        """See `Family.at_eigenvalue`."""
+        return self.at_place(spectrum, np.log(value)) if value > 0.0 else replace(self, index=0)
+
+    def axes(self, unit: str) -> tuple[str, str]:
+        """See `Family.axes`."""
+        return named_quantity("Energy ln λ, λ", unit, -2), named_quantity("WKS", unit, -2)
+
+    # -- files --------------------------------------------------------------------------------
+
+    def bank(
+        self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None
+    ) -> FilterBank:
+        """See `Family.bank`."""
+        from meshmash_viewer.features.filters import wave_kernel_bank
+
+        return wave_kernel_bank(eigenvalues, self.count)
+
+    def contents(self, spectrum: Spectrum, unit: str) -> str:
+        """See `Family.contents`."""
+        low, high = np.exp(self.places(spectrum)[[0, -1]])
+        return f"Energies λ from {low:.4g} to {format_quantity(high, unit, -2)}."
+
+    def bank_script(self) -> str:
+        """See `Family.bank_script`."""
+        return f"mv.wave_kernel_bank(decomposition.eigenvalues, {self.count})"

@@ -1,0 +1,51 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PySide6.QtWidgets import QLabel, QSpinBox
+from pytestqt.qtbot import QtBot
+from solved import spectrum_of
+
+from meshmash_viewer.app.controls.step_slider import StepSlider
+from meshmash_viewer.app.tabs.wks_tab import WksTab
+from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.fields.wks import WaveKernelSignature
+from meshmash_viewer.health import mesh_health
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.jobs import MeshReady
+
+
+@pytest.fixture
+def document(rectangle: Mesh) -> Document:
+    document = Document()
+    mesh = rectangle.in_unit("nm")
+    document.accept_mesh(MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals))
+    document.accept_spectrum(spectrum_of(rectangle, 60))
+    document.display.kind = "wks"
+    return document
+
+
+def test_the_slider_goes_through_log_energies(qtbot: QtBot, document: Document) -> None:
+    tab = WksTab(document)
+    qtbot.addWidget(tab)
+    slider = tab.findChild(StepSlider, "wks_slider")
+    tab.findChild(QSpinBox, "wks_count_spin").setValue(12)
+    slider.setValue(9)
+    chosen = document.display[WaveKernelSignature]
+    assert (chosen.index, chosen.count) == (9, 12)
+    energy = chosen.place(document.spectrum)
+    title = tab.findChild(QLabel, "wks_label")
+    qtbot.waitUntil(lambda: title.text() == f"ln λ = {energy:.4g}")
+    assert tab.findChild(QLabel, "wks_eigenvalue_label").text() == f"{np.exp(energy):.4g} nm⁻²"
+    lengths = [2 * np.pi / np.sqrt(np.exp(energy))]
+    assert tab.findChild(QLabel, "wks_wavelength_label").text() == f"{lengths[0]:.4g} nm"
+
+
+def test_too_few_pairs_are_said(qtbot: QtBot, document: Document) -> None:
+    whole = document.spectrum
+    document.accept_spectrum(Spectrum(whole.eigenvalues[:2], whole.rows[:2], whole.residuals[:2]))
+    tab = WksTab(document)
+    qtbot.addWidget(tab)
+    assert "two different eigenvalues" in tab.findChild(QLabel, "wks_missing_label").text()
+    assert tab.findChild(QLabel, "wks_eigenvalue_label").text() == "–"

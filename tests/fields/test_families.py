@@ -1,0 +1,125 @@
+"""What every family of fields promises, whichever it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from solved import spectrum_of
+
+from meshmash_viewer.features.filters import bspline_bank
+from meshmash_viewer.features.sums import accumulate_features
+from meshmash_viewer.fields import EXPORTS, FAMILIES, FEATURES
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.geometry_vectors import GeometryVectors
+from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.live import LiveFeatures
+
+CHOSEN = {name: family() for name, family in FAMILIES.items()}
+WITH_PROFILES = [name for name, family in FAMILIES.items() if family.export]
+
+
+@dataclass
+class Asked:
+    spectrum: Spectrum
+    family: Family
+
+
+@pytest.fixture(scope="module")
+def spectrum(rectangle: Mesh) -> Spectrum:
+    return spectrum_of(rectangle, 60)
+
+
+def shown(spectrum: Spectrum, family: Family, live: LiveFeatures) -> np.ndarray:
+    found = live.compute(Asked(spectrum, family.resolved(spectrum, CHOSEN)))
+    assert found is not None
+    return found.values
+
+
+@pytest.mark.parametrize("name", WITH_PROFILES)
+def test_a_profile_is_the_fields_at_its_vertex(spectrum: Spectrum, name: str) -> None:
+    family, vertex = FAMILIES[name](), 77
+    profile = family.profile(spectrum)
+    assert profile is not None
+    places, heights = profile.dots.values(spectrum.rows[:60, vertex])
+    heights = 10.0**heights if family.logarithmic[1] else heights
+    live = LiveFeatures()
+    for prepared in (False, True):
+        for at in (0, 7, len(places) - 1):
+            there = family.at_place(spectrum, places[at])
+            assert there.place(spectrum) == pytest.approx(places[at])
+            assert shown(spectrum, there, live)[vertex] == pytest.approx(
+                heights[at], rel=2e-4, abs=1e-6 * np.abs(heights).max()
+            ), f"place {at}, {prepared=}"
+        live.prepare(Asked(spectrum, family.resolved(spectrum, CHOSEN)))
+
+
+@pytest.mark.parametrize("name", list(FEATURES))
+def test_what_is_exported_is_what_is_shown(spectrum: Spectrum, name: str) -> None:
+    family = FEATURES[name].exported(9)
+    values = spectrum.eigenvalues
+    bank = family.resolved(spectrum, CHOSEN).bank(values)
+    wanted = accumulate_features(values, spectrum.rows[:60], bank(values))
+    there = family.step(spectrum, -1000)
+    for column in range(9):
+        found = shown(spectrum, there, LiveFeatures())
+        np.testing.assert_allclose(found, wanted[:, column], rtol=1e-5)
+        after = there.step(spectrum, 1)
+        assert (after == there) == (column == 8), "a step is a column, and stops at the end"
+        there = after
+
+
+@pytest.mark.parametrize("name", list(FEATURES))
+def test_a_filter_is_held_where_it_is(spectrum: Spectrum, name: str) -> None:
+    family = FEATURES[name]().step(spectrum, 5)
+    along = np.linspace(0.0, float(spectrum.eigenvalues[-1]), 50)
+    response = family.response(spectrum, along)
+    assert response is not None
+    again = family.at_eigenvalue(spectrum, response.handle)
+    assert again.place(spectrum) == pytest.approx(family.place(spectrum))
+    eigenvalues, heights = response.curve
+    other = family.step(spectrum, -3).response(spectrum, along)
+    assert heights.shape == eigenvalues.shape
+    assert np.isfinite(heights).all()
+    assert not np.array_equal(other.curve[1], heights) or other.handle < response.handle
+
+
+@pytest.mark.parametrize("family", [*FAMILIES.values(), *EXPORTS.values()])
+def test_zeros_alone_are_no_reason_to_stumble(family: type[Family]) -> None:
+    zeros = Spectrum(np.zeros(3), np.ones((3, 5)), np.zeros(3))
+    chosen = family()
+    assert chosen.step(zeros, 1).within(zeros) is not None
+    assert chosen.resolved(zeros, CHOSEN).at_rest() == chosen.resolved(zeros, CHOSEN).at_rest()
+
+
+def test_what_is_likely_next_goes_on_in_the_direction_of_the_last_step(spectrum: Spectrum) -> None:
+    chosen = Eigenfunctions(flipped=frozenset({6}))
+
+    def likely(*visited: int) -> Eigenfunctions | None:
+        way = [None, *(replace(chosen, index=at).resolved(spectrum, {}) for at in visited)]
+        return way[-1].likely_next(way[-2], chosen, spectrum)
+
+    for visited, wanted in (((4,), 5), ((5, 4), 3), ((4, 7), 10), ((3, 25), 26), ((5,), 6)):
+        found = likely(*visited)
+        assert found is not None
+        assert (found.index, bool(found.flipped)) == (wanted, wanted == 6)
+    assert likely(58, 59) is None
+    assert likely(8, 8) is None
+
+
+def test_bands_sampled_on_their_supports_are_the_filter(spectrum: Spectrum) -> None:
+    low, high = 10.0, 70.0
+    for count in (1, 2, 3, 4, 5, 32):
+        bank = bspline_bank(low, high, count)
+        bands = GeometryVectors(0, count).between(low, high)
+        assert bands.centers(spectrum) == pytest.approx(bank.parameters)
+        for band, curve in enumerate(bands.response(spectrum, np.zeros(0)).others):
+            places, heights = curve
+            assert heights == pytest.approx(bank(places)[band], abs=1e-9), f"{band} of {count}"
+            fine = np.linspace(low, high, 1001)
+            start, end = replace(bands, index=band).support(spectrum)
+            outside = (fine < start - 1e-9) | (fine > end + 1e-9)
+            assert np.abs(bank(fine)[band][outside]).max(initial=0.0) < 1e-12

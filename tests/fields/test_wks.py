@@ -1,0 +1,46 @@
+"""The wave kernel signature at one energy, against its definition."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from solved import spectrum_of
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.fields.wks import WaveKernelSignature
+from meshmash_viewer.mesh import Mesh
+
+
+def test_values_are_those_of_aubry_2011(rectangle: Mesh) -> None:
+    spectrum = spectrum_of(rectangle, 60)
+    values, rows = spectrum.eigenvalues[1:], spectrum.rows[1:60]
+    logs, width = np.log(values), 7.0
+    step = (logs[-1] - logs[0]) / (10 - 1 + 4 * width)
+    energy = logs[0] + step * (2 * width + 3)
+    weights = np.exp(-((energy - logs) ** 2) / (2 * (width * step) ** 2))
+    wanted = weights / weights.sum() @ rows**2
+    chosen = WaveKernelSignature(index=3, count=10).resolved(spectrum, {})
+    found = chosen.compute(spectrum, None)
+    assert found is not None
+    np.testing.assert_allclose(found.values, wanted, rtol=1e-5)
+    assert chosen.place(spectrum) == pytest.approx(energy)
+    assert chosen.quantity(spectrum, "nm") == (
+        f"ln λ = {energy:.4g} (λ = {np.exp(energy):.4g} nm⁻²)"
+    )
+    assert (chosen.title(), chosen.unit("nm")) == ("Wave kernel signature", "nm⁻²")
+
+
+def test_a_larger_mesh_has_the_same_signature_at_lower_energies(rectangle: Mesh) -> None:
+    spectrum = spectrum_of(rectangle, 60)
+    large = Spectrum(spectrum.eigenvalues / 100.0, spectrum.rows / 10.0, spectrum.residuals)
+    chosen = WaveKernelSignature(index=20)
+    assert chosen.place(spectrum) - chosen.place(large) == pytest.approx(np.log(100.0))
+    here, there = chosen.compute(spectrum, None), chosen.compute(large, None)
+    np.testing.assert_allclose(100.0 * there.values, here.values, rtol=1e-5)
+
+
+def test_one_eigenvalue_above_zero_leaves_no_range() -> None:
+    flat = Spectrum(np.array([0.0, 1.0]), np.ones((2, 5)), np.zeros(2))
+    with pytest.raises(InputError, match="two different eigenvalues"):
+        WaveKernelSignature().compute(flat, None)
