@@ -522,6 +522,22 @@ def test_no_permission(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("long.ply", f"ply\nformat ascii 1.0\nelement vertex {900 * '9'}\n"),
+        ("long.vtk", f"# vtk DataFile Version 3.0\na\nASCII\n{900 * 'a'} {900 * '9'}\n"),
+        ("long.vtp", f'<VTKFile type="PolyData"><a NumberOfComponents{900 * "a"}="{900 * "9"}"/>'),
+    ],
+)
+def test_a_sentence_is_short_however_much_a_file_says(
+    name: str, content: str, tmp_path: Path
+) -> None:
+    path = tmp_path / name
+    path.write_text(content + "property float x\nend_header\n")
+    assert len(fault_of(path).removeprefix(str(tmp_path))) < 300
+
+
+@pytest.mark.parametrize(
     ("name", "content", "clause"),
     [
         (

@@ -280,7 +280,6 @@ def _read_uneven(
 
 def _cut_short(element: _Element, available: int) -> InputError:
     return InputError(
-        f"promises {element.count} of its element {printable(element.name, 40)!r} but ends after"
-        f" {available},"
-        " so it was cut short"
+        f"promises {printable(element.count, 24)} of its element"
+        f" {printable(element.name, 40)!r} but ends after {available}, so it was cut short"
     )

@@ -70,7 +70,8 @@ def _check_counts(content: bytes, begin: bytes, pattern: bytes, most: int) -> No
         found = count.match(content, place)
         if found is not None and (len(found[2]) > 18 or int(found[2]) > most):
             raise InputError(
-                f"promises {found[2][:20].decode()} {found[1].decode('latin-1').lower()},"
+                f"promises {printable(found[2].decode(), 24)}"
+                f" {printable(found[1].decode('latin-1').lower(), 40)},"
                 " which a file of its size cannot hold"
             )
         place = content.find(begin, place + len(begin))
