@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, TruncationWarning
+from meshmash_viewer.features.squares import add_squares
 from meshmash_viewer.features.truncation import Truncation, measure_truncation
 from meshmash_viewer.units import counted, power_unit
 
@@ -28,8 +29,6 @@ FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 #: A vertex whose values are this many times the typical one is not worth comparing with others.
 _STRANGE = 1000.0
-#: Pairs and vertices squared at a time: 4 MB, so that squares are still in cache when summed.
-_ROWS, _VERTICES = 32, 16384
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,12 +299,5 @@ def accumulate_features(
             "row of coefficients a filter, shape (n_filters, n_eigenvalues)."
         )
     total = np.zeros((n, len(weights))) if out is None else out
-    for first in range(0, k, _ROWS):
-        band = slice(first, min(first + _ROWS, k))
-        for left in range(0, n, _VERTICES):
-            part = slice(left, min(left + _VERTICES, n))
-            squares = np.square(rows[band, part], dtype=np.float64)
-            total[part] += squares.T @ weights[:, band].T
-            if density is not None:
-                density[part] += squares.sum(axis=0)
+    add_squares(total.T, rows, weights, np.float64, negligible=0.0, density=density)
     return total
