@@ -62,7 +62,7 @@ class WaveKernelSignature(BankColumns):
         bands = self.bands(spectrum)
         others = tuple((along, each) for each in bands(along))
         energy = float(bands.energies[self.column])
-        legend = f"exp(−(ln λ − E)² / 2σ²), ╌ E = {energy:.4g}"
+        legend = f"energy {self.column}"
         return Response(others[self.column], float(np.exp(energy)), legend, others)
 
     def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
