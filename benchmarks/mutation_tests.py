@@ -332,9 +332,17 @@ class Tests:
             found = [r for r in self._reaches if name in r.functions]
             if found:
                 return found
-        users = {whole + user for user in _users(self._tree / mutation.path, parts[0])}
+        importers = self._importers.get(mutation.path, [])
+        names, users = {parts[0]}, set()
+        while (
+            more := {user.split(".")[0] for user in _users(self._tree / mutation.path, names)}
+            - names
+        ):
+            names |= more
+        for module in (mutation.path, *importers):
+            users |= {f"{module}:{user}" for user in _users(self._tree / module, names)}
         found = [reach for reach in self._reaches if reach.functions & users]
-        for modules in ([mutation.path], self._importers.get(mutation.path, [])):
+        for modules in ([mutation.path], importers):
             found = found or [reach for reach in self._reaches if reach.modules & set(modules)]
         return found
 
@@ -396,15 +404,15 @@ def _file(reach: Reach) -> str:
     return reach.test.partition("::")[0]
 
 
-def _users(module: Path, name: str) -> set[str]:
-    """Functions and methods of a module that mention a name."""
+def _users(module: Path, names: set[str]) -> set[str]:
+    """Functions and methods of a module that mention one of some names."""
     found = set()
     tree = ast.parse(module.read_bytes())
     classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
     for prefix, owner in [("", tree), *((f"{node.name}.", node) for node in classes)]:
         for node in owner.body:
             if isinstance(node, ast.FunctionDef) and any(
-                isinstance(part, ast.Name) and part.id == name for part in ast.walk(node)
+                getattr(part, "id", getattr(part, "attr", None)) in names for part in ast.walk(node)
             ):
                 found.add(prefix + node.name)
     return found

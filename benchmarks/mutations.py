@@ -35,7 +35,7 @@ EQUIVALENT = HERE / "mutations_equivalent.toml"
 AREAS = {
     "engine": ("spectral/engine/*",),
     "io": ("io/*",),
-    "model": ("model/*",),
+    "model": ("model/*", "fields/*"),
     "numerics": (
         *("mesh.py", "health.py", "defects.py", "laplacian.py", "decompose.py"),
         *("spectral/*", "features/*", "split/*", "surface/*"),
