@@ -323,3 +323,25 @@ def test_verify_sees_what_is_wrong(proven: Decomposition, matrices: tuple[Any, A
     assert not part(proven, everything, rows=rows).verify(*matrices).complete
     with pytest.raises(InputError, match="matrices that were decomposed"):
         proven.verify(*random_mesh(0))
+
+
+def test_pairs_around_a_shift_that_are_not_the_lowest_are_verified_as_such() -> None:
+    n = 900
+    path = path_graph(n, periodic=False)
+    exact = 2.0 - 2.0 * np.cos(np.pi * np.arange(n) / n)
+    shift = float(0.4 * exact[8] + 0.6 * exact[9])
+    found = solve(path, sp.identity(n, format="csc"), n_components=12, sigma=shift)
+    nearest = np.sort(exact[np.argsort(np.abs(exact - shift))[:12]])
+    np.testing.assert_allclose(found.eigenvalues, nearest, rtol=1e-9, atol=1e-12)
+    checked = found.verify(path, sp.identity(n, format="csc"))
+    assert found.complete
+    assert checked.complete, checked
+    assert checked.residual <= 2.0 * found.certificate.residual + 1e-13
+
+
+def test_a_shift_far_above_the_spectrum_gives_the_largest() -> None:
+    n = 60
+    path = path_graph(n, periodic=False)
+    exact = 2.0 - 2.0 * np.cos(np.pi * np.arange(n) / n)
+    found = solve(path, sp.identity(n, format="csc"), n_components=5, sigma=1e17)
+    np.testing.assert_allclose(found.eigenvalues, exact[-5:], rtol=1e-12)

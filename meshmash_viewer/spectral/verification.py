@@ -86,15 +86,21 @@ def _residuals(
         rows = np.asarray(decomposition.rows[part][:, used], dtype=np.longdouble)
         weighted = rows * diagonal
         defect = (exact @ rows.T).T - values[part, None] * weighted
-        # Scaled, for squares of small numbers vanish.
-        sizes = np.linalg.norm(np.asarray(weighted / diagonal.max(), dtype=np.float64), axis=1)
-        norms = np.linalg.norm(np.asarray(defect / diagonal.max(), dtype=np.float64), axis=1)
+        norms = _norms(defect)
         if decomposition.rows.dtype == np.float32:
-            rounded = (abs(matrix) @ np.abs(rows.astype(np.float64)).T).T / diagonal.max()
-            explained = np.finfo(np.float32).eps * np.linalg.norm(rounded, axis=1)
+            rounded = (abs(exact) @ np.abs(rows).T).T
+            explained = np.finfo(np.float32).eps * _norms(rounded)
             norms = np.maximum(norms - explained, 0.0)
-        residuals[part] = norms / sizes
+        residuals[part] = norms / _norms(weighted)
     return residuals
+
+
+def _norms(rows: npt.NDArray[np.longdouble]) -> npt.NDArray[np.longdouble]:
+    """Norms of rows, scaled: squares of small numbers vanish, and those of large ones overflow."""
+    largest = np.abs(rows).max(axis=1)
+    largest[largest == 0.0] = 1.0
+    scaled = np.asarray(rows / largest[:, None], dtype=np.float64)
+    return np.asarray(np.linalg.norm(scaled, axis=1) * largest)
 
 
 def _orthonormality(
@@ -121,7 +127,7 @@ def _count(
     gap = _GAP * np.maximum(np.abs(values), spacing)
     wide = np.flatnonzero(np.diff(values) > 2.0 * gap[1:])
     low, first = None, 0
-    if given.low is not None and given.low > 0.0:
+    if given.low is not None:
         if not len(wide):
             # One eigenvalue and copies of it, of which some may not have been asked for.
             ends = float(values[0] - gap[0]), float(values[-1] + gap[-1])

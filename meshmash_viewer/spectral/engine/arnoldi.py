@@ -36,6 +36,8 @@ class PairsAround:
         An interval around the shift, with wide gaps at its ends.
     count : int
         Pairs that were found inside it, which are a few more than those above.
+    first : int
+        How many of these are below the first of those above.
     """
 
     values: FloatArray
@@ -43,6 +45,7 @@ class PairsAround:
     low: float
     high: float
     count: int
+    first: int
 
 
 def pairs_around(pencil: Pencil, request: Request, poll: Callable[[], None]) -> PairsAround | None:
@@ -70,7 +73,8 @@ def pairs_around(pencil: Pencil, request: Request, poll: Callable[[], None]) -> 
     null, rest = chosen[chosen < pencil.n_null], chosen[chosen >= pencil.n_null]
     rows = np.concatenate([pencil.null_rows(wanted)[null], rows[rest - pencil.n_null]])
     orthonormalise(rows)
-    return PairsAround(values[chosen], rows, max(shift - radius, 0.0), shift + radius, last + 1)
+    low, high = max(shift - radius, 0.0), shift + radius
+    return PairsAround(values[chosen], rows, low, high, last + 1, int(chosen[0]))
 
 
 def _pairs_of_inverse(

@@ -277,6 +277,8 @@ class SpectrumPlan:
         """
         enough, too_few = 2.0 * self.top, 0.0
         radius = 0.5 * wanted
+        # Down there nothing but rounding tells a value from the null space.
+        value = value if value > self._ordered.pencil.noise else 0.0
         for _ in range(60):
             low, high = max(value - radius, 0.0), min(value + radius, self.top)
             (below, above) = self._each([low, high], self._below)

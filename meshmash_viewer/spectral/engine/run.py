@@ -342,9 +342,13 @@ class Run:
         rows = np.concatenate([part[2] for part in parts])
         chosen = np.sort(np.argsort(np.abs(values - sigma), kind="stable")[:wanted])
         unit = pencil.unit
-        self._count = Certificate("inertia", inside, inside, high * unit, low * unit)
+        # Without a lower end they are the lowest pairs.
+        below = None if low == 0.0 and chosen[0] == 0 else low * unit
+        self._count = Certificate("inertia", inside, inside, high * unit, below)
         rows = rows[chosen]
-        orthonormalise(rows)
+        if len(parts) > 1:
+            orthonormalise(rows)
+            residuals[chosen] = np.maximum(residuals[chosen], measure_pairs(ordered, rows)[1])
         yield from self._write_all(values[chosen], residuals[chosen], rows)
 
     # Other ways ----------------------------------------------------------------------------------
@@ -412,7 +416,8 @@ class Run:
             return np.arange(self._kept(values, request.max_eigenvalue / pencil.unit))
         if request.target is None:
             return np.arange(min(request.n_components or 0, len(values)))
-        distance = np.abs(values - request.target / pencil.unit)
+        # Beyond all of them, where distances are equal up to rounding, the largest are nearest.
+        distance = np.abs(values - min(request.target / pencil.unit, values.max(initial=0.0)))
         return np.sort(np.argsort(distance, kind="stable")[: request.n_components])
 
     def _through_given_inverse(
@@ -432,7 +437,7 @@ class Run:
             return None
         unit = self.pencil.unit
         self._count = Certificate(
-            "inertia", counted, counted, high * unit, low * unit if low > 0.0 else None
+            "inertia", counted, counted, high * unit, low * unit if found.first else None
         )
         return found.values, measure_pairs(ordered, found.rows)[1], found.rows
 
