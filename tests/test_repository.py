@@ -64,3 +64,14 @@ def test_the_samples_are_small() -> None:
     samples = list((ROOT / "meshmash_viewer" / "samples").glob("*.npz"))
     assert samples
     assert sum(path.stat().st_size for path in samples) < 1.5e6
+
+
+def test_the_page_on_the_architecture_names_files_that_exist() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`([a-z_/]+(?:\.py|/))`", page)) - {"meshmash_viewer/"}
+    assert len(named) > 40
+    package = ROOT / "meshmash_viewer"
+    missing = {
+        name for name in named if not any((place / name).exists() for place in (package, ROOT))
+    }
+    assert not missing
