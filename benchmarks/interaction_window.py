@@ -31,7 +31,7 @@ import meshmash_viewer.app.view.picture as picture_module
 from meshmash_viewer.app import heap
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application, keep_what_is_loaded
-from meshmash_viewer.app.view.canvas import Canvas
+from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.similarity import Similarity
@@ -57,11 +57,11 @@ class Session:
         self.window.resize(1400, 900)
         self.window.show()
         keep_what_is_loaded(self.window)
-        self.drawing.watch(self.window.scene._canvas.window)
+        self.drawing.watch(self.window.scene.plotter.ren_win)
         self.document = self.window.document
         self.display = self.document.display
         self.source = self.window.field_source
-        self.canvas = self.window.findChild(Canvas)
+        self.canvas = self.window.findChild(RenderWidget)
         self.gaps = Gaps(self.drawing, order["trace"])
         self.empty = private_bytes()
         self.result: dict[str, Any] = {}
@@ -84,7 +84,7 @@ class Session:
             self.note("pairs_all")
 
     def note_frame(self) -> None:
-        scene, drawing = self.window.scene, self.window.scene._drawing
+        scene, drawing = self.window.scene, self.window.scene.renderer
         # where drawing is slow, nothing of the mesh is drawn before its stand-in is there
         seen = scene.shows_stand_in or (drawing.surface and drawing.surface.actor.GetVisibility())
         if self.source.field is not None and scene.mesh is self.document.mesh and seen:
@@ -122,7 +122,7 @@ class Session:
     def wheel_fault(self, index: int) -> str:
         """What is wrong after the wheel has gone to an eigenfunction; empty if nothing is."""
         window, rows = self.window, self.document.spectrum.shown_rows
-        shown = window.scene._drawing.surface.values
+        shown = window.scene.renderer.surface.values
         label = self.part("eigenvalue_label").text()
         if self.display[Eigenfunctions].index != index:
             return f"at {self.display[Eigenfunctions].index} instead of {index}"
@@ -399,7 +399,7 @@ class Session:
 
 
 def _is_noop(window: MainWindow) -> bool:
-    return "NOOP" in window.scene._canvas.window.ReportCapabilities()
+    return "NOOP" in window.scene.plotter.ren_win.ReportCapabilities()
 
 
 def main() -> None:

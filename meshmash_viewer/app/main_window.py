@@ -151,9 +151,9 @@ class MainWindow(QMainWindow):
         from meshmash_viewer.app.panels.profile_panel import ProfilePanel
         from meshmash_viewer.app.panels.spectrum_panel import SpectrumPanel
         from meshmash_viewer.app.row_check import RowCheck
-        from meshmash_viewer.app.view.scene import Scene
+        from meshmash_viewer.app.view.mesh_view import MeshView
 
-        self.scene = Scene(self.document, self.stage)
+        self.scene = MeshView(self.document, self.stage)
         self.stage.set_scene(self.scene)
         self.commands.scene = self.scene
         self.field_panel = FieldPanel(self.document)

@@ -28,7 +28,7 @@ __all__ = ["application", "run_app", "view"]
 
 #: What the window waits for, and what it says meanwhile.
 _LIBRARIES = (
-    ("meshmash_viewer.app.view.scene", "Loading the render …"),
+    ("meshmash_viewer.app.view.mesh_view", "Loading the render …"),
     ("meshmash_viewer.app.panels.spectrum_panel", "Loading the plots …"),
     ("meshmash_viewer.app.panels.profile_panel", "Loading the plots …"),
     ("meshmash_viewer.app.panels.field_panel", "Loading the controls …"),
