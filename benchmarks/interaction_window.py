@@ -328,17 +328,25 @@ class Session:
             started = time.perf_counter()
             setattr(self.display, control, value)
 
-            def drawn(field: Any = field, loop: QEventLoop = loop) -> None:
-                if self.source.field is not field:
+            drawn = [False]
+
+            def note(field: Any = field, drawn: list[bool] = drawn) -> None:
+                drawn[0] = self.source.field is not field
+
+            def swapped(loop: QEventLoop = loop, drawn: list[bool] = drawn) -> None:
+                if drawn[0]:
                     loop.quit()
 
-            # The window's own slot is connected before this one: the frame is done.
-            self.canvas.frame_due.connect(drawn)
+            # The window's own slot is connected before this one: the frame is done, but Qt has
+            # not yet put it into the window.
+            self.canvas.frame_due.connect(note)
+            self.canvas.frameSwapped.connect(swapped)
             QTimer.singleShot(5000, loop.quit)
             loop.exec()
             took = time.perf_counter() - started
             frames.append((took, self.drawing.seconds - drawn_before))
-            self.canvas.frame_due.disconnect(drawn)
+            self.canvas.frame_due.disconnect(note)
+            self.canvas.frameSwapped.disconnect(swapped)
             del field
             yield 0.03
         return (seconds_stolen() - stolen) / (time.perf_counter() - begun), frames

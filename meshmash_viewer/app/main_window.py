@@ -40,6 +40,10 @@ from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.jobs import DecomposeJob, ReadJob
 from meshmash_viewer.units import counted, format_quantity
 
+if TYPE_CHECKING:
+    from pyvista import PolyData
+    from pyvistaqt import QtInteractor
+
 __all__ = ["MainWindow"]
 
 
@@ -74,7 +78,7 @@ class MainWindow(QMainWindow):
         application = QApplication.instance()
         assert isinstance(application, QApplication)
         theme.set_mode(self.settings.theme)
-        theme.apply(application)
+        theme.dress(self)
         self._focus_keys = FocusKeys(application, self)
 
         self.loaded = False
@@ -186,6 +190,17 @@ class MainWindow(QMainWindow):
         self.commands.refresh()
         self.field_source.refresh()
         self.commands.look()
+
+    # -- for scripts --------------------------------------------------------------------------
+
+    @property
+    def plotter(self) -> QtInteractor:
+        """The render as a `pyvista.Plotter`, in mesh coordinates: what is added to it stays."""
+        return self.scene.plotter
+
+    def to_pyvista(self) -> PolyData:
+        """The mesh with the displayed field (`MeshView.to_pyvista`)."""
+        return self.scene.to_pyvista()
 
     # -- wiring -------------------------------------------------------------------------------
 

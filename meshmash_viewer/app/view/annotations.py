@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -27,7 +27,7 @@ from vtkmodules.vtkRenderingCore import (
 )
 
 from meshmash_viewer.app.view.camera import Margins, View
-from meshmash_viewer.app.view.colors import NAN_COLOR, RenderTheme, rgb
+from meshmash_viewer.app.view.colors import NAN_COLOR, RenderTheme, color_table, rgb
 from meshmash_viewer.app.view.ticks import exponent_text, round_length, scale_bar_text, ticks
 
 __all__ = [
@@ -57,7 +57,7 @@ _AXIS_COLORS = ("#d1495b", "#3f9b5c", "#3b76c4")
 _DARK = "#14181d"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Caption:
     """What is written about the field.
 
@@ -71,8 +71,8 @@ class Caption:
         Unit of the values on the colour bar.
     low, high : float
         Ends of the colour bar.
-    table : ndarray of uint8, shape (m, 4)
-        Its colours.
+    colormap : str
+        Name of one of matplotlib's colour maps.
     missing : bool
         Whether some vertices have no value.
     """
@@ -82,8 +82,13 @@ class Caption:
     unit: str
     low: float
     high: float
-    table: npt.NDArray[np.uint8] = field(repr=False)
+    colormap: str
     missing: bool = False
+
+    @property
+    def table(self) -> npt.NDArray[np.uint8]:
+        """Colours from the lower end to the upper, shape (256, 4)."""
+        return color_table(self.colormap)
 
 
 @dataclass(frozen=True)
@@ -276,7 +281,7 @@ class Annotations:
             return
         most = min(max(int(tall / (34 * scale)), 2), 7)
         values, form, exponent = ticks(caption.low, caption.high, most)
-        if self._is_new("colors", caption.table.tobytes()):
+        if self._is_new("colors", caption.colormap):
             self._colors.SetTable(numpy_to_vtk(caption.table, deep=True))
         self._colors.SetRange(caption.low / 10.0**exponent, caption.high / 10.0**exponent)
         bar.SetCustomLabels(numpy_to_vtk(np.array(values), deep=True))

@@ -208,11 +208,11 @@ class MeshRenderer:
                     f"A field of shape {values.shape} does not fit a mesh of "
                     f"{self.mesh.n_vertices} vertices."
                 )
-            colors = color_table(colormap)
+            color_table(colormap)  # refuses what is none before anything is changed
             low, high = (float(limit) for limit in limits)
             missing = self.surface.write(values, complete=complete)
             before = self.caption
-            self.caption = Caption(title, quantity, unit, low, high, colors, missing)
+            self.caption = Caption(title, quantity, unit, low, high, colormap, missing)
         for surface in self._surfaces:
             if self.caption is None:
                 surface.show_field(False)
@@ -345,8 +345,11 @@ class MeshRenderer:
             copy = prop.NewInstance()
             copy.ShallowCopy(prop)
             if isinstance(prop, vtkActor) and prop.GetMapper() is not None:
-                mapper = prop.GetMapper().NewInstance()
-                mapper.ShallowCopy(prop.GetMapper())
+                known = prop.GetMapper()
+                mapper = known.NewInstance()
+                mapper.ShallowCopy(known)
+                if known.GetNumberOfInputConnections(0):
+                    mapper.SetInputConnection(known.GetInputConnection(0, 0))
                 copy.SetMapper(mapper)
             self.renderer.AddViewProp(copy)
 
@@ -400,7 +403,7 @@ def _view_of(camera: vtkCamera, width: int, height: int) -> View:
 
 def _dress(surface: Surface, caption: Caption, before: Caption | None = None) -> None:
     """Give a surface the colours of a caption, as far as they are not those of the one before."""
-    if before is None or caption.table is not before.table:
+    if before is None or caption.colormap != before.colormap:
         surface.set_colors(caption.table)
     if before is None or (caption.low, caption.high) != (before.low, before.high):
         surface.set_range(caption.low, caption.high)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pyvista
 from PySide6.QtCore import QEvent, QPoint, QPointF, QSize, QThreadPool, QTimer, Signal
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
@@ -21,7 +22,7 @@ from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture
 from meshmash_viewer.app.view.render_widget import RenderWidget, Ring
 from meshmash_viewer.app.view.stand_in import StandIn
-from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.mesh import Mesh, mesh_to_poly
 from meshmash_viewer.surface.nodal_lines import line_lengths, nodal_lines
 
 __all__ = ["MeshView"]
@@ -240,6 +241,35 @@ class MeshView(QWidget):
         if twin.caption is not None:
             twin.caption = replace(twin.caption, quantity=self._quantity)
         return twin
+
+    def to_pyvista(self) -> pyvista.PolyData:
+        """The mesh in its own coordinates with the displayed field, to export or to plot.
+
+        Returns
+        -------
+        pyvista.PolyData
+            A new one. The field is its active scalars, under its title, NaN where there is no
+            value; ``user_dict`` has its ``"quantity"``, ``"unit"``, ``"colormap"`` and
+            ``"limits"``.
+
+        Raises
+        ------
+        ValueError
+            If no mesh is shown.
+        """
+        if self.mesh is None:
+            raise ValueError("No mesh is shown: open one first.")
+        surface, caption = mesh_to_poly(self.mesh), self.renderer.caption
+        if caption is not None:
+            surface.point_data[caption.title] = self.renderer.surface.shown_values()
+            surface.set_active_scalars(caption.title)
+            surface.user_dict = {
+                "quantity": self._quantity,
+                "unit": caption.unit,
+                "colormap": caption.colormap,
+                "limits": [caption.low, caption.high],
+            }
+        return surface
 
     def display_point(self, vertex: int) -> QPoint:
         """Where a vertex is on this widget."""

@@ -138,6 +138,10 @@ class Surface:
         self.values = shown
         return missing
 
+    def shown_values(self) -> npt.NDArray[np.float32]:
+        """A copy of the values that are shown, NaN where there is none."""
+        return np.where(self.values == _MISSING, np.float32(np.nan), self.values)
+
     def set_colors(self, colors: npt.NDArray[np.uint8]) -> None:
         """Take a table of colours of shape (256, 4)."""
         packed = colors[:, :3].astype(np.int64) @ [1 << 16, 1 << 8, 1]
@@ -167,7 +171,7 @@ class LineSet:
     """Lines on the surface, each the fainter the thinner the branch that it goes around."""
 
     #: Of a branch in points, below which its lines are not seen and above which they are in full.
-    FAINT, FULL = 3.0, 12.0
+    FAINT, FULL = 8.0, 16.0
 
     def __init__(self) -> None:
         self._data = vtkPolyData()

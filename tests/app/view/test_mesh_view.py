@@ -7,7 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, QPointF, Qt
+import pyvista
+from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
 from PySide6.QtGui import QImage, QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMainWindow
@@ -288,6 +289,7 @@ def test_slow_frames_get_a_stand_in_while_something_moves(
 ) -> None:
     import shapes
 
+    monkeypatch.setattr(scene_module, "REST", 1000)  # long enough to look at what moves
     monkeypatch.setattr(stand_in_module, "SLOW_FRAME", 0.0)
     monkeypatch.setattr(stand_in_module, "COARSE_VERTICES", 500)
     mesh = show(scene, shapes.icosphere(4), qtbot)
@@ -394,3 +396,144 @@ def test_closing_while_threads_work_is_quiet(scene: MeshView, sphere: Mesh, qtbo
     scene.close()
     scene.close()
     QTest.qWait(50)
+
+
+# -- the plotter ---------------------------------------------------------------------------------
+
+
+def centre_of(pixels: np.ndarray, color: tuple[int, int, int]) -> np.ndarray:
+    """Row and column of the middle of what has a colour."""
+    found = np.abs(pixels[..., :3].astype(int) - color).max(axis=2) < 40
+    assert found.any()
+    return np.argwhere(found).mean(axis=0)
+
+
+@pytest.mark.parametrize("shift", [0.0, 1e6])
+def test_what_others_add_is_at_its_place_and_stays(
+    scene: MeshView, sphere: Mesh, qtbot, shift: float
+) -> None:
+    mesh = show(scene, Mesh(sphere.vertices + shift, sphere.faces, "nm"), qtbot)
+    camera = scene.camera()
+    vertex = int(facing(scene, mesh)[25])
+    out = 1.15 * sphere.vertices[vertex] + shift
+    # in double precision: the coordinates are large
+    ball = pyvista.Sphere(radius=0.05).points_to_double().translate(out)
+    scene.plotter.add_mesh(ball, color="#00ff00", lighting=False)
+    assert scene.camera() == camera, "it is looked at from where it was"
+
+    def where() -> np.ndarray:
+        size = scene.plotter.pixels()[:2]
+        row, column = centre_of(on_screen(scene), (0, 255, 0))
+        x, y, _ = scene.renderer.view.to_pixels(out, *size)[0]
+        return np.array([column - x, (size[1] - row) - y])
+
+    assert np.abs(where()).max() < 1.5
+    scene.set_field(field(sphere.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
+    scene.set_theme(True)
+    scene.set_nodal_lines(sphere.vertices[:, 0])
+    wheel(scene.plotter, 2, QPoint(320, 240))
+    assert np.abs(where()).max() < 1.5
+    # and in pictures, which are drawn by another window
+    picture = scene.picture((640, 480))
+    row, column = centre_of(picture, (0, 255, 0))
+    x, y, _ = scene.renderer.view.to_pixels(out, 640, 480)[0]
+    assert np.abs([column - x, 480 - row - y]).max() < 1.5
+    scene.plotter.clear_actors()
+    assert (on_screen(scene)[240, 320] != on_screen(scene)[5, 320]).any(), "the mesh stays"
+
+
+def test_what_is_far_from_the_mesh_is_drawn_whole(scene: MeshView, sphere: Mesh, qtbot) -> None:
+    show(scene, sphere, qtbot)
+    towards = np.array(scene.camera()["axes"])[2]
+    for depth in (40.0, -40.0):
+        far = depth * towards + 1.2 * np.array(scene.camera()["axes"])[0]
+        scene.plotter.add_mesh(
+            pyvista.Sphere(radius=0.1, center=far), color="#00ff00", lighting=False
+        )
+        centre_of(on_screen(scene), (0, 255, 0))
+        scene.plotter.clear_actors()
+
+
+def test_the_camera_of_the_plotter_is_that_of_the_view(
+    scene: MeshView, sphere: Mesh, qtbot
+) -> None:
+    mesh = show(scene, sphere, qtbot)
+    scene.plotter.view_xy()
+    on_screen(scene)
+    np.testing.assert_allclose(scene.camera()["axes"], np.eye(3), atol=1e-9)
+    for vertex in facing(scene, mesh)[::20]:
+        place = scene.display_point(vertex)
+        assert scene.vertex_at(place.x(), place.y()) == vertex
+
+
+def test_what_is_shown_goes_to_pyvista(scene: MeshView, sphere: Mesh, qtbot) -> None:
+    with pytest.raises(ValueError, match="open one"):
+        scene.to_pyvista()
+    mesh = show(scene, Mesh(sphere.vertices + 1e6, sphere.faces, "nm"), qtbot)
+    assert scene.to_pyvista().active_scalars is None
+    values = sphere.vertices[:, 0].astype(np.float32)
+    values[:4] = np.nan
+    scene.set_field(field(values), (-0.5, 0.25), "viridis")
+    surface = scene.to_pyvista()
+    np.testing.assert_array_equal(surface.points, mesh.vertices)
+    assert surface.active_scalars_name == "Eigenfunction 5"
+    np.testing.assert_array_equal(surface.active_scalars, values)
+    assert surface.user_dict["limits"] == [-0.5, 0.25]
+    assert surface.user_dict["colormap"] == "viridis"
+    assert surface.user_dict["unit"] == "nm⁻¹"
+
+
+def test_a_screen_of_another_scale_gets_a_frame_of_its_size(
+    scene: MeshView, sphere: Mesh, qtbot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    show(scene, sphere, qtbot)
+    scene.set_field(field(sphere.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
+    on_screen(scene)
+    window, before = scene.plotter.ren_win, scene.plotter.ren_win.GetSize()
+    monkeypatch.setattr(scene.plotter, "devicePixelRatioF", lambda: 2.0)
+    QApplication.sendEvent(scene.plotter, QEvent(QEvent.Type.DevicePixelRatioChange))
+    qtbot.waitUntil(lambda: window.GetSize() == (2 * before[0], 2 * before[1]), timeout=5000)
+    assert window.GetDPI() == 144
+
+
+def test_nothing_dropped_on_the_render_is_taken_by_it(scene: MeshView) -> None:
+    assert not scene.plotter.acceptDrops()
+
+
+# -- thin branches -------------------------------------------------------------------------------
+
+
+def tube(radius: float, length: float = 1.0) -> Mesh:
+    around, along = np.linspace(0, 2 * np.pi, 17)[:16], np.linspace(-length / 2, length / 2, 60)
+    turn, place = (grid.ravel() for grid in np.meshgrid(around, along))
+    points = np.stack([place, radius * np.cos(turn), radius * np.sin(turn)], axis=1)
+    row, column = np.divmod(np.arange(59 * 16), 16)
+    first, beside = 16 * row + column, 16 * row + (column + 1) % 16
+    corners = np.concatenate([
+        np.stack([first, first + 16, beside], axis=1),
+        np.stack([beside, first + 16, beside + 16], axis=1),
+    ])  # fmt: skip
+    return Mesh(points, corners, "nm")
+
+
+@pytest.mark.parametrize(("radius", "thin"), [(0.005, True), (0.06, False)])
+def test_a_thin_branch_shows_its_colours_and_a_thick_one_its_rim_and_lines(
+    scene: MeshView, qtbot, radius: float, thin: bool
+) -> None:
+    mesh = show(scene, tube(radius), qtbot)
+    wave = np.sin(40 * mesh.vertices[:, 0])
+    shown = field(np.where(wave > 0, 0.8, -0.8) + 1e-3 * wave)
+    scene.set_field(shown, (-1.0, 1.0), "RdBu_r")
+    size = (640, 480)
+    seen = scene.renderer.view.to_pixels(mesh.vertices, *size)
+    rows = slice(480 - int(seen[:, 1].max()), 480 - int(seen[:, 1].min()) - 1)
+    columns = slice(int(seen[:, 0].min()) + 9, int(seen[:, 0].max()) - 8)
+    plain = scene.picture(size)[rows, columns, :3].max(axis=2).astype(float)
+    # how bright the edge is beside the middle, where there is more light in any case
+    edge = np.median(plain[[0, -1]]) / np.median(plain[len(plain) // 2])
+    assert edge > 0.8 if thin else edge < 0.65
+    scene.set_nodal_lines(shown.values)
+    qtbot.waitUntil(lambda: scene.renderer.segments is not None, timeout=5000)
+    lined = scene.picture(size)[rows, columns, :3].max(axis=2)
+    black = (lined < 50).mean()
+    assert black < 0.002 if thin else black > 0.01
