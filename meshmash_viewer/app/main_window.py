@@ -41,8 +41,7 @@ from meshmash_viewer.model.jobs import DecomposeJob, ReadJob
 from meshmash_viewer.units import counted, format_quantity
 
 if TYPE_CHECKING:
-    from pyvista import PolyData
-    from pyvistaqt import QtInteractor
+    from meshmash_viewer.app.view.render_widget import RenderWidget
 
 __all__ = ["MainWindow"]
 
@@ -194,11 +193,11 @@ class MainWindow(QMainWindow):
     # -- for scripts --------------------------------------------------------------------------
 
     @property
-    def plotter(self) -> QtInteractor:
+    def plotter(self) -> RenderWidget:
         """The render as a `pyvista.Plotter`, in mesh coordinates: what is added to it stays."""
         return self.scene.plotter
 
-    def to_pyvista(self) -> PolyData:
+    def to_pyvista(self) -> Any:
         """The mesh with the displayed field (`MeshView.to_pyvista`)."""
         return self.scene.to_pyvista()
 

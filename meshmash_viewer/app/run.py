@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QEventLoop, QObject, QThread, QThreadPool, QTimer, Signal
-from PySide6.QtGui import QFont
+from PySide6.QtGui import QFont, QSurfaceFormat
 from PySide6.QtWidgets import QApplication
 
 from meshmash_viewer.app import theme
@@ -47,6 +47,11 @@ def application() -> QApplication:
     if sys.platform.startswith("linux") and os.environ.get("DISPLAY"):
         # VTK draws into windows of X11 alone; desktops with Wayland bring both.
         os.environ.setdefault("QT_QPA_PLATFORM", "xcb")
+    # what VTK draws with, in every part of the window: parts share what the card holds
+    core = QSurfaceFormat()
+    core.setProfile(QSurfaceFormat.OpenGLContextProfile.CoreProfile)
+    core.setVersion(3, 2)
+    QSurfaceFormat.setDefaultFormat(core)
     made = QApplication(sys.argv[:1] or ["meshmash-viewer"])
     made.setApplicationName("meshmash-viewer")
     made.setApplicationDisplayName("")
