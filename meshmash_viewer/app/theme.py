@@ -253,7 +253,7 @@ def dress(window: QWidget) -> None:
 def _begin(target: QApplication | QWidget) -> None:
     if _State.style is None:
         _State.style = QStyleFactory.create("Fusion")
-        QApplication.instance().styleHints().colorSchemeChanged.connect(lambda _: _refresh())
+        QApplication.styleHints().colorSchemeChanged.connect(lambda _: _refresh())
     if isinstance(target, QApplication):
         target.setStyle("Fusion")  # which owns it
     else:
@@ -264,7 +264,7 @@ def _begin(target: QApplication | QWidget) -> None:
 
 
 def _refresh() -> None:
-    hints = QApplication.instance().styleHints()
+    hints = QApplication.styleHints()
     wanted = {
         Mode.SYSTEM: Qt.ColorScheme.Unknown,
         Mode.LIGHT: Qt.ColorScheme.Light,
