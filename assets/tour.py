@@ -26,7 +26,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
-from meshmash_viewer.app.view.canvas import Canvas
+from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.io.read import read_mesh
@@ -249,7 +249,7 @@ class Tour:
     def go_large(self, mesh: Path) -> None:
         """Go through what only large meshes need: preview, hand-over, and the stand-in."""
         document, display = self.document, self.display
-        window, canvas = self.window, self.window.findChild(Canvas)
+        window, canvas = self.window, self.window.findChild(RenderWidget)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / f"{mesh.name.split('.')[0]}_large.npz"
             refine(mesh, path)

@@ -31,7 +31,7 @@ import meshmash_viewer.app.view.picture as picture_module
 from meshmash_viewer.app import heap
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application, keep_what_is_loaded
-from meshmash_viewer.app.view.canvas import Canvas
+from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.similarity import Similarity
@@ -57,11 +57,11 @@ class Session:
         self.window.resize(1400, 900)
         self.window.show()
         keep_what_is_loaded(self.window)
-        self.drawing.watch(self.window.scene._canvas.window)
+        self.drawing.watch(self.window.scene.plotter.ren_win)
         self.document = self.window.document
         self.display = self.document.display
         self.source = self.window.field_source
-        self.canvas = self.window.findChild(Canvas)
+        self.canvas = self.window.findChild(RenderWidget)
         self.gaps = Gaps(self.drawing, order["trace"])
         self.empty = private_bytes()
         self.result: dict[str, Any] = {}
@@ -84,7 +84,7 @@ class Session:
             self.note("pairs_all")
 
     def note_frame(self) -> None:
-        scene, drawing = self.window.scene, self.window.scene._drawing
+        scene, drawing = self.window.scene, self.window.scene.renderer
         # where drawing is slow, nothing of the mesh is drawn before its stand-in is there
         seen = scene.shows_stand_in or (drawing.surface and drawing.surface.actor.GetVisibility())
         if self.source.field is not None and scene.mesh is self.document.mesh and seen:
@@ -122,7 +122,7 @@ class Session:
     def wheel_fault(self, index: int) -> str:
         """What is wrong after the wheel has gone to an eigenfunction; empty if nothing is."""
         window, rows = self.window, self.document.spectrum.shown_rows
-        shown = window.scene._drawing.surface.values
+        shown = window.scene.renderer.surface.values
         label = self.part("eigenvalue_label").text()
         if self.display[Eigenfunctions].index != index:
             return f"at {self.display[Eigenfunctions].index} instead of {index}"
@@ -328,17 +328,25 @@ class Session:
             started = time.perf_counter()
             setattr(self.display, control, value)
 
-            def drawn(field: Any = field, loop: QEventLoop = loop) -> None:
-                if self.source.field is not field:
+            drawn = [False]
+
+            def note(field: Any = field, drawn: list[bool] = drawn) -> None:
+                drawn[0] = self.source.field is not field
+
+            def swapped(loop: QEventLoop = loop, drawn: list[bool] = drawn) -> None:
+                if drawn[0]:
                     loop.quit()
 
-            # The window's own slot is connected before this one: the frame is done.
-            self.canvas.frame_due.connect(drawn)
+            # The window's own slot is connected before this one: the frame is done, but Qt has
+            # not yet put it into the window.
+            self.canvas.frame_due.connect(note)
+            self.canvas.frameSwapped.connect(swapped)
             QTimer.singleShot(5000, loop.quit)
             loop.exec()
             took = time.perf_counter() - started
             frames.append((took, self.drawing.seconds - drawn_before))
-            self.canvas.frame_due.disconnect(drawn)
+            self.canvas.frame_due.disconnect(note)
+            self.canvas.frameSwapped.disconnect(swapped)
             del field
             yield 0.03
         return (seconds_stolen() - stolen) / (time.perf_counter() - begun), frames
@@ -399,7 +407,7 @@ class Session:
 
 
 def _is_noop(window: MainWindow) -> bool:
-    return "NOOP" in window.scene._canvas.window.ReportCapabilities()
+    return "NOOP" in window.scene.plotter.ren_win.ReportCapabilities()
 
 
 def main() -> None:

@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import shapes
 
-from meshmash_viewer.surface.nodal_lines import nodal_lines
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.surface.nodal_lines import line_lengths, nodal_lines
 
 
 def length(segments: np.ndarray) -> float:
@@ -66,3 +67,17 @@ def test_single_precision_stays_single() -> None:
     sphere = shapes.icosphere(1)
     points = sphere.vertices.astype(np.float32)
     assert nodal_lines(points, sphere.faces, points[:, 2]).dtype == np.float32
+
+
+def test_each_line_has_its_own_length() -> None:
+    sphere = shapes.icosphere(4)
+    small = Mesh(0.25 * sphere.vertices + [5.0, 0.0, 0.0], sphere.faces)
+    vertices = np.concatenate([sphere.vertices, small.vertices])
+    faces = np.concatenate([sphere.faces, small.faces + sphere.n_vertices])
+    segments = nodal_lines(vertices, faces, vertices[:, 2] - 0.01)
+    lengths = line_lengths(segments)
+    assert lengths.shape == (len(segments),)
+    first = segments[:, 0, 0] < 2.0
+    np.testing.assert_allclose(lengths[first], 2 * np.pi, rtol=5e-3)
+    np.testing.assert_allclose(lengths[~first], 0.5 * np.pi, rtol=5e-3)
+    assert line_lengths(segments[:0]).shape == (0,)

@@ -28,7 +28,7 @@ from meshmash_viewer.model.failure import Failure
 if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
     from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
-    from meshmash_viewer.app.view.scene import Scene
+    from meshmash_viewer.app.view.mesh_view import MeshView
 
 __all__ = ["Commands"]
 
@@ -50,7 +50,7 @@ class Commands:
 
     Attributes
     ----------
-    scene : Scene, optional
+    scene : MeshView, optional
         The render, once it is loaded.
     restoration : Restoration, optional
         The session that was opened last.
@@ -69,7 +69,7 @@ class Commands:
         self._window, self._document, self._settings = window, document, settings
         self._actions, self._stage, self._arrangement = actions, stage, arrangement
         self._recent_menu = recent_menu
-        self.scene: Scene | None = None
+        self.scene: MeshView | None = None
         self.restoration: Restoration | None = None
         self.pictures = PictureWriter(window)
         self.pictures.written.connect(

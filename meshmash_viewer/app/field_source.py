@@ -21,7 +21,7 @@ from meshmash_viewer.model.live import LiveFeatures
 from meshmash_viewer.progress import CancelCallback, Cancelled
 
 if TYPE_CHECKING:
-    from threadpoolctl import threadpool_limits
+    from threadpoolctl import ThreadpoolController
 
 __all__ = ["FieldSource"]
 
@@ -55,7 +55,7 @@ class FieldSource(QObject):
         self._field: Field | None = None
         self._wanted: FieldRequest | None = None
         self._policy: LimitPolicy | None = None
-        self._threads: threadpool_limits | None = None
+        self._threads: ThreadpoolController | None = None
         self._late = QTimer(self, singleShot=True, interval=_LATE)
         self._late.timeout.connect(self._say_awaited)
         queued = Qt.ConnectionType.QueuedConnection
@@ -127,9 +127,6 @@ class FieldSource(QObject):
         self._answers.close()
         self._tables.close()
         self._ahead.close()
-        if self._threads is not None:
-            self._threads.restore_original_limits()
-            self._threads = None
 
     # -- in the threads -----------------------------------------------------------------------
 
@@ -137,12 +134,14 @@ class FieldSource(QObject):
         answer: Field | Exception | None
         try:
             if self._threads is None:
-                # More threads of the linear algebra would compete with the interface's, and beside
-                # the solver's processes they make products several times slower.
-                from threadpoolctl import threadpool_limits
+                from threadpoolctl import ThreadpoolController
 
-                self._threads = threadpool_limits(1, user_api="blas")
-            answer = self._compute(request)
+                self._threads = ThreadpoolController()  # it looks for libraries, for a while
+            # More threads of the linear algebra would compete with the interface's, and beside
+            # the solver's processes they make products several times slower. No longer than that:
+            # the limit is that of the whole process, which may be somebody else's.
+            with self._threads.limit(limits=1, user_api="blas"):
+                answer = self._compute(request)
         except Exception as error:  # noqa: BLE001  the window says it
             answer = error
         self._computed.emit(request, answer)

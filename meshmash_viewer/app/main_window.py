@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import (
@@ -40,6 +41,9 @@ from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.jobs import DecomposeJob, ReadJob
 from meshmash_viewer.units import counted, format_quantity
 
+if TYPE_CHECKING:
+    from meshmash_viewer.app.view.render_widget import RenderWidget
+
 __all__ = ["MainWindow"]
 
 
@@ -74,7 +78,7 @@ class MainWindow(QMainWindow):
         application = QApplication.instance()
         assert isinstance(application, QApplication)
         theme.set_mode(self.settings.theme)
-        theme.apply(application)
+        theme.dress(self)
         self._focus_keys = FocusKeys(application, self)
 
         self.loaded = False
@@ -151,9 +155,9 @@ class MainWindow(QMainWindow):
         from meshmash_viewer.app.panels.profile_panel import ProfilePanel
         from meshmash_viewer.app.panels.spectrum_panel import SpectrumPanel
         from meshmash_viewer.app.row_check import RowCheck
-        from meshmash_viewer.app.view.scene import Scene
+        from meshmash_viewer.app.view.mesh_view import MeshView
 
-        self.scene = Scene(self.document, self.stage)
+        self.scene = MeshView(self.document, self.stage)
         self.stage.set_scene(self.scene)
         self.commands.scene = self.scene
         self.field_panel = FieldPanel(self.document)
@@ -186,6 +190,17 @@ class MainWindow(QMainWindow):
         self.commands.refresh()
         self.field_source.refresh()
         self.commands.look()
+
+    # -- for scripts --------------------------------------------------------------------------
+
+    @property
+    def plotter(self) -> RenderWidget:
+        """The render as a `pyvista.Plotter`, in mesh coordinates: what is added to it stays."""
+        return self.scene.plotter
+
+    def to_pyvista(self) -> Any:
+        """The mesh with the displayed field (`MeshView.to_pyvista`)."""
+        return self.scene.to_pyvista()
 
     # -- wiring -------------------------------------------------------------------------------
 

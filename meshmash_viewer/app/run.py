@@ -13,8 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, QThreadPool, QTimer, Signal
-from PySide6.QtGui import QFont
+from PySide6.QtCore import QEventLoop, QObject, QThread, QThreadPool, QTimer, Signal
+from PySide6.QtGui import QFont, QSurfaceFormat
 from PySide6.QtWidgets import QApplication
 
 from meshmash_viewer.app import theme
@@ -28,11 +28,13 @@ __all__ = ["application", "run_app", "view"]
 
 #: What the window waits for, and what it says meanwhile.
 _LIBRARIES = (
-    ("meshmash_viewer.app.view.scene", "Loading the render …"),
+    ("meshmash_viewer.app.view.mesh_view", "Loading the render …"),
     ("meshmash_viewer.app.panels.spectrum_panel", "Loading the plots …"),
     ("meshmash_viewer.app.panels.profile_panel", "Loading the plots …"),
     ("meshmash_viewer.app.panels.field_panel", "Loading the controls …"),
 )
+#: The application, if it was made here: Qt ends it with the last that knows it.
+_made: list[QApplication] = []
 #: Windows opened by `view`, which nobody else may hold.
 _windows: dict[int, MainWindow] = {}
 
@@ -45,6 +47,11 @@ def application() -> QApplication:
     if sys.platform.startswith("linux") and os.environ.get("DISPLAY"):
         # VTK draws into windows of X11 alone; desktops with Wayland bring both.
         os.environ.setdefault("QT_QPA_PLATFORM", "xcb")
+    # what VTK draws with, in every part of the window: parts share what the card holds
+    core = QSurfaceFormat()
+    core.setProfile(QSurfaceFormat.OpenGLContextProfile.CoreProfile)
+    core.setVersion(3, 2)
+    QSurfaceFormat.setDefaultFormat(core)
     made = QApplication(sys.argv[:1] or ["meshmash-viewer"])
     made.setApplicationName("meshmash-viewer")
     made.setApplicationDisplayName("")
@@ -55,6 +62,7 @@ def application() -> QApplication:
         font.setPointSizeF(9.0)
         made.setFont(font)
     theme.apply(made)
+    _made.append(made)
     return made
 
 
@@ -112,13 +120,15 @@ def view(
     name : str
         What the window calls it.
     block : bool, optional
-        Whether to wait until the window is closed. By default a script waits and a notebook (with
-        ``%gui qt``) does not.
+        Whether to wait until the window is closed. By default a script waits; a notebook or a
+        prompt (with ``%gui qt``) and a program whose event loop runs do not.
 
     Returns
     -------
     MainWindow
-        Its `document` can be read and driven from the script.
+        Its `document` can be read and driven from the script, its `plotter` is a
+        ``pyvista.Plotter`` in the mesh's coordinates, and `to_pyvista` gives what it shows.
+        In somebody else's application nothing outside the window is changed.
     """
     from meshmash_viewer.mesh import as_mesh
     from meshmash_viewer.spectral.engine.compiler import check_compiler
@@ -131,7 +141,7 @@ def view(
     if name:
         taken = replace(taken, name=name)
     guest = QApplication.instance() is not None
-    app = application()
+    application()
 
     from meshmash_viewer.app.faults import FaultBoundary
     from meshmash_viewer.app.main_window import MainWindow
@@ -143,10 +153,15 @@ def view(
     _windows[key] = window
     # by its key: a function that knows the window would keep it, and its mesh, for good
     window.closed.connect(lambda: _forget(key))
-    if block if block is not None else not _has_prompt():
+    if block is None:
+        block = not _has_prompt() and QThread.currentThread().loopLevel() == 0
+    if block:
+        # not the application's own loop, which ends with its last window and may run already
+        loop = QEventLoop()
+        window.closed.connect(loop.quit)
         # in somebody else's application exceptions are theirs
         with nullcontext() if guest else FaultBoundary(window.document.notify):
-            app.exec()
+            loop.exec()
     return window
 
 

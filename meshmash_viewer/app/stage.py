@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from PySide6.QtOpenGLWidgets import QOpenGLWidget
 from PySide6.QtWidgets import QStackedLayout, QWidget
 
 from meshmash_viewer.app.controls.message_bar import MessageBar
@@ -17,6 +18,8 @@ class Stage(QWidget):
         super().__init__(parent)
         self.setObjectName("stage")
         self.setMinimumSize(320, 240)
+        # A window without anything of OpenGL would be made again, and blink, when the render comes.
+        QOpenGLWidget(self).hide()
         self._pages = QStackedLayout(self)
         self.welcome = Welcome()
         self._pages.addWidget(self.welcome)

@@ -10,11 +10,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, ClassVar, TypeVar
+from weakref import WeakKeyDictionary
 
+import shiboken6
 from PySide6.QtCore import QObject, QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QColor, QFont, QPalette
-from PySide6.QtWidgets import QAbstractSpinBox, QApplication, QLabel, QWidget
+from PySide6.QtWidgets import (
+    QAbstractSpinBox,
+    QApplication,
+    QLabel,
+    QStyle,
+    QStyleFactory,
+    QWidget,
+)
 
 __all__ = [
     "GAP",
@@ -23,6 +32,7 @@ __all__ = [
     "Palette",
     "PlotColors",
     "apply",
+    "dress",
     "is_dark",
     "mode",
     "named",
@@ -154,8 +164,11 @@ class _State:
 
     mode = Mode.SYSTEM
     dark = False
-    applied = False
-    dressed: tuple[bool, Mode] | None = None
+    #: Whether the application is ours.
+    ours = False
+    style: QStyle | None = None
+    #: What is dressed, the application or its windows, and how: whether dark, and why.
+    dressed: ClassVar[WeakKeyDictionary[Any, tuple[bool, Mode] | None]] = WeakKeyDictionary()
     notifier: _Notifier | None = None
 
 
@@ -220,46 +233,69 @@ def tabular(font: QFont) -> QFont:
 def set_mode(chosen: Mode | str) -> None:
     """Follow the system, or stay light or dark."""
     _State.mode = Mode(chosen)
-    application = QApplication.instance()
-    if isinstance(application, QApplication) and _State.applied:
-        _refresh(application)
+    if _State.style is not None:
+        _refresh()
 
 
 def apply(application: QApplication) -> None:
-    """Dress the application, and follow the system from now on."""
-    if not _State.applied:
-        _State.applied = True
-        application.setStyle("Fusion")
-        application.setFont(tabular(application.font()))
-        application.styleHints().colorSchemeChanged.connect(lambda _: _refresh(application))
-    _refresh(application)
+    """Dress an application that is ours alone, and follow the system from now on."""
+    _State.ours = True
+    _begin(application)
 
 
-def _refresh(application: QApplication) -> None:
-    hints = application.styleHints()
+def dress(window: QWidget) -> None:
+    """Dress a window, and nothing else where the application is somebody else's."""
+    if not _State.ours:
+        _begin(window)
+    _refresh()
+
+
+def _begin(target: QApplication | QWidget) -> None:
+    if _State.style is None:
+        _State.style = QStyleFactory.create("Fusion")
+        QApplication.styleHints().colorSchemeChanged.connect(lambda _: _refresh())
+    if isinstance(target, QApplication):
+        target.setStyle("Fusion")  # which owns it
+    else:
+        target.setStyle(_State.style)
+    target.setFont(tabular(target.font()))
+    _State.dressed[target] = None
+    _refresh()
+
+
+def _refresh() -> None:
+    hints = QApplication.styleHints()
     wanted = {
         Mode.SYSTEM: Qt.ColorScheme.Unknown,
         Mode.LIGHT: Qt.ColorScheme.Light,
         Mode.DARK: Qt.ColorScheme.Dark,
     }[_State.mode]
     # title bars of the desktop follow too, where Qt can ask for it (6.8)
-    if hasattr(hints, "setColorScheme"):
+    if _State.ours and hasattr(hints, "setColorScheme"):
         with QSignalBlocker(hints):
             hints.setColorScheme(wanted)
     if _State.mode is Mode.SYSTEM:
         _State.dark = hints.colorScheme() == Qt.ColorScheme.Dark
     else:
         _State.dark = _State.mode is Mode.DARK
-    if _State.dressed == (_State.dark, _State.mode):
-        return
-    restyled = _State.dressed is None or _State.dressed[0] != _State.dark
-    _State.dressed = (_State.dark, _State.mode)
-    if not restyled:
+    looks, changed = (_State.dark, _State.mode), False
+    for target, before in list(_State.dressed.items()):
+        if before == looks or not shiboken6.isValid(target):
+            continue
+        _State.dressed[target] = looks
+        changed = True
+        if before is None or before[0] != _State.dark:
+            colors, sheet = palette(), _style_sheet(palette(), target.font())
+            if not _State.ours:
+                # under a sheet, widgets ask the application for their palette, not the window
+                basics = f"QWidget {{ color: {colors.text}; }} QDialog, QTabBar QToolButton "
+                basics += f"{{ background: {colors.window}; }} "
+                basics += f"QWidget:disabled {{ color: {colors.disabled}; }} "
+                sheet = basics + sheet
+            target.setPalette(_qt_palette(colors))
+            target.setStyleSheet(sheet)
+    if changed:
         notifier().changed.emit()
-        return
-    application.setPalette(_qt_palette(palette()))
-    application.setStyleSheet(_style_sheet(palette(), application.font()))
-    notifier().changed.emit()
 
 
 def _qt_palette(colors: Palette) -> QPalette:

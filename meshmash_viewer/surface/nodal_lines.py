@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
-__all__ = ["nodal_lines"]
+__all__ = ["line_lengths", "nodal_lines"]
 
 
 def nodal_lines(
@@ -45,9 +47,37 @@ def nodal_lines(
     apex, left, right = (kept[row, (lone + turn) % 3] for turn in range(3))
     segments = np.empty((len(kept), 2, 3), dtype=vertices.dtype)
     for end, other in enumerate((left, right)):
+        # From the lower index to the higher: both faces at an edge find the very same point.
+        first, second = np.minimum(apex, other), np.maximum(apex, other)
         # In double precision: the difference of two tiny float32 values may underflow.
-        a, b = values[apex].astype(np.float64), values[other].astype(np.float64)
+        a, b = values[first].astype(np.float64), values[second].astype(np.float64)
         # Signs differ, so the denominator is zero only if both are: 0 counts as positive.
         share = (a / (a - b)).astype(vertices.dtype)[:, None]
-        segments[:, end] = (1 - share) * vertices[apex] + share * vertices[other]
+        segments[:, end] = (1 - share) * vertices[first] + share * vertices[second]
     return segments
+
+
+def line_lengths(segments: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+    """Length of the line that each segment belongs to: segments that share an end are one line.
+
+    A nodal line around a branch is as long as the branch is wide times π.
+
+    Parameters
+    ----------
+    segments : ndarray, shape (s, 2, 3)
+        As `nodal_lines` gives them.
+
+    Returns
+    -------
+    ndarray of float64, shape (s,)
+        In the unit of the segments.
+    """
+    if not len(segments):
+        return np.zeros(0)
+    lengths = np.linalg.norm(np.diff(segments, axis=1)[:, 0].astype(np.float64), axis=1)
+    ends = np.ascontiguousarray(segments).reshape(-1, 3)
+    _, point = np.unique(ends.view([("", ends.dtype)] * 3)[:, 0], return_inverse=True)
+    start, end = point.reshape(-1, 2).T
+    joined = coo_array((np.ones(len(start), dtype=np.int8), (start, end)), (point.max() + 1,) * 2)
+    _, line = connected_components(joined, directed=False)
+    return np.asarray(np.bincount(line[start], lengths)[line[start]])

@@ -35,7 +35,7 @@ from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
-from meshmash_viewer.app.view.text_layer import text_size
+from meshmash_viewer.app.view.annotations import text_size
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.similarity import Similarity
@@ -458,7 +458,7 @@ def test_a_message_leaves_the_title_of_the_field_alone(ball: MainWindow, width: 
         document.display.kind = kind
         QTest.qWait(20)
         wait_for(lambda: ball.field_source.idle)
-        caption = ball.scene._drawing.caption
+        caption = ball.scene.renderer.caption
         assert caption.title == ball.field_source.field.title
         title = QRect(QPoint(0, 0), ball.scene.title_size)
         assert title.width() > text_size(caption.title, 15, True)[0] + 16

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import textwrap
@@ -8,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+import pyvista
 import shapes
 from PySide6.QtCore import QTimer
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
 import meshmash_viewer
@@ -95,3 +97,93 @@ def test_a_script_that_ends_leaves_no_process(tmp_path: Path) -> None:
     pid, folder = done.stdout.split()
     assert not psutil.pid_exists(int(pid))
     assert not Path(folder).exists()
+
+
+GUEST = """
+import sys
+from PySide6.QtCore import QTimer
+from PySide6.QtGui import QFont, QPalette
+from PySide6.QtWidgets import QApplication, QLabel
+from threadpoolctl import threadpool_info
+app = QApplication([])
+host = QLabel("somebody else's window")
+host.setStyleSheet("color: red")
+app.setFont(QFont("Sans", 13))
+host.show()
+import numpy
+import meshmash_viewer
+
+def looks():
+    blas = {one["filepath"]: one["num_threads"] for one in threadpool_info()}
+    return (
+        app.styleSheet(), app.palette().color(QPalette.ColorRole.Window).name(),
+        app.palette().color(QPalette.ColorRole.WindowText).name(), app.font().toString(),
+        app.style().name(), app.applicationName(), app.windowIcon().isNull(),
+        sys.getswitchinterval(), sys.excepthook, host.grab().toImage(),
+    ), blas
+
+def inside():
+    before, blas = looks()
+    points = numpy.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    faces = numpy.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+    window = meshmash_viewer.view((points, faces))
+    def wait():
+        if window.document.spectrum is None and window.document.job is None:
+            window.document.compute()
+        if window.field_source.field is None or not window.field_source.idle:
+            return QTimer.singleShot(20, wait)
+        for mode in ("theme_dark", "theme_light"):
+            window.actions_[mode].trigger()
+            after, blas_after = looks()
+            changed = [pair for pair in zip(before, after) if pair[0] != pair[1]]
+            print(changed, {path: blas_after[path] for path in blas} == blas)
+        window.close()
+        print(host.isVisible())
+        app.quit()
+    wait()
+
+QTimer.singleShot(0, inside)
+app.exec()
+"""
+
+
+def test_in_somebody_elses_application_nothing_outside_the_window_changes(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", GUEST],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        env={**os.environ, "XDG_CACHE_HOME": str(tmp_path)},
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == ["[] True", "[] True", "True"]
+    assert done.stderr == ""
+
+
+def test_a_script_waits_for_its_own_window_only(qtbot: QtBot) -> None:
+    ball, other = shapes.icosphere(2), QWidget()
+    qtbot.addWidget(other)
+    other.show()
+
+    def close() -> None:
+        windows = [w for w in QApplication.topLevelWidgets() if isinstance(w, MainWindow)]
+        for window in windows:
+            if window.isVisible():
+                window.close()
+
+    QTimer.singleShot(100, close)
+    window = meshmash_viewer.view(ball, block=True)
+    assert not window.isVisible()
+    assert other.isVisible()
+
+
+def test_the_window_gives_its_plotter_and_what_it_shows(qtbot: QtBot) -> None:
+    ball = shapes.icosphere(2)
+    window = meshmash_viewer.view(ball, name="ball", block=False)
+    qtbot.waitUntil(lambda: window.document.ready is not None, timeout=PATIENCE)
+    assert isinstance(window.plotter, pyvista.BasePlotter)
+    surface = window.to_pyvista()
+    np.testing.assert_array_equal(surface.points, ball.vertices)
+    np.testing.assert_array_equal(surface.regular_faces, ball.faces)
+    window.close()

@@ -16,7 +16,7 @@ from pytestqt.qtbot import QtBot
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
-from meshmash_viewer.app.view.canvas import Canvas
+from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.limits import SymmetricLimits
@@ -68,14 +68,14 @@ def test_two_hundred_notches_in_a_row(
     source, display = window.field_source, window.document.display
     fields: list[object] = []
     source.field_ready.connect(fields.append)
-    start, canvas = display[Eigenfunctions].index, window.findChild(Canvas)
+    start, canvas = display[Eigenfunctions].index, window.findChild(RenderWidget)
     turn_wheel(canvas, 200, CONTROL)
     assert display[Eigenfunctions].index == start + 200, "no notch is lost"
     qtbot.waitUntil(lambda: source.idle, timeout=PATIENCE)
     catch_up()
     row = window.document.spectrum.rows[start + 200].astype(np.float32)
-    np.testing.assert_array_equal(window.scene._drawing.surface.values, row)
-    assert window.scene._drawing.caption.quantity == source.field.quantity
+    np.testing.assert_array_equal(window.scene.renderer.surface.values, row)
+    assert window.scene.renderer.caption.quantity == source.field.quantity
     label = window.findChild(QLabel, "eigenvalue_label")
     assert label.text() == "λ₂₀₁ = 201"
     assert len(fields) < 200, "what was scrolled past is not computed"

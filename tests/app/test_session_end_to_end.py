@@ -19,7 +19,7 @@ from pytestqt.qtbot import QtBot
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
-from meshmash_viewer.app.view.canvas import Canvas
+from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.decompose import decompose_mesh
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
@@ -89,7 +89,7 @@ def test_open_compute_scroll_tune_inspect_export(
 ) -> None:
     wait = waiter(qtbot)
     document, display, source = window.document, window.document.display, window.field_source
-    canvas = window.scene.findChild(Canvas)
+    canvas = window.scene.findChild(RenderWidget)
 
     # open
     QTest.mouseClick(window.stage.welcome.sample_button, LEFT)

@@ -60,7 +60,7 @@ from PySide6.QtWidgets import (
 
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.plots.plot import Plot
-from meshmash_viewer.app.view.canvas import Canvas
+from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.model.document import Notice
 
 __all__ = ["Walk", "Weight", "make_files"]
@@ -417,7 +417,7 @@ class Walk:
         QApplication.sendEvent(widget, event)
 
     def _canvas(self) -> str:
-        canvas = self.window.findChild(Canvas)
+        canvas = self.window.findChild(RenderWidget)
         if canvas is None or not canvas.isVisible():
             return "no render"
         chance = self.random.random()

@@ -27,6 +27,12 @@ class RenderTheme:
     line: str
     halo: str
 
+    def ground(self, share: float) -> tuple[float, ...]:
+        """Red, green and blue of the background at a share of its height from below."""
+        share = min(max(share, 0.0), 1.0)
+        ends = zip(rgb(self.background_bottom), rgb(self.background_top), strict=True)
+        return tuple(low + share * (high - low) for low, high in ends)
+
 
 LIGHT = RenderTheme(
     background_top="#eef1f4",

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
-from meshmash_viewer.app.view.drawing import Drawing, read_pixels
+from meshmash_viewer.app.view.mesh_renderer import MeshRenderer, read_pixels
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, SymmetricLimits
 
@@ -61,7 +61,7 @@ def render_picture(
     dark : bool
         Light text on a dark ground.
     """
-    drawing = Drawing(dark)
+    drawing = MeshRenderer(dark)
     drawing.set_mesh(mesh, mesh.vertex_normals)
     if values is not None:
         values = np.asarray(values, dtype=np.float32)
@@ -111,7 +111,7 @@ class RawPicture:
 
 
 def draw_picture(
-    drawing: Drawing, size: tuple[int, int], transparent: bool = False
+    drawing: MeshRenderer, size: tuple[int, int], transparent: bool = False
 ) -> npt.NDArray[np.uint8]:
     """Draw off the screen; returns RGBA, shape (height, width, 4), first row on top."""
     steps = draw_in_steps(drawing, size, transparent)
@@ -123,12 +123,12 @@ def draw_picture(
 
 
 def draw_in_steps(
-    drawing: Drawing, size: tuple[int, int], transparent: bool = False
+    drawing: MeshRenderer, size: tuple[int, int], transparent: bool = False
 ) -> Generator[None, None, RawPicture]:
     """The part of `draw_picture` that needs the thread of the graphics, in steps.
 
-    Between them it may do something else; the last one returns the picture. The overlay grows
-    with the picture, so that text stays as legible as on the screen.
+    Between them it may do something else; the last one returns the picture. What is written
+    grows with the picture, so that text stays as legible as on the screen.
     """
     width, height = (int(side) for side in size)
     window = _new_window()
@@ -136,13 +136,13 @@ def draw_in_steps(
         window.SetOffScreenRendering(True)
         window.SetMultiSamples(8)
         window.SetAlphaBitPlanes(transparent)
-        window.SetDPI(72)
         window.SetSize(width, height)
-        window.AddRenderer(drawing.renderer)
+        drawing.add_to(window)
         if transparent:
             # What comes out is colour times opacity, which is then undone.
-            drawing.background.leave()
+            drawing.leave_background()
         scale = max(1.0, min(width / 1000, height / 750))
+        window.SetDPI(round(72 * scale))
         drawing.prepare(width, height, scale, plates=not transparent)
         yield
         window.Render()
@@ -156,7 +156,7 @@ def draw_in_steps(
             yield
         return RawPicture(pixels)
     finally:
-        window.RemoveRenderer(drawing.renderer)
+        drawing.remove_from(window)
         window.Finalize()
 
 

@@ -14,7 +14,7 @@ from meshmash_viewer.app.listening import catch_up, later
 from meshmash_viewer.model.failure import failure_of
 
 if TYPE_CHECKING:
-    from meshmash_viewer.app.view.drawing import Drawing
+    from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
     from meshmash_viewer.app.view.picture import RawPicture
 
 __all__ = ["PictureWriter"]
@@ -38,19 +38,19 @@ class PictureWriter(QObject):
         super().__init__(parent)
         self._pool = QThreadPool(self)
         self._pool.setMaxThreadCount(1)
-        self._waiting: deque[tuple[Path, Drawing, tuple[int, int], bool]] = deque()
+        self._waiting: deque[tuple[Path, MeshRenderer, tuple[int, int], bool]] = deque()
         self._drawn: tuple[Path, Generator[None, None, RawPicture]] | None = None
 
     def write(
-        self, path: Path, drawing: Drawing, size: tuple[int, int], transparent: bool = False
+        self, path: Path, drawing: MeshRenderer, size: tuple[int, int], transparent: bool = False
     ) -> None:
         """Write a picture as soon as those before are written.
 
         Parameters
         ----------
         path : Path
-        drawing : Drawing
-            Nobody else's (`Drawing.twin`).
+        drawing : MeshRenderer
+            Nobody else's (`MeshRenderer.twin`).
         size : (int, int)
             Width and height in pixels.
         transparent : bool

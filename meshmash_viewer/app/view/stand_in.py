@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.app.view.drawing import Drawing
+from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.surface.clustering import CoarseMesh, cluster_vertices, scatter
 
 __all__ = ["StandIn"]
@@ -16,6 +16,8 @@ __all__ = ["StandIn"]
 SLOW_FRAME = 0.045
 #: One that takes longer than this is not made slower by smoothing its edges well.
 VERY_SLOW_FRAME = 0.3
+#: So many frames of a mesh are measured, after a first one that tells nothing.
+MEASURED_FRAMES = 4
 #: About how many vertices the stand-in has; it takes a mesh of twice as many to be worth one.
 COARSE_VERTICES = 40_000
 #: How many dots are drawn until it is there, and how wide they are in points.
@@ -27,10 +29,10 @@ class StandIn:
 
     Parameters
     ----------
-    drawing : Drawing
+    drawing : MeshRenderer
     """
 
-    def __init__(self, drawing: Drawing) -> None:
+    def __init__(self, drawing: MeshRenderer) -> None:
         self._drawing = drawing
         #: Whether OpenGL runs on the processor, as far as is known.
         self.software = False
@@ -52,6 +54,11 @@ class StandIn:
     def very_slow(self) -> bool:
         """Whether nothing may be added to frames of the full mesh."""
         return self._seconds is not None and self._seconds > VERY_SLOW_FRAME
+
+    @property
+    def measuring(self) -> bool:
+        """Whether the next full frame is to be measured; on a processor all of them are."""
+        return self.software or self._frames <= MEASURED_FRAMES
 
     @property
     def _helps(self) -> bool:
@@ -80,6 +87,8 @@ class StandIn:
 
     def measure(self, seconds: float) -> bool:
         """Learn from a frame of the full mesh; returns whether a coarse mesh is to be made."""
+        if not self.measuring:
+            return False
         self._frames += 1
         if self._frames == 1:
             # It also compiled shaders and filled the card's memory, and tells nothing.

@@ -1,4 +1,4 @@
-"""One triangle surface on the graphics card, with a field that is overwritten in its buffer."""
+"""The surface and the nodal lines on it, as actors whose arrays share memory with NumPy."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the mappers)
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkPolyData
-from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper, vtkRenderWindow
+from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
 
 from meshmash_viewer.app.view.colors import NAN_COLOR
-from meshmash_viewer.app.view.upload import overwrite
 
 __all__ = ["LineSet", "Surface"]
 
@@ -20,9 +19,14 @@ _FACING = """//VTK::Normal::Impl
   if (normalVCVSOutput.z < 0.0) { normalVCVSOutput = -normalVCVSOutput; }
 """
 #: Darker where the surface turns away, so that pale values keep an outline on a pale ground;
-#: `normalVCVSOutput.z` is the cosine between the normal and the line of sight.
+#: `normalVCVSOutput.z` is the cosine between the normal and the line of sight. The normal of a
+#: tube of radius r turns by 1/r a pixel: one that is a few pixels wide would be all rim, and has
+#: none.
 _RIM = """//VTK::Light::Impl
-  fragOutput0.rgb *= mix(0.58, 1.0, smoothstep(0.0, 0.5, abs(normalVCVSOutput.z)));
+  vec2 turning = vec2(length(dFdx(normalVCVSOutput.xy)), length(dFdy(normalVCVSOutput.xy)));
+  float rim = 1.0 - smoothstep(0.06, 0.3, max(turning.x, turning.y) * pixelsToPoint);
+  rim *= 1.0 - smoothstep(0.0, 0.5, abs(normalVCVSOutput.z));
+  fragOutput0.rgb *= 1.0 - 0.42 * rim;
 """
 #: The field goes to the graphics card as it is and is coloured there, from a table of 256 colours:
 #: VTK's own colouring computes texture coordinates on the processor, 25 ms for a million vertices.
@@ -73,7 +77,6 @@ class Surface:
         normals: npt.NDArray[np.float32],
     ) -> None:
         self.values = np.zeros(len(points), dtype=np.float32)
-        self._stale = False
         # VTK holds a reference to each array that it was given without a copy.
         self._array = numpy_to_vtk(self.values)
         self._array.SetName("field")
@@ -113,6 +116,7 @@ class Surface:
         self._uniforms.SetUniformi("fieldMissing", int(NAN_COLOR[1:], 16))
         self.set_colors(np.zeros((_COLORS, 4), dtype=np.uint8))
         self.set_range(0.0, 1.0)
+        self.set_scale(1.0)
         self.show_field(False)
 
     def write(self, values: npt.NDArray[np.floating], *, complete: bool = False) -> bool:
@@ -129,18 +133,14 @@ class Surface:
             shown = np.where(np.isnan(shown), _MISSING, shown)
         self._array.SetVoidArray(shown, len(shown), 1)
         self._array._numpy_reference = shown  # held as long as VTK has its address
+        self._array.Modified()
+        self.data.Modified()
         self.values = shown
-        self._stale = True
         return missing
 
-    def upload(self, window: vtkRenderWindow | None) -> None:
-        """Bring what was written to the graphics card, before a frame of a window that draws it."""
-        if not self._stale:
-            return
-        self._stale = False
-        if not overwrite(window, self._mapper.GetVBOs().GetVBO("fieldMC"), self.values):
-            self._array.Modified()
-            self.data.Modified()
+    def shown_values(self) -> npt.NDArray[np.float32]:
+        """A copy of the values that are shown, NaN where there is none."""
+        return np.where(self.values == _MISSING, np.float32(np.nan), self.values)
 
     def set_colors(self, colors: npt.NDArray[np.uint8]) -> None:
         """Take a table of colours of shape (256, 4)."""
@@ -158,18 +158,28 @@ class Surface:
         look.SetRepresentationToPoints()
         look.SetPointSize(size)
 
+    def set_scale(self, scale: float) -> None:
+        """Set how many pixels make a point, which the rim is drawn in."""
+        self._uniforms.SetUniformf("pixelsToPoint", scale)
+
     def show_field(self, shown: bool) -> None:
         """Colour by the field, or in one colour."""
         self._uniforms.SetUniformi("fieldShown", int(shown))
 
 
 class LineSet:
-    """Line segments on the surface."""
+    """Lines on the surface, each the fainter the thinner the branch that it goes around."""
+
+    #: Of a branch in points, below which its lines are not seen and above which they are in full.
+    FAINT, FULL = 8.0, 16.0
 
     def __init__(self) -> None:
         self._data = vtkPolyData()
+        self._widths = np.zeros(0)
+        self._shown_at: tuple | None = None
         mapper = vtkPolyDataMapper()
         mapper.SetInputData(self._data)
+        mapper.SetColorModeToDirectScalars()
         self.actor = vtkActor()
         self.actor.SetMapper(mapper)
         self.actor.GetProperty().LightingOff()
@@ -178,13 +188,16 @@ class LineSet:
         self.actor.PickableOff()
         self.actor.VisibilityOff()
 
-    def show(self, segments: npt.NDArray[np.float32] | None) -> None:
-        """Show segments of shape (s, 2, 3), or none."""
+    def show(
+        self, segments: npt.NDArray[np.float32] | None, widths: npt.NDArray[np.float64] | None
+    ) -> None:
+        """Show segments of shape (s, 2, 3) of branches of widths of shape (s,), or none."""
+        self._shown_at = None
+        self._data.Initialize()
         self.actor.SetVisibility(segments is not None and len(segments) > 0)
         if segments is None or not len(segments):
-            if self._data.GetNumberOfPoints():
-                self._data.Initialize()
             return
+        self._widths = np.repeat(widths, 2)
         points = vtkPoints()
         points.SetData(numpy_to_vtk(segments.reshape(-1, 3).astype(np.float32, copy=False)))
         cells = vtkCellArray()
@@ -195,4 +208,15 @@ class LineSet:
         )
         self._data.SetPoints(points)
         self._data.SetLines(cells)
-        self._data.Modified()
+
+    def fade(self, length_per_point: float, color: tuple[float, float, float]) -> None:
+        """Take a colour, and opacities for a size of the mesh on the screen."""
+        known = (length_per_point, color)
+        if known == self._shown_at or not self._data.GetNumberOfPoints():
+            return
+        self._shown_at = known
+        rgba = np.empty((len(self._widths), 4), dtype=np.uint8)
+        rgba[:, :3] = np.round(255 * np.array(color))
+        share = (self._widths / length_per_point - self.FAINT) / (self.FULL - self.FAINT)
+        rgba[:, 3] = np.round(255 * share.clip(0.0, 1.0))
+        self._data.GetPointData().SetScalars(numpy_to_vtk(rgba, deep=True))

@@ -37,7 +37,7 @@ def exponent_text(exponent: int) -> str:
     return f"×10{superscript(exponent)}" if exponent else ""
 
 
-def ticks(low: float, high: float, most: int = 6) -> tuple[list[float], list[str], int]:
+def ticks(low: float, high: float, most: int = 6) -> tuple[list[float], str, int]:
     """Round values within ``[low, high]`` with one common power of ten.
 
     Parameters
@@ -50,8 +50,9 @@ def ticks(low: float, high: float, most: int = 6) -> tuple[list[float], list[str
     Returns
     -------
     values : list of float
-    texts : list of str
-        Each value over ``10**exponent``, all with the same number of decimals.
+        Each over ``10**exponent``.
+    form : str
+        How they are written, as the operator ``%`` takes it: all with as many decimals.
     exponent : int
         0 where plain numbers are short.
     """
@@ -68,9 +69,6 @@ def ticks(low: float, high: float, most: int = 6) -> tuple[list[float], list[str
         if last - first < most:
             break
     decimals = max(0, -floor(log10(step) + 1e-9))
-    multiples = range(first, last + 1)
-    texts = [f"{k * step:.{decimals}f}".replace("-", "−") for k in multiples]
-    if decimals > 6:
-        # A narrow range far from zero: the common part cannot be left out without lying.
-        texts = [f"{k * step:.9g}".replace("-", "−") for k in multiples]
-    return [k * step * 10.0**exponent for k in multiples], texts, exponent
+    # A narrow range far from zero: the common part cannot be left out without lying.
+    form = f"%.{decimals}f" if decimals <= 6 else "%.9g"
+    return [k * step for k in range(first, last + 1)], form, exponent

@@ -9,22 +9,23 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pyvista
 from PySide6.QtCore import QEvent, QPoint, QPointF, QSize, QThreadPool, QTimer, Signal
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
 from meshmash_viewer.app import heap
 from meshmash_viewer.app.listening import frame_drawn
+from meshmash_viewer.app.view.annotations import BAR_SPACE, title_size
 from meshmash_viewer.app.view.camera import View
-from meshmash_viewer.app.view.canvas import Canvas, Ring
-from meshmash_viewer.app.view.drawing import Drawing
-from meshmash_viewer.app.view.overlay import BAR_SPACE, title_size
+from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture
+from meshmash_viewer.app.view.render_widget import RenderWidget, Ring
 from meshmash_viewer.app.view.stand_in import StandIn
-from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.surface.nodal_lines import nodal_lines
+from meshmash_viewer.mesh import Mesh, mesh_to_poly
+from meshmash_viewer.surface.nodal_lines import line_lengths, nodal_lines
 
-__all__ = ["Scene"]
+__all__ = ["MeshView"]
 
 #: How long (ms) nothing must move before the full mesh is drawn again.
 REST = 220
@@ -34,7 +35,7 @@ FIRST_REST = 3000
 GIVE_BACK = 400
 
 
-class Scene(QWidget):
+class MeshView(QWidget):
     """The render, its pointer and its camera.
 
     Drag turns, with Shift or the right button it shifts, with Ctrl it rolls; the wheel zooms to
@@ -65,14 +66,14 @@ class Scene(QWidget):
         self.setObjectName("scene")
         self.setAccessibleName("Render of the mesh")
         self.document = document
-        self._drawing = Drawing()
-        self._stand_in = StandIn(self._drawing)
-        self._canvas = Canvas(self)
-        self._canvas.window.AddRenderer(self._drawing.renderer)
+        self.plotter = RenderWidget(self)
+        self.renderer = MeshRenderer(renderer=self.plotter.renderer)
+        self.renderer.add_to(self.plotter.ren_win)
+        self._stand_in = StandIn(self.renderer)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(self._canvas)
-        self._ring = Ring(self._canvas)
+        layout.addWidget(self.plotter)
+        self._ring = Ring(self.plotter)
         self._user_moved_camera = False
         self._closed = False
         self._first = True
@@ -93,7 +94,7 @@ class Scene(QWidget):
         self._picking_poll.timeout.connect(self._poll_picking)
 
     def _connect_canvas(self) -> None:
-        canvas = self._canvas
+        canvas = self.plotter
         canvas.frame_due.connect(self._draw_frame)
         canvas.resized.connect(self._resized)
         canvas.dragged.connect(self._dragged)
@@ -114,7 +115,7 @@ class Scene(QWidget):
     @property
     def mesh(self) -> Mesh | None:
         """The mesh that is drawn."""
-        return self._drawing.mesh
+        return self.renderer.mesh
 
     def set_mesh(self, mesh: Mesh | None, normals: npt.NDArray[np.float32] | None = None) -> None:
         """Draw a mesh with vertex normals of shape (n, 3), or nothing."""
@@ -125,13 +126,13 @@ class Scene(QWidget):
         self._line_values = None
         self._line_delay.stop()
         self._rest.stop()
-        self._drawing.set_mesh(mesh, normals, picking=True)
+        self.renderer.set_mesh(mesh, normals, picking=True)
         self._begin_with_stand_in()
         self._set_hovered(-1)
         if mesh is not None:
             self._picking_poll.start()
             self.reset_camera()
-        self._canvas.update()
+        self.plotter.render()
 
     def set_field(
         self, field: Any | None, limits: tuple[float, float] = (-1.0, 1.0), colormap: str = "RdBu_r"
@@ -140,19 +141,19 @@ class Scene(QWidget):
 
         One write into the displayed array and one frame, however often it is called meanwhile.
         """
-        if self._drawing.mesh is None:
+        if self.renderer.mesh is None:
             return
-        had_caption = self._drawing.caption is not None
+        had_caption = self.renderer.caption is not None
         self._quantity = "" if field is None else field.quantity
         if field is None:
-            self._drawing.set_field(None, limits, colormap)
+            self.renderer.set_field(None, limits, colormap)
         else:
-            values = self._drawing.mesh.on_surface(field.values)
+            values = self.renderer.mesh.on_surface(field.values)
             words = field.title, self._awaited or field.quantity, field.unit
-            self._drawing.set_field(values, limits, colormap, *words, complete=field.complete)
+            self.renderer.set_field(values, limits, colormap, *words, complete=field.complete)
         if self._line_values is not None:
             # The lines of another field would be wrong; new ones follow `set_nodal_lines`.
-            self._drawing.set_segments(None)
+            self.renderer.set_segments(None)
             self._line_delay.stop()
         if had_caption != (field is not None) and not self._user_moved_camera:
             self.reset_camera()
@@ -161,15 +162,15 @@ class Scene(QWidget):
     def set_awaited(self, title: str) -> None:
         """Say that another field than the one drawn is being computed; "" when it has come."""
         before, self._awaited = self._awaited, title and f"{title} is being computed …"
-        caption = self._drawing.caption
+        caption = self.renderer.caption
         if caption is not None and self._awaited != before:
-            self._drawing.caption = replace(caption, quantity=self._awaited or self._quantity)
-            self._canvas.update()
+            self.renderer.caption = replace(caption, quantity=self._awaited or self._quantity)
+            self.plotter.render()
 
     @property
     def title_size(self) -> QSize:
         """What title and quantity take of the upper left corner; empty where there are none."""
-        caption = self._drawing.caption
+        caption = self.renderer.caption
         if caption is None:
             return QSize(0, 0)
         wide, tall = title_size(caption)
@@ -179,50 +180,50 @@ class Scene(QWidget):
     @property
     def bar_width(self) -> int:
         """What the colour bar takes of the right edge; 0 where there is none."""
-        return 0 if self._drawing.caption is None else BAR_SPACE
+        return 0 if self.renderer.caption is None else BAR_SPACE
 
     def set_pins(self, pins: Iterable[Any]) -> None:
         """Mark vertices: objects with `vertex` and `color`."""
-        self._drawing.set_pins([(pin.vertex, pin.color) for pin in pins])
-        self._canvas.update()
+        self.renderer.set_pins([(pin.vertex, pin.color) for pin in pins])
+        self.plotter.render()
 
     def set_nodal_lines(self, values: npt.NDArray[np.floating] | None) -> None:
         """Draw the zeros of values of shape (n,) as soon as they rest, or none."""
         before, self._line_values = self._line_values, values
-        if self._drawing.mesh is None or (values is None and before is None):
+        if self.renderer.mesh is None or (values is None and before is None):
             return
         if values is None:
             self._line_delay.stop()
-            self._drawing.set_segments(None)
-            self._canvas.update()
+            self.renderer.set_segments(None)
+            self.plotter.render()
         else:
             self._line_delay.start()
 
     def set_theme(self, dark: bool) -> None:
         """Light or dark."""
-        self._drawing.set_theme(dark)
-        self._canvas.update()
+        self.renderer.set_theme(dark)
+        self.plotter.render()
 
     # -- the camera -------------------------------------------------------------------------
 
     def reset_camera(self) -> None:
         """Show the whole mesh from its best side."""
-        self._drawing.reset_view(*self._canvas.pixels())
+        self.renderer.reset_view(*self.plotter.pixels())
         self._user_moved_camera = False
-        self._canvas.update()
+        self.plotter.render()
 
     def camera(self) -> dict[str, Any] | None:
         """The camera as plain numbers for a session, None without a mesh."""
-        return self._drawing.camera_state()
+        return self.renderer.camera_state()
 
     def set_camera(self, state: dict[str, Any]) -> None:
         """Look from where `camera` was taken; ValueError if that is not a camera."""
-        self._drawing.view = View.from_json(state)
+        self.renderer.view = View.from_json(state)
         self._user_moved_camera = True
-        self._canvas.update()
+        self.plotter.render()
 
     def _set_view(self, view: View) -> None:
-        self._drawing.view = view
+        self.renderer.view = view
         self._user_moved_camera = True
         self._moves()
 
@@ -232,39 +233,68 @@ class Scene(QWidget):
         self, size: tuple[int, int] | None = None, transparent: bool = False
     ) -> npt.NDArray[np.uint8]:
         """What is on the screen as RGBA of shape (height, width, 4), at any size."""
-        return draw_picture(self.twin(), size or self._canvas.pixels()[:2], transparent)
+        return draw_picture(self.twin(), size or self.plotter.pixels()[:2], transparent)
 
-    def twin(self) -> Drawing:
+    def twin(self) -> MeshRenderer:
         """What is on the screen, to be drawn elsewhere."""
-        twin = self._drawing.twin()
+        twin = self.renderer.twin()
         if twin.caption is not None:
             twin.caption = replace(twin.caption, quantity=self._quantity)
         return twin
 
+    def to_pyvista(self) -> pyvista.PolyData:
+        """The mesh in its own coordinates with the displayed field, to export or to plot.
+
+        Returns
+        -------
+        pyvista.PolyData
+            A new one. The field is its active scalars, under its title, NaN where there is no
+            value; ``user_dict`` has its ``"quantity"``, ``"unit"``, ``"colormap"`` and
+            ``"limits"``.
+
+        Raises
+        ------
+        ValueError
+            If no mesh is shown.
+        """
+        if self.mesh is None:
+            raise ValueError("No mesh is shown: open one first.")
+        surface, caption = mesh_to_poly(self.mesh), self.renderer.caption
+        if caption is not None:
+            surface.point_data[caption.title] = self.renderer.surface.shown_values()
+            surface.set_active_scalars(caption.title)
+            surface.user_dict = {
+                "quantity": self._quantity,
+                "unit": caption.unit,
+                "colormap": caption.colormap,
+                "limits": [caption.low, caption.high],
+            }
+        return surface
+
     def display_point(self, vertex: int) -> QPoint:
         """Where a vertex is on this widget."""
-        width, height, ratio = self._canvas.pixels()
-        x, y, _ = self._drawing.view.to_pixels(self.mesh.vertices[vertex], width, height)[0]
+        width, height, ratio = self.plotter.pixels()
+        x, y, _ = self.renderer.view.to_pixels(self.mesh.vertices[vertex], width, height)[0]
         return QPoint(round(x / ratio - 0.5), round((height - y) / ratio - 0.5))
 
     def vertex_at(self, x: float, y: float) -> int:
         """Vertex that is drawn at a place of this widget, -1 for none."""
-        drawing = self._drawing
+        drawing = self.renderer
         if drawing.picker is None or drawing.view is None:
             return -1
-        width, height, _ = self._canvas.pixels()
-        through = drawing.view.from_pixels(*self._canvas.to_pixels(x, y), width, height)
+        width, height, _ = self.plotter.pixels()
+        through = drawing.view.from_pixels(*self.plotter.to_pixels(x, y), width, height)
         return drawing.picker.vertex(through - drawing.centre, drawing.view.axes[2])
 
     @property
     def can_pick(self) -> bool:
         """Whether the search structure for picking is there."""
-        return self._drawing.picker is not None and self._drawing.picker.ready
+        return self.renderer.picker is not None and self.renderer.picker.ready
 
     def _poll_picking(self) -> None:
         if self.can_pick:
             self._picking_poll.stop()
-            self._canvas.update()  # pins know now whether they are hidden
+            self.plotter.render()  # pins know now whether they are hidden
             self.picking_ready.emit()
 
     # -- frames -----------------------------------------------------------------------------
@@ -275,13 +305,13 @@ class Scene(QWidget):
         if self._stand_in.software or self._stand_in.slow:
             self._rest.start(FIRST_REST if self._stand_in.awaited else REST)
             self._set_hovered(-1)
-        self._canvas.update()
+        self.plotter.render()
 
     def _come_to_rest(self) -> None:
-        if self._canvas.dragging:
+        if self.plotter.dragging:
             self._rest.start(REST)
         else:
-            self._canvas.update()
+            self.plotter.render()
 
     @property
     def at_rest(self) -> bool:
@@ -292,11 +322,11 @@ class Scene(QWidget):
     @property
     def shows_stand_in(self) -> bool:
         """Whether the last frame had the stand-in in it."""
-        return self._drawing.shows_coarse and not self._stand_in.awaited
+        return self.renderer.shows_coarse and not self._stand_in.awaited
 
     def _begin_with_stand_in(self) -> None:
         """Draw it before the first frame in full, if that is slow without a doubt."""
-        if self._stand_in.begin(self._canvas.pixels()[2]):
+        if self._stand_in.begin(self.plotter.pixels()[2]):
             self._run("coarse", self._stand_in.task())
             self._rest.start(FIRST_REST)
 
@@ -304,10 +334,9 @@ class Scene(QWidget):
         """Draw now; only the canvas calls it, when Qt says that a frame is due."""
         if self._closed:
             return
-        drawing, window = self._drawing, self._canvas.window
+        drawing, window = self.renderer, self.plotter.ren_win
         if self._first:
             # Not before: a window tells what draws it when it is on the screen.
-            window.Initialize()
             self._stand_in.software = _draws_by_software(window)
             self._begin_with_stand_in()
         stand_in, at_rest = self._stand_in, not self._rest.isActive()
@@ -319,9 +348,12 @@ class Scene(QWidget):
         window.SetMultiSamples(0 if quickly else 4)
         drawing.smooth_afterwards(quickly and at_rest)
         started = perf_counter()
-        drawing.prepare(*self._canvas.pixels())
-        window.Render()
-        window.WaitForCompletion()  # a graphics card would otherwise look fast and be late
+        view = drawing.view
+        drawing.prepare(*self.plotter.pixels())
+        self._user_moved_camera |= view is not None and drawing.view is not view
+        self.plotter.draw()
+        if stand_in.measuring:
+            window.WaitForCompletion()  # a graphics card would otherwise look fast and be late
         took = perf_counter() - started
         frame_drawn()
         if stand_in.slow and stand_in.software and not coarse:
@@ -334,10 +366,13 @@ class Scene(QWidget):
             self._run("coarse", stand_in.task())
 
     def _compute_lines(self) -> None:
-        mesh, values, centre = self._drawing.mesh, self._line_values, self._drawing.centre
+        mesh, values, centre = self.renderer.mesh, self._line_values, self.renderer.centre
 
-        def compute() -> npt.NDArray[np.float32]:
-            return (nodal_lines(mesh.vertices, mesh.faces, values) - centre).astype(np.float32)
+        def compute() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]]:
+            segments = nodal_lines(mesh.vertices, mesh.faces, values)
+            # a line around a branch is as long as that is wide times π
+            widths = line_lengths(segments) / np.pi
+            return (segments - centre).astype(np.float32), widths
 
         self._run("lines", compute, values)
 
@@ -366,18 +401,18 @@ class Scene(QWidget):
             self._stand_in.take(result)
             if self._rest.isActive():
                 self._rest.start(REST)
-                self._canvas.update()
+                self.plotter.render()
         elif key is self._line_values:
-            self._drawing.set_segments(result)
-            self._canvas.update()
+            self.renderer.set_segments(*result)
+            self.plotter.render()
 
     # -- the mouse --------------------------------------------------------------------------
 
     def _dragged(self, how: str, dx: float, dy: float) -> None:
-        view = self._drawing.view
+        view = self.renderer.view
         if view is None:
             return
-        width, height, ratio = self._canvas.pixels()
+        width, height, ratio = self.plotter.pixels()
         angle = np.pi * ratio / min(width, height)
         if how == "shift":
             self._set_view(view.moved(ratio * dx, ratio * dy, width, height))
@@ -387,10 +422,10 @@ class Scene(QWidget):
             self._set_view(view.turned(angle * dx, angle * dy))
 
     def _wheeled(self, notches: float, at: QPointF) -> None:
-        view = self._drawing.view
+        view = self.renderer.view
         if view is not None:
-            width, height, _ = self._canvas.pixels()
-            x, y = self._canvas.to_pixels(at.x(), at.y())
+            width, height, _ = self.plotter.pixels()
+            x, y = self.plotter.to_pixels(at.x(), at.y())
             self._set_view(view.zoomed(1.15**notches, x, y, width, height))
 
     def _pointed(self) -> None:
@@ -399,8 +434,8 @@ class Scene(QWidget):
             self._hover_delay.start()
 
     def _hover(self) -> None:
-        inside = self._canvas.pointer
-        if inside is None or self._canvas.dragging:
+        inside = self.plotter.pointer
+        if inside is None or self.plotter.dragging:
             self._set_hovered(-1)
         else:
             self._set_hovered(self.vertex_at(inside.x(), inside.y()))
@@ -422,12 +457,12 @@ class Scene(QWidget):
     def _centre_on(self, at: QPointF) -> None:
         vertex = self.vertex_at(at.x(), at.y())
         if vertex >= 0:
-            view = self._drawing.view
+            view = self.renderer.view
             self._set_view(View(self.mesh.vertices[vertex], view.axes, view.half_size))
 
     def _resized(self) -> None:
-        if self._drawing.view is not None and not self._user_moved_camera:
-            self._drawing.fit_view(self._drawing.view.axes, *self._canvas.pixels())
+        if self.renderer.view is not None and not self._user_moved_camera:
+            self.renderer.fit_view(self.renderer.view.axes, *self.plotter.pixels())
         self._set_hovered(-1)
 
     # -- the end ----------------------------------------------------------------------------
@@ -447,11 +482,9 @@ class Scene(QWidget):
             timer.stop()
         self._ring.hide()
         self._pool.waitForDone()
-        if self._drawing.picker is not None:
-            self._drawing.picker.stop()
-        self._canvas.window.RemoveRenderer(self._drawing.renderer)
-        self._canvas.close()
-        self._drawing.set_mesh(None, None)
+        self.renderer.set_mesh(None, None)
+        self.renderer.remove_from(self.plotter.ren_win)
+        self.plotter.close()
 
 
 def _draws_by_software(window: vtkRenderWindow) -> bool:

@@ -7,7 +7,7 @@ import pytest
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
 from meshmash_viewer.app.view.colors import DARK, LIGHT, RenderTheme, rgb
-from meshmash_viewer.app.view.drawing import Drawing, read_pixels
+from meshmash_viewer.app.view.mesh_renderer import MeshRenderer, read_pixels
 from meshmash_viewer.app.view.picture import draw_picture
 from meshmash_viewer.mesh import Mesh
 
@@ -15,7 +15,7 @@ from meshmash_viewer.mesh import Mesh
 @pytest.mark.parametrize(("dark", "theme"), [(False, LIGHT), (True, DARK)])
 def test_the_ground_fades_without_bands(qapp, dark: bool, theme: RenderTheme) -> None:
     width, height = 120, 400
-    picture = draw_picture(Drawing(dark), (width, height))[..., :3].astype(float)
+    picture = draw_picture(MeshRenderer(dark), (width, height))[..., :3].astype(float)
     ends = 255.0 * np.array([rgb(theme.background_top), rgb(theme.background_bottom)])
     share = ((np.arange(height) + 0.5) / height)[:, None]
     wanted = ends[0] + share * (ends[1] - ends[0])
@@ -29,7 +29,7 @@ def test_the_ground_is_behind_the_mesh_and_goes_with_the_theme(qapp) -> None:
         np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]),
         np.array([[0, 1, 2], [0, 2, 3]]),
     )
-    drawing = Drawing()
+    drawing = MeshRenderer()
     drawing.set_mesh(square, square.vertex_normals)
     drawing.set_theme(dark=True)
     picture = draw_picture(drawing, (400, 400)).astype(int)
@@ -48,17 +48,18 @@ def test_edges_blend_into_the_ground(qapp, samples: int) -> None:
     plate = Mesh(
         np.vstack([np.zeros(3), corners]), np.array([[0, k, k % 6 + 1] for k in range(1, 7)])
     )
-    drawing, window = Drawing(), vtkRenderWindow()
+    drawing, window = MeshRenderer(), vtkRenderWindow()
     drawing.set_mesh(plate, plate.vertex_normals)
     drawing.surface.actor.GetProperty().SetColor(0.5, 0.5, 0.5)
     drawing.smooth_afterwards(samples == 0)
     window.SetOffScreenRendering(True)
     window.SetMultiSamples(samples)
     window.SetSize(300, 300)
-    window.AddRenderer(drawing.renderer)
-    drawing._painter.end()
-    drawing.reset_view(300, 300, 1.0)
-    drawing._place_camera(300, 300)
+    drawing.add_to(window)
+    drawing.prepare(300, 300, 1.0)
+    for actor in drawing.annotations.actors:
+        actor.VisibilityOff()
+    drawing.annotations.corner.DrawOff()
     window.Render()
     picture = read_pixels(window, False, 0, 300).astype(int)
     window.Finalize()
@@ -68,13 +69,3 @@ def test_edges_blend_into_the_ground(qapp, samples: int) -> None:
     assert (picture >= surface - 3).all()
     between = (picture > surface + 10) & (picture < ground - 10)
     assert np.count_nonzero(between.all(axis=2)) > 350
-
-
-def test_plates_have_the_colour_of_the_ground(qapp) -> None:
-    flat = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
-    drawing = Drawing()
-    drawing.set_mesh(flat, flat.vertex_normals)
-    drawing.set_field(np.arange(3.0), (0.0, 2.0), "viridis", "Heat kernel signature", "t = 1")
-    picture = draw_picture(drawing, (800, 600))[..., :3].astype(int)
-    # left of the title its plate, and left of that the ground
-    assert np.abs(picture[15:45, 11:15] - picture[15:45, :4]).max() <= 2

@@ -1,22 +1,23 @@
-"""The native window that VTK draws into, with its mouse told as signals."""
+"""The widget that VTK draws into: a plotter of pyvista's, with its mouse told as signals."""
 
 from __future__ import annotations
 
-from PySide6.QtCore import QEvent, QPoint, QPointF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QColor, QCursor, QPainter, QRegion
+from typing import Any
+
+from PySide6.QtCore import QEvent, QPoint, QPointF, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QPainter, QPen
 from PySide6.QtWidgets import QApplication, QWidget
-from vtkmodules.qt.QVTKRenderWindowInteractor import QVTKRenderWindowInteractor
-from vtkmodules.vtkRenderingCore import vtkRenderWindow
+from pyvistaqt import QtInteractor
 
-__all__ = ["Canvas", "Ring"]
+__all__ = ["RenderWidget", "Ring"]
 
 
-class Canvas(QVTKRenderWindowInteractor):
-    """A widget with a render window of its own; VTK's interactor gets no event.
+class RenderWidget(QtInteractor):
+    """A `pyvista.Plotter` in Qt, whose interactor gets no event: the window has manners of its own.
 
-    Nothing is drawn here: `frame_due` asks for a frame, once for any number of `update` calls.
-    When the screen has only lost what it showed, the last frame is shown again. Places are in
-    this widget's coordinates.
+    Nothing is drawn but when Qt paints: `frame_due` asks for a frame then, once for any number of
+    `render` calls, and `draw` makes it. When the screen has only lost what it showed, the last
+    frame is shown again. Places are in this widget's coordinates.
     """
 
     frame_due = Signal()
@@ -34,13 +35,17 @@ class Canvas(QVTKRenderWindowInteractor):
     pointer_moved = Signal()
 
     def __init__(self, parent: QWidget) -> None:
-        super().__init__(parent)
+        self._drawing, self._stale = False, True
+        # Lights are those of `MeshRenderer`; nothing is drawn by a timer.
+        super().__init__(parent, auto_update=False, lighting="none", multi_samples=4)
+        # Frames come from `draw` alone, whatever VTK's interactor thinks.
+        self.ren_win.GetInteractor().EnableRenderOff()
+        # Otherwise pyvista would look at the first mesh that somebody adds.
+        self.camera_set = True
+        self.setAcceptDrops(False)
         self.setObjectName("scene_canvas")
         self.setAccessibleName("Mesh in three dimensions")
         self.setMinimumSize(QSize(160, 120))
-        self.window = self.GetRenderWindow()
-        self.window.SetMultiSamples(4)
-        self.window.SetDPI(72)
         self.dragging = False
         #: Where the pointer is, None outside.
         self.pointer: QPointF | None = None
@@ -48,9 +53,6 @@ class Canvas(QVTKRenderWindowInteractor):
         self._last = QPointF()
         self._button = Qt.MouseButton.NoButton
         self._step_rest = 0
-        self._stale = True
-        self._again = QTimer(self, interval=8, singleShot=True)
-        self._again.timeout.connect(self._show_again)
 
     def sizeHint(self) -> QSize:
         """A good size for a first look."""
@@ -68,40 +70,58 @@ class Canvas(QVTKRenderWindowInteractor):
 
     # -- what Qt tells ----------------------------------------------------------------------
 
-    def update(self) -> None:
-        """Have a new frame drawn soon."""
+    def render(self, *_: Any, **__: Any) -> None:
+        """Have a new frame drawn soon: what pyvista calls after each change."""
         self._stale = True
         super().update()
 
-    def paintEvent(self, event: QEvent) -> None:
-        """Ask for a frame, or show the last one again."""
-        if self._stale:
-            self._stale = False
-            self.frame_due.emit()
-        elif not self._again.isActive():
-            self._again.start()
+    Render = render
 
-    def _show_again(self) -> None:
-        # The ring has moved, or another window: a frame can take a second, this does not.
-        if not self._stale:
-            self.window.Frame()
+    def update(self) -> None:
+        """Show the last frame again; VTK calls this after each frame, too, when it is shown."""
+        if not self._drawing:
+            super().update()
+
+    def paintGL(self) -> None:
+        """Ask for a frame if there is to be a new one, and show it."""
+        if self._stale and self.ren_win.GetReadyForRendering():
+            self._stale = False
+            self._drawing = True
+            try:
+                self.frame_due.emit()
+            finally:
+                self._drawing = False
+        super().paintGL()
+
+    def draw(self) -> None:
+        """Make a frame now; only while `frame_due` is emitted there is somewhere to draw it to."""
+        width, height, ratio = self.pixels()
+        if self.ren_win.GetSize() != (width, height):
+            self.ren_win.SetSize(width, height)
+        self.ren_win.SetDPI(round(72 * ratio))
+        self.ren_win.Render()
+
+    def event(self, event: QEvent) -> bool:
+        """Follow the window to a screen of another scale."""
+        done = super().event(event)
+        if event.type() == QEvent.Type.DevicePixelRatioChange:
+            self.resized.emit()
+            self.render()
+        return done
 
     def resizeEvent(self, event: QEvent) -> None:
-        """Give the render window the size in pixels of the screen."""
-        width, height, _ = self.pixels()
-        # The base class' method, as VTK's own widget does: the window is already that large.
-        vtkRenderWindow.SetSize(self.window, width, height)
+        """Have a frame of the new size."""
+        super().resizeEvent(event)
         self.resized.emit()
-        self.update()
+        self.render()
 
     def enterEvent(self, event: QEvent) -> None:
         """Note the pointer."""
         self._point_at(event.position())
 
     def leaveEvent(self, event: QEvent) -> None:
-        """Forget the pointer, unless it has only gone over the ring."""
-        if not self.rect().contains(self.mapFromGlobal(QCursor.pos())):
-            self._point_at(None)
+        """Forget the pointer."""
+        self._point_at(None)
 
     def _point_at(self, at: QPointF | None) -> None:
         self.pointer = at
@@ -183,46 +203,31 @@ class Canvas(QVTKRenderWindowInteractor):
         """Leave keys to the window."""
         event.ignore()
 
-    def closeEvent(self, event: QEvent) -> None:
-        """Free what the graphics card holds."""
-        self._again.stop()
-        self.window.Finalize()
-
 
 class Ring(QWidget):
-    """Marks the vertex under the pointer without drawing the render again.
-
-    It is a native window with the shape of a ring, so that it lies over the render and lets the
-    pointer through its middle; what reaches it is passed on to the canvas.
-    """
+    """Marks the vertex under the pointer without drawing the render again."""
 
     OUTER, INNER = 8, 5
 
-    def __init__(self, canvas: Canvas) -> None:
+    def __init__(self, canvas: RenderWidget) -> None:
         super().__init__(canvas)
         self.setObjectName("hover_ring")
         self.setAccessibleName("Vertex under the pointer")
-        self.setAttribute(Qt.WidgetAttribute.WA_NativeWindow)
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        size = 2 * self.OUTER + 1
+        size = 2 * self.OUTER + 3
         self.resize(size, size)
-        inset = self.OUTER - self.INNER
-        whole = QRegion(0, 0, size, size, QRegion.RegionType.Ellipse)
-        hole = QRegion(inset, inset, size - 2 * inset, size - 2 * inset, QRegion.RegionType.Ellipse)
-        self.setMask(whole.subtracted(hole))
         self.hide()
 
     def show_at(self, place: QPoint) -> None:
         """Put its middle at a place of the canvas."""
-        self.move(place - QPoint(self.OUTER, self.OUTER))
+        self.move(place - self.rect().center())
         self.show()
 
     def paintEvent(self, event: QEvent) -> None:
         """White, with a dark edge on both sides."""
         painter = QPainter(self)
-        painter.fillRect(self.rect(), QColor("#14181d"))
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(QColor("#ffffff"))
-        painter.setBrush(Qt.BrushStyle.NoBrush)
-        middle = (self.OUTER + self.INNER) / 2
-        painter.drawEllipse(QPointF(self.OUTER + 0.5, self.OUTER + 0.5), middle, middle)
+        middle, radius = QPointF(self.rect().center()) + QPointF(0.5, 0.5), self.OUTER - 1.5
+        for color, width in (("#14181d", self.OUTER - self.INNER + 1.0), ("#ffffff", 1.5)):
+            painter.setPen(QPen(QColor(color), width))
+            painter.drawEllipse(middle, radius, radius)

@@ -7,18 +7,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, QPointF, Qt
-from PySide6.QtGui import QWheelEvent
+import pyvista
+from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
+from PySide6.QtGui import QImage, QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMainWindow
 from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
 
-import meshmash_viewer.app.view.scene as scene_module
+import meshmash_viewer.app.view.mesh_view as scene_module
 import meshmash_viewer.app.view.stand_in as stand_in_module
-import meshmash_viewer.app.view.upload as upload_module
 from meshmash_viewer.app import heap
-from meshmash_viewer.app.view.drawing import read_pixels
-from meshmash_viewer.app.view.scene import Scene
+from meshmash_viewer.app.view.mesh_view import MeshView
+from meshmash_viewer.app.view.render_widget import Ring
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Pin
 
@@ -34,9 +34,9 @@ def complaints() -> Iterator[vtkStringOutputWindow]:
 
 
 @pytest.fixture
-def scene(qtbot, complaints) -> Iterator[Scene]:
+def scene(qtbot, complaints) -> Iterator[MeshView]:
     window = QMainWindow()
-    scene = Scene(Document(), window)
+    scene = MeshView(Document(), window)
     window.setCentralWidget(scene)
     window.resize(640, 480)
     qtbot.addWidget(window)
@@ -47,7 +47,7 @@ def scene(qtbot, complaints) -> Iterator[Scene]:
     window.close()
 
 
-def show(scene: Scene, mesh: Mesh, qtbot) -> Mesh:
+def show(scene: MeshView, mesh: Mesh, qtbot) -> Mesh:
     with qtbot.waitSignal(scene.picking_ready, timeout=20_000):
         scene.set_mesh(mesh, mesh.vertex_normals)
     return mesh
@@ -63,17 +63,21 @@ def field(values: np.ndarray, title: str = "Eigenfunction 5") -> SimpleNamespace
     )
 
 
-def facing(scene: Scene, mesh: Mesh) -> np.ndarray:
+def facing(scene: MeshView, mesh: Mesh) -> np.ndarray:
     """Vertices of a convex mesh that look well towards the eye."""
     towards = np.array(scene.camera()["axes"])[2]
     return np.flatnonzero(mesh.vertex_normals @ towards > 0.5)
 
 
-def on_canvas(scene: Scene, vertex: int) -> QPoint:
-    return scene._canvas.mapFrom(scene, scene.display_point(vertex))
+def ring(scene: MeshView) -> Ring:
+    return scene.findChild(Ring, "hover_ring")
 
 
-def test_an_empty_scene_draws_and_answers(scene: Scene, qtbot) -> None:
+def on_canvas(scene: MeshView, vertex: int) -> QPoint:
+    return scene.plotter.mapFrom(scene, scene.display_point(vertex))
+
+
+def test_an_empty_scene_draws_and_answers(scene: MeshView, qtbot) -> None:
     assert scene.mesh is None
     assert scene.vertex_at(100, 100) == -1
     assert scene.camera() is None
@@ -86,7 +90,7 @@ def test_an_empty_scene_draws_and_answers(scene: Scene, qtbot) -> None:
 
 @pytest.mark.parametrize("shift", [0.0, 1e7])
 def test_every_vertex_that_is_seen_is_picked_where_it_is_drawn(
-    scene: Scene, sphere: Mesh, qtbot, shift: float
+    scene: MeshView, sphere: Mesh, qtbot, shift: float
 ) -> None:
     mesh = show(scene, Mesh(sphere.vertices + shift, sphere.faces, "nm"), qtbot)
     vertices = facing(scene, mesh)
@@ -97,9 +101,9 @@ def test_every_vertex_that_is_seen_is_picked_where_it_is_drawn(
     assert scene.vertex_at(2, 2) == -1
 
 
-def test_picking_holds_after_turning_and_zooming(scene: Scene, sphere: Mesh, qtbot) -> None:
+def test_picking_holds_after_turning_and_zooming(scene: MeshView, sphere: Mesh, qtbot) -> None:
     mesh = show(scene, sphere, qtbot)
-    canvas = scene._canvas
+    canvas = scene.plotter
     before = scene.camera()
     QTest.mousePress(canvas, Qt.MouseButton.LeftButton, pos=QPoint(300, 200))
     for step in range(1, 8):
@@ -130,65 +134,65 @@ def wheel(canvas, notches: int, at: QPoint, modifiers=Qt.KeyboardModifier.NoModi
     QApplication.sendEvent(canvas, event)
 
 
-def test_a_click_picks_and_a_drag_does_not(scene: Scene, sphere: Mesh, qtbot) -> None:
+def test_a_click_picks_and_a_drag_does_not(scene: MeshView, sphere: Mesh, qtbot) -> None:
     mesh = show(scene, sphere, qtbot)
     heard = []
     scene.vertex_clicked.connect(heard.append)
     vertex = int(facing(scene, mesh)[7])
     place = on_canvas(scene, vertex)
-    QTest.mouseClick(scene._canvas, Qt.MouseButton.LeftButton, pos=place)
+    QTest.mouseClick(scene.plotter, Qt.MouseButton.LeftButton, pos=place)
     assert heard == [vertex]
-    QTest.mousePress(scene._canvas, Qt.MouseButton.LeftButton, pos=place)
-    QTest.mouseMove(scene._canvas, place + QPoint(40, 0))
-    QTest.mouseRelease(scene._canvas, Qt.MouseButton.LeftButton, pos=place + QPoint(40, 0))
-    QTest.mouseClick(scene._canvas, Qt.MouseButton.LeftButton, pos=QPoint(3, 3))
+    QTest.mousePress(scene.plotter, Qt.MouseButton.LeftButton, pos=place)
+    QTest.mouseMove(scene.plotter, place + QPoint(40, 0))
+    QTest.mouseRelease(scene.plotter, Qt.MouseButton.LeftButton, pos=place + QPoint(40, 0))
+    QTest.mouseClick(scene.plotter, Qt.MouseButton.LeftButton, pos=QPoint(3, 3))
     assert heard == [vertex]
 
 
-def test_the_pointer_tells_the_vertex_without_a_frame(scene: Scene, sphere: Mesh, qtbot) -> None:
+def test_the_pointer_tells_the_vertex_without_a_frame(scene: MeshView, sphere: Mesh, qtbot) -> None:
     mesh = show(scene, sphere, qtbot)
     QTest.qWait(50)
     frames = []
-    scene._canvas.frame_due.connect(lambda: frames.append(1))
+    scene.plotter.frame_due.connect(lambda: frames.append(1))
     for vertex in facing(scene, mesh)[[3, 40]]:
         with qtbot.waitSignal(scene.vertex_hovered, timeout=5000) as heard:
-            QTest.mouseMove(scene._canvas, on_canvas(scene, vertex))
+            QTest.mouseMove(scene.plotter, on_canvas(scene, vertex))
         assert heard.args == [vertex]
-        assert scene._ring.isVisible()
+        assert ring(scene).isVisible()
     with qtbot.waitSignal(scene.vertex_hovered, timeout=5000) as heard:
-        QTest.mouseMove(scene._canvas, QPoint(4, 4))
+        QTest.mouseMove(scene.plotter, QPoint(4, 4))
     assert heard.args == [-1]
-    assert not scene._ring.isVisible()
+    assert not ring(scene).isVisible()
     assert not frames
 
 
-def test_ctrl_and_the_wheel_step(scene: Scene, sphere: Mesh, qtbot) -> None:
+def test_ctrl_and_the_wheel_step(scene: MeshView, sphere: Mesh, qtbot) -> None:
     show(scene, sphere, qtbot)
     before, heard = scene.camera(), []
     scene.stepped.connect(heard.append)
     control = Qt.KeyboardModifier.ControlModifier
-    wheel(scene._canvas, -1, QPoint(100, 100), control)
-    wheel(scene._canvas, 2, QPoint(100, 100), control)
+    wheel(scene.plotter, -1, QPoint(100, 100), control)
+    wheel(scene.plotter, 2, QPoint(100, 100), control)
     assert heard == [1, -2]
     assert scene.camera() == before
 
 
-def test_zoom_keeps_the_place_under_the_pointer(scene: Scene, sphere: Mesh, qtbot) -> None:
+def test_zoom_keeps_the_place_under_the_pointer(scene: MeshView, sphere: Mesh, qtbot) -> None:
     mesh = show(scene, sphere, qtbot)
     vertex = int(facing(scene, mesh)[11])
     place = on_canvas(scene, vertex)
-    wheel(scene._canvas, 3, place)
+    wheel(scene.plotter, 3, place)
     assert (on_canvas(scene, vertex) - place).manhattanLength() <= 2
 
 
-def test_many_fields_are_one_frame(scene: Scene, sphere: Mesh, qtbot) -> None:
+def test_many_fields_are_one_frame(scene: MeshView, sphere: Mesh, qtbot) -> None:
     mesh = show(scene, sphere, qtbot)
-    surface = scene._drawing.surface
+    surface = scene.renderer.surface
     frames = []
-    scene._canvas.frame_due.connect(lambda: frames.append(1))
+    scene.plotter.frame_due.connect(lambda: frames.append(1))
     for axis in (0, 1, 2):
         scene.set_field(field(mesh.vertices[:, axis]), (-1.0, 1.0), "RdBu_r")
-        assert scene._drawing.surface is surface
+        assert scene.renderer.surface is surface
         np.testing.assert_array_equal(surface.values, mesh.vertices[:, axis].astype(np.float32))
     qtbot.waitUntil(lambda: bool(frames), timeout=5000)
     QTest.qWait(scene_module.REST + 100)
@@ -196,71 +200,27 @@ def test_many_fields_are_one_frame(scene: Scene, sphere: Mesh, qtbot) -> None:
     assert len(frames) <= 2
 
 
-def on_screen(scene: Scene) -> np.ndarray:
-    """Pixels of the frame that is drawn now."""
-    scene._draw_frame()
-    window = scene._canvas.window
-    return read_pixels(window, False, 0, window.GetSize()[1]).copy()
+def on_screen(scene: MeshView) -> np.ndarray:
+    """Pixels of what the widget shows, shape (height, width, 3)."""
+    image = scene.plotter.grabFramebuffer().convertToFormat(QImage.Format.Format_RGB888)
+    rows = np.frombuffer(image.constBits(), np.uint8).reshape(image.height(), -1)
+    return rows[:, : 3 * image.width()].reshape(image.height(), image.width(), 3).copy()
 
 
-def field_buffer(scene: Scene) -> tuple[int, int]:
-    """Which buffer holds the field, and when VTK last uploaded it."""
-    buffer = scene._drawing.surface._mapper.GetVBOs().GetVBO("fieldMC")
-    return buffer.GetHandle(), buffer.GetUploadTime().GetMTime()
-
-
-def test_no_value_is_said_only_where_it_can_be_seen(scene: Scene, neuron: Mesh, qtbot) -> None:
+def test_no_value_is_said_only_where_it_can_be_seen(scene: MeshView, neuron: Mesh, qtbot) -> None:
     mesh = show(scene, neuron, qtbot)
     assert len(mesh.unreferenced)
     values = mesh.vertices[:, 1].copy()
     values[mesh.unreferenced] = np.nan
     scene.set_field(field(values), (-1.0, 1.0), "RdBu_r")
-    assert not scene._drawing.caption.missing
+    assert not scene.renderer.caption.missing
     values[mesh.faces[0, 0]] = np.nan
     scene.set_field(field(values), (-1.0, 1.0), "RdBu_r")
-    assert scene._drawing.caption.missing
-
-
-@pytest.mark.parametrize("missing", [False, True], ids=["all there", "some missing"])
-def test_a_field_overwrites_the_buffer_of_the_one_before(
-    scene: Scene, sphere: Mesh, qtbot, missing: bool
-) -> None:
-    mesh = show(scene, sphere, qtbot)
-    surface = scene._drawing.surface
-    scene.set_field(field(mesh.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
-    before = on_screen(scene)
-    known = field_buffer(scene)
-    values = mesh.vertices[:, 1].copy()
-    values[::3] = np.where(missing, np.nan, values[::3])
-    scene.set_field(field(values), (-1.0, 1.0), "RdBu_r")
-    overwritten = on_screen(scene)
-    assert (overwritten != before).any()
-    assert field_buffer(scene) == known
-    # VTK's own upload draws the same.
-    surface._array.Modified()
-    surface.data.Modified()
-    np.testing.assert_array_equal(on_screen(scene), overwritten)
-    assert field_buffer(scene)[1] > known[1]
-
-
-def test_fields_are_shown_where_buffers_cannot_be_overwritten(
-    scene: Scene, sphere: Mesh, qtbot, monkeypatch
-) -> None:
-    mesh = show(scene, sphere, qtbot)
-    pictures = []
-    for known in (True, False):
-        if not known:
-            monkeypatch.setattr(upload_module, "_pointer", lambda: None)
-        scene.set_field(field(mesh.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
-        before = on_screen(scene)
-        scene.set_field(field(mesh.vertices[:, 1]), (-1.0, 1.0), "RdBu_r")
-        pictures.append(on_screen(scene))
-        assert (pictures[-1] != before).any()
-    np.testing.assert_array_equal(*pictures)
+    assert scene.renderer.caption.missing
 
 
 def test_a_field_changes_the_picture_and_none_takes_it_away(
-    scene: Scene, sphere: Mesh, qtbot
+    scene: MeshView, sphere: Mesh, qtbot
 ) -> None:
     mesh = show(scene, sphere, qtbot)
     size = (300, 200)
@@ -272,24 +232,26 @@ def test_a_field_changes_the_picture_and_none_takes_it_away(
     np.testing.assert_array_equal(scene.picture(size), bare)
 
 
-def test_a_field_of_another_mesh_is_refused(scene: Scene, sphere: Mesh, qtbot) -> None:
+def test_a_field_of_another_mesh_is_refused(scene: MeshView, sphere: Mesh, qtbot) -> None:
     show(scene, sphere, qtbot)
     with pytest.raises(ValueError, match="does not fit"):
         scene.set_field(field(np.zeros(5)), (-1.0, 1.0), "RdBu_r")
 
 
-def test_nodal_lines_come_at_rest_and_go_with_the_field(scene: Scene, sphere: Mesh, qtbot) -> None:
+def test_nodal_lines_come_at_rest_and_go_with_the_field(
+    scene: MeshView, sphere: Mesh, qtbot
+) -> None:
     mesh = show(scene, sphere, qtbot)
     first = field(mesh.vertices[:, 0])
     scene.set_field(first, (-1.0, 1.0), "RdBu_r")
     scene.set_nodal_lines(first.values)
-    qtbot.waitUntil(lambda: scene._drawing._segments is not None, timeout=5000)
-    np.testing.assert_allclose(scene._drawing._segments[..., 0], 0.0, atol=1e-6)
+    qtbot.waitUntil(lambda: scene.renderer.segments is not None, timeout=5000)
+    np.testing.assert_allclose(scene.renderer.segments[..., 0], 0.0, atol=1e-6)
     scene.set_field(field(mesh.vertices[:, 1]), (-1.0, 1.0), "RdBu_r")
-    assert scene._drawing._segments is None
+    assert scene.renderer.segments is None
 
 
-def test_pins_are_drawn_in_their_colours(scene: Scene, sphere: Mesh, qtbot) -> None:
+def test_pins_are_drawn_in_their_colours(scene: MeshView, sphere: Mesh, qtbot) -> None:
     mesh = show(scene, sphere, qtbot)
     vertex = int(facing(scene, mesh)[20])
     scene.set_pins((Pin(vertex, "#00ff00"),))
@@ -301,11 +263,11 @@ def test_pins_are_drawn_in_their_colours(scene: Scene, sphere: Mesh, qtbot) -> N
     assert not (picture[..., 1] - picture[..., 0] > 150).any()
 
 
-def test_the_camera_goes_through_json_and_back(scene: Scene, sphere: Mesh, qtbot) -> None:
+def test_the_camera_goes_through_json_and_back(scene: MeshView, sphere: Mesh, qtbot) -> None:
     mesh = show(scene, sphere, qtbot)
     before = json.loads(json.dumps(scene.camera()))
     places = [scene.display_point(vertex) for vertex in range(0, mesh.n_vertices, 50)]
-    wheel(scene._canvas, 4, QPoint(50, 60))
+    wheel(scene.plotter, 4, QPoint(50, 60))
     assert scene.camera() != before
     scene.set_camera(before)
     assert [scene.display_point(vertex) for vertex in range(0, mesh.n_vertices, 50)] == places
@@ -313,7 +275,7 @@ def test_the_camera_goes_through_json_and_back(scene: Scene, sphere: Mesh, qtbot
         scene.set_camera({"focus": [0, 0, 0]})
 
 
-def test_pictures_of_any_size_and_without_background(scene: Scene, sphere: Mesh, qtbot) -> None:
+def test_pictures_of_any_size_and_without_background(scene: MeshView, sphere: Mesh, qtbot) -> None:
     show(scene, sphere, qtbot)
     assert scene.picture().shape == (scene.height(), scene.width(), 4)
     clear = scene.picture((500, 333), transparent=True)
@@ -323,17 +285,18 @@ def test_pictures_of_any_size_and_without_background(scene: Scene, sphere: Mesh,
 
 
 def test_slow_frames_get_a_stand_in_while_something_moves(
-    scene: Scene, qtbot, monkeypatch: pytest.MonkeyPatch
+    scene: MeshView, qtbot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import shapes
 
+    monkeypatch.setattr(scene_module, "REST", 1000)  # long enough to look at what moves
     monkeypatch.setattr(stand_in_module, "SLOW_FRAME", 0.0)
     monkeypatch.setattr(stand_in_module, "COARSE_VERTICES", 500)
     mesh = show(scene, shapes.icosphere(4), qtbot)
-    drawing = scene._drawing
-    scene._canvas.update()
+    drawing = scene.renderer
+    scene.plotter.render()
     QTest.qWait(60)
-    scene._canvas.update()
+    scene.plotter.render()
     qtbot.waitUntil(lambda: drawing.coarse is not None, timeout=10_000)
     scene.set_field(field(mesh.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
     qtbot.waitUntil(lambda: bool(drawing.coarse.actor.GetVisibility()), timeout=5000)
@@ -349,7 +312,7 @@ def test_slow_frames_get_a_stand_in_while_something_moves(
 
 @pytest.mark.parametrize("slow", [True, False])
 def test_the_drivers_memory_is_given_back_when_a_slow_frame_rests(
-    scene: Scene, sphere: Mesh, qtbot, monkeypatch: pytest.MonkeyPatch, slow: bool
+    scene: MeshView, sphere: Mesh, qtbot, monkeypatch: pytest.MonkeyPatch, slow: bool
 ) -> None:
     given: list[threading.Thread] = []
     monkeypatch.setattr(heap, "give_back", lambda: given.append(threading.current_thread()))
@@ -359,14 +322,14 @@ def test_the_drivers_memory_is_given_back_when_a_slow_frame_rests(
     mesh = show(scene, sphere, qtbot)
     scene._stand_in.software = True
     for _ in range(2):  # the first frame tells nothing
-        scene._canvas.update()
+        scene.plotter.render()
         QTest.qWait(60)
     if slow:
         qtbot.waitUntil(lambda: bool(given), timeout=5000)
         assert threading.main_thread() not in given
     qtbot.waitUntil(lambda: scene.at_rest, timeout=5000)
     given.clear()
-    scene._canvas.update()
+    scene.plotter.render()
     QTest.qWait(60)
     for turn in range(10):
         scene.set_field(field(mesh.vertices[:, turn % 3]), (-1.0, 1.0), "RdBu_r")
@@ -381,7 +344,7 @@ def test_the_drivers_memory_is_given_back_when_a_slow_frame_rests(
 
 
 def test_a_large_mesh_is_seen_before_its_stand_in_is_there(
-    scene: Scene, qtbot, monkeypatch: pytest.MonkeyPatch
+    scene: MeshView, qtbot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import shapes
 
@@ -398,13 +361,12 @@ def test_a_large_mesh_is_seen_before_its_stand_in_is_there(
     scene.set_mesh(mesh, mesh.vertex_normals)
     try:
         scene.set_field(field(mesh.vertices[:, 2]), (-1.0, 1.0), "RdBu_r")
-        drawing = scene._drawing
+        drawing = scene.renderer
         qtbot.waitUntil(lambda: drawing.shows_coarse and drawing.caption is not None, timeout=5000)
-        scene._draw_frame()
         assert not scene.shows_stand_in
         assert not drawing.surface.actor.GetVisibility()
         # of the part that a sphere takes of the picture, the dots take about all
-        frame = read_pixels(scene._canvas.window, False, 0, scene._canvas.pixels()[1])
+        frame = on_screen(scene)
         red, _, blue = np.moveaxis(frame[150:330, 230:410].astype(int), 2, 0)
         assert (np.abs(red - blue) > 40).mean() > 0.5
     finally:
@@ -415,22 +377,167 @@ def test_a_large_mesh_is_seen_before_its_stand_in_is_there(
     qtbot.waitUntil(lambda: scene.at_rest, timeout=5000)
 
 
-def test_one_mesh_after_another(scene: Scene, sphere: Mesh, neuron: Mesh, qtbot) -> None:
+def test_one_mesh_after_another(scene: MeshView, sphere: Mesh, neuron: Mesh, qtbot) -> None:
     show(scene, sphere, qtbot)
     scene.set_field(field(sphere.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
     scene.set_pins((Pin(600, "#00ff00"),))
     # The next one has no field, no pins and fewer or more vertices than the last.
     show(scene, neuron, qtbot)
-    assert scene._drawing.caption is None
+    assert scene.renderer.caption is None
     scene.set_field(field(neuron.vertices[:, 0]), (0.0, 1e4), "viridis")
     scene.set_mesh(None)
     assert scene.mesh is None
     assert scene.picture((90, 60)).shape == (60, 90, 4)
 
 
-def test_closing_while_threads_work_is_quiet(scene: Scene, sphere: Mesh, qtbot) -> None:
+def test_closing_while_threads_work_is_quiet(scene: MeshView, sphere: Mesh, qtbot) -> None:
     scene.set_mesh(sphere, sphere.vertex_normals)
     scene.set_nodal_lines(sphere.vertices[:, 0])
     scene.close()
     scene.close()
     QTest.qWait(50)
+
+
+# -- the plotter ---------------------------------------------------------------------------------
+
+
+def centre_of(pixels: np.ndarray, color: tuple[int, int, int]) -> np.ndarray:
+    """Row and column of the middle of what has a colour."""
+    found = np.abs(pixels[..., :3].astype(int) - color).max(axis=2) < 40
+    assert found.any()
+    return np.argwhere(found).mean(axis=0)
+
+
+@pytest.mark.parametrize("shift", [0.0, 1e6])
+def test_what_others_add_is_at_its_place_and_stays(
+    scene: MeshView, sphere: Mesh, qtbot, shift: float
+) -> None:
+    mesh = show(scene, Mesh(sphere.vertices + shift, sphere.faces, "nm"), qtbot)
+    camera = scene.camera()
+    vertex = int(facing(scene, mesh)[25])
+    out = 1.15 * sphere.vertices[vertex] + shift
+    # in double precision: the coordinates are large
+    ball = pyvista.Sphere(radius=0.05).points_to_double().translate(out)
+    scene.plotter.add_mesh(ball, color="#00ff00", lighting=False)
+    assert scene.camera() == camera, "it is looked at from where it was"
+
+    def where() -> np.ndarray:
+        size = scene.plotter.pixels()[:2]
+        row, column = centre_of(on_screen(scene), (0, 255, 0))
+        x, y, _ = scene.renderer.view.to_pixels(out, *size)[0]
+        return np.array([column - x, (size[1] - row) - y])
+
+    assert np.abs(where()).max() < 1.5
+    scene.set_field(field(sphere.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
+    scene.set_theme(True)
+    scene.set_nodal_lines(sphere.vertices[:, 0])
+    wheel(scene.plotter, 2, QPoint(320, 240))
+    assert np.abs(where()).max() < 1.5
+    # and in pictures, which are drawn by another window
+    picture = scene.picture((640, 480))
+    row, column = centre_of(picture, (0, 255, 0))
+    x, y, _ = scene.renderer.view.to_pixels(out, 640, 480)[0]
+    assert np.abs([column - x, 480 - row - y]).max() < 1.5
+    scene.plotter.clear_actors()
+    seen = on_screen(scene)[240].astype(int)
+    assert np.abs(seen[320] - seen[5]).max() > 30, "the mesh stays, where the ground was"
+
+
+def test_what_is_far_from_the_mesh_is_drawn_whole(scene: MeshView, sphere: Mesh, qtbot) -> None:
+    show(scene, sphere, qtbot)
+    towards = np.array(scene.camera()["axes"])[2]
+    for depth in (40.0, -40.0):
+        far = depth * towards + 1.2 * np.array(scene.camera()["axes"])[0]
+        scene.plotter.add_mesh(
+            pyvista.Sphere(radius=0.1, center=far), color="#00ff00", lighting=False
+        )
+        centre_of(on_screen(scene), (0, 255, 0))
+        scene.plotter.clear_actors()
+
+
+def test_the_camera_of_the_plotter_is_that_of_the_view(
+    scene: MeshView, sphere: Mesh, qtbot
+) -> None:
+    mesh = show(scene, sphere, qtbot)
+    scene.plotter.view_xy()
+    on_screen(scene)
+    np.testing.assert_allclose(scene.camera()["axes"], np.eye(3), atol=1e-9)
+    for vertex in facing(scene, mesh)[::20]:
+        place = scene.display_point(vertex)
+        assert scene.vertex_at(place.x(), place.y()) == vertex
+
+
+def test_what_is_shown_goes_to_pyvista(scene: MeshView, sphere: Mesh, qtbot) -> None:
+    with pytest.raises(ValueError, match="open one"):
+        scene.to_pyvista()
+    mesh = show(scene, Mesh(sphere.vertices + 1e6, sphere.faces, "nm"), qtbot)
+    assert scene.to_pyvista().active_scalars is None
+    values = sphere.vertices[:, 0].astype(np.float32)
+    values[:4] = np.nan
+    scene.set_field(field(values), (-0.5, 0.25), "viridis")
+    surface = scene.to_pyvista()
+    np.testing.assert_array_equal(surface.points, mesh.vertices)
+    assert surface.active_scalars_name == "Eigenfunction 5"
+    np.testing.assert_array_equal(surface.active_scalars, values)
+    assert surface.user_dict["limits"] == [-0.5, 0.25]
+    assert surface.user_dict["colormap"] == "viridis"
+    assert surface.user_dict["unit"] == "nm⁻¹"
+
+
+def test_a_screen_of_another_scale_gets_a_frame_of_its_size(
+    scene: MeshView, sphere: Mesh, qtbot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    show(scene, sphere, qtbot)
+    scene.set_field(field(sphere.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
+    on_screen(scene)
+    QTest.qWait(2 * scene_module.REST)
+    qtbot.waitUntil(lambda: scene.at_rest, timeout=5000)
+    QTest.qWait(100)  # no frame is due any more
+    window, before = scene.plotter.ren_win, scene.plotter.ren_win.GetSize()
+    monkeypatch.setattr(scene.plotter, "devicePixelRatioF", lambda: 2.0)
+    QApplication.sendEvent(scene.plotter, QEvent(QEvent.Type.DevicePixelRatioChange))
+    qtbot.waitUntil(lambda: window.GetSize() == (2 * before[0], 2 * before[1]), timeout=5000)
+    assert window.GetDPI() == 144
+
+
+def test_nothing_dropped_on_the_render_is_taken_by_it(scene: MeshView) -> None:
+    assert not scene.plotter.acceptDrops()
+
+
+# -- thin branches -------------------------------------------------------------------------------
+
+
+def tube(radius: float, length: float = 1.0) -> Mesh:
+    around, along = np.linspace(0, 2 * np.pi, 17)[:16], np.linspace(-length / 2, length / 2, 60)
+    turn, place = (grid.ravel() for grid in np.meshgrid(around, along))
+    points = np.stack([place, radius * np.cos(turn), radius * np.sin(turn)], axis=1)
+    row, column = np.divmod(np.arange(59 * 16), 16)
+    first, beside = 16 * row + column, 16 * row + (column + 1) % 16
+    corners = np.concatenate([
+        np.stack([first, first + 16, beside], axis=1),
+        np.stack([beside, first + 16, beside + 16], axis=1),
+    ])  # fmt: skip
+    return Mesh(points, corners, "nm")
+
+
+@pytest.mark.parametrize(("radius", "thin"), [(0.005, True), (0.06, False)])
+def test_a_thin_branch_shows_its_colours_and_a_thick_one_its_rim_and_lines(
+    scene: MeshView, qtbot, radius: float, thin: bool
+) -> None:
+    mesh = show(scene, tube(radius), qtbot)
+    wave = np.sin(40 * mesh.vertices[:, 0])
+    shown = field(np.where(wave > 0, 0.8, -0.8) + 1e-3 * wave)
+    scene.set_field(shown, (-1.0, 1.0), "RdBu_r")
+    size = (640, 480)
+    seen = scene.renderer.view.to_pixels(mesh.vertices, *size)
+    rows = slice(480 - int(seen[:, 1].max()), 480 - int(seen[:, 1].min()) - 1)
+    columns = slice(int(seen[:, 0].min()) + 9, int(seen[:, 0].max()) - 8)
+    plain = scene.picture(size)[rows, columns, :3].max(axis=2).astype(float)
+    # how bright the edge is beside the middle, where there is more light in any case
+    edge = np.median(plain[[0, -1]]) / np.median(plain[len(plain) // 2])
+    assert edge > 0.8 if thin else edge < 0.65
+    scene.set_nodal_lines(shown.values)
+    qtbot.waitUntil(lambda: scene.renderer.segments is not None, timeout=5000)
+    lined = scene.picture(size)[rows, columns, :3].max(axis=2)
+    black = (lined < 50).mean()
+    assert black < 0.002 if thin else black > 0.01

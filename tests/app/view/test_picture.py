@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from meshmash_viewer.app.view.drawing import Drawing
+from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture, render_picture
 from meshmash_viewer.mesh import Mesh
 
 
 def drawn(mesh: Mesh, values: np.ndarray | None, **options: object) -> np.ndarray:
-    drawing = Drawing()
+    drawing = MeshRenderer()
     drawing.set_mesh(mesh, mesh.vertex_normals)
     if values is not None:
         drawing.set_field(values, (-1.0, 1.0), "RdBu_r", "Title", "λ₅ = 1", "nm⁻¹")

@@ -1,8 +1,8 @@
-"""The whole picture: mesh, field, lines, pins and overlay, for any window that shows it."""
+"""The whole picture: mesh, field, lines, pins and what is written, for any window that shows it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,37 +10,44 @@ import numpy.typing as npt
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
-from vtkmodules.vtkRenderingCore import vtkLight, vtkRenderer, vtkRenderWindow
+from vtkmodules.vtkRenderingCore import (
+    vtkActor,
+    vtkCamera,
+    vtkLight,
+    vtkProp,
+    vtkRenderer,
+    vtkRenderWindow,
+)
 
-from meshmash_viewer.app.view import overlay
-from meshmash_viewer.app.view.background import Background
+from meshmash_viewer.app.view.annotations import Annotations, Caption, Page, Pin, margins
 from meshmash_viewer.app.view.camera import View, fitted_view
 from meshmash_viewer.app.view.colors import DARK, LIGHT, color_table, rgb
 from meshmash_viewer.app.view.geometry import geometry_of
-from meshmash_viewer.app.view.overlay import Caption, Mark
-from meshmash_viewer.app.view.painter import Painter
 from meshmash_viewer.app.view.picking import Picker
 from meshmash_viewer.app.view.surface import LineSet, Surface
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.clustering import CoarseMesh
 
-__all__ = ["Drawing", "read_pixels"]
+__all__ = ["MeshRenderer", "read_pixels"]
 
 
-class Drawing:
-    """What is drawn, without a window: `renderer` is added to one, and `prepare` runs per frame.
+class MeshRenderer:
+    """What is drawn, without a window: `add_to` one, and `prepare` runs per frame.
 
-    Coordinates are moved to the middle of the mesh before they become single precision; `view`
-    is in mesh coordinates.
+    The renderer is in mesh coordinates, and so is what others add to it. Our own actors hold
+    their points relative to the middle of the mesh, where single precision is enough, and stand
+    there; VTK multiplies matrices in double precision.
 
     Parameters
     ----------
     dark : bool
         Which theme.
+    renderer : vtkRenderer, optional
+        That of a plotter; a new one if none is given.
     """
 
-    def __init__(self, dark: bool = False) -> None:
-        self.renderer = vtkRenderer()
+    def __init__(self, dark: bool = False, renderer: vtkRenderer | None = None) -> None:
+        self.renderer = vtkRenderer() if renderer is None else renderer
         self.renderer.SetUseDepthPeeling(False)
         self.renderer.AutomaticLightCreationOff()
         # From over the left shoulder, and a weak one from the other side; both go with the eye.
@@ -52,11 +59,9 @@ class Drawing:
             light.SetIntensity(intensity)
             self.renderer.AddLight(light)
         self.renderer.GetActiveCamera().ParallelProjectionOn()
-        self.background = Background(self.renderer)  # the first: the others cover it
         self._lines = LineSet()
-        self._lines.actor.GetProperty().SetLineWidth(2.0)
         self.renderer.AddActor(self._lines.actor)
-        self._painter = Painter(self.renderer, overlay.PARTS)
+        self.annotations = Annotations(self.renderer)
         self.mesh: Mesh | None = None
         self.normals: npt.NDArray[np.float32] | None = None
         self.centre = np.zeros(3)
@@ -64,7 +69,10 @@ class Drawing:
         self._axes = np.eye(3)
         self._bounds = np.zeros((2, 3))
         self.view: View | None = None
-        self._placed: tuple[View, int, int] | None = None
+        self._placed: tuple[Any, ...] | None = None
+        self._scale = 0.0
+        self._hidden: tuple[Any, ...] = ()
+        self._pins_placed: list[Pin] = []
         self.caption: Caption | None = None
         self.surface: Surface | None = None
         self.coarse: Surface | None = None
@@ -72,7 +80,7 @@ class Drawing:
         self._coarse_mesh: CoarseMesh | None = None
         #: The values of the mesh that the stand-in has those of its vertices from.
         self._coarse_of: npt.NDArray[np.float32] | None = None
-        self._segments: npt.NDArray[np.float32] | None = None
+        self._segments: tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]] | None = None
         self._pins: tuple[tuple[int, str], ...] = ()
         self.set_theme(dark)
 
@@ -81,25 +89,28 @@ class Drawing:
     def smooth_afterwards(self, smooth: bool) -> None:
         """Smooth edges in the finished frame, where more samples a pixel would take too long."""
         self.renderer.SetUseFXAA(smooth)
-        self.background.come_first(smooth)
 
     def set_theme(self, dark: bool) -> None:
         """Colours of the background and of all that is not the field."""
         self.dark = dark
         self.theme = DARK if dark else LIGHT
-        self.background.show(self.theme.background_bottom, self.theme.background_top)
-        self._lines.actor.GetProperty().SetColor(*rgb(self.theme.line))
-        for surface in (self.surface, self.coarse):
-            if surface is not None:
-                surface.actor.GetProperty().SetColor(*rgb(self.theme.surface))
+        self.renderer.SetBackground(*rgb(self.theme.background_bottom))
+        self.renderer.SetBackground2(*rgb(self.theme.background_top))
+        self.renderer.GradientBackgroundOn()
+        for surface in self._surfaces:
+            surface.actor.GetProperty().SetColor(*rgb(self.theme.surface))
+
+    @property
+    def _surfaces(self) -> list[Surface]:
+        """The mesh and its stand-in, as far as they are there."""
+        return [surface for surface in (self.surface, self.coarse) if surface is not None]
 
     def set_mesh(
         self, mesh: Mesh | None, normals: npt.NDArray[np.float32] | None, *, picking: bool = False
     ) -> None:
         """Take a mesh with normals of shape (n, 3), or none; field, lines and pins go."""
-        for surface in (self.surface, self.coarse):
-            if surface is not None:
-                self.renderer.RemoveActor(surface.actor)
+        for surface in self._surfaces:
+            self.renderer.RemoveActor(surface.actor)
         if self.picker is not None:
             self.picker.stop()
         self.surface = self.coarse = self.picker = self._coarse_mesh = self._coarse_of = None
@@ -120,7 +131,9 @@ class Drawing:
 
     def _new_surface(self, points, faces, normals) -> Surface:
         surface = Surface(points, faces, normals)
+        surface.actor.SetPosition(*self.centre)
         surface.actor.GetProperty().SetColor(*rgb(self.theme.surface))
+        surface.set_scale(self._scale or 1.0)
         if self.caption is not None:
             _dress(surface, self.caption)
         self.renderer.AddActor(surface.actor)
@@ -195,23 +208,33 @@ class Drawing:
                     f"A field of shape {values.shape} does not fit a mesh of "
                     f"{self.mesh.n_vertices} vertices."
                 )
-            colors = color_table(colormap)
+            color_table(colormap)  # refuses what is none before anything is changed
             low, high = (float(limit) for limit in limits)
             missing = self.surface.write(values, complete=complete)
             before = self.caption
-            self.caption = Caption(title, quantity, unit, low, high, colors, missing)
-        for surface in (self.surface, self.coarse):
-            if surface is None:
-                continue
+            self.caption = Caption(title, quantity, unit, low, high, colormap, missing)
+        for surface in self._surfaces:
             if self.caption is None:
                 surface.show_field(False)
             else:
                 _dress(surface, self.caption, before)
 
-    def set_segments(self, segments: npt.NDArray[np.float32] | None) -> None:
-        """Draw segments of shape (s, 2, 3) relative to `centre`, or none."""
-        self._segments = segments if segments is not None and len(segments) else None
-        self._lines.show(segments)
+    def set_segments(
+        self,
+        segments: npt.NDArray[np.float32] | None,
+        widths: npt.NDArray[np.float64] | None = None,
+    ) -> None:
+        """Draw segments of shape (s, 2, 3) relative to `centre`, or none.
+
+        `widths`, of shape (s,), are those of the branches that they go around.
+        """
+        self._segments = (segments, widths) if segments is not None and len(segments) else None
+        self._lines.show(segments, widths)
+
+    @property
+    def segments(self) -> npt.NDArray[np.float32] | None:
+        """The segments that are drawn, relative to `centre`."""
+        return None if self._segments is None else self._segments[0]
 
     def set_pins(self, pins: Sequence[tuple[int, str]]) -> None:
         """Mark vertices in their colours."""
@@ -226,89 +249,134 @@ class Drawing:
 
     def fit_view(self, axes: npt.NDArray, width: int, height: int, scale: float) -> None:
         """Show the whole mesh along given axes."""
-        space = overlay.margins(self.caption is not None, width, height, scale)
+        space = margins(self.caption is not None, width, height, scale)
         self.view = fitted_view(self._sample, axes, width, height, space)
 
     def prepare(self, width: int, height: int, scale: float, plates: bool = True) -> None:
-        """Upload the field, set the camera and paint the overlay for a frame of this size.
+        """Set field, camera and annotations for a frame of this size.
 
         Parameters
         ----------
         width, height : int
             In pixels.
         scale : float
-            Pixels to one point of the overlay.
+            Pixels to one point of what is written.
         plates : bool
-            Whether the overlay has plates in the colour of the background behind it.
+            Whether that has plates in the colour of the background behind it.
         """
         if self.shows_coarse and self._coarse_of is not self.surface.values:
             self._coarse_of = self.surface.values
             self.coarse.write(self._coarse_of[self._coarse_mesh.representatives])
-        for surface in (self.surface, self.coarse):
-            if surface is not None and surface.actor.GetVisibility():
-                surface.upload(self.renderer.GetRenderWindow())
-        painter = self._painter
-        painter.begin()
         if self.mesh is not None:
             if self.view is None:
                 self.reset_view(width, height, scale)
+            if scale != self._scale:
+                self._scale = scale
+                self._lines.actor.GetProperty().SetLineWidth(2.0 * scale)
+                for surface in self._surfaces:
+                    surface.set_scale(scale)
             self._place_camera(width, height)
-            self._lines.actor.GetProperty().SetLineWidth(2.0 * scale)
-            sheet = overlay.Sheet(painter, self.theme, width, height, scale, plates)
-            view, caption, unit = self.view, self.caption, self.mesh.unit
-            place = (self.dark, width, height, scale, plates)
-            ready = self.picker is not None and self.picker.ready
-            painter.part(
-                "marks",
-                (place, view, self._pins, ready),
-                lambda: overlay.paint_marks(sheet, self._marks(), view),
-            )
-            painter.part("axes", (place, view), lambda: overlay.paint_axes(sheet, view))
-            painter.part(
-                "scale", (place, view, unit), lambda: overlay.paint_scale(sheet, view, unit)
-            )
-            if caption is not None:
-                said = (place, caption.title, caption.quantity)
-                painter.part("title", said, lambda: overlay.paint_title(sheet, caption))
-                bar = overlay.ColorBar.on(sheet, caption)
-                if bar is not None:
-                    painter.part("bar", (place, bar.key), lambda: bar.paint(sheet))
-                    painter.part("labels", (place, caption), lambda: bar.paint_labels(sheet))
-        painter.end()
+            length_per_point = scale * self.view.length_per_pixel(width, height)
+            self._lines.fade(length_per_point, rgb(self.theme.line))
+        page = Page(self.theme, width, height, scale, plates)
+        unit = "" if self.mesh is None else self.mesh.unit
+        self.annotations.show(page, self.view, self.caption, unit, self._placed_pins())
 
     def _place_camera(self, width: int, height: int) -> None:
         camera = self.renderer.GetActiveCamera()
+        known_view, known_time = (None, 0) if self._placed is None else self._placed[-2:]
+        if known_view is self.view and known_time != camera.GetMTime():
+            self.view = _view_of(camera, width, height)  # somebody else has turned it
         view = self.view
-        place = (view, width, height)
+        boxes = (prop.GetBounds() for prop in self.added())
+        added = tuple(box for box in boxes if box is not None and box[0] <= box[1])
+        place = (width, height, added, view, camera.GetMTime())
         if place == self._placed:  # VTK would take it for another camera
             return
-        self._placed = place
-        focus = view.focus - self.centre
         # Not the surface's own bounds: VTK goes through all faces to find them.
-        reach = float(np.linalg.norm(self._bounds).clip(1e-300)) + float(np.linalg.norm(focus))
+        corners = [self.centre + self._bounds, *(np.reshape(box, (3, 2)).T for box in added)]
+        reach = max(float(np.linalg.norm(np.abs(box - view.focus).max(axis=0))) for box in corners)
+        reach = max(reach, 1e-300)
         # Nodal lines lie in the surface: some pixels nearer to the eye they are seen whole, and, in
         # a parallel projection, at the same place.
         lift = 5.0 * view.length_per_pixel(width, height)
-        self._lines.actor.SetPosition(*(lift * view.axes[2]))
-        camera.SetFocalPoint(*focus)
-        camera.SetPosition(*(focus + 2.0 * reach * view.axes[2]))
+        self._lines.actor.SetPosition(*(self.centre + lift * view.axes[2]))
+        camera.ParallelProjectionOn()
+        camera.SetFocalPoint(*view.focus)
+        camera.SetPosition(*(view.focus + 2.0 * reach * view.axes[2]))
         camera.SetViewUp(*view.axes[1])
         camera.SetParallelScale(view.half_size * height / max(min(width, height), 1))
         camera.SetClippingRange(0.9 * reach, 3.1 * reach)
+        self._placed = (*place[:-1], camera.GetMTime())
 
-    def _marks(self) -> list[Mark]:
-        marks = []
-        for number, (vertex, color) in enumerate(self._pins, start=1):
-            hidden = self.picker is not None and self.picker.hidden(vertex, self.view.axes[2])
-            label = str(number) if len(self._pins) > 1 else ""
-            marks.append(Mark(self.mesh.vertices[vertex], color, label, hidden))
-        return marks
+    def _placed_pins(self) -> list[Pin]:
+        if self.view is None or not self._pins:
+            return []
+        ready = self.picker is not None and self.picker.ready
+        if self._hidden[:1] != (self.view,) or self._hidden[1:] != (ready, self._pins):
+            self._hidden = (self.view, ready, self._pins)
+            eye, many = self.view.axes[2], len(self._pins) > 1
+            self._pins_placed = [
+                Pin(
+                    tuple(self.mesh.vertices[vertex].tolist()),
+                    color,
+                    str(number) if many else "",
+                    self.picker is not None and self.picker.hidden(vertex, eye),
+                )
+                for number, (vertex, color) in enumerate(self._pins, start=1)
+            ]
+        return self._pins_placed
+
+    # -- what others have added ---------------------------------------------------------------
+
+    def added(self) -> Iterator[vtkProp]:
+        """Actors in the renderer that are not ours."""
+        ours = {id(surface.actor) for surface in self._surfaces}
+        ours |= {id(self._lines.actor), *map(id, self.annotations.actors)}
+        props = self.renderer.GetViewProps()
+        for number in range(props.GetNumberOfItems()):
+            prop = props.GetItemAsObject(number)
+            if id(prop) not in ours:
+                yield prop
+
+    def _add_copies(self, props: Iterator[vtkProp]) -> None:
+        """Take actors of another window: the data are shared, what the card holds is not."""
+        for prop in props:
+            copy = prop.NewInstance()
+            copy.ShallowCopy(prop)
+            if isinstance(prop, vtkActor) and prop.GetMapper() is not None:
+                known = prop.GetMapper()
+                mapper = known.NewInstance()
+                mapper.ShallowCopy(known)
+                if known.GetNumberOfInputConnections(0):
+                    mapper.SetInputConnection(known.GetInputConnection(0, 0))
+                copy.SetMapper(mapper)
+            self.renderer.AddViewProp(copy)
+
+    def add_to(self, window: vtkRenderWindow) -> None:
+        """Draw into a window from now on."""
+        window.SetNumberOfLayers(2)
+        if not window.HasRenderer(self.renderer):
+            window.AddRenderer(self.renderer)
+        window.AddRenderer(self.annotations.corner)
+
+    def remove_from(self, window: vtkRenderWindow) -> None:
+        """Let go of a window."""
+        window.RemoveRenderer(self.annotations.corner)
+        window.RemoveRenderer(self.renderer)
+
+    def leave_background(self) -> None:
+        """Leave nothing behind the mesh, black and clear."""
+        self.renderer.GradientBackgroundOff()
+        self.renderer.SetBackground(0.0, 0.0, 0.0)
+        self.renderer.SetBackgroundAlpha(0.0)
 
     # -- another one of the same ------------------------------------------------------------
 
-    def twin(self) -> Drawing:
+    def twin(self) -> MeshRenderer:
         """The same picture for another window; the arrays of mesh and field are shared."""
-        other = Drawing(self.dark)
+        other = MeshRenderer(self.dark)
+        other._add_copies(self.added())
         if self.mesh is None:
             return other
         other.set_mesh(self.mesh, self.normals)
@@ -317,7 +385,8 @@ class Drawing:
             other.surface.write(self.surface.values)
             _dress(other.surface, self.caption)
             other.caption = self.caption
-        other.set_segments(self._segments)
+        if self._segments is not None:
+            other.set_segments(*self._segments)
         return other
 
     def camera_state(self) -> dict[str, Any] | None:
@@ -325,9 +394,16 @@ class Drawing:
         return self.view.to_json() if self.view is not None else None
 
 
+def _view_of(camera: vtkCamera, width: int, height: int) -> View:
+    rows = camera.GetViewTransformMatrix()
+    axes = [[rows.GetElement(row, column) for column in range(3)] for row in range(3)]
+    half_size = camera.GetParallelScale() * min(width, height) / height
+    return View(np.array(camera.GetFocalPoint()), np.array(axes), half_size)
+
+
 def _dress(surface: Surface, caption: Caption, before: Caption | None = None) -> None:
     """Give a surface the colours of a caption, as far as they are not those of the one before."""
-    if before is None or caption.table is not before.table:
+    if before is None or caption.colormap != before.colormap:
         surface.set_colors(caption.table)
     if before is None or (caption.low, caption.high) != (before.low, before.high):
         surface.set_range(caption.low, caption.high)

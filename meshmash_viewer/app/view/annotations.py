@@ -1,0 +1,453 @@
+"""What is written over the mesh: title, colour bar, scale bar, axes and pins, as actors of VTK."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import numpy.typing as npt
+import vtkmodules.vtkRenderingFreeType
+import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
+from vtkmodules.util.numpy_support import numpy_to_vtk
+from vtkmodules.vtkCommonCore import VTK_FONT_FILE, vtkLookupTable
+from vtkmodules.vtkFiltersSources import vtkRegularPolygonSource
+from vtkmodules.vtkRenderingAnnotation import vtkAxesActor, vtkAxisActor2D, vtkScalarBarActor
+from vtkmodules.vtkRenderingCore import (
+    vtkActor2D,
+    vtkCoordinate,
+    vtkPolyDataMapper2D,
+    vtkRenderer,
+    vtkTextActor,
+    vtkTextProperty,
+    vtkTextRenderer,
+)
+
+from meshmash_viewer.app.view.camera import Margins, View
+from meshmash_viewer.app.view.colors import NAN_COLOR, RenderTheme, color_table, rgb
+from meshmash_viewer.app.view.ticks import exponent_text, round_length, scale_bar_text, ticks
+
+__all__ = [
+    "BAR_SPACE",
+    "Annotations",
+    "Caption",
+    "Page",
+    "Pin",
+    "margins",
+    "text_size",
+    "title_size",
+]
+
+# All sizes are in points: VTK makes pixels of those of a font by the resolution of its window,
+# `Page.scale` does it for the others.
+#: From the picture's edge to what is written.
+_EDGE = 16
+#: What the colour bar with its labels takes of the right.
+BAR_SPACE = 108
+#: Sizes of the title of a field, of its quantity, of the scale bar, and of labels.
+TITLE, QUANTITY, _SCALE, _LABEL = 15, 12, 12, 11
+#: Side of the square that the axes are in.
+_AXES = 92
+#: Red, green and blue of the x, y and z axis, apart in brightness too.
+_AXIS_COLORS = ("#d1495b", "#3f9b5c", "#3b76c4")
+#: The rim of a pin, and what its number stands on.
+_DARK = "#14181d"
+
+
+@dataclass(frozen=True)
+class Caption:
+    """What is written about the field.
+
+    Parameters
+    ----------
+    title : str
+        Name of the field.
+    quantity : str
+        Second line, such as an eigenvalue or a time with its unit.
+    unit : str
+        Unit of the values on the colour bar.
+    low, high : float
+        Ends of the colour bar.
+    colormap : str
+        Name of one of matplotlib's colour maps.
+    missing : bool
+        Whether some vertices have no value.
+    """
+
+    title: str
+    quantity: str
+    unit: str
+    low: float
+    high: float
+    colormap: str
+    missing: bool = False
+
+    @property
+    def table(self) -> npt.NDArray[np.uint8]:
+        """Colours from the lower end to the upper, shape (256, 4)."""
+        return color_table(self.colormap)
+
+
+@dataclass(frozen=True)
+class Pin:
+    """A marked vertex: where it is in the mesh's coordinates, and how it looks."""
+
+    position: tuple[float, float, float]
+    color: str
+    label: str
+    hidden: bool
+
+
+@dataclass(frozen=True)
+class Page:
+    """What is written on: a size in pixels, pixels to a point, and colours.
+
+    Parameters
+    ----------
+    theme : RenderTheme
+    width, height : int
+    scale : float
+    plates : bool
+        Whether text has a plate of the background's colour behind it, seen where the mesh is.
+    """
+
+    theme: RenderTheme
+    width: int
+    height: int
+    scale: float
+    plates: bool = True
+
+
+def margins(captioned: bool, width: int, height: int, scale: float) -> Margins:
+    """What the annotations take of a picture, for fitting the mesh beside them."""
+    if width < 260 * scale or height < 200 * scale:
+        return Margins(*(8.0 * scale,) * 4)
+    return Margins(
+        left=28 * scale,
+        right=(BAR_SPACE if captioned else 28) * scale,
+        top=(66 if captioned else 28) * scale,
+        bottom=58 * scale,
+    )
+
+
+def title_size(caption: Caption) -> tuple[int, int]:
+    """Width and height in points that title and quantity take with a margin on all sides."""
+    lines = ((caption.title, TITLE, True), (caption.quantity, QUANTITY, False))
+    wide = max(text_size(text, size, bold)[0] for text, size, bold in lines)
+    return wide + 3 * _EDGE, 40 + 2 * _EDGE
+
+
+@cache
+def _font_file(bold: bool) -> str:
+    """DejaVu Sans as matplotlib brings it: VTK's own fonts lack Greek letters and superscripts."""
+    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+    return str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name)
+
+
+def _style(properties: vtkTextProperty, size: float, color: str, bold: bool = False) -> None:
+    properties.SetFontFamily(VTK_FONT_FILE)
+    properties.SetFontFile(_font_file(bold))
+    properties.SetFontSize(round(size))
+    properties.SetColor(*rgb(color))
+    properties.BoldOff()
+    properties.ItalicOff()
+    properties.ShadowOff()
+
+
+def _stand_on(properties: vtkTextProperty, page: Page, height: float) -> None:
+    """Put a plate behind a text: in the colour of the background there, seen over the mesh only."""
+    properties.SetBackgroundColor(*page.theme.ground(height / page.height))
+    properties.SetBackgroundOpacity(0.6 if page.plates else 0.0)
+
+
+@cache
+def text_size(text: str, size: float, bold: bool) -> tuple[int, int]:
+    """Width and height of a line of text in pixels where one of them is a point."""
+    properties, box = vtkTextProperty(), [0, 0, 0, 0]
+    _style(properties, size, "#000000", bold)
+    vtkTextRenderer.GetInstance().GetBoundingBox(properties, text, box, 72)
+    return box[1] - box[0] + 1, box[3] - box[2] + 1
+
+
+def _fitted(text: str, size: float, bold: bool, width: float) -> str:
+    """The text, or as much of it as fits with an ellipsis."""
+    if text_size(text, size, bold)[0] <= width:
+        return text
+    while text and text_size(text + "…", size, bold)[0] > width:
+        text = text[:-1].rstrip()
+    return text + "…" if text else ""
+
+
+class Annotations:
+    """The actors, in a renderer; each is set anew only when what it says has changed.
+
+    Parameters
+    ----------
+    renderer : vtkRenderer
+    """
+
+    def __init__(self, renderer: vtkRenderer) -> None:
+        self._renderer = renderer
+        self.title, self.quantity = vtkTextActor(), vtkTextActor()
+        self.bar, self.scale = vtkScalarBarActor(), vtkAxisActor2D()
+        self.pins: list[vtkActor2D] = []
+        #: The axes are seen from where the mesh is, at another place: a renderer of their own.
+        self.corner = vtkRenderer()
+        self._colors = vtkLookupTable()
+        self._known: dict[str, Hashable] = {}
+        for actor in self.actors:
+            actor.SetLayerNumber(1)
+            renderer.AddViewProp(actor)
+        for text in (self.title, self.quantity):
+            text.GetTextProperty().SetVerticalJustificationToTop()
+        self._begin_bar()
+        self._begin_scale()
+        self._axes = _new_axes()
+        self.corner.SetLayer(1)
+        self.corner.InteractiveOff()
+        self.corner.AddActor(self._axes)
+        self.corner.GetActiveCamera().ParallelProjectionOn()
+        self.corner.GetActiveCamera().SetParallelScale(1.75)
+
+    @property
+    def actors(self) -> tuple[vtkActor2D, ...]:
+        """All that are in the renderer."""
+        return (self.title, self.quantity, self.bar, self.scale, *self.pins)
+
+    def show(
+        self, page: Page, view: View | None, caption: Caption | None, unit: str, pins: Sequence[Pin]
+    ) -> None:
+        """Say this; without a view there is no mesh, and nothing is said."""
+        if view is None:
+            caption, pins = None, ()
+        if self._is_new("title", (page, caption and (caption.title, caption.quantity))):
+            self._set_title(page, caption)
+        if self._is_new("bar", (page, caption)):
+            self._set_bar(page, caption)
+        if self._is_new("scale", (page, unit, view)):
+            self._set_scale(page, view, unit)
+        if self._is_new("axes", (page, view)):
+            self._set_axes(page, view)
+        if self._is_new("pins", (page, tuple(pins))):
+            self._set_pins(page, pins)
+
+    def _is_new(self, part: str, key: Hashable) -> bool:
+        before = self._known.get(part, ...)
+        self._known[part] = key
+        return before != key
+
+    # -- title ------------------------------------------------------------------------------
+
+    def _set_title(self, page: Page, caption: Caption | None) -> None:
+        theme, scale = page.theme, page.scale
+        edge, free = _EDGE * scale, page.width / scale - 2 * _EDGE
+        two_lines = page.height > 160 * scale
+        for actor, text, size, ink, bold, drop in (
+            (self.title, caption and caption.title, TITLE, theme.ink, True, 0),
+            (self.quantity, caption and caption.quantity, QUANTITY, theme.faint_ink, False, 24),
+        ):
+            shown = bool(text) and (two_lines or not drop)
+            actor.SetVisibility(shown)
+            if shown:
+                actor.SetInput(_fitted(text, size, bold, free))
+                _style(actor.GetTextProperty(), size, ink, bold)
+                top = page.height - edge - drop * scale
+                _stand_on(actor.GetTextProperty(), page, top - 6 * scale)
+                actor.SetPosition(round(edge), round(top))
+
+    # -- colour bar -------------------------------------------------------------------------
+
+    def _begin_bar(self) -> None:
+        self._colors.SetNanColor(*rgb(NAN_COLOR), 1.0)
+        bar = self.bar
+        bar.SetLookupTable(self._colors)
+        bar.SetMaximumNumberOfColors(256)
+        bar.UnconstrainedFontSizeOn()
+        bar.UseCustomLabelsOn()
+        bar.SetNanAnnotation("no value")
+        bar.SetTextPositionToSucceedScalarBar()
+        for corner in (bar.GetPositionCoordinate(), bar.GetPosition2Coordinate()):
+            corner.SetCoordinateSystemToViewport()
+
+    def _set_bar(self, page: Page, caption: Caption | None) -> None:
+        theme, scale, bar = page.theme, page.scale, self.bar
+        tall = min(300 * scale, 0.5 * page.height)
+        shown = caption is not None and tall >= 70 * scale and page.width >= 220 * scale
+        bar.SetVisibility(shown)
+        if not shown:
+            return
+        most = min(max(int(tall / (34 * scale)), 2), 7)
+        values, form, exponent = ticks(caption.low, caption.high, most)
+        if self._is_new("colors", caption.colormap):
+            self._colors.SetTable(numpy_to_vtk(caption.table, deep=True))
+        self._colors.SetRange(caption.low / 10.0**exponent, caption.high / 10.0**exponent)
+        bar.SetCustomLabels(numpy_to_vtk(np.array(values), deep=True))
+        bar.SetLabelFormat(form)
+        bar.SetTitle(" ".join(part for part in (exponent_text(exponent), caption.unit) if part))
+        bar.SetDrawNanAnnotation(caption.missing)
+        whole = tall + 30 * scale
+        below = (page.height - whole) / 2
+        for text, ink, at in (
+            (bar.GetTitleTextProperty(), theme.faint_ink, below + whole - 6 * scale),
+            (bar.GetLabelTextProperty(), theme.ink, below + whole / 2),
+            (bar.GetAnnotationTextProperty(), theme.faint_ink, below),
+        ):
+            _style(text, _LABEL, ink)
+            _stand_on(text, page, at)
+        bar.SetTextPad(round(4 * scale))
+        bar.SetVerticalTitleSeparation(round(8 * scale))
+        wide = 76 * scale
+        bar.SetBarRatio(14 / 76)
+        left = page.width - 12 * scale - wide
+        bar.GetPositionCoordinate().SetValue(round(left), round(below))
+        bar.GetPosition2Coordinate().SetValue(round(wide), round(whole))
+
+    # -- scale bar --------------------------------------------------------------------------
+
+    def _begin_scale(self) -> None:
+        scale = self.scale
+        scale.LabelVisibilityOff()
+        scale.AdjustLabelsOff()
+        scale.SetNumberOfLabels(2)
+        scale.UseFontSizeFromPropertyOn()
+        for end in (scale.GetPoint1Coordinate(), scale.GetPoint2Coordinate()):
+            end.SetCoordinateSystemToViewport()
+
+    def _set_scale(self, page: Page, view: View | None, unit: str) -> None:
+        width, height, scale = page.width, page.height, page.scale
+        shown = view is not None and width >= 220 * scale and height >= 120 * scale
+        self.scale.SetVisibility(shown)
+        if not shown:
+            return
+        pixel = view.length_per_pixel(width, height)
+        length = round_length(min(150 * scale, 0.25 * width) * pixel)
+        right, up = width - _EDGE * scale, 34 * scale
+        self.scale.GetPoint1Coordinate().SetValue(right - length / pixel, up)
+        self.scale.GetPoint2Coordinate().SetValue(right, up)
+        self.scale.SetTitle(scale_bar_text(length, unit))
+        self.scale.SetTickLength(round(5 * scale))
+        self.scale.GetProperty().SetLineWidth(2.0 * scale)
+        self.scale.GetProperty().SetColor(*rgb(page.theme.ink))
+        _style(self.scale.GetTitleTextProperty(), _SCALE, page.theme.ink)
+        _stand_on(self.scale.GetTitleTextProperty(), page, 16 * scale)
+
+    # -- axes -------------------------------------------------------------------------------
+
+    def _set_axes(self, page: Page, view: View | None) -> None:
+        shown = view is not None and page.height >= 160 * page.scale
+        self.corner.SetDraw(shown)
+        if not shown:
+            return
+        side = _AXES * page.scale
+        self.corner.SetViewport(0.0, 0.0, min(side / page.width, 1.0), side / page.height)
+        names = (
+            self._axes.SetXAxisLabelText,
+            self._axes.SetYAxisLabelText,
+            self._axes.SetZAxisLabelText,
+        )
+        for axis, (caption, say) in enumerate(zip(_captions(self._axes), names, strict=True)):
+            _style(caption.GetCaptionTextProperty(), _LABEL, page.theme.ink)
+            # one that points to the eye would be written over the others
+            say("xyz"[axis] if np.hypot(*view.axes[:2, axis]) > 0.25 else "")
+        camera = self.corner.GetActiveCamera()
+        camera.SetPosition(*(5.0 * view.axes[2]))
+        camera.SetViewUp(*view.axes[1])
+        camera.SetClippingRange(1.0, 9.0)
+
+    # -- pins -------------------------------------------------------------------------------
+
+    def _set_pins(self, page: Page, pins: Sequence[Pin]) -> None:
+        for actor in self.pins:
+            self._renderer.RemoveViewProp(actor)
+        self.pins = [actor for pin in pins for actor in _pin_actors(pin, page)]
+        for actor in self.pins:
+            self._renderer.AddViewProp(actor)
+
+
+def _new_axes() -> vtkAxesActor:
+    axes = vtkAxesActor()
+    axes.SetShaftTypeToCylinder()
+    axes.SetCylinderRadius(0.06)
+    axes.SetConeRadius(0.42)
+    axes.SetNormalizedShaftLength(0.78, 0.78, 0.78)
+    axes.SetNormalizedTipLength(0.22, 0.22, 0.22)
+    axes.SetNormalizedLabelPosition(1.3, 1.3, 1.3)
+    parts = (
+        (axes.GetXAxisShaftProperty(), axes.GetXAxisTipProperty()),
+        (axes.GetYAxisShaftProperty(), axes.GetYAxisTipProperty()),
+        (axes.GetZAxisShaftProperty(), axes.GetZAxisTipProperty()),
+    )
+    for color, properties in zip(_AXIS_COLORS, parts, strict=True):
+        for look in properties:
+            look.SetColor(*rgb(color))
+            look.SetAmbient(0.7)
+            look.SetDiffuse(0.35)
+    for caption in _captions(axes):
+        caption.GetTextActor().SetTextScaleModeToNone()
+    return axes
+
+
+def _captions(axes: vtkAxesActor) -> tuple:
+    return (
+        axes.GetXAxisCaptionActor2D(),
+        axes.GetYAxisCaptionActor2D(),
+        axes.GetZAxisCaptionActor2D(),
+    )
+
+
+def _pin_actors(pin: Pin, page: Page) -> list[vtkActor2D]:
+    """Discs with a number; of a pin behind the mesh, fainter ones."""
+    scale, opacity = page.scale, 0.55 if pin.hidden else 1.0
+    if pin.hidden:
+        discs = [_disc(pin, 5.6, _DARK, 0.35, scale), _disc(pin, 4.6, pin.color, 0.7, scale)]
+    else:
+        looks = ((7.5, _DARK, 0.5), (6.6, page.theme.halo, 1.0), (4.9, pin.color, 1.0))
+        discs = [_disc(pin, *look, scale) for look in looks]
+    if not pin.label:
+        return discs
+    beside = (13.0 * scale, 12.0 * scale)
+    number = vtkTextActor()
+    number.SetInput(pin.label)
+    _style(number.GetTextProperty(), 10, "#ffffff", bold=True)
+    number.GetTextProperty().SetOpacity(opacity)
+    number.GetTextProperty().SetJustificationToCentered()
+    number.GetTextProperty().SetVerticalJustificationToCentered()
+    at = number.GetPositionCoordinate()
+    at.SetCoordinateSystemToViewport()
+    at.SetReferenceCoordinate(_world(pin))
+    at.SetValue(*beside)
+    return [*discs, _disc(pin, 8.0, _DARK, 0.75 * opacity, scale, beside), number]
+
+
+def _world(pin: Pin) -> vtkCoordinate:
+    """The vertex, wherever it is on the screen: the camera takes the pin along."""
+    place = vtkCoordinate()
+    place.SetCoordinateSystemToWorld()
+    place.SetValue(*pin.position)
+    return place
+
+
+def _disc(
+    pin: Pin,
+    radius: float,
+    color: str,
+    opacity: float,
+    scale: float,
+    beside: tuple[float, float] = (0.0, 0.0),
+) -> vtkActor2D:
+    circle, mapper, disc = vtkRegularPolygonSource(), vtkPolyDataMapper2D(), vtkActor2D()
+    circle.SetNumberOfSides(40)
+    circle.SetRadius(radius * scale)
+    circle.SetCenter(*beside, 0.0)
+    circle.GeneratePolylineOff()
+    mapper.SetInputConnection(circle.GetOutputPort())
+    disc.SetMapper(mapper)
+    disc.GetProperty().SetColor(*rgb(color))
+    disc.GetProperty().SetOpacity(opacity)
+    place = disc.GetPositionCoordinate()
+    place.SetCoordinateSystemToWorld()
+    place.SetValue(*pin.position)
+    return disc

@@ -1,0 +1,111 @@
+"""What is written over the mesh says the truth, is sharp, and keeps to its place."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from vtkmodules.util.numpy_support import vtk_to_numpy
+
+from meshmash_viewer.app.view.annotations import text_size, title_size
+from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
+from meshmash_viewer.app.view.picture import draw_picture
+from meshmash_viewer.mesh import Mesh
+
+SIZE = (800, 600)
+#: A millimetre square, so that the picture's scale is known without asking the viewer.
+CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
+SQUARE = Mesh(CORNERS, np.array([[0, 1, 2], [0, 2, 3]]), "mm")
+
+
+def shown(title: str = "Eigenfunction 5", quantity: str = "λ₅ = 1", **field: object):
+    renderer = MeshRenderer()
+    renderer.set_mesh(SQUARE, SQUARE.vertex_normals)
+    values = field.pop("values", np.zeros(4))
+    limits = field.pop("limits", (-0.4, 1.3))
+    renderer.set_field(values, limits, "viridis", title, quantity, "nm⁻¹")
+    return renderer
+
+
+def difference(one: MeshRenderer, other: MeshRenderer, size: tuple[int, int] = SIZE) -> np.ndarray:
+    """Rows and columns of the pixels in which two pictures differ, as low, high of each."""
+    pictures = [draw_picture(renderer, size).astype(int) for renderer in (one, other)]
+    rows, columns = np.nonzero(np.abs(pictures[0] - pictures[1]).max(axis=2) > 8)
+    return np.array([rows.min(), rows.max(), columns.min(), columns.max()])
+
+
+def test_labels_of_the_bar_stand_where_their_values_are_and_share_a_power_of_ten(qapp) -> None:
+    renderer = shown(limits=(-1.3e-5, 2.6e-5))
+    renderer.prepare(*SIZE, 1.0)
+    bar = renderer.annotations.bar
+    assert bar.GetTitle() == "×10⁻⁵ nm⁻¹"
+    assert np.allclose(bar.GetLookupTable().GetRange(), (-1.3, 2.6))
+    labels = vtk_to_numpy(bar.GetCustomLabels()).tolist()
+    assert labels == [-1.0, 0.0, 1.0, 2.0]
+    assert bar.GetLabelFormat() == "%.0f"
+
+
+def test_the_bar_shows_the_colours_of_the_field(qapp) -> None:
+    from matplotlib import colormaps
+
+    from meshmash_viewer.app.view.annotations import BAR_SPACE
+
+    picture = draw_picture(shown(), SIZE)[:, SIZE[0] - BAR_SPACE :, :3].astype(int)
+    for share in (0.02, 0.5, 0.98):
+        wanted = np.array(colormaps["viridis"](share, bytes=True)[:3])
+        assert np.abs(picture - wanted).max(axis=2).min() <= 6
+
+
+def test_no_value_is_said_where_there_is_one_without(qapp) -> None:
+    complete, missing = shown(), shown(values=np.array([np.nan, 0.0, 0.0, 0.0]))
+    complete.prepare(*SIZE, 1.0)
+    missing.prepare(*SIZE, 1.0)
+    assert not complete.annotations.bar.GetDrawNanAnnotation()
+    assert missing.annotations.bar.GetDrawNanAnnotation()
+
+
+@pytest.mark.parametrize("size", [(1000, 750), (2000, 1500), (1000, 1200)])
+def test_the_scale_bar_is_as_long_as_it_says(qapp, size: tuple[int, int]) -> None:
+    renderer = shown()
+    renderer.prepare(*size, size[0] / 1000)
+    ends = [
+        np.array(coordinate.GetValue())
+        for coordinate in (
+            renderer.annotations.scale.GetPoint1Coordinate(),
+            renderer.annotations.scale.GetPoint2Coordinate(),
+        )
+    ]
+    long = np.linalg.norm(ends[1] - ends[0])
+    camera = renderer.renderer.GetActiveCamera()
+    millimetres = long * 2.0 * camera.GetParallelScale() / size[1]
+    number, unit = renderer.annotations.scale.GetTitle().split()
+    assert millimetres == pytest.approx(float(number) * {"mm": 1.0, "µm": 1e-3}[unit])
+
+
+@pytest.mark.parametrize("scale", [1, 2])
+def test_the_title_is_at_its_place_in_any_size_and_drawn_for_it(qapp, scale: int) -> None:
+    size = (1000 * scale, 750 * scale)
+    top, bottom, left, right = difference(shown("", ""), shown(), size) / scale
+    caption = shown().caption
+    assert 12 <= left <= 20
+    assert 10 <= top <= 22
+    assert bottom <= title_size(caption)[1]
+    assert right <= title_size(caption)[0]
+    # as wide as the font says at this size, not magnified from a smaller one
+    assert right - left == pytest.approx(text_size("Eigenfunction 5", 15, True)[0], abs=3)
+
+
+def test_a_title_too_long_for_the_picture_ends_in_an_ellipsis(qapp) -> None:
+    renderer = shown("Eigenfunction of a mesh with a very long name " * 3)
+    renderer.prepare(*SIZE, 1.0)
+    text = renderer.annotations.title.GetInput()
+    assert text.endswith("…")
+    assert text_size(text, 15, True)[0] <= SIZE[0] - 32
+
+
+def test_plates_have_the_colour_of_the_ground(qapp) -> None:
+    picture = draw_picture(shown("i.", ""), SIZE)[..., :3].astype(int)
+    # beside and below the letters their plate, and left of that the ground
+    plate = picture[14:34, 16:40]
+    ink = plate.min(axis=2) < 200
+    assert ink.any()
+    assert np.abs(plate - picture[14:34, 2:3])[~ink & (plate.min(axis=2) > 225)].max() <= 3
