@@ -33,7 +33,9 @@ from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application, keep_what_is_loaded
 from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
+from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.model.jobs import ExportJob
 from meshmash_viewer.spectral.weyl import Target
@@ -89,7 +91,8 @@ class Session:
         seen = scene.shows_stand_in or (drawing.surface and drawing.surface.actor.GetVisibility())
         if self.source.field is not None and scene.mesh is self.document.mesh and seen:
             self.note("field")
-            if self.document.spectrum.is_exact(self.source.field.index):
+            family = self.source.field.request.family
+            if isinstance(family, Eigenfunctions) and self.document.spectrum.is_exact(family.index):
                 self.note("exact_field")
 
     def since_mesh(self, what: str) -> float | None:
@@ -165,7 +168,7 @@ class Session:
 
     def session(self) -> Script:
         none, control = Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.ControlModifier
-        canvas, window, display = self.canvas, self.window, self.display
+        canvas, display = self.canvas, self.display
         yield from self.open()
         self.result["after_open"] = (private_bytes() - self.empty) / 1e6
         self.phase("scroll by wheel")
@@ -231,7 +234,7 @@ class Session:
             self.document.toggle_pin(self.document.mesh.n_vertices // 2)
         yield self.at_rest
         self.phase("similarity")
-        window.commands.similar()
+        self.document.similar()
         yield 0.2
         yield self.at_rest
         for step in range(20):
@@ -287,27 +290,25 @@ class Session:
         count = 40 if self.result["driver"] == "no-op" else 12
         pairs, vertices = self.order["pairs"], self.order["vertices"]
         kinds = {
-            "step": ("eigenfunction", "index", lambda i: (3 + i) % pairs),
-            "leap": ("eigenfunction", "index", lambda i: (3 + 107 * i) % pairs),
-            "hks": ("hks", "time", lambda i: time_at(self.document, (i % 37) / 37)),
-            "band": ("band", "band", lambda i: i % 32),
-            "similarity": (
-                "similarity", "similarity_vertex", lambda i: 7919 * (i + 1) % vertices,
-            ),
+            "step": (Eigenfunctions, "index", lambda i: (3 + i) % pairs),
+            "leap": (Eigenfunctions, "index", lambda i: (3 + 107 * i) % pairs),
+            "hks": (HeatKernelSignature, "time", lambda i: time_at(self.document, (i % 37) / 37)),
+            "band": (GeometryVectors, "index", lambda i: i % 32),
+            "similarity": (Similarity, "vertex", lambda i: 7919 * (i + 1) % vertices),
         }  # fmt: skip
         for key in ("ticks", "ticks_p95", "ticks_in_render", "ticks_rounds"):
             self.result[key] = {}
-        for name, (kind, control, value_of) in kinds.items():
+        for name, (family, parameter, value_of) in kinds.items():
             self.phase(f"tick {name}")
-            if kind == "similarity":
+            if family is Similarity:
                 display.change(Similarity, vertex=0)
-            display.kind = kind
+            display.kind = family.name
             yield 0.5
             yield self.at_rest
             rounds = []
             while len(rounds) < ROUNDS and all(stolen > STOLEN for stolen, _ in rounds):
                 yield float(bool(rounds))
-                rounds.append((yield from self.round_of_ticks(control, value_of, count)))
+                rounds.append((yield from self.round_of_ticks(family, parameter, value_of, count)))
             _, frames = min(rounds, key=lambda one: one[0])
             took, rendering = 1e3 * np.array(frames).T
             self.result["ticks"][name] = median(took)
@@ -317,7 +318,7 @@ class Session:
             yield self.at_rest
 
     def round_of_ticks(
-        self, control: str, value_of: Callable[[int], float], count: int
+        self, family: type[Family], parameter: str, value_of: Callable[[int], float], count: int
     ) -> Generator[Any, None, tuple[float, list[tuple[float, float]]]]:
         """What share of the processors was stolen, and seconds in all and in Render of each."""
         frames = []
@@ -326,7 +327,7 @@ class Session:
             field, loop, drawn_before = self.source.field, QEventLoop(), self.drawing.seconds
             value = value_of(i)
             started = time.perf_counter()
-            setattr(self.display, control, value)
+            self.display.change(family, **{parameter: value})
 
             drawn = [False]
 

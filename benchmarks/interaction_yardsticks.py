@@ -24,7 +24,9 @@ def time_at(document: Document, share: float) -> float:
 
 def compressed(document: Document, source: FieldSource) -> dict[str, float]:
     """The table of the heat kernel signature against the direct sum."""
-    table, spectrum = source.live.heat_table, document.spectrum
+    kept, spectrum = source.live.table(HeatKernelSignature.name), document.spectrum
+    assert kept is not None
+    table = kept.content
     fast, slow, errors = [], [], []
     for share in (0.05, 0.3, 0.5, 0.7, 0.95):
         time_ = time_at(document, share)
