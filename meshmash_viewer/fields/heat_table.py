@@ -216,8 +216,8 @@ def _packed(
 ) -> tuple[npt.NDArray[np.uint16], FloatArray, FloatArray, npt.NDArray[np.int64], ColumnArray]:
     """Columns in steps, their ends and steps, the vertices too far out, and theirs."""
     n = columns.shape[1]
-    sample = columns[:, :: max(n // _SAMPLE, 1)]
-    sample = sample[:, np.isfinite(sample[0])]
+    finite = np.flatnonzero(np.isfinite(columns[0]))
+    sample = columns[:, finite[:: max(len(finite) // _SAMPLE, 1)]]
     if not sample.shape[1]:
         sample = np.zeros((len(columns), 1), dtype=np.float32)
     least = sample.min(axis=1).astype(np.float64)

@@ -64,6 +64,19 @@ def answer(live: LiveFeatures, asked: FieldRequest) -> tuple[np.ndarray | None, 
     return (None, True) if found is None else (found.values, found.draft)
 
 
+def test_a_table_of_a_mesh_with_values_at_every_second_vertex_alone(rectangle: Mesh) -> None:
+    small = spectrum_of(rectangle, 40)
+    # So many vertices that only some of them are looked at for the range of the values.
+    rows = np.full((40, 2 * 100_001), np.nan, dtype=np.float32)
+    rows[:, 1::2] = np.resize(small.rows[:40], (40, 100_001))
+    spectrum = replace(small, rows=rows)
+    times = hks_time_range(spectrum.eigenvalues)
+    time = float(np.sqrt(times[0] * times[1]))
+    found = build_heat_table(spectrum, times).at(time)[1::2]
+    wanted = (np.exp(-spectrum.eigenvalues * time) @ np.square(rows[:, 1::2].astype(float))).ravel()
+    assert np.abs(found - wanted).max() <= 1e-3 * np.ptp(wanted)
+
+
 @pytest.mark.parametrize("shape", ["rectangle", "neuron"])
 def test_compressed_hks_is_within_its_bound_of_the_direct_sum(
     shape: str, request: pytest.FixtureRequest
