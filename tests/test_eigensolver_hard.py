@@ -171,7 +171,12 @@ def test_slice_of_a_killed_process_is_done_again(monkeypatch: pytest.MonkeyPatch
         found = list(run_slices(ordered, intervals, 1e-10, 2, stop, poll))
     assert killed
     for one, two in zip(found, expected, strict=True):
-        assert one.rows.tobytes() == two.rows.tobytes()
+        # Kernels of this process may have been compiled for arrays of other layouts, by calls of
+        # other tests: the last digits are not those of a new process.
+        np.testing.assert_allclose(one.values, two.values, rtol=1e-9)
+        np.testing.assert_allclose(one.rows @ one.rows.T, np.eye(len(one.rows)), atol=1e-10)
+        shared = np.linalg.svd(one.rows @ two.rows.T, compute_uv=False)
+        np.testing.assert_allclose(shared, 1.0, atol=1e-7)
 
 
 def test_what_a_worker_process_sends_fits_into_a_pipe(tmp_path: Path) -> None:
