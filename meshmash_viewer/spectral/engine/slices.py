@@ -2,7 +2,8 @@
 
 joblib runs them: in threads, since the kernels release the interpreter lock, or on whatever
 backend `joblib.parallel_config` names, a cluster included. A slice's result does not depend on
-where it ran or beside what, so the number of workers never changes a bit of it.
+what ran beside it, so in one process the number of workers never changes a bit of it; between
+processes and machines the last digits may differ.
 """
 
 from __future__ import annotations
