@@ -24,7 +24,7 @@ import scipy.linalg
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-__all__ = ["EPS", "ROUNDING", "Scaled", "Spectrum", "scale_pencil", "spectrum_of"]
+__all__ = ["EPS", "FINE", "ROUNDING", "Scaled", "Spectrum", "scale_pencil", "spectrum_of"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -33,7 +33,7 @@ EPS = float(np.finfo(np.float64).eps)
 #: entries are added up, and its sum then decides whether there is a zero.
 ROUNDING = 128.0
 #: Relative error of a reference value that is of no account.
-_FINE = 1e-11
+FINE = 1e-11
 #: Larger components are not solved in twice the precision, nor for their eigenvectors.
 _PRECISE_VERTICES, _VECTOR_VERTICES = 260, 700
 #: A vertex whose own eigenvalue is this many times the others' moves with its neighbours.
@@ -195,7 +195,7 @@ def _component(entries: bytes, masses: bytes) -> tuple[FloatArray, FloatArray, F
     lowest = _of_constants(stiffness, mass, float(values[1]) if n > 1 else np.inf, noise)
     if lowest is not None:
         values[0], doubt[0] = lowest
-    small = np.maximum(_FINE * np.abs(values), 0.1 * slack)
+    small = np.maximum(FINE * np.abs(values), 0.1 * slack)
     if (doubt <= 10.0 * small).all() or n > _PRECISE_VERTICES:
         return values, slack, doubt
     exact = double_double.reduced_matrix(stiffness, mass)

@@ -45,6 +45,8 @@ _POLISHES = 3
 _LENIENCE = 1e3
 #: Defects that are solved for again then.
 _REFINEMENTS = 1
+#: Rows that gave way by more than this are no longer orthonormal among themselves.
+_SEEN = 1e-7
 #: Backward error of a factor from which on it blurs the lowest pairs.
 _BLURRED = 2e-14
 #: An eigenvalue nearer to the shift than this, in mean spacings, drowns the others in its rounding.
@@ -307,8 +309,10 @@ def _fit_in(rows: FloatArray, some: npt.NDArray[np.int64]) -> float:
     pure = rows[some]
     orthonormalise(pure)
     rows[some] = 0.0
-    project_out(rows, pure)
+    shared = project_out(rows, pure)
     rows[some] = pure
+    if np.abs(shared).max(initial=0.0) > _SEEN:
+        return orthonormalise(rows)
     overlap = pure @ rows.T
     overlap[np.arange(len(some)), some] -= 1.0
     return float(np.abs(overlap).max())

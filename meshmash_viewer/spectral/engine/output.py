@@ -27,6 +27,8 @@ PairsCallback: TypeAlias = Callable[[int, FloatArray, FloatArray], None]
 
 #: Inner products of neighbouring slices below this stay as they are.
 _TOUCHING = 1e-11
+#: Rows from which more than this is taken off are no longer orthonormal among themselves.
+_SEEN = 1e-7
 #: Residuals of reduced eigenvalues below this are relative to 4π / area.
 _ZERO = 1e-9
 #: Random sums of all rows but the newest.
@@ -126,8 +128,7 @@ class Output:
 
         def finish(i: int) -> None:
             rows[i] *= self._inverse_root_mass
-            fix_sign(rows[i], pencil.active)
-            written[i, pencil.active] = rows[i]
+            written[i, pencil.active] = fix_sign(rows[i], pencil.active)
 
         for _ in self._threads.map(finish, range(count)):
             pass
@@ -169,15 +170,21 @@ class Output:
     ) -> tuple[FloatArray, FloatArray]:
         """Take off what rows share with others that are final; the products that remain."""
         shared, far = self._products(written, others)
-        if np.abs(shared).max(initial=0.0) > 0.5:
+        most = float(np.abs(shared).max(initial=0.0))
+        if most > 0.5:
             raise ArithmeticError("two slices found the same eigenvector")
-        if np.abs(shared).max(initial=0.0) > _TOUCHING and self.rows.dtype == np.float64:
+        if most > _TOUCHING and self.rows.dtype == np.float64:
 
             def take_off(part: slice) -> None:
                 written[:, part] -= shared @ self._finite(others[:, part])
 
             for _ in self._threads.map(take_off, self._stretches()):
                 pass
+            active = self.pencil.active
+            for row in written:
+                row[active] = fix_sign(row[active], active)
+            if most > _SEEN:
+                self.orthonormality = max(self.orthonormality, self._defect(written))
             shared, far = self._products(written, others)
         return shared, far
 
@@ -235,8 +242,8 @@ class Output:
         return exact
 
 
-def fix_sign(row: FloatArray, places: npt.NDArray[np.int64]) -> None:
-    """Turn a row in place so that its entry of largest magnitude is positive.
+def fix_sign(row: FloatArray, places: npt.NDArray[np.int64]) -> FloatArray:
+    """Turn a row in place so that its entry of largest magnitude is positive, and return it.
 
     Of entries whose magnitudes agree to 1e-6 the one of the first place decides, so that rounding
     does not.
@@ -249,10 +256,10 @@ def fix_sign(row: FloatArray, places: npt.NDArray[np.int64]) -> None:
     """
     highest, lowest = float(row.max(initial=0.0)), float(row.min(initial=0.0))
     near = (1.0 - 1e-6) * max(highest, -lowest)
-    if highest >= near > -lowest:
-        return
-    if highest >= near:
+    is_turned = highest < near
+    if highest >= near and -lowest >= near:
         leading = np.flatnonzero(np.abs(row) >= near)
-        if row[leading[np.argmin(places[leading])]] > 0.0:
-            return
-    np.negative(row, out=row)
+        is_turned = row[leading[np.argmin(places[leading])]] <= 0.0
+    if is_turned:
+        np.negative(row, out=row)
+    return row

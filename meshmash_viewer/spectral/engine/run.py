@@ -130,7 +130,8 @@ class Run:
             yield from self._sliced(ordered)
         except (ArithmeticError, FactorizationError, np.linalg.LinAlgError):
             # What has been given out stays; before that, few vertices can go the sure way.
-            if hasattr(self, "output") or not can_be_dense(self.pencil.n):
+            given_out = self.output.written if hasattr(self, "output") else 0
+            if given_out > self.pencil.n_null or not can_be_dense(self.pencil.n):
                 raise
             self._stop[0] = 0
             yield from self._dense()
@@ -368,7 +369,7 @@ class Run:
         every = np.concatenate([np.zeros(n_null), values])
         chosen = self._chosen(every)
         count = len(chosen)
-        known = self._known_of_dense(every, count)
+        known = None if hasattr(self, "output") else self._known_of_dense(every, count)
         if known is not None:
             # All copies of a multiple eigenvalue, of which some may be known.
             stop = count
@@ -384,7 +385,13 @@ class Run:
         self._count = Certificate("dense", pencil.n, pencil.n, low=low)
         if known is None:
             self._spend("dense", started)
-            yield from self._write_all(values, dense_residuals(pencil, values, rows), rows)
+            residuals = dense_residuals(pencil, values, rows)
+            if not hasattr(self, "output"):
+                self._open(count)
+            elif self.output.total != count:
+                raise ArithmeticError("two ways of counting disagree")
+            done = self.output.written
+            yield from self._place(values[done:], residuals[done:], rows[done:])
             return
         inside = np.flatnonzero(known.kept(count)[n_null:]) + n_null
         try:
