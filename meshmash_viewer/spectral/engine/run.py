@@ -324,6 +324,9 @@ class Run:
         sigma = min(sigma, plan.top)
         low, high = plan.around(sigma, wanted)
         inside = plan.count(high) - (plan.count(low) if low > 0.0 else 0)
+        if self._is_dense(inside):
+            yield from self._dense()
+            return
         parts = []
         if low == 0.0:
             null = min(pencil.n_null, wanted)
