@@ -44,6 +44,20 @@ def test_problems_from_seeds(first: int) -> None:
     assert not list(filter(None, complaints))
 
 
+@pytest.mark.parametrize(
+    "seed",
+    [
+        pytest.param(1359, id="lowest pairs of a star"),
+        pytest.param(14401, id="pairs of a star around a shift far above"),
+        pytest.param(12271, id="signs after slices were made orthogonal"),
+        pytest.param(16434, id="orthonormality after rows gave way to a refined one"),
+        pytest.param(12930, id="an eigenvalue next to what counts as zero"),
+    ],
+)
+def test_seeds_that_once_went_wrong(seed: int) -> None:
+    assert not complaint(judge_seed(seed))
+
+
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_example(name: str) -> None:
     asked = list(EXAMPLES[name]())
