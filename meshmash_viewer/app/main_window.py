@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QDeadlineTimer, Qt, QThread, Signal
 from PySide6.QtGui import (
     QCloseEvent,
     QDragEnterEvent,
@@ -201,6 +201,27 @@ class MainWindow(QMainWindow):
     def to_pyvista(self) -> Any:
         """The mesh with the displayed field (`MeshView.to_pyvista`)."""
         return self.scene.to_pyvista()
+
+    def wait(self, seconds: float = 3600.0) -> None:
+        """Handle events until nothing is being read or computed and the wanted field is shown.
+
+        Parameters
+        ----------
+        seconds : float
+            For how long at most.
+
+        Raises
+        ------
+        TimeoutError
+            If something is still being computed then.
+        """
+        deadline = QDeadlineTimer(round(1000.0 * seconds))
+        while self.document.job is not None or not self.field_source.idle:
+            if deadline.hasExpired():
+                raise TimeoutError(f"The window is still busy after {seconds:g} s.")
+            QApplication.processEvents()
+            QThread.msleep(5)
+        QApplication.processEvents()
 
     # -- wiring -------------------------------------------------------------------------------
 

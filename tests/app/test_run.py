@@ -11,6 +11,7 @@ import psutil
 import pytest
 import pyvista
 import shapes
+import trimesh
 from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
@@ -19,6 +20,8 @@ import meshmash_viewer
 from meshmash_viewer.app import run
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.io.read import read_mesh
+from meshmash_viewer.samples import sample_path
 
 PATIENCE = 60_000
 
@@ -187,3 +190,21 @@ def test_the_window_gives_its_plotter_and_what_it_shows(qtbot: QtBot) -> None:
     np.testing.assert_array_equal(surface.points, ball.vertices)
     np.testing.assert_array_equal(surface.regular_faces, ball.faces)
     window.close()
+
+
+def test_the_script_of_the_readme(
+    qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It adds an actor, steps, takes pictures, and exports a scene for other programs."""
+    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    scripts = [part.split("```")[0] for part in text.split("```python\n")[1:]]
+    (script,) = (part for part in scripts if "block=False" in part)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(script, "README.md", "exec"), {})
+    pictures = [pyvista.read(tmp_path / f"eigenfunction_{i}.png") for i in (2, 3, 4)]
+    assert all(np.ptp(picture.active_scalars) > 100 for picture in pictures)
+    assert len({picture.active_scalars.tobytes() for picture in pictures}) == 3
+    scene = trimesh.load(tmp_path / "dendrite.gltf")
+    expected = len(read_mesh(sample_path("dendrite")).faces)
+    assert sum(len(mesh.faces) for mesh in scene.geometry.values()) == expected
+    assert "<html" in (tmp_path / "dendrite.html").read_text(encoding="utf-8")

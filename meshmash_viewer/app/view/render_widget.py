@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 from PySide6.QtCore import QEvent, QPoint, QPointF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QPainter, QPen
+from PySide6.QtGui import QColor, QImage, QPainter, QPen
 from PySide6.QtWidgets import QApplication, QWidget
 from pyvistaqt import QtInteractor
 
@@ -100,6 +102,14 @@ class RenderWidget(QtInteractor):
             self.ren_win.SetSize(width, height)
         self.ren_win.SetDPI(round(72 * ratio))
         self.ren_win.Render()
+
+    @property
+    def image(self) -> npt.NDArray[np.uint8]:
+        """The frame as it is now, shape (height, width, 3): what pyvista's `screenshot` saves."""
+        grabbed = self.grabFramebuffer().convertToFormat(QImage.Format.Format_RGB888)
+        width, height, stride = grabbed.width(), grabbed.height(), grabbed.bytesPerLine()
+        rows = np.frombuffer(grabbed.constBits(), dtype=np.uint8).reshape(height, stride)
+        return rows[:, : 3 * width].reshape(height, width, 3).copy()
 
     def event(self, event: QEvent) -> bool:
         """Follow the window to a screen of another scale."""
