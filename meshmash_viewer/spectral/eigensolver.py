@@ -23,6 +23,7 @@ from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.engine.output import Allocate, Extend, PairsCallback
 from meshmash_viewer.spectral.engine.request import Request
 from meshmash_viewer.spectral.engine.run import Run
+from meshmash_viewer.spectral.verification import verify_pairs
 
 __all__ = ["Batch", "Decomposition", "PairsCallback", "estimate_memory", "iterate", "solve"]
 
@@ -111,9 +112,7 @@ class Decomposition:
         InputError
             If the matrices are of another size.
         """
-        from meshmash_viewer.spectral.verification import verify_decomposition
-
-        return verify_decomposition(self, stiffness, mass)
+        return verify_pairs(self.eigenvalues, self.rows, self.certificate, stiffness, mass)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ are counted from another factorization: SuperLU's, in another order, or the dens
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +16,11 @@ import scipy.sparse as sp
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.certificate import Certificate
 
-if TYPE_CHECKING:
-    from meshmash_viewer.spectral.eigensolver import Decomposition
-
-__all__ = ["verify_decomposition"]
+__all__ = ["verify_pairs"]
 
 FloatArray = npt.NDArray[np.float64]
+#: Eigenvectors in rows, shape (k, n), NaN at vertices without mass.
+Rows = npt.NDArray[np.floating[Any]]
 
 #: Up to this many vertices the dense matrix counts.
 _DENSE = 1500
@@ -33,9 +32,11 @@ _GAP = 1e-7
 _TAIL = 64
 
 
-def verify_decomposition(decomposition: Decomposition, stiffness: Any, mass: Any) -> Certificate:
+def verify_pairs(
+    values: FloatArray, rows: Rows, given: Certificate, stiffness: Any, mass: Any
+) -> Certificate:
     """Recompute what a certificate states; `Decomposition.verify` documents it."""
-    n = decomposition.rows.shape[1]
+    n = rows.shape[1]
     matrix: Any = sp.csr_array(stiffness).astype(np.float64)
     given_mass: Any = mass
     sparse = sp.issparse(mass) or np.ndim(mass) == 2
@@ -49,13 +50,11 @@ def verify_decomposition(decomposition: Decomposition, stiffness: Any, mass: Any
     matrix, diagonal = sp.csr_array(matrix[used][:, used]), diagonal[used]
     # To a power of two, as the solver has it: both know the same eigenvalues for next to zero.
     spacing = float(np.exp2(np.round(np.log2(4.0 * np.pi / float(diagonal.sum())))))
-    values = decomposition.eigenvalues
-    residuals = _residuals(decomposition, matrix, diagonal, used)
+    residuals = _residuals(values, rows, matrix, diagonal, used)
     residuals /= np.where(values > 1e-9 * spacing, values, spacing)
     worst = int(np.argmax(residuals)) if len(residuals) else 0
-    given = decomposition.certificate
-    single = decomposition.rows.dtype == np.float32
-    counted, found, bound, low = _count(decomposition, matrix, diagonal, spacing)
+    single = rows.dtype == np.float32
+    counted, found, bound, low = _count(values, given, matrix, diagonal, spacing)
     return Certificate(
         "dense" if bound is None else "inertia",
         counted,
@@ -64,7 +63,7 @@ def verify_decomposition(decomposition: Decomposition, stiffness: Any, mass: Any
         low,
         residual=float(residuals[worst]) if len(residuals) else 0.0,
         residual_index=worst,
-        orthonormality=_orthonormality(decomposition, diagonal, used),
+        orthonormality=_orthonormality(rows, diagonal, used),
         precision="float32" if single else "float64",
         remark=given.remark,
     )
@@ -75,21 +74,21 @@ def _blocks(k: int) -> Iterator[slice]:
 
 
 def _residuals(
-    decomposition: Decomposition, matrix: Any, diagonal: FloatArray, used: npt.NDArray[np.intp]
+    values: FloatArray, rows: Rows, matrix: Any, diagonal: FloatArray, used: npt.NDArray[np.intp]
 ) -> FloatArray:
     """‖Lφ - λMφ‖ / ‖Mφ‖ of every pair, summed in more digits where the platform has them.
 
     Of rows in float32 what their rounding explains is taken off.
     """
-    values, exact = decomposition.eigenvalues, matrix.astype(np.longdouble)
+    exact = matrix.astype(np.longdouble)
     residuals = np.empty(len(values))
     for part in _blocks(len(values)):
-        rows = np.asarray(decomposition.rows[part][:, used], dtype=np.longdouble)
-        weighted = rows * diagonal
-        defect = (exact @ rows.T).T - values[part, None] * weighted
+        some = np.asarray(rows[part][:, used], dtype=np.longdouble)
+        weighted = some * diagonal
+        defect = (exact @ some.T).T - values[part, None] * weighted
         norms = _norms(defect)
-        if decomposition.rows.dtype == np.float32:
-            rounded = (abs(exact) @ np.abs(rows).T).T
+        if rows.dtype == np.float32:
+            rounded = (abs(exact) @ np.abs(some).T).T
             explained = np.finfo(np.float32).eps * _norms(rounded)
             norms = np.maximum(norms - explained, 0.0)
         residuals[part] = norms / _norms(weighted)
@@ -104,14 +103,12 @@ def _norms(rows: npt.NDArray[np.longdouble]) -> npt.NDArray[np.longdouble]:
     return np.asarray(np.linalg.norm(scaled, axis=1) * largest)
 
 
-def _orthonormality(
-    decomposition: Decomposition, diagonal: FloatArray, used: npt.NDArray[np.intp]
-) -> float:
-    k, worst = decomposition.n_components, 0.0
+def _orthonormality(rows: Rows, diagonal: FloatArray, used: npt.NDArray[np.intp]) -> float:
+    k, worst = len(rows), 0.0
     for part in _blocks(k):
-        weighted = np.asarray(decomposition.rows[part][:, used], dtype=np.float64) * diagonal
+        weighted = np.asarray(rows[part][:, used], dtype=np.float64) * diagonal
         for other in _blocks(part.stop):
-            gram = weighted @ np.asarray(decomposition.rows[other][:, used], dtype=np.float64).T
+            gram = weighted @ np.asarray(rows[other][:, used], dtype=np.float64).T
             if other == part:
                 gram -= np.eye(len(gram))
             worst = max(worst, float(np.abs(gram).max()))
@@ -119,10 +116,9 @@ def _orthonormality(
 
 
 def _count(
-    decomposition: Decomposition, matrix: Any, diagonal: FloatArray, spacing: float
+    values: FloatArray, given: Certificate, matrix: Any, diagonal: FloatArray, spacing: float
 ) -> tuple[int, int, float | None, float | None]:
     """Eigenvalues that there are and that were found, up to a bound, from another."""
-    values, given = decomposition.eigenvalues, decomposition.certificate
     if len(values) == len(diagonal):
         return len(diagonal), len(values), None, None
     gap = _GAP * np.maximum(np.abs(values), spacing)
