@@ -15,7 +15,12 @@ import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import VTK_FONT_FILE, vtkLookupTable
 from vtkmodules.vtkFiltersSources import vtkRegularPolygonSource
-from vtkmodules.vtkRenderingAnnotation import vtkAxesActor, vtkAxisActor2D, vtkScalarBarActor
+from vtkmodules.vtkRenderingAnnotation import (
+    vtkAxesActor,
+    vtkAxisActor2D,
+    vtkCaptionActor2D,
+    vtkScalarBarActor,
+)
 from vtkmodules.vtkRenderingCore import (
     vtkActor2D,
     vtkCoordinate,
@@ -246,8 +251,15 @@ class Annotations:
         edge, free = _EDGE * scale, page.width / scale - 2 * _EDGE
         two_lines = page.height > 160 * scale
         for actor, text, size, ink, bold, drop in (
-            (self.title, caption and caption.title, TITLE, theme.ink, True, 0),
-            (self.quantity, caption and caption.quantity, QUANTITY, theme.faint_ink, False, 24),
+            (self.title, caption.title if caption else "", TITLE, theme.ink, True, 0),
+            (
+                self.quantity,
+                caption.quantity if caption else "",
+                QUANTITY,
+                theme.faint_ink,
+                False,
+                24,
+            ),
         ):
             shown = bool(text) and (two_lines or not drop)
             actor.SetVisibility(shown)
@@ -277,7 +289,7 @@ class Annotations:
         tall = min(300 * scale, 0.5 * page.height)
         shown = caption is not None and tall >= 70 * scale and page.width >= 220 * scale
         bar.SetVisibility(shown)
-        if not shown:
+        if caption is None or not shown:
             return
         most = min(max(int(tall / (34 * scale)), 2), 7)
         values, form, exponent = ticks(caption.low, caption.high, most)
@@ -320,7 +332,7 @@ class Annotations:
         width, height, scale = page.width, page.height, page.scale
         shown = view is not None and width >= 220 * scale and height >= 120 * scale
         self.scale.SetVisibility(shown)
-        if not shown:
+        if view is None or not shown:
             return
         pixel = view.length_per_pixel(width, height)
         length = round_length(min(150 * scale, 0.25 * width) * pixel)
@@ -339,7 +351,7 @@ class Annotations:
     def _set_axes(self, page: Page, view: View | None) -> None:
         shown = view is not None and page.height >= 160 * page.scale
         self.corner.SetDraw(shown)
-        if not shown:
+        if view is None or not shown:
             return
         side = _AXES * page.scale
         self.corner.SetViewport(0.0, 0.0, min(side / page.width, 1.0), side / page.height)
@@ -390,7 +402,7 @@ def _new_axes() -> vtkAxesActor:
     return axes
 
 
-def _captions(axes: vtkAxesActor) -> tuple:
+def _captions(axes: vtkAxesActor) -> tuple[vtkCaptionActor2D, ...]:
     return (
         axes.GetXAxisCaptionActor2D(),
         axes.GetYAxisCaptionActor2D(),

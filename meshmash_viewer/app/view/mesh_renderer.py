@@ -114,12 +114,13 @@ class MeshRenderer:
         if self.picker is not None:
             self.picker.stop()
         self.surface = self.coarse = self.picker = self._coarse_mesh = self._coarse_of = None
-        self.mesh, self.normals = mesh, normals
         self.caption, self._pins = None, ()
         self.set_segments(None)
         if mesh is None:
-            self.view = None
+            self.mesh = self.normals = self.view = None
             return
+        normals = mesh.vertex_normals if normals is None else normals
+        self.mesh, self.normals = mesh, normals
         self._placed = None
         geometry = geometry_of(mesh)
         self._sample, self._axes = geometry.sample, geometry.axes
@@ -129,7 +130,12 @@ class MeshRenderer:
             size = float(np.linalg.norm(geometry.bounds[1] - geometry.bounds[0]))
             self.picker = Picker(geometry.points, geometry.faces, size)
 
-    def _new_surface(self, points, faces, normals) -> Surface:
+    def _new_surface(
+        self,
+        points: npt.NDArray[np.float32],
+        faces: npt.NDArray[np.integer[Any]],
+        normals: npt.NDArray[np.float32],
+    ) -> Surface:
         surface = Surface(points, faces, normals)
         surface.actor.SetPosition(*self.centre)
         surface.actor.GetProperty().SetColor(*rgb(self.theme.surface))
@@ -197,7 +203,7 @@ class MeshRenderer:
         ValueError
             If there is not one value a vertex, or no such colour map.
         """
-        if self.surface is None:
+        if self.mesh is None or self.surface is None:
             return
         before = None
         if values is None:
@@ -228,7 +234,9 @@ class MeshRenderer:
 
         `widths`, of shape (s,), are those of the branches that they go around.
         """
-        self._segments = (segments, widths) if segments is not None and len(segments) else None
+        self._segments = None
+        if segments is not None and widths is not None and len(segments):
+            self._segments = segments, widths
         self._lines.show(segments, widths)
 
     @property
@@ -247,7 +255,9 @@ class MeshRenderer:
         if self.mesh is not None:
             self.fit_view(self._axes, width, height, scale)
 
-    def fit_view(self, axes: npt.NDArray, width: int, height: int, scale: float) -> None:
+    def fit_view(
+        self, axes: npt.NDArray[np.float64], width: int, height: int, scale: float
+    ) -> None:
         """Show the whole mesh along given axes."""
         space = margins(self.caption is not None, width, height, scale)
         self.view = fitted_view(self._sample, axes, width, height, space)
@@ -264,30 +274,37 @@ class MeshRenderer:
         plates : bool
             Whether that has plates in the colour of the background behind it.
         """
-        if self.shows_coarse and self._coarse_of is not self.surface.values:
-            self._coarse_of = self.surface.values
-            self.coarse.write(self._coarse_of[self._coarse_mesh.representatives])
-        if self.mesh is not None:
-            if self.view is None:
-                self.reset_view(width, height, scale)
+        if self.shows_coarse:
+            self._write_coarse()
+        if self.mesh is not None and self.view is None:
+            self.reset_view(width, height, scale)
+        if self.view is not None:
             if scale != self._scale:
                 self._scale = scale
                 self._lines.actor.GetProperty().SetLineWidth(2.0 * scale)
                 for surface in self._surfaces:
                     surface.set_scale(scale)
-            self._place_camera(width, height)
+            self._place_camera(self.view, width, height)
             length_per_point = scale * self.view.length_per_pixel(width, height)
             self._lines.fade(length_per_point, rgb(self.theme.line))
         page = Page(self.theme, width, height, scale, plates)
         unit = "" if self.mesh is None else self.mesh.unit
         self.annotations.show(page, self.view, self.caption, unit, self._placed_pins())
 
-    def _place_camera(self, width: int, height: int) -> None:
+    def _write_coarse(self) -> None:
+        """Give the stand-in the values of the mesh at its vertices, if they are new."""
+        assert self.surface is not None
+        assert self.coarse is not None
+        assert self._coarse_mesh is not None
+        if self._coarse_of is not self.surface.values:
+            self._coarse_of = self.surface.values
+            self.coarse.write(self._coarse_of[self._coarse_mesh.representatives])
+
+    def _place_camera(self, view: View, width: int, height: int) -> None:
         camera = self.renderer.GetActiveCamera()
         known_view, known_time = (None, 0) if self._placed is None else self._placed[-2:]
-        if known_view is self.view and known_time != camera.GetMTime():
-            self.view = _view_of(camera, width, height)  # somebody else has turned it
-        view = self.view
+        if known_view is view and known_time != camera.GetMTime():
+            view = self.view = _view_of(camera, width, height)  # somebody else has turned it
         boxes = (prop.GetBounds() for prop in self.added())
         added = tuple(box for box in boxes if box is not None and box[0] <= box[1])
         place = (width, height, added, view, camera.GetMTime())
@@ -310,7 +327,7 @@ class MeshRenderer:
         self._placed = (*place[:-1], camera.GetMTime())
 
     def _placed_pins(self) -> list[Pin]:
-        if self.view is None or not self._pins:
+        if self.mesh is None or self.view is None or not self._pins:
             return []
         ready = self.picker is not None and self.picker.ready
         if self._hidden[:1] != (self.view,) or self._hidden[1:] != (ready, self._pins):
@@ -336,7 +353,7 @@ class MeshRenderer:
         props = self.renderer.GetViewProps()
         for number in range(props.GetNumberOfItems()):
             prop = props.GetItemAsObject(number)
-            if id(prop) not in ours:
+            if isinstance(prop, vtkProp) and id(prop) not in ours:
                 yield prop
 
     def _add_copies(self, props: Iterator[vtkProp]) -> None:
@@ -344,7 +361,7 @@ class MeshRenderer:
         for prop in props:
             copy = prop.NewInstance()
             copy.ShallowCopy(prop)
-            if isinstance(prop, vtkActor) and prop.GetMapper() is not None:
+            if isinstance(copy, vtkActor) and isinstance(prop, vtkActor) and prop.GetMapper():
                 known = prop.GetMapper()
                 mapper = known.NewInstance()
                 mapper.ShallowCopy(known)
@@ -380,6 +397,8 @@ class MeshRenderer:
         if self.mesh is None:
             return other
         other.set_mesh(self.mesh, self.normals)
+        assert self.surface is not None
+        assert other.surface is not None
         other.view, other.picker, other._pins = self.view, self.picker, self._pins
         if self.caption is not None:
             other.surface.write(self.surface.values)
@@ -428,4 +447,5 @@ def read_pixels(
     else:
         # The frame as it would be on the screen; averaged already, while it was drawn.
         window.GetPixelData(*corners, 1, pixels, 0)
-    return vtk_to_numpy(pixels).reshape(rows, width, -1)[::-1]
+    shown: npt.NDArray[np.uint8] = vtk_to_numpy(pixels).reshape(rows, width, -1)[::-1]
+    return shown

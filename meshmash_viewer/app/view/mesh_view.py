@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pyvista
-from PySide6.QtCore import QEvent, QPoint, QPointF, QSize, QThreadPool, QTimer, Signal
+from PySide6.QtCore import QPoint, QPointF, QSize, QThreadPool, QTimer, Signal
+from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
@@ -68,7 +69,7 @@ class MeshView(QWidget):
         self.document = document
         self.plotter = RenderWidget(self)
         self.renderer = MeshRenderer(renderer=self.plotter.renderer)
-        self.renderer.add_to(self.plotter.ren_win)
+        self.renderer.add_to(self.plotter.window_of_vtk)
         self._stand_in = StandIn(self.renderer)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
@@ -119,8 +120,6 @@ class MeshView(QWidget):
 
     def set_mesh(self, mesh: Mesh | None, normals: npt.NDArray[np.float32] | None = None) -> None:
         """Draw a mesh with vertex normals of shape (n, 3), or nothing."""
-        if mesh is not None and normals is None:
-            normals = mesh.vertex_normals
         self._generation += 1
         self._stand_in.forget()
         self._line_values = None
@@ -259,9 +258,10 @@ class MeshView(QWidget):
         """
         if self.mesh is None:
             raise ValueError("No mesh is shown: open one first.")
-        surface, caption = mesh_to_poly(self.mesh), self.renderer.caption
-        if caption is not None:
-            surface.point_data[caption.title] = self.renderer.surface.shown_values()
+        surface: pyvista.PolyData = mesh_to_poly(self.mesh)
+        caption, drawn = self.renderer.caption, self.renderer.surface
+        if caption is not None and drawn is not None:
+            surface.point_data[caption.title] = drawn.shown_values()
             surface.set_active_scalars(caption.title)
             surface.user_dict = {
                 "quantity": self._quantity,
@@ -273,8 +273,10 @@ class MeshView(QWidget):
 
     def display_point(self, vertex: int) -> QPoint:
         """Where a vertex is on this widget."""
-        width, height, ratio = self.plotter.pixels()
-        x, y, _ = self.renderer.view.to_pixels(self.mesh.vertices[vertex], width, height)[0]
+        (width, height, ratio), view = self.plotter.pixels(), self.renderer.view
+        if self.mesh is None or view is None:
+            raise ValueError("No mesh is shown: open one first.")
+        x, y, _ = view.to_pixels(self.mesh.vertices[vertex], width, height)[0]
         return QPoint(round(x / ratio - 0.5), round((height - y) / ratio - 0.5))
 
     def vertex_at(self, x: float, y: float) -> int:
@@ -334,7 +336,7 @@ class MeshView(QWidget):
         """Draw now; only the canvas calls it, when Qt says that a frame is due."""
         if self._closed:
             return
-        drawing, window = self.renderer, self.plotter.ren_win
+        drawing, window = self.renderer, self.plotter.window_of_vtk
         if self._first:
             # Not before: a window tells what draws it when it is on the screen.
             self._stand_in.software = _draws_by_software(window)
@@ -367,6 +369,8 @@ class MeshView(QWidget):
 
     def _compute_lines(self) -> None:
         mesh, values, centre = self.renderer.mesh, self._line_values, self.renderer.centre
+        if mesh is None or values is None:
+            return
 
         def compute() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]]:
             segments = nodal_lines(mesh.vertices, mesh.faces, values)
@@ -455,9 +459,8 @@ class MeshView(QWidget):
             self.vertex_clicked.emit(vertex)
 
     def _centre_on(self, at: QPointF) -> None:
-        vertex = self.vertex_at(at.x(), at.y())
-        if vertex >= 0:
-            view = self.renderer.view
+        vertex, view = self.vertex_at(at.x(), at.y()), self.renderer.view
+        if vertex >= 0 and self.mesh is not None and view is not None:
             self._set_view(View(self.mesh.vertices[vertex], view.axes, view.half_size))
 
     def _resized(self) -> None:
@@ -467,7 +470,7 @@ class MeshView(QWidget):
 
     # -- the end ----------------------------------------------------------------------------
 
-    def closeEvent(self, event: QEvent) -> None:
+    def closeEvent(self, event: QCloseEvent) -> None:
         """Let go of the graphics, once; nothing is drawn afterwards."""
         self.release()
         super().closeEvent(event)
@@ -483,7 +486,7 @@ class MeshView(QWidget):
         self._ring.hide()
         self._pool.waitForDone()
         self.renderer.set_mesh(None, None)
-        self.renderer.remove_from(self.plotter.ren_win)
+        self.renderer.remove_from(self.plotter.window_of_vtk)
         self.plotter.close()
 
 

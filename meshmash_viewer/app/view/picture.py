@@ -119,7 +119,8 @@ def draw_picture(
         try:
             next(steps)
         except StopIteration as end:
-            return end.value.rgba()
+            drawn: RawPicture = end.value
+            return drawn.rgba()
 
 
 def draw_in_steps(
@@ -147,11 +148,9 @@ def draw_in_steps(
         yield
         window.Render()
         yield
-        pixels = None
+        pixels = np.empty((height, width, 4 if transparent else 3), dtype=np.uint8)
         for bottom in range(0, height, _ROWS):
             part = read_pixels(window, transparent, bottom, min(_ROWS, height - bottom))
-            if pixels is None:
-                pixels = np.empty((height, width, part.shape[2]), dtype=np.uint8)
             pixels[height - bottom - len(part) : height - bottom] = part
             yield
         return RawPicture(pixels)
@@ -169,5 +168,6 @@ def _new_window() -> vtkRenderWindow:
         for name in ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"):
             kind = getattr(opengl, name, None)
             if kind is not None:
-                return kind()
+                window: vtkRenderWindow = kind()
+                return window
     return vtkRenderWindow()

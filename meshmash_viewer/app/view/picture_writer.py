@@ -66,8 +66,8 @@ class PictureWriter(QObject):
         if self._drawn is None and not self._waiting:
             return
         if self._drawn is None:
-            path, *what = self._waiting.popleft()
-            self._drawn = path, draw_in_steps(*what)
+            path, drawing, size, transparent = self._waiting.popleft()
+            self._drawn = path, draw_in_steps(drawing, size, transparent)
         later(self._draw_on)
         path, steps = self._drawn
         try:

@@ -7,9 +7,21 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from PySide6.QtCore import QEvent, QPoint, QPointF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QImage, QPainter, QPen
+from PySide6.QtGui import (
+    QColor,
+    QEnterEvent,
+    QImage,
+    QKeyEvent,
+    QMouseEvent,
+    QPainter,
+    QPaintEvent,
+    QPen,
+    QResizeEvent,
+    QWheelEvent,
+)
 from PySide6.QtWidgets import QApplication, QWidget
 from pyvistaqt import QtInteractor
+from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
 __all__ = ["RenderWidget", "Ring"]
 
@@ -41,7 +53,7 @@ class RenderWidget(QtInteractor):
         # Lights are those of `MeshRenderer`; nothing is drawn by a timer.
         super().__init__(parent, auto_update=False, lighting="none", multi_samples=4)
         # Frames come from `draw` alone, whatever VTK's interactor thinks.
-        self.ren_win.GetInteractor().EnableRenderOff()
+        self.window_of_vtk.GetInteractor().EnableRenderOff()
         # Otherwise pyvista would look at the first mesh that somebody adds.
         self.camera_set = True
         self.setAcceptDrops(False)
@@ -55,6 +67,19 @@ class RenderWidget(QtInteractor):
         self._last = QPointF()
         self._button = Qt.MouseButton.NoButton
         self._step_rest = 0
+
+    @property
+    def window_of_vtk(self) -> vtkRenderWindow:
+        """What frames are drawn into."""
+        window: vtkRenderWindow | None = self.ren_win
+        assert window is not None, "the render has been closed"
+        return window
+
+    @property
+    def ready_to_draw(self) -> bool:
+        """Whether Qt has given the window something to draw into."""
+        window: Any = self.window_of_vtk
+        return bool(window.GetReadyForRendering())
 
     def sizeHint(self) -> QSize:
         """A good size for a first look."""
@@ -79,32 +104,32 @@ class RenderWidget(QtInteractor):
 
     Render = render
 
-    def update(self) -> None:
+    def update(self, *_: Any, **__: Any) -> None:
         """Show the last frame again; VTK calls this after each frame, too, when it is shown."""
         if not self._drawing:
             super().update()
 
     def paintGL(self) -> None:
         """Ask for a frame if there is to be a new one, and show it."""
-        if self._stale and self.ren_win.GetReadyForRendering():
+        if self._stale and self.ready_to_draw:
             self._stale = False
             self._drawing = True
             try:
                 self.frame_due.emit()
             finally:
                 self._drawing = False
-        super().paintGL()
+        super().paintGL()  # type: ignore[no-untyped-call]
 
     def draw(self) -> None:
         """Make a frame now; only while `frame_due` is emitted there is somewhere to draw it to."""
-        width, height, ratio = self.pixels()
-        if self.ren_win.GetSize() != (width, height):
-            self.ren_win.SetSize(width, height)
-        self.ren_win.SetDPI(round(72 * ratio))
-        self.ren_win.Render()
+        (width, height, ratio), window = self.pixels(), self.window_of_vtk
+        if window.GetSize() != (width, height):
+            window.SetSize(width, height)
+        window.SetDPI(round(72 * ratio))
+        window.Render()
 
     @property
-    def image(self) -> npt.NDArray[np.uint8]:
+    def image(self) -> npt.NDArray[np.uint8]:  # type: ignore[override]
         """The frame as it is now, shape (height, width, 3): what pyvista's `screenshot` saves."""
         grabbed = self.grabFramebuffer().convertToFormat(QImage.Format.Format_RGB888)
         width, height, stride = grabbed.width(), grabbed.height(), grabbed.bytesPerLine()
@@ -119,13 +144,13 @@ class RenderWidget(QtInteractor):
             self.render()
         return done
 
-    def resizeEvent(self, event: QEvent) -> None:
+    def resizeEvent(self, event: QResizeEvent) -> None:
         """Have a frame of the new size."""
         super().resizeEvent(event)
         self.resized.emit()
         self.render()
 
-    def enterEvent(self, event: QEvent) -> None:
+    def enterEvent(self, event: QEnterEvent) -> None:
         """Note the pointer."""
         self._point_at(event.position())
 
@@ -137,7 +162,7 @@ class RenderWidget(QtInteractor):
         self.pointer = at
         self.pointer_moved.emit()
 
-    def mousePressEvent(self, event: QEvent) -> None:
+    def mousePressEvent(self, event: QMouseEvent) -> None:
         """Begin a click or a drag; a second button takes no part in it."""
         event.accept()
         if self._pressed is not None and event.buttons() & self._button:
@@ -148,7 +173,7 @@ class RenderWidget(QtInteractor):
 
     mouseDoubleClickEvent = mousePressEvent
 
-    def mouseMoveEvent(self, event: QEvent) -> None:
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
         """Drag, or point."""
         at = event.position()
         if self._pressed is None:
@@ -174,7 +199,7 @@ class RenderWidget(QtInteractor):
             how = "turn"
         self.dragged.emit(how, delta.x(), -delta.y())
 
-    def mouseReleaseEvent(self, event: QEvent) -> None:
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         """End a drag, or click."""
         if event.button() != self._button or self._pressed is None:
             return
@@ -191,7 +216,7 @@ class RenderWidget(QtInteractor):
             self.dragging = False
             self.drag_ended.emit()
 
-    def wheelEvent(self, event: QEvent) -> None:
+    def wheelEvent(self, event: QWheelEvent) -> None:
         """Zoom, or step with Ctrl."""
         # Alt (on some systems) and Shift turn the wheel's direction.
         angle = event.angleDelta().y() or event.angleDelta().x()
@@ -205,11 +230,11 @@ class RenderWidget(QtInteractor):
             self.wheeled.emit(angle / 120, event.position())
         event.accept()
 
-    def keyPressEvent(self, event: QEvent) -> None:
+    def keyPressEvent(self, event: QKeyEvent) -> None:
         """Leave keys to the window."""
         event.ignore()
 
-    def keyReleaseEvent(self, event: QEvent) -> None:
+    def keyReleaseEvent(self, event: QKeyEvent) -> None:
         """Leave keys to the window."""
         event.ignore()
 
@@ -233,7 +258,7 @@ class Ring(QWidget):
         self.move(place - self.rect().center())
         self.show()
 
-    def paintEvent(self, event: QEvent) -> None:
+    def paintEvent(self, event: QPaintEvent) -> None:
         """White, with a dark edge on both sides."""
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
+from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.clustering import CoarseMesh, cluster_vertices, scatter
 
 __all__ = ["StandIn"]
@@ -81,9 +82,14 @@ class StandIn:
         if not (self.software and self._helps):
             return False
         self._seconds = np.inf
-        self._put(scatter(self._drawing.mesh.faces, DOTS), DOT_SIZE * scale)
+        self._put(scatter(self._mesh.faces, DOTS), DOT_SIZE * scale)
         self.asked = self.awaited = True
         return True
+
+    @property
+    def _mesh(self) -> Mesh:
+        assert self._drawing.mesh is not None
+        return self._drawing.mesh
 
     def measure(self, seconds: float) -> bool:
         """Learn from a frame of the full mesh; returns whether a coarse mesh is to be made."""
@@ -101,7 +107,7 @@ class StandIn:
 
     def task(self) -> Callable[[], CoarseMesh]:
         """What makes the coarse mesh of the mesh that is there now; it takes its time."""
-        mesh = self._drawing.mesh
+        mesh = self._mesh
         return lambda: cluster_vertices(mesh.vertices, mesh.faces, COARSE_VERTICES)
 
     def take(self, coarse: CoarseMesh) -> None:
@@ -116,5 +122,6 @@ class StandIn:
     def _put(self, coarse: CoarseMesh, dot_size: float = 0.0) -> None:
         drawing, chosen = self._drawing, coarse.representatives
         points: npt.NDArray[np.float32]
-        points = (drawing.mesh.vertices[chosen] - drawing.centre).astype(np.float32)
+        points = (self._mesh.vertices[chosen] - drawing.centre).astype(np.float32)
+        assert drawing.normals is not None
         drawing.set_coarse(coarse, points, drawing.normals[chosen], dot_size)

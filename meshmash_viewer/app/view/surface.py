@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the mappers)
@@ -176,7 +178,7 @@ class LineSet:
     def __init__(self) -> None:
         self._data = vtkPolyData()
         self._widths = np.zeros(0)
-        self._shown_at: tuple | None = None
+        self._shown_at: tuple[Any, ...] | None = None
         mapper = vtkPolyDataMapper()
         mapper.SetInputData(self._data)
         mapper.SetColorModeToDirectScalars()
@@ -195,7 +197,7 @@ class LineSet:
         self._shown_at = None
         self._data.Initialize()
         self.actor.SetVisibility(segments is not None and len(segments) > 0)
-        if segments is None or not len(segments):
+        if segments is None or widths is None or not len(segments):
             return
         self._widths = np.repeat(widths, 2)
         points = vtkPoints()
