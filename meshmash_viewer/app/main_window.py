@@ -13,11 +13,15 @@ from PySide6.QtGui import (
     QDragLeaveEvent,
     QDropEvent,
     QGuiApplication,
+    QKeyEvent,
     QResizeEvent,
 )
 from PySide6.QtWidgets import (
+    QAbstractSpinBox,
     QApplication,
+    QComboBox,
     QLabel,
+    QLineEdit,
     QMainWindow,
     QMenu,
     QToolBar,
@@ -108,6 +112,7 @@ class MainWindow(QMainWindow):
             self.stage,
             self.arrangement,
             recent_menu,
+            self.open_mesh,
         )
         self._listen_to_document()
         theme.notifier().changed.connect(self._on_theme_changed)
@@ -241,11 +246,11 @@ class MainWindow(QMainWindow):
 
     def open_mesh(self, path: str | Path, unit: str = "") -> None:
         """Read a mesh file and show it; the open one stays if that fails."""
-        self.document.open_mesh(path, unit)
+        self.document.open_mesh(path, unit or self.last_look.unit(Path(path)))
 
     def _on_mesh_changed(self) -> None:
         ready = self.document.ready
-        self.stage.message_bar.forget_error()
+        self.stage.message_bar.forget_past()
         name = f"{ready.mesh.name or 'Mesh in memory'} – " if ready else ""
         self.setWindowTitle(f"{name}MeshMash Viewer")
         if ready is not None and ready.path is not None and not ready.repairs:
@@ -353,6 +358,19 @@ class MainWindow(QMainWindow):
             self.scene.set_theme(theme.is_dark())
 
     # -- events -------------------------------------------------------------------------------
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Let keys be commands again once a field has taken what was typed.
+
+        Fields pass Return on when they have taken it; what they refuse stays to be mended.
+        """
+        field = QApplication.focusWidget()
+        typed_in = isinstance(field, (QLineEdit, QAbstractSpinBox, QComboBox))
+        if typed_in and event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
+            self.activateWindow()  # where the field is in a dock that floats
+            self.stage.setFocus()
+        else:
+            super().keyPressEvent(event)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Keep the plots readable."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -52,11 +53,12 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True)
 class Notice:
-    """One sentence for the message bar; `details` is for the copy button."""
+    """One sentence for the message bar; `details` is for the copy button, `undo` takes it back."""
 
     text: str
     severity: Severity = Severity.INFORMATION
     details: str = ""
+    undo: Callable[[], None] | None = None
 
 
 @dataclass(frozen=True)
@@ -146,10 +148,12 @@ class Document:
         if self.ready is None:
             return
         if voxel == self.ready.mesh.voxel:
+            before = self.unit_text
             self.ready = _in_unit(self.ready, unit)
             self.mesh_changed.emit()
             self.pins_changed.emit()
             self.spectrum_changed.emit()
+            self._announce_unit(before, "the coordinates keep their numbers")
         else:
             self._rescale(self.ready, voxel, unit)
 
@@ -157,6 +161,12 @@ class Document:
     def unit_text(self) -> str:
         """The unit as `open_mesh` takes it: "nm", "none", or "8 nm" for a file in voxels."""
         return "" if self.mesh is None else written_unit(self.mesh.unit, self.mesh.voxel)
+
+    def _announce_unit(self, before: str, what: str) -> None:
+        """Say that lengths mean something else than before, and offer to take it back."""
+        if self.unit_text != before:
+            text = f"The unit is {self.unit_text} now, {before} before: {what}."
+            self.notify(Notice(text, undo=lambda: self.set_unit(before)))
 
     def _rescale(self, ready: MeshReady, voxel: Voxel, unit: str) -> None:
         job = ScaleJob(ready.mesh, voxel, unit, ready.path, self.operator, ready.repairs)
@@ -193,7 +203,10 @@ class Document:
             # a length or an eigenvalue says nothing about a mesh of another size
             self.target = _DEFAULT_TARGET
         pins = self._pins_kept_on(ready.mesh) if ready.derived else ()
+        before = self.unit_text if ready.derived else ""
         self._show(ready, ready.known.spectrum if ready.known is not None else None, pins)
+        if before:
+            self._announce_unit(before, "all coordinates, and with them the eigenpairs, are others")
 
     def _measures_as(self, ready: MeshReady) -> bool:
         """Whether a length means the same on a mesh as on this: repaired, or read again."""

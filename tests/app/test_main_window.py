@@ -484,7 +484,7 @@ def test_an_error_goes_when_the_next_try_succeeds(window: MainWindow, sphere_fil
     window.mesh_panel.unit_combo.lineEdit().editingFinished.emit()
     assert "frog" in bar.notice.text
     window.document.set_unit("mm")
-    assert bar.notice is None
+    assert bar.notice.severity is Severity.INFORMATION
 
 
 def test_a_file_is_dropped_on_the_render_and_remembered(

@@ -44,6 +44,7 @@ class NumberField(QLineEdit):
         self._unit = ""
         self._value: float | None = None
         self._quiet = True
+        self._refused = False
         self.returnPressed.connect(self._commit)
         self.textEdited.connect(self._forgive)
 
@@ -76,7 +77,10 @@ class NumberField(QLineEdit):
             self._restore()
             if modified:
                 return
+        self._refused = False
         super().keyPressEvent(event)
+        if self._refused:
+            event.accept()  # stays here to be mended
 
     def _write(self) -> None:
         self._quiet = True
@@ -114,6 +118,7 @@ class NumberField(QLineEdit):
     def _refuse(self, sentence: str) -> None:
         """Go back to what was, and say why until something else is typed."""
         self._restore()
+        self._refused = True
         self.refused.emit(sentence)
 
     def _forgive(self) -> None:

@@ -142,6 +142,7 @@ class MeshPanel(QWidget):
         # the last ones show that a voxel size can be said too, whichever it is
         voxels = ("8 nm", "4 × 4 × 40 nm")
         self.unit_combo.addItems([*(unit or "none" for unit in LENGTH_UNITS), *voxels])
+        self.unit_combo.setCompleter(None)  # of "m" it would make "mm"
         self.unit_combo.setInsertPolicy(QComboBox.InsertPolicy.NoInsert)
         self.unit_combo.setToolTip(
             "Unit of the coordinates in the file; or the size of a voxel, such as “8 nm” or "
