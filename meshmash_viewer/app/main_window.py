@@ -238,8 +238,9 @@ class MainWindow(QMainWindow):
         document.noticed.connect(self._on_notice)
         events = document.display.events
         for signal in (
-            document.mesh_changed, document.spectrum_changed, document.pins_changed,
-            document.job_changed, events.nodal_lines, events.playing, events.kind,
+            document.mesh_changed, document.spectrum_changed, document.settings_changed,
+            document.pins_changed, document.job_changed, events.nodal_lines, events.playing,
+            events.kind,
         ):  # fmt: skip
             follow(signal, self._refresh_actions)
         follow(document.mesh_changed, self._show_stage)

@@ -269,11 +269,20 @@ class Document:
         )
 
     @property
+    def is_computed(self) -> bool:
+        """Whether all that the target asks for is there and proven: computing would add nothing."""
+        spectrum, translation = self.spectrum, self.translation()
+        if spectrum is None or not spectrum.complete:
+            return False
+        wanted, exact = translation.count(self.target)
+        return exact and wanted <= len(translation.eigenvalues)
+
+    @property
     def can_compute(self) -> bool:
-        """Whether there is a mesh and nothing runs that would keep it from being solved."""
+        """Whether there is a mesh, something to compute, and nothing runs that is in its way."""
         # a preview that is made unasked gives way within seconds
         waits = self.job is None or isinstance(self.job.job, PreviewJob)
-        return self.ready is not None and waits
+        return self.ready is not None and waits and not self.is_computed
 
     def compute(self) -> None:
         """Ask for the decomposition of the open mesh."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapes
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QAbstractSpinBox,
@@ -242,6 +242,38 @@ def test_a_unit_given_by_hand_is_remembered_for_its_file(
     assert window.document.unit_text == unit
     window.close()
     assert window.settings.looks[str(window.document.path)]["unit"] == unit, "for the next run"
+
+
+# -- what is computed --------------------------------------------------------------------------
+
+
+def test_proof_cost_and_compute_speak_of_one_state(
+    qtbot: QtBot, window: MainWindow, open_file: Open
+) -> None:
+    open_file("ball")
+    button, action = part(window, "compute_button"), window.actions_["compute"]
+    assert button.isEnabled()
+    type_in(window, "target_wavelength_spin", "800")
+    assert part(window, "target_count_spin").text().startswith("≈ ")
+    assert "Takes about" in text_of(window, "cost_label")
+    compute(qtbot, window)
+    found = len(window.document.spectrum)
+    assert text_of(window, "proof_label").startswith(f"{found} pairs · complete")
+    assert part(window, "target_count_spin").text() == f"{found}"
+    assert text_of(window, "cost_label") == f"Computed: {found} pairs."
+    assert not button.isEnabled()
+    assert not action.isEnabled()
+    type_in(window, "target_count_spin", "5")
+    assert text_of(window, "cost_label") == f"Computed: {found} pairs, of which 5 are asked for."
+    assert not button.isEnabled()
+    type_in(window, "target_count_spin", f"{found + 1}")
+    assert "Takes about" in text_of(window, "cost_label")
+    assert button.isEnabled()
+    assert action.isEnabled()
+    type_in(window, "target_count_spin", f"{found}")
+    assert not button.isEnabled()
+    QTest.mouseClick(part(window, "robust_check"), LEFT, pos=QPoint(8, 8))
+    assert part(window, "compute_button").isEnabled(), "of another Laplacian there are none"
 
 
 # -- another mesh ------------------------------------------------------------------------------
