@@ -16,6 +16,7 @@ __all__ = [
     "counted",
     "format_number",
     "format_quantity",
+    "format_range",
     "is_voxel",
     "named_quantity",
     "parse_unit",
@@ -127,6 +128,11 @@ def format_number(value: float, digits: int = 4) -> str:
     """Write a number with some digits, as 1.2e-08 or 1e+06 only where it would be long."""
     text = f"{value:.{digits}g}"
     return f"{float(text):.0f}" if "e+" in text and abs(float(text)) < _LONG else text
+
+
+def format_range(low: float, high: float, written_unit: str, digits: int = 4) -> str:
+    """Write two numbers with the unit of both: "0 and 1.2e-08 nm⁻²"."""
+    return f"{format_number(low, digits)} and {format_number(high, digits)} {written_unit}".rstrip()
 
 
 def counted(number: int, noun: str) -> str:

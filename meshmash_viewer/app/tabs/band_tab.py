@@ -37,7 +37,6 @@ class BandTab(ColumnStepper):
             ("Automatic, from 0 to λ_max", "Lowest", "Highest"),
             "eigenvalue",
             self,
-            zero_allowed=True,
         )
         self.range_box.check.setToolTip("The ends can be dragged on the spectrum, too")
         self.range_box.automatic_chosen.connect(self._set_automatic)
@@ -57,6 +56,8 @@ class BandTab(ColumnStepper):
     def _describe(self, spectrum: Spectrum | None, unit: str) -> dict[str, str]:
         chosen = self._document.display[GeometryVectors]
         between = None if spectrum is None else chosen.range(spectrum)
+        most = self._document.translation().bounds[1]
+        self.range_box.set_bounds((0.0, most), (0.0, most))
         self.range_box.show_range(between, power_unit(unit, -2), automatic=chosen.automatic)
         if spectrum is None or between is None:
             return {}

@@ -21,7 +21,7 @@ from meshmash_viewer.features.truncation import percent
 from meshmash_viewer.fields.family import MOST_COUNT
 from meshmash_viewer.fields.hks import HeatKernelSignature, resolved_from
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
-from meshmash_viewer.spectral.weyl import required_eigenvalue
+from meshmash_viewer.spectral.weyl import required_eigenvalue, resolved_time
 from meshmash_viewer.units import format_quantity, power_unit
 
 __all__ = ["HksTab"]
@@ -58,7 +58,6 @@ class HksTab(FieldStepper):
             ("Automatic, from the spectrum", "Shortest", "Longest"),
             "time",
             self,
-            zero_allowed=False,
         )
         self.range_box.check.setToolTip("4 ln 10 / λ_max to 4 ln 10 / λ₂ (Sun et al. 2009)")
         self.range_box.automatic_chosen.connect(self._set_automatic)
@@ -121,6 +120,8 @@ class HksTab(FieldStepper):
         one = max(round(_POSITIONS / max(chosen.scales - 1, 1)), 1)  # a time of the feature
         self.slider.setSingleStep(one)
         self.slider.setPageStep(min(10 * one, _POSITIONS))
+        shortest, longest = (resolved_time(value) for value in document.translation().bounds[::-1])
+        self.range_box.set_bounds((shortest, longest), (shortest, longest))
         self.range_box.show_range(between, power_unit(unit, 2), automatic=chosen.automatic)
         if between is None or document.spectrum is None:
             self._show_nothing()
