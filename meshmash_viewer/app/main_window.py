@@ -43,7 +43,7 @@ from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.jobs import DecomposeJob, ReadJob
-from meshmash_viewer.units import counted, format_quantity
+from meshmash_viewer.units import counted, format_quantity, named_vertex
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.view.render_widget import RenderWidget
@@ -305,7 +305,7 @@ class MainWindow(QMainWindow):
             return
         unit = ready.mesh.unit
         place = ", ".join(f"{x:.6g}" for x in ready.mesh.vertices[vertex])
-        parts = [f"Vertex {vertex:,}"]
+        parts = [named_vertex(vertex).capitalize()]
         field = self.field_source.field
         if field is not None and vertex < len(field.values):
             parts.append(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -36,8 +37,12 @@ from meshmash_viewer.units import Voxel, parse_unit, written_unit
 
 __all__ = ["PIN_COLORS", "Document", "Notice", "Pin", "Severity"]
 
-#: Colours of the pins in their order: Okabe & Ito 2008, told apart by every kind of colour vision.
-PIN_COLORS = ("#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#D55E00", "#0072B2", "#F0E442")
+#: Colours of the pins in the order of their numbers: Okabe & Ito 2008, told apart by every kind of
+#: colour vision, then those farthest from them in CIELAB, seen with and without all cones.
+PIN_COLORS = (
+    "#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#D55E00", "#0072B2", "#F0E442",
+    "#6611FF", "#BB0033", "#CCCC88", "#6677FF", "#006666",
+)  # fmt: skip
 
 #: What is computed before anyone has asked for more or less.
 _DEFAULT_TARGET = Target("count", 100)
@@ -63,10 +68,15 @@ class Notice:
 
 @dataclass(frozen=True)
 class Pin:
-    """A vertex whose profile is compared."""
+    """A vertex whose profile is compared; its number, from 1, decides its colour."""
 
     vertex: int
-    color: str
+    number: int
+
+    @property
+    def color(self) -> str:
+        """Its colour; after the last one they come round again."""
+        return PIN_COLORS[(self.number - 1) % len(PIN_COLORS)]
 
 
 class Document:
@@ -331,17 +341,23 @@ class Document:
 
     # -- pins -------------------------------------------------------------------------------
 
-    def toggle_pin(self, vertex: int) -> None:
-        """Pin a vertex, or take its pin away; an index that the mesh has not is an `IndexError`."""
+    def toggle_pin(self, vertex: int, number: int = 0) -> None:
+        """Pin a vertex under a number, the lowest that is free unless given, or take its pin away.
+
+        Raises
+        ------
+        IndexError
+            If the mesh has no vertex of that index.
+        """
         if self.mesh is None or not 0 <= vertex < self.mesh.n_vertices:
             raise IndexError(f"vertex {vertex} is not in the mesh")
         if any(pin.vertex == vertex for pin in self.pins):
             self.pins = tuple(pin for pin in self.pins if pin.vertex != vertex)
         else:
-            used = {pin.color for pin in self.pins}
-            free = next((color for color in PIN_COLORS if color not in used), None)
-            color = free or PIN_COLORS[len(self.pins) % len(PIN_COLORS)]
-            self.pins = (*self.pins, Pin(int(vertex), color))
+            taken = {pin.number for pin in self.pins}
+            if number < 1 or number in taken:
+                number = next(free for free in count(1) if free not in taken)
+            self.pins = (*self.pins, Pin(int(vertex), number))
         self.pins_changed.emit()
 
     def _pins_kept_on(self, mesh: Mesh) -> tuple[Pin, ...]:

@@ -183,7 +183,7 @@ def test_short_times_are_hatched_and_what_they_need_is_said(panel: FieldPanel, d
     stated = float(re.search(r"This time misses about (\d+) %", said).group(1))
     assert stated == pytest.approx(expected, rel=0.2)
     needed = required_eigenvalue(2e5)
-    assert f"{needed:.2g} nm⁻²" in said
+    assert format_quantity(needed, "nm", -2) in said
     assert f"all {document.mesh.n_vertices} pairs that the mesh has" in said
     display.change(HeatKernelSignature, time=1e6)
     needed = required_eigenvalue(1e6)
@@ -259,7 +259,7 @@ def test_similarity_follows_the_last_pin(panel: FieldPanel, document) -> None:
     document.toggle_pin(200)
     combo = part(panel, "similarity_vertex_combo")
     assert document.display[Similarity].vertex == 200
-    assert combo.currentText() == "Vertex 200"
+    assert combo.currentText() == "2 · Vertex 200"
     combo.setCurrentIndex(0)
     combo.activated.emit(0)
     assert document.display[Similarity].vertex == 17

@@ -730,8 +730,8 @@ def test_a_session_comes_back(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", cache_home)
     document = ball.document
-    document.toggle_pin(17)
-    document.toggle_pin(42)
+    for vertex in (3, 17, 42, 3):
+        document.toggle_pin(vertex)
     document.display.change(Eigenfunctions, index=7)
     document.display.limits = LockedLimits(-2.0, 3.0)
     document.display.nodal_lines = True
@@ -745,7 +745,8 @@ def test_a_session_comes_back(
     other.commands.restore_session(path)
     qtbot.waitUntil(lambda: len(other.document.pins) == 2, timeout=PATIENCE)
     assert other.document.path == sphere_file
-    assert [pin.vertex for pin in other.document.pins] == [17, 42]
+    assert other.document.pins == document.pins, "the same vertices, numbers and colours"
+    assert [(pin.vertex, pin.number) for pin in document.pins] == [(17, 2), (42, 3)]
     assert other.document.display[Eigenfunctions].index == 7
     assert other.document.display.limits == LockedLimits(-2.0, 3.0)
     assert other.document.display.nodal_lines

@@ -20,10 +20,12 @@ from PySide6.QtWidgets import (
 )
 from pytestqt.qtbot import QtBot
 
+from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
 from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.units import format_number
 
 LEFT = Qt.MouseButton.LeftButton
 RETURN = Qt.Key.Key_Return
@@ -309,3 +311,34 @@ def test_limits_are_locked_for_one_family(
     press_keys("1")
     rested(qtbot, window)
     assert part(window, "limit_high_field").value == 3e-4
+
+
+# -- numbers -----------------------------------------------------------------------------------
+
+
+def test_the_largest_eigenvalue_is_written_the_same_everywhere(
+    qtbot: QtBot, window: MainWindow, open_file: Open
+) -> None:
+    """A small ball in no unit has eigenvalues of five digits, to be cut in one way."""
+    open_file("bead")
+    window.document.target = Target("count", 40)
+    compute(qtbot, window)
+    largest = format_number(float(window.document.spectrum.eigenvalues[-1]))
+    assert len(largest) == 5, "else it shows nothing"
+    press_keys(Qt.Key.Key_End)
+    rested(qtbot, window)
+    assert text_of(window, "eigenvalue_label") == f"λ₃₉ = {largest}"
+    assert f"λ₃₉ = {largest}," in text_of(window, "spectrum_readout")
+    assert window.field_source.field.quantity == f"λ₃₉ = {largest}"
+    assert part(window, "target_eigenvalue_spin").text() == largest
+    press_keys("3")
+    rested(qtbot, window)
+    assert part(window, "band_max_field").text() == largest
+    dialog = ExportDialog(window.document, Path("."), window)
+    dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("geometry-vectors"))
+    assert f" to {largest}." in dialog.contents_label.text()
+    dialog.deleteLater()
+    type_in(window, "band_max_field", "12345.6")
+    rested(qtbot, window)
+    QTest.mouseClick(part(window, "mesh_name_label"), LEFT)
+    assert part(window, "band_max_field").text() == "12345.6", "what was typed is left as it was"

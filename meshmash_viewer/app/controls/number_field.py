@@ -50,6 +50,7 @@ class NumberField(QLineEdit):
         self.setMinimumWidth(self.fontMetrics().horizontalAdvance("-0.0000e+00") + 16)
         self._unit = ""
         self._value: float | None = None
+        self._given: float | None = None
         self._quiet = True
         self._refused = False
         self.returnPressed.connect(self._commit)
@@ -91,7 +92,9 @@ class NumberField(QLineEdit):
 
     def _write(self) -> None:
         self._quiet = True
-        self.setText("" if self._value is None else format_number(self._value, 5))
+        # what was typed stays as it was; what was computed is written as everywhere else
+        digits = 10 if self._value == self._given else 4
+        self.setText("" if self._value is None else format_number(self._value, digits))
         self.setModified(False)
 
     def _restore(self) -> None:
@@ -113,7 +116,7 @@ class NumberField(QLineEdit):
             return
         low, high = self.bounds
         if not low <= value <= high:
-            between = format_range(low, high, self._unit, 1)
+            between = format_range(low, high, self._unit, word="and", digits=1)
             self._refuse(f"{self.accessibleName()}: between about {between} on this mesh.")
             return
         if value and not 1.0 / _LARGEST <= abs(value) <= _LARGEST:
@@ -122,7 +125,7 @@ class NumberField(QLineEdit):
         if fault := self.fault(value):
             self._refuse(fault)
             return
-        self._value = value
+        self._value = self._given = value
         self._quiet = False
         self.setModified(False)
         self.edited.emit(value)

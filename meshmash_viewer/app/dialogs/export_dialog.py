@@ -36,6 +36,7 @@ from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.model.jobs import ExportJob
+from meshmash_viewer.units import counted
 
 __all__ = ["FORMATS", "ExportDialog", "Format"]
 
@@ -293,7 +294,7 @@ class ExportDialog(QDialog):
             self.table.item(row, 2).setText(written_bytes(size) if possible else "–")
         kind = "float32" if self.format.number < 8 and self.format.ending != ".csv" else "float64"
         self.contents_label.setText(
-            f"{n:,} rows (vertices) × {len(columns):,} columns, {kind}.\n{about}"
+            f"{counted(n, 'row')} (vertices) × {counted(len(columns), 'column')}, {kind}.\n{about}"
             if columns
             else about
         )

@@ -146,6 +146,8 @@ class ProfilePanel(QWidget):
             return
         self._name_axes()
         self._profile = self._family.profile(spectrum)
+        places = np.zeros(0) if self._profile is None else self._profile.dots.places
+        self.plot.set_whole(bool(np.all(places == np.round(places))))
         for pin in pins:
             values = self._reader.values(pin.vertex)
             if values is not None:

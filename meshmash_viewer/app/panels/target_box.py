@@ -21,7 +21,7 @@ from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.spectral.weyl import Target, resolved_time, wavelength
-from meshmash_viewer.units import format_range, power_unit
+from meshmash_viewer.units import counted, format_range, power_unit
 
 __all__ = ["TargetBox"]
 
@@ -125,12 +125,12 @@ class TargetBox(QWidget):
             return
         translation = self._document.translation()
         self._limit(*translation.bounds)
-        count, counted = translation.count(target)
+        count, exact_count = translation.count(target)
         eigenvalue, bounded = translation.eigenvalue(target)
         length, measured = translation.wavelength(target)
         time, resolved = translation.time(target)
         for field, exact in zip(
-            self._boxes.values(), (counted, bounded, measured, resolved), strict=True
+            self._boxes.values(), (exact_count, bounded, measured, resolved), strict=True
         ):
             dress(field, "" if exact else "≈ ", field.suffix())
         # the box being typed in is left alone, so that the text under the cursor stays
@@ -146,7 +146,7 @@ class TargetBox(QWidget):
         parts = [f"{zeros:,} of them are zero, one for each component."] if zeros > 1 else []
         if count >= translation.n_vertices:
             parts.append("The mesh has no more eigenpairs: shorter waves are not on it.")
-        if not (counted and bounded and measured and resolved):
+        if not (exact_count and bounded and measured and resolved):
             parts.append(
                 "≈ by Weyl's law, onwards from the last known eigenvalue."
                 if len(translation.eigenvalues)
@@ -182,13 +182,14 @@ class TargetBox(QWidget):
         """Say at the field why this mesh cannot have what was typed."""
         most = self._most
         if kind == "count" and number > most:
-            text = f"This mesh has {most:,} vertices, and so at most {most:,} eigenpairs."
+            pairs = counted(most, "eigenpair")
+            text = f"This mesh has {counted(most, 'vertex')}, and so at most {pairs}."
         elif kind == "count":
             text = "The number of eigenpairs is a whole number from 1."
         else:
             box = self._boxes[kind]
             name = {"max_eigenvalue": "Eigenvalues", "wavelength": "Waves", "time": "Times"}[kind]
-            between = format_range(*box.bounds, box.suffix().strip(), 1)
+            between = format_range(*box.bounds, box.suffix().strip(), word="and", digits=1)
             text = f"{name} of this mesh lie between about {between}."
         self._refused = kind, text
         later(self._show_reason)  # Qt tells the number that it takes instead, which is no mending

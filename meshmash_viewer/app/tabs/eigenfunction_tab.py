@@ -14,7 +14,7 @@ from meshmash_viewer.app.tabs.field_stepper import FieldStepper
 from meshmash_viewer.app.tabs.play_button import PlayButton
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
-from meshmash_viewer.units import format_quantity, subscript
+from meshmash_viewer.units import counted, format_quantity, subscript
 
 __all__ = ["EigenfunctionTab"]
 
@@ -138,15 +138,15 @@ class EigenfunctionTab(FieldStepper):
 
 def _converged(spectrum: Spectrum) -> str:
     if spectrum.preview and not spectrum.n_exact:
-        return f"{len(spectrum)} approximate"
+        return f"{len(spectrum):,} approximate"
     if spectrum.preview and spectrum.complete:
-        return f"{spectrum.n_exact}, complete; {len(spectrum)} with a preview"
+        return f"{spectrum.n_exact:,}, complete; {len(spectrum):,} with a preview"
     if spectrum.preview:
-        return f"{spectrum.n_exact} of {spectrum.total or len(spectrum)} so far"
+        return f"{spectrum.n_exact:,} of {spectrum.total or len(spectrum):,} so far"
     if spectrum.complete:
-        return f"{len(spectrum)}, complete"
-    of = f" of {spectrum.total}" if spectrum.total else ""
-    return f"{len(spectrum)}{of} so far"
+        return f"{len(spectrum):,}, complete"
+    of = f" of {spectrum.total:,}" if spectrum.total else ""
+    return f"{len(spectrum):,}{of} so far"
 
 
 def _multiplet(spectrum: Spectrum, index: int, zeros: int) -> str:
@@ -155,7 +155,7 @@ def _multiplet(spectrum: Spectrum, index: int, zeros: int) -> str:
             return "Zero mode: constant over the surface, which is in one piece."
         return (
             f"λ₀…λ{subscript(zeros - 1)} are zero: one constant function for each of "
-            f"{zeros} components; any mixture of them is as good."
+            f"{counted(zeros, 'component')}; any mixture of them is as good."
         )
     found = spectrum.multiplet(index)
     if found is None:

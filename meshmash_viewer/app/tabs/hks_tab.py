@@ -163,6 +163,6 @@ class HksTab(FieldStepper):
         show_note(
             self.missing_note,
             f"{what} misses {upto}about {percent(missing)} of the signature for want of "
-            f"eigenpairs. It takes those up to λ = {format_quantity(needed, mesh.unit, -2, 2)}, "
+            f"eigenpairs. It takes those up to λ = {format_quantity(needed, mesh.unit, -2)}, "
             f"{estimated_pairs(spectrum, mesh.area, needed)}.",
         )

@@ -13,6 +13,7 @@ from meshmash_viewer.app.tabs.field_stepper import FamilyTab
 from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.model.document import Document, Pin
+from meshmash_viewer.units import counted, named_vertex
 
 __all__ = ["SimilarityTab"]
 
@@ -83,7 +84,8 @@ class SimilarityTab(FamilyTab):
         for pin in pins:
             swatch = QPixmap(12, 12)
             swatch.fill(QColor(pin.color))
-            self.combo.addItem(QIcon(swatch), f"Vertex {pin.vertex:,}")
+            text = f"{pin.number} · {named_vertex(pin.vertex).capitalize()}"
+            self.combo.addItem(QIcon(swatch), text)
         self.combo.blockSignals(blocked)
         self.refresh()
 
@@ -95,13 +97,14 @@ class SimilarityTab(FamilyTab):
         row = next((row for row, pin in enumerate(pins) if pin.vertex == vertex), -1)
         self.combo.setCurrentIndex(row)
         self.combo.setEnabled(bool(pins))
-        self.title.setText("Similar to a vertex" if row < 0 else f"Similar to vertex {vertex:,}")
+        which = "a vertex" if vertex is None or row < 0 else named_vertex(vertex)
+        self.title.setText(f"Similar to {which}")
         show_note(self.hint, "" if pins else "Click a vertex on the render to pin it.")
         self.basis.show_key(chosen.basis)
         features = display.fields[chosen.basis]
         count = getattr(features, features.counted)
         show_note(
             self.explanation,
-            f"Over the {count} columns of the {features.short} tab, each in units of its spread;"
-            " 0 is alike, larger is less so.",
+            f"Over the {counted(count, 'column')} of the {features.short} tab, each in units of its"
+            " spread; 0 is alike, larger is less so.",
         )
