@@ -135,6 +135,8 @@ class Commands:
                 actions[name].setEnabled(False)
         actions["nodal_lines"].setChecked(display.nodal_lines)
         actions["play"].setChecked(display.playing)
+        for mode in theme.Mode:
+            actions[f"theme_{mode.value}"].setChecked(theme.mode() is mode)
 
     def _ask(self, dialog: QDialog, accepted: Callable[[], None] | None = None) -> None:
         """Open a dialog, which is gone when it has been answered."""
@@ -359,6 +361,7 @@ class Commands:
         """Light, dark, or as the system is; kept for the next time."""
         self._settings.theme = mode
         theme.set_mode(mode)
+        self.refresh()  # the one that is on has no off
 
     def full_screen(self, on: bool) -> None:
         """Fill the screen, or go back to the size before."""

@@ -353,8 +353,6 @@ class MainWindow(QMainWindow):
 
     def _on_theme_changed(self) -> None:
         self.actions_.refresh_icons()
-        for mode in theme.Mode:
-            self.actions_[f"theme_{mode.value}"].setChecked(theme.mode() is mode)
         if self.loaded:
             self.scene.set_theme(theme.is_dark())
 

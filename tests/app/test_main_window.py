@@ -596,12 +596,30 @@ def test_text_can_be_read_in_both_themes(qapp: QApplication, mode: theme.Mode) -
 
 
 def test_the_theme_is_switched_from_the_menu(window: MainWindow) -> None:
+    def ticked() -> list[str]:
+        return [mode.value for mode in theme.Mode if window.actions_[f"theme_{mode}"].isChecked()]
+
+    assert ticked() == ["system"], "in a fresh window, too"
     window.actions_["theme_dark"].trigger()
     assert theme.is_dark()
-    assert window.actions_["theme_dark"].isChecked()
-    assert not window.actions_["theme_system"].isChecked()
+    assert ticked() == ["dark"]
+    window.actions_["theme_dark"].trigger()
+    assert ticked() == ["dark"], "chosen again it stays"
     window.actions_["theme_light"].trigger()
     assert not theme.is_dark()
+    assert ticked() == ["light"]
+
+
+def test_what_is_on_is_ticked_and_called_the_same_everywhere(ball: MainWindow) -> None:
+    tick = ball.actions_["nodal_lines"]
+    for on in (True, False):
+        box = ball.field_panel.findChild(QCheckBox, "nodal_lines_check")
+        QTest.mouseClick(box, LEFT, pos=QPoint(8, box.height() // 2))
+        catch_up()
+        assert ball.document.display.nodal_lines is on
+        assert tick.isChecked() is on
+    button = ball.toolbar.widgetForAction(ball.actions_["reset_camera"])
+    assert button.text() == ball.actions_["reset_camera"].text() == "Reset camera"
 
 
 @pytest.mark.parametrize("size", [(1100, 700), (1500, 950)])
