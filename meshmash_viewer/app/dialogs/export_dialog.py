@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QComboBox,
@@ -257,9 +257,8 @@ class ExportDialog(QDialog):
         for widget in self._count_row:
             widget.setVisible(not pairs)
         if not pairs:
-            blocked = self.count_spin.blockSignals(True)
-            self.count_spin.setValue(getattr(chosen, chosen.counted))
-            self.count_spin.blockSignals(blocked)
+            with QSignalBlocker(self.count_spin):
+                self.count_spin.setValue(getattr(chosen, chosen.counted))
         for row, each in enumerate(FORMATS):
             possible = not pairs or each.ending in EIGENPAIR_WRITERS
             for at in range(self.table.columnCount()):

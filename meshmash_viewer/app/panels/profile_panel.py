@@ -142,7 +142,7 @@ class ProfilePanel(QWidget):
             for item in self._curves.pop(pin):
                 self.plot.removeItem(item)
         self._reader.want(spectrum, tuple(pin.vertex for pin in pins))
-        if not there:
+        if spectrum is None or not there:
             return
         self._name_axes()
         self._profile = self._family.profile(spectrum)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from PySide6.QtCore import QSignalBlocker
 from PySide6.QtWidgets import (
     QCheckBox,
     QHBoxLayout,
@@ -86,18 +87,16 @@ class EigenfunctionTab(FieldStepper):
         chosen = display[Eigenfunctions]
         index = min(chosen.index, max(length - 1, 0))
         for control in (self.slider, self.spin):
-            blocked = control.blockSignals(True)
-            if control.maximum() != max(length - 1, 0):
-                control.setRange(0, max(length - 1, 0))
-            control.setValue(index)
-            control.blockSignals(blocked)
+            with QSignalBlocker(control):
+                if control.maximum() != max(length - 1, 0):
+                    control.setRange(0, max(length - 1, 0))
+                control.setValue(index)
         suffix = f" of {length - 1}" if length else ""
         if self.spin.suffix() != suffix:
             self.spin.setSuffix(suffix)
         self.flip_button.setChecked(index in chosen.flipped)
-        blocked = self.nodal_check.blockSignals(True)
-        self.nodal_check.setChecked(display.nodal_lines)
-        self.nodal_check.blockSignals(blocked)
+        with QSignalBlocker(self.nodal_check):
+            self.nodal_check.setChecked(display.nodal_lines)
         if spectrum is not None and length:
             self._describe(spectrum, index)
         else:

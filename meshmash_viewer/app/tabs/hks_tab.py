@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from PySide6.QtCore import QSignalBlocker
 from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
@@ -112,9 +113,8 @@ class HksTab(FieldStepper):
         document = self._document
         chosen = document.display[HeatKernelSignature]
         unit = document.mesh.unit if document.mesh is not None else ""
-        blocked = self.scales_spin.blockSignals(True)
-        self.scales_spin.setValue(chosen.scales)
-        self.scales_spin.blockSignals(blocked)
+        with QSignalBlocker(self.scales_spin):
+            self.scales_spin.setValue(chosen.scales)
         between = self._range()
         self.slider.setEnabled(between is not None)
         one = max(round(_POSITIONS / max(chosen.scales - 1, 1)), 1)  # a time of the feature
@@ -129,9 +129,8 @@ class HksTab(FieldStepper):
         time = chosen.time_in(document.spectrum)
         low, high = between
         span = math.log(high / low)
-        blocked = self.slider.blockSignals(True)
-        self.slider.setValue(round(math.log(time / low) / span * self.slider.maximum()))
-        self.slider.blockSignals(blocked)
+        with QSignalBlocker(self.slider):
+            self.slider.setValue(round(math.log(time / low) / span * self.slider.maximum()))
         self.slider.set_marks(decade_marks(low, high))
         self.title.setText(f"t = {format_quantity(time, unit, 2)}")
         self.facts.show_value("hks_length_label", format_quantity(math.sqrt(time), unit))

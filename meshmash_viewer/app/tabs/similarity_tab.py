@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from PySide6.QtCore import QSignalBlocker
 from PySide6.QtGui import QColor, QIcon, QPixmap
 from PySide6.QtWidgets import QComboBox, QLabel, QVBoxLayout, QWidget
 
@@ -79,14 +80,13 @@ class SimilarityTab(FamilyTab):
             self._change(vertex=vertices[-1])
         elif not vertices:
             self._change(vertex=None)
-        blocked = self.combo.blockSignals(True)
-        self.combo.clear()
-        for pin in pins:
-            swatch = QPixmap(12, 12)
-            swatch.fill(QColor(pin.color))
-            text = f"{pin.number} · {named_vertex(pin.vertex).capitalize()}"
-            self.combo.addItem(QIcon(swatch), text)
-        self.combo.blockSignals(blocked)
+        with QSignalBlocker(self.combo):
+            self.combo.clear()
+            for pin in pins:
+                swatch = QPixmap(12, 12)
+                swatch.fill(QColor(pin.color))
+                text = f"{pin.number} · {named_vertex(pin.vertex).capitalize()}"
+                self.combo.addItem(QIcon(swatch), text)
         self.refresh()
 
     def refresh(self) -> None:
