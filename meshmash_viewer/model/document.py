@@ -175,7 +175,7 @@ class Document:
     def _announce_unit(self, before: str, what: str) -> None:
         """Say that lengths mean something else than before, and offer to take it back."""
         if self.unit_text != before:
-            text = f"The unit is {self.unit_text} now, {before} before: {what}."
+            text = f"Unit changed from {before} to {self.unit_text}: {what}."
             self.notify(Notice(text, undo=lambda: self.set_unit(before)))
 
     def _rescale(self, ready: MeshReady, voxel: Voxel, unit: str) -> None:
@@ -216,7 +216,7 @@ class Document:
         before = self.unit_text if ready.derived else ""
         self._show(ready, ready.known.spectrum if ready.known is not None else None, pins)
         if before:
-            self._announce_unit(before, "all coordinates, and with them the eigenpairs, are others")
+            self._announce_unit(before, "lengths are scaled, and eigenpairs are other ones")
 
     def _measures_as(self, ready: MeshReady) -> bool:
         """Whether a length means the same on a mesh as on this: repaired, or read again."""

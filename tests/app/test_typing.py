@@ -213,7 +213,7 @@ def test_a_change_of_coordinates_is_announced_and_undone(
     rested(qtbot, window, lambda: window.document.unit_text == "2 mm")
     assert window.document.ready.health.area == pytest.approx(4.0 * area)
     assert window.document.spectrum is None
-    assert "The unit is 2 mm now, none before" in text_of(window, "message_text")
+    assert "Unit changed from none to 2 mm: lengths are scaled" in text_of(window, "message_text")
     QTest.mouseClick(part(window, "undo_message"), LEFT)
     rested(qtbot, window, lambda: window.document.unit_text == "none")
     assert window.document.ready.health.area == pytest.approx(area)
