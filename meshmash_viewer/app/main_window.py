@@ -41,6 +41,7 @@ from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model import cost
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.jobs import DecomposeJob, ReadJob
 from meshmash_viewer.units import counted, format_quantity, named_vertex
@@ -338,11 +339,10 @@ class MainWindow(QMainWindow):
         elif state is None and self._started_at[1]:
             took = time.monotonic() - self._started_at[0]
             self._started_at = (0.0, 0)
-            # short runs, and those that only read the store, say nothing about speed
-            if spectrum is not None and spectrum.complete and took > 2.0:
-                rate = took / (spectrum.rows.shape[1] * (len(spectrum.exact) + 15))
-                self.settings.seconds_rate = rate
-                self.mesh_panel.seconds_rate = rate
+            if spectrum is not None and spectrum.complete:
+                rate = cost.measured_rate(spectrum.rows.shape[1], len(spectrum.exact), took)
+                if rate is not None:
+                    self.settings.seconds_rate = self.mesh_panel.seconds_rate = rate
         if state is not None and isinstance(state.job, ReadJob):
             self.stage.welcome.set_loading(f"Reading {state.job.path.name} …")
         elif self.loaded:

@@ -24,6 +24,7 @@ from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import format_number
 
@@ -276,6 +277,24 @@ def test_proof_cost_and_compute_speak_of_one_state(
     assert not button.isEnabled()
     QTest.mouseClick(part(window, "robust_check"), LEFT, pos=QPoint(8, 8))
     assert part(window, "compute_button").isEnabled(), "of another Laplacian there are none"
+
+
+def test_a_proof_is_of_what_is_computed_and_not_of_a_preview(
+    qtbot: QtBot, window: MainWindow, open_file: Open
+) -> None:
+    open_file("ball")
+    window.document.target = Target("count", 5)
+    compute(qtbot, window)
+    exact = window.document.spectrum
+    values = np.concatenate([[0.0], np.linspace(1.0, 2.0, 19)]) * exact.eigenvalues[-1]
+    rows = np.ones((20, window.document.mesh.n_vertices))
+    nothing = np.full(20, np.nan)
+    window.document.accept_spectrum(Spectrum(values, rows, nothing, preview=True, error=0.1))
+    assert len(window.document.spectrum) == 20
+    said = text_of(window, "proof_label")
+    assert said.startswith("5 pairs · complete")
+    assert said.endswith(" · 15 more from a preview")
+    assert text_of(window, "cost_label") == "Computed: 5 pairs."
 
 
 # -- another mesh ------------------------------------------------------------------------------

@@ -218,6 +218,7 @@ class MeshPanel(QWidget):
             "degenerate (no unit; 1e-05 suits nearly every mesh)"
         )
         self.mollify_spin.setFixedWidth(96)
+        self.mollify_spin.setKeyboardTracking(False)
         self.mollify_spin.bounds = (1e-15, 1.0)
         self.mollify_label = QLabel("Mollify")
         row = QHBoxLayout()
@@ -333,7 +334,10 @@ class MeshPanel(QWidget):
         text, role = "", "muted"
         mesh = self._document.mesh
         if mesh is not None and spectrum is not None and spectrum.certificate is not None:
-            text = spectrum.certificate.sentence(len(spectrum), mesh.unit)
+            exact = len(spectrum.exact)
+            text = spectrum.certificate.sentence(exact, mesh.unit)
+            if exact < len(spectrum):
+                text += f" · {len(spectrum) - exact:,} more from a preview"
             role = "proof" if spectrum.complete else "warning"
         elif spectrum is not None and state is None and spectrum.preview and not spectrum.n_exact:
             text = f"A preview of {counted(len(spectrum), 'pair')}: Compute makes them exact."
