@@ -14,6 +14,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from meshmash_viewer import units
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import note, show_note
 from meshmash_viewer.app.controls.number_box import CountBox, QuantityBox, dress
@@ -21,7 +22,7 @@ from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.spectral.weyl import Target, resolved_time, wavelength
-from meshmash_viewer.units import counted, format_range, power_unit
+from meshmash_viewer.units import format_range, power_unit
 
 __all__ = ["TargetBox"]
 
@@ -125,12 +126,12 @@ class TargetBox(QWidget):
             return
         translation = self._document.translation()
         self._limit(*translation.bounds)
-        count, exact_count = translation.count(target)
+        count, counted = translation.count(target)
         eigenvalue, bounded = translation.eigenvalue(target)
         length, measured = translation.wavelength(target)
         time, resolved = translation.time(target)
         for field, exact in zip(
-            self._boxes.values(), (exact_count, bounded, measured, resolved), strict=True
+            self._boxes.values(), (counted, bounded, measured, resolved), strict=True
         ):
             dress(field, "" if exact else "≈ ", field.suffix())
         # the box being typed in is left alone, so that the text under the cursor stays
@@ -146,7 +147,7 @@ class TargetBox(QWidget):
         parts = [f"{zeros:,} of them are zero, one for each component."] if zeros > 1 else []
         if count >= translation.n_vertices:
             parts.append("The mesh has no more eigenpairs: shorter waves are not on it.")
-        if not (exact_count and bounded and measured and resolved):
+        if not (counted and bounded and measured and resolved):
             parts.append(
                 "≈ by Weyl's law, onwards from the last known eigenvalue."
                 if len(translation.eigenvalues)
@@ -182,8 +183,8 @@ class TargetBox(QWidget):
         """Say at the field why this mesh cannot have what was typed."""
         most = self._most
         if kind == "count" and number > most:
-            pairs = counted(most, "eigenpair")
-            text = f"This mesh has {counted(most, 'vertex')}, and so at most {pairs}."
+            all_pairs = units.counted(most, "eigenpair")
+            text = f"This mesh has {units.counted(most, 'vertex')}, and so at most {all_pairs}."
         elif kind == "count":
             text = "The number of eigenpairs is a whole number from 1."
         else:
