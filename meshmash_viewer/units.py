@@ -16,8 +16,10 @@ __all__ = [
     "counted",
     "format_number",
     "format_quantity",
+    "format_range",
     "is_voxel",
     "named_quantity",
+    "named_vertex",
     "parse_unit",
     "power_unit",
     "subscript",
@@ -129,10 +131,22 @@ def format_number(value: float, digits: int = 4) -> str:
     return f"{float(text):.0f}" if "e+" in text and abs(float(text)) < _LONG else text
 
 
+def format_range(
+    low: float, high: float, unit: str, power: int = 1, *, word: str = "–", digits: int = 4
+) -> str:
+    """Write two numbers with a power of a unit: "0 – 1.2e-08 nm⁻²"."""
+    return f"{format_number(low, digits)} {word} {format_quantity(high, unit, power, digits)}"
+
+
 def counted(number: int, noun: str) -> str:
     """Write how many there are of something: "1 pair", "22,351 vertices"."""
     plural = "vertices" if noun == "vertex" else f"{noun}s"
     return f"{number:,} {noun if number == 1 else plural}"
+
+
+def named_vertex(vertex: int) -> str:
+    """Write which vertex it is: "vertex 22,351"."""
+    return f"vertex {vertex:,}"
 
 
 def superscript(number: int) -> str:

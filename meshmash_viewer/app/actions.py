@@ -118,7 +118,7 @@ COMMANDS: tuple[Command, ...] = (
             "Delete the eigenpairs kept on disk for meshes opened before", separated=True),
     # -- View
     Command("reset_camera", "Reset camera", "View", "Show the whole mesh", ("R",),
-            toolbar="Reset view", icon="reset", needs="render", separated=True),
+            toolbar="Reset camera", icon="reset", needs="render", separated=True),
     Command("nodal_lines", "Nodal lines", "View", "Draw the lines where the field is zero",
             ("N",), checkable=True, toolbar="Nodal lines", icon="nodal", needs="spectrum"),
     Command("theme_system", "Follow the system", "View", "Light or dark as the desktop is",

@@ -47,6 +47,8 @@ class Commands:
     arrangement : Arrangement
     recent_menu : QMenu
         Where recent meshes are listed.
+    read : callable
+        Opens a mesh file, in the unit that it was given last.
 
     Attributes
     ----------
@@ -65,10 +67,11 @@ class Commands:
         stage: Stage,
         arrangement: Arrangement,
         recent_menu: QMenu,
+        read: Callable[[Path], None],
     ) -> None:
         self._window, self._document, self._settings = window, document, settings
         self._actions, self._stage, self._arrangement = actions, stage, arrangement
-        self._recent_menu = recent_menu
+        self._recent_menu, self._read = recent_menu, read
         self.scene: MeshView | None = None
         self.restoration: Restoration | None = None
         self.pictures = PictureWriter(window)
@@ -132,6 +135,8 @@ class Commands:
                 actions[name].setEnabled(False)
         actions["nodal_lines"].setChecked(display.nodal_lines)
         actions["play"].setChecked(display.playing)
+        for mode in theme.Mode:
+            actions[f"theme_{mode.value}"].setChecked(theme.mode() is mode)
 
     def _ask(self, dialog: QDialog, accepted: Callable[[], None] | None = None) -> None:
         """Open a dialog, which is gone when it has been answered."""
@@ -148,7 +153,7 @@ class Commands:
         if path.name.endswith(SESSION_ENDING):
             self.restore_session(path)
         else:
-            self._document.open_mesh(path)
+            self._read(path)
 
     def open_mesh(self) -> None:
         """Let the person choose a mesh file."""
@@ -167,7 +172,7 @@ class Commands:
         """Open the dendrite that comes with the program."""
         from meshmash_viewer.samples import sample_path
 
-        self._document.open_mesh(sample_path())
+        self._read(sample_path())
 
     def refresh_recent(self) -> None:
         """List the recent files in the menu and on the welcome."""
@@ -356,6 +361,7 @@ class Commands:
         """Light, dark, or as the system is; kept for the next time."""
         self._settings.theme = mode
         theme.set_mode(mode)
+        self.refresh()  # the one that is on has no off
 
     def full_screen(self, on: bool) -> None:
         """Fill the screen, or go back to the size before."""

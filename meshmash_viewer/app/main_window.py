@@ -13,11 +13,15 @@ from PySide6.QtGui import (
     QDragLeaveEvent,
     QDropEvent,
     QGuiApplication,
+    QKeyEvent,
     QResizeEvent,
 )
 from PySide6.QtWidgets import (
+    QAbstractSpinBox,
     QApplication,
+    QComboBox,
     QLabel,
+    QLineEdit,
     QMainWindow,
     QMenu,
     QToolBar,
@@ -37,9 +41,10 @@ from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model import cost
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.jobs import DecomposeJob, ReadJob
-from meshmash_viewer.units import counted, format_quantity
+from meshmash_viewer.units import counted, format_quantity, named_vertex
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.view.render_widget import RenderWidget
@@ -108,6 +113,7 @@ class MainWindow(QMainWindow):
             self.stage,
             self.arrangement,
             recent_menu,
+            self.open_mesh,
         )
         self._listen_to_document()
         theme.notifier().changed.connect(self._on_theme_changed)
@@ -233,19 +239,20 @@ class MainWindow(QMainWindow):
         document.noticed.connect(self._on_notice)
         events = document.display.events
         for signal in (
-            document.mesh_changed, document.spectrum_changed, document.pins_changed,
-            document.job_changed, events.nodal_lines, events.playing, events.kind,
+            document.mesh_changed, document.spectrum_changed, document.settings_changed,
+            document.pins_changed, document.job_changed, events.nodal_lines, events.playing,
+            events.kind,
         ):  # fmt: skip
             follow(signal, self._refresh_actions)
         follow(document.mesh_changed, self._show_stage)
 
     def open_mesh(self, path: str | Path, unit: str = "") -> None:
         """Read a mesh file and show it; the open one stays if that fails."""
-        self.document.open_mesh(path, unit)
+        self.document.open_mesh(path, unit or self.last_look.unit(Path(path)))
 
     def _on_mesh_changed(self) -> None:
         ready = self.document.ready
-        self.stage.message_bar.forget_error()
+        self.stage.message_bar.forget_past()
         name = f"{ready.mesh.name or 'Mesh in memory'} – " if ready else ""
         self.setWindowTitle(f"{name}MeshMash Viewer")
         if ready is not None and ready.path is not None and not ready.repairs:
@@ -299,7 +306,7 @@ class MainWindow(QMainWindow):
             return
         unit = ready.mesh.unit
         place = ", ".join(f"{x:.6g}" for x in ready.mesh.vertices[vertex])
-        parts = [f"Vertex {vertex:,}"]
+        parts = [named_vertex(vertex).capitalize()]
         field = self.field_source.field
         if field is not None and vertex < len(field.values):
             parts.append(
@@ -332,11 +339,10 @@ class MainWindow(QMainWindow):
         elif state is None and self._started_at[1]:
             took = time.monotonic() - self._started_at[0]
             self._started_at = (0.0, 0)
-            # short runs, and those that only read the store, say nothing about speed
-            if spectrum is not None and spectrum.complete and took > 2.0:
-                rate = took / (spectrum.rows.shape[1] * (len(spectrum.exact) + 15))
-                self.settings.seconds_rate = rate
-                self.mesh_panel.seconds_rate = rate
+            if spectrum is not None and spectrum.complete:
+                rate = cost.measured_rate(spectrum.rows.shape[1], len(spectrum.exact), took)
+                if rate is not None:
+                    self.settings.seconds_rate = self.mesh_panel.seconds_rate = rate
         if state is not None and isinstance(state.job, ReadJob):
             self.stage.welcome.set_loading(f"Reading {state.job.path.name} …")
         elif self.loaded:
@@ -347,12 +353,23 @@ class MainWindow(QMainWindow):
 
     def _on_theme_changed(self) -> None:
         self.actions_.refresh_icons()
-        for mode in theme.Mode:
-            self.actions_[f"theme_{mode.value}"].setChecked(theme.mode() is mode)
         if self.loaded:
             self.scene.set_theme(theme.is_dark())
 
     # -- events -------------------------------------------------------------------------------
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Let keys be commands again once a field has taken what was typed.
+
+        Fields pass Return on when they have taken it; what they refuse stays to be mended.
+        """
+        field = QApplication.focusWidget()
+        typed_in = isinstance(field, (QLineEdit, QAbstractSpinBox, QComboBox))
+        if typed_in and event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
+            self.activateWindow()  # where the field is in a dock that floats
+            self.stage.setFocus()
+        else:
+            super().keyPressEvent(event)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Keep the plots readable."""

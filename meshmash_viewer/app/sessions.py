@@ -53,6 +53,7 @@ def store_session(document: Document, camera: dict[str, Any], path: Path) -> Non
         target={"kind": document.target.kind, "value": document.target.value},
         display=display_to_json(document.display),
         pins=[pin.vertex for pin in document.pins],
+        pin_numbers=[pin.number for pin in document.pins],
         camera=camera,
     )
     write_session(path, session)
@@ -144,8 +145,9 @@ class Restoration:
                 f"{self._path.name} has pins at vertices that {document.path} does not have: "
                 f"{len(session.pins) - len(pins):,} of {len(session.pins):,} are left out."
             )
+        numbers = dict(zip(session.pins, session.pin_numbers, strict=False))
         for vertex in pins:
-            document.toggle_pin(vertex)
+            document.toggle_pin(vertex, numbers.get(vertex, 0))
         display = self._display
         for place, vertex in drop_vertices(display, mesh.n_vertices):
             self._warn(

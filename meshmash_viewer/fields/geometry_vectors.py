@@ -13,7 +13,7 @@ from meshmash_viewer.fields.bank_columns import BankColumns
 from meshmash_viewer.fields.family import Family, FloatArray, Response, flag, number
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.spectral.weyl import weyl_eigenvalue
-from meshmash_viewer.units import format_quantity, named_quantity
+from meshmash_viewer.units import format_range, named_quantity
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.filters import FilterBank
@@ -85,7 +85,7 @@ class GeometryVectors(BankColumns):
     def quantity(self, spectrum: Spectrum, unit: str) -> str:
         """See `Family.quantity`."""
         low, high = self.support(spectrum)
-        return f"λ from {format_quantity(low, '')} to {format_quantity(high, unit, -2)}"
+        return f"λ from {format_range(low, high, unit, -2, word='to')}"
 
     # -- bands --------------------------------------------------------------------------------
 
@@ -133,7 +133,7 @@ class GeometryVectors(BankColumns):
     def contents(self, spectrum: Spectrum, unit: str) -> str:
         """See `Family.contents`."""
         low, high = self.range(spectrum)
-        return f"Bands of λ from {low:.4g} to {format_quantity(high, unit, -2)}."
+        return f"Bands of λ from {format_range(low, high, unit, -2, word='to')}."
 
     def bank_script(self) -> str:
         """See `Family.bank_script`."""

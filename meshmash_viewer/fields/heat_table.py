@@ -225,7 +225,8 @@ def _packed(
     reach = np.minimum(almost_all, _LONGEST * most)
     low = least - _BELOW * reach
     width = (_BELOW + 1.0 + _ABOVE) * reach / _REACH
-    width[width == 0.0] = 1.0
+    # all but died away: what single precision has no step for is its lower end everywhere
+    width[width < np.finfo(np.float32).tiny] = 1.0
     packed = np.empty(columns.shape, dtype=np.uint16)
     far, far_columns = [np.empty(0, np.int64)], [columns[:, :0]]
     for start in range(0, n, _BLOCK):

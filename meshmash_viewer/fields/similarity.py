@@ -10,6 +10,7 @@ from meshmash_viewer.fields.family import Answer, Family, Table, parameter
 from meshmash_viewer.fields.similarity_table import build_similarity_table
 from meshmash_viewer.fields.spectrum import Spectrum, grew, same_pairs
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.units import named_vertex
 
 __all__ = ["Similarity"]
 
@@ -66,7 +67,7 @@ class Similarity(Family):
 
     def quantity(self, spectrum: Spectrum, unit: str) -> str:
         """See `Family.quantity`."""
-        return f"from vertex {self.vertex}"
+        return "" if self.vertex is None else f"from {named_vertex(self.vertex)}"
 
     def unit(self, length: str) -> str:
         """A pure number: each column is in units of its spread."""

@@ -10,7 +10,7 @@ import numpy as np
 from meshmash_viewer.fields.bank_columns import BankColumns
 from meshmash_viewer.fields.family import FloatArray, Response
 from meshmash_viewer.fields.spectrum import Spectrum
-from meshmash_viewer.units import format_quantity, named_quantity
+from meshmash_viewer.units import format_quantity, format_range, named_quantity
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.filter_responses import LogGaussianResponse
@@ -86,7 +86,7 @@ class WaveKernelSignature(BankColumns):
     def contents(self, spectrum: Spectrum, unit: str) -> str:
         """See `Family.contents`."""
         low, high = np.exp(self.places(spectrum)[[0, -1]])
-        return f"Energies λ from {low:.4g} to {format_quantity(high, unit, -2)}."
+        return f"Energies λ from {format_range(low, high, unit, -2, word='to')}."
 
     def bank_script(self) -> str:
         """See `Family.bank_script`."""

@@ -65,8 +65,8 @@ class Session:
         Fields of `Target`: ``kind`` and ``value``.
     display : dict
         The displayed field with its limits and colours, as the model writes it.
-    pins : list of int
-        Pinned vertices.
+    pins, pin_numbers : list of int
+        Pinned vertices, and the numbers of their pins, which decide their colours.
     camera : dict
         Position, focal point and so on in the mesh's coordinates; empty for the default view.
     """
@@ -80,6 +80,7 @@ class Session:
     target: dict[str, Any] = field(default_factory=dict)
     display: dict[str, Any] = field(default_factory=dict)
     pins: list[int] = field(default_factory=list)
+    pin_numbers: list[int] = field(default_factory=list)
     camera: dict[str, Any] = field(default_factory=dict)
 
 
@@ -109,6 +110,7 @@ _CHECKS: dict[str, Check] = {
     "target": _target,
     "display": record({}),
     "pins": listing(whole(0, MOST_INDEX), 10_000, different=True),
+    "pin_numbers": listing(whole(1, MOST_INDEX), 10_000, different=True),
     "camera": record(
         {
             "focus": listing(number(-1e30, 1e30), 3, 3),

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from meshmash_viewer.spectral.eigensolver import estimate_memory
 
-__all__ = ["decomposition_bytes", "decomposition_seconds", "written_bytes", "written_duration"]
+__all__ = [
+    "decomposition_bytes",
+    "decomposition_seconds",
+    "measured_rate",
+    "written_bytes",
+    "written_duration",
+]
 
 #: Seconds a vertex and pair on two cores of 2024; replaced by what the last run took.
 _SECONDS = 4e-7
@@ -40,6 +46,16 @@ def decomposition_seconds(n_vertices: int, n_pairs: float, rate: float | None = 
     """
     pairs = min(n_pairs, n_vertices) + _FIXED_PAIRS
     return n_vertices * pairs * (rate or _SECONDS)
+
+
+def measured_rate(n_vertices: int, n_pairs: int, seconds: float) -> float | None:
+    """Seconds a vertex and pair of a run; None where it was too short to tell of others.
+
+    Short runs may only have read the store, and those for few pairs go into what comes before.
+    """
+    if seconds <= 2.0 or n_pairs < _FIXED_PAIRS:
+        return None
+    return seconds / (n_vertices * (n_pairs + _FIXED_PAIRS))
 
 
 def written_bytes(count: float) -> str:

@@ -27,6 +27,7 @@ from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.alignment import Alignment
 from meshmash_viewer.spectral.eigensolver import estimate_memory
 from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.units import counted
 
 __all__ = ["SPARE", "decompose", "find_known", "refuse_what_cannot_fit"]
 
@@ -136,9 +137,10 @@ def refuse_what_cannot_fit(n: int, nnz: int, k: int, free: int, n_null: int = 1)
     if needed <= _SHARE * free:
         return
     fitting = _largest(lambda count: need(count) <= _SHARE * free, k)
-    way_out = f"ask for at most {fitting}" if fitting else "simplify the mesh"
+    way_out = f"ask for at most {fitting:,}" if fitting else "simplify the mesh"
     raise InputError(
-        f"{k} eigenpairs of {n} vertices take about {written_bytes(needed)} of memory, and "
+        f"{counted(k, 'eigenpair')} of {counted(n, 'vertex')} take about "
+        f"{written_bytes(needed)} of memory, and "
         f"{written_bytes(free)} are free: {way_out}, or close other programs."
     )
 

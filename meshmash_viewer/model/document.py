@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -35,8 +37,12 @@ from meshmash_viewer.units import Voxel, parse_unit, written_unit
 
 __all__ = ["PIN_COLORS", "Document", "Notice", "Pin", "Severity"]
 
-#: Colours of the pins in their order: Okabe & Ito 2008, told apart by every kind of colour vision.
-PIN_COLORS = ("#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#D55E00", "#0072B2", "#F0E442")
+#: Colours of the pins in the order of their numbers: Okabe & Ito 2008, told apart by every kind of
+#: colour vision, then those farthest from them in CIELAB, seen with and without all cones.
+PIN_COLORS = (
+    "#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#D55E00", "#0072B2", "#F0E442",
+    "#6611FF", "#BB0033", "#CCCC88", "#6677FF", "#006666",
+)  # fmt: skip
 
 #: What is computed before anyone has asked for more or less.
 _DEFAULT_TARGET = Target("count", 100)
@@ -52,19 +58,25 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True)
 class Notice:
-    """One sentence for the message bar; `details` is for the copy button."""
+    """One sentence for the message bar; `details` is for the copy button, `undo` takes it back."""
 
     text: str
     severity: Severity = Severity.INFORMATION
     details: str = ""
+    undo: Callable[[], None] | None = None
 
 
 @dataclass(frozen=True)
 class Pin:
-    """A vertex whose profile is compared."""
+    """A vertex whose profile is compared; its number, from 1, decides its colour."""
 
     vertex: int
-    color: str
+    number: int
+
+    @property
+    def color(self) -> str:
+        """Its colour; after the last one they come round again."""
+        return PIN_COLORS[(self.number - 1) % len(PIN_COLORS)]
 
 
 class Document:
@@ -146,10 +158,12 @@ class Document:
         if self.ready is None:
             return
         if voxel == self.ready.mesh.voxel:
+            before = self.unit_text
             self.ready = _in_unit(self.ready, unit)
             self.mesh_changed.emit()
             self.pins_changed.emit()
             self.spectrum_changed.emit()
+            self._announce_unit(before, "the coordinates keep their numbers")
         else:
             self._rescale(self.ready, voxel, unit)
 
@@ -157,6 +171,12 @@ class Document:
     def unit_text(self) -> str:
         """The unit as `open_mesh` takes it: "nm", "none", or "8 nm" for a file in voxels."""
         return "" if self.mesh is None else written_unit(self.mesh.unit, self.mesh.voxel)
+
+    def _announce_unit(self, before: str, what: str) -> None:
+        """Say that lengths mean something else than before, and offer to take it back."""
+        if self.unit_text != before:
+            text = f"Unit changed from {before} to {self.unit_text}: {what}."
+            self.notify(Notice(text, undo=lambda: self.set_unit(before)))
 
     def _rescale(self, ready: MeshReady, voxel: Voxel, unit: str) -> None:
         job = ScaleJob(ready.mesh, voxel, unit, ready.path, self.operator, ready.repairs)
@@ -193,7 +213,10 @@ class Document:
             # a length or an eigenvalue says nothing about a mesh of another size
             self.target = _DEFAULT_TARGET
         pins = self._pins_kept_on(ready.mesh) if ready.derived else ()
+        before = self.unit_text if ready.derived else ""
         self._show(ready, ready.known.spectrum if ready.known is not None else None, pins)
+        if before:
+            self._announce_unit(before, "lengths are scaled, and eigenpairs are other ones")
 
     def _measures_as(self, ready: MeshReady) -> bool:
         """Whether a length means the same on a mesh as on this: repaired, or read again."""
@@ -256,11 +279,20 @@ class Document:
         )
 
     @property
+    def is_computed(self) -> bool:
+        """Whether all that the target asks for is there and proven: computing would add nothing."""
+        spectrum, translation = self.spectrum, self.translation()
+        if spectrum is None or not spectrum.complete:
+            return False
+        wanted, exact = translation.count(self.target)
+        return exact and wanted <= len(translation.eigenvalues)
+
+    @property
     def can_compute(self) -> bool:
-        """Whether there is a mesh and nothing runs that would keep it from being solved."""
+        """Whether there is a mesh, something to compute, and nothing runs that is in its way."""
         # a preview that is made unasked gives way within seconds
         waits = self.job is None or isinstance(self.job.job, PreviewJob)
-        return self.ready is not None and waits
+        return self.ready is not None and waits and not self.is_computed
 
     def compute(self) -> None:
         """Ask for the decomposition of the open mesh."""
@@ -309,17 +341,23 @@ class Document:
 
     # -- pins -------------------------------------------------------------------------------
 
-    def toggle_pin(self, vertex: int) -> None:
-        """Pin a vertex, or take its pin away; an index that the mesh has not is an `IndexError`."""
+    def toggle_pin(self, vertex: int, number: int = 0) -> None:
+        """Pin a vertex under a number, the lowest that is free unless given, or take its pin away.
+
+        Raises
+        ------
+        IndexError
+            If the mesh has no vertex of that index.
+        """
         if self.mesh is None or not 0 <= vertex < self.mesh.n_vertices:
             raise IndexError(f"vertex {vertex} is not in the mesh")
         if any(pin.vertex == vertex for pin in self.pins):
             self.pins = tuple(pin for pin in self.pins if pin.vertex != vertex)
         else:
-            used = {pin.color for pin in self.pins}
-            free = next((color for color in PIN_COLORS if color not in used), None)
-            color = free or PIN_COLORS[len(self.pins) % len(PIN_COLORS)]
-            self.pins = (*self.pins, Pin(int(vertex), color))
+            taken = {pin.number for pin in self.pins}
+            if number < 1 or number in taken:
+                number = next(free for free in count(1) if free not in taken)
+            self.pins = (*self.pins, Pin(int(vertex), number))
         self.pins_changed.emit()
 
     def _pins_kept_on(self, mesh: Mesh) -> tuple[Pin, ...]:

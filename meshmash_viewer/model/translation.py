@@ -23,6 +23,9 @@ from meshmash_viewer.spectral.weyl import (
 
 __all__ = ["Translation"]
 
+#: How far eigenvalues may lie beyond those that Weyl's law gives the first and the last pair.
+_BELOW, _ABOVE = 1e-6, 1e3
+
 
 @dataclass(frozen=True, eq=False)
 class Translation:
@@ -81,6 +84,15 @@ class Translation:
         beyond = weyl_count(self.area, bound - self._last)
         estimated = max(1, math.floor(known + beyond + 0.5))
         return int(min(estimated, self.n_vertices)), False
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Sizes between which all eigenvalues but zero of a mesh like this lie for certain."""
+        if not self.area > 0.0:
+            return 1e-140, 1e140
+        last = min(self.n_vertices, 1e140)
+        low = min(max(_BELOW * weyl_eigenvalue(self.area, 1), 1e-140), 1e140)
+        return low, min(max(_ABOVE * weyl_eigenvalue(self.area, last), low), 1e140)
 
     @property
     def _last(self) -> float:

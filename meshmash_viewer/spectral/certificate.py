@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from meshmash_viewer.units import counted, power_unit
+from meshmash_viewer.units import counted, format_quantity, format_range, power_unit
 
 __all__ = ["Certificate", "Method"]
 
@@ -95,14 +95,15 @@ class Certificate:
         if self.method == "none":
             return "no count"
         if self.method == "dense":
-            return f"all {_eigenvalues(self.counted)} computed"
+            return f"all {counted(self.counted, 'eigenvalue')} computed"
         if self.method == "null space":
             return "one zero for each connected component"
-        written = f" {power_unit(unit, -2)}".rstrip()
+        assert self.bound is not None  # what has been counted has an end
+        found = counted(self.counted, "eigenvalue")
         if self.low is not None:
-            between = f"from {self.low:.4g} to {self.bound:.4g}{written}"
-            return f"{_eigenvalues(self.counted)} counted {between}"
-        return f"{_eigenvalues(self.counted)} counted below {self.bound:.4g}{written}"
+            between = format_range(self.low, self.bound, unit, -2, word="to")
+            return f"{found} counted from {between}"
+        return f"{found} counted below {format_quantity(self.bound, unit, -2)}"
 
     def sentence(self, n_pairs: int, unit: str = "") -> str:
         """Say in one line how many pairs there are and how well they are proven.
@@ -168,7 +169,3 @@ class Certificate:
         if given["method"] not in Method.__args__ or given["precision"] not in _TOLERANCES:  # type: ignore[attr-defined]
             raise ValueError("a certificate of an unknown method or precision")
         return cls(**{name: given[name] for name in kinds})
-
-
-def _eigenvalues(count: int) -> str:
-    return f"{count} eigenvalue{'' if count == 1 else 's'}"

@@ -183,7 +183,7 @@ def test_short_times_are_hatched_and_what_they_need_is_said(panel: FieldPanel, d
     stated = float(re.search(r"This time misses about (\d+) %", said).group(1))
     assert stated == pytest.approx(expected, rel=0.2)
     needed = required_eigenvalue(2e5)
-    assert f"{needed:.2g} nm⁻²" in said
+    assert format_quantity(needed, "nm", -2) in said
     assert f"all {document.mesh.n_vertices} pairs that the mesh has" in said
     display.change(HeatKernelSignature, time=1e6)
     needed = required_eigenvalue(1e6)
@@ -197,9 +197,36 @@ def test_short_times_are_hatched_and_what_they_need_is_said(panel: FieldPanel, d
 
 def test_a_range_in_the_wrong_order_is_refused_with_a_sentence(panel: FieldPanel, document) -> None:
     choose(panel, 1)
-    give(part(panel, "hks_t_max_field"), "1")
+    field = part(panel, "hks_t_max_field")
+    before = field.text()
+    give(field, "1e5")
     assert document.display[HeatKernelSignature].automatic
-    assert "below" in part(panel, "hks_t_min_field_fault").text()
+    said = part(panel, "hks_t_min_field_fault").text()
+    assert said == "The shortest time has to be below the longest."
+    assert field.text() == before, "what is not in force does not stay"
+
+
+@pytest.mark.parametrize(
+    ("tab", "name", "text"),
+    [
+        (1, "hks_t_min_field", "1e-9"),
+        (1, "hks_t_min_field", "0"),
+        (1, "hks_t_max_field", "1e99"),
+        (2, "band_max_field", "1e99"),
+        (2, "band_min_field", "-1"),
+    ],
+)
+def test_what_no_such_mesh_has_is_refused_where_it_is_typed(
+    panel: FieldPanel, document, tab: int, name: str, text: str
+) -> None:
+    choose(panel, tab)
+    before, field = document.display.family, part(panel, name)
+    shown = field.text()
+    give(field, text)
+    assert document.display.family == before
+    assert field.text() == shown
+    said = part(panel, ("hks_t_min" if tab == 1 else "band_min") + "_field_fault").text()
+    assert re.search(r": between about \S+ and \S+ nm\S+ on this mesh\.$", said)
 
 
 def test_scales_and_bands_are_numbers_of_the_model(panel: FieldPanel, document) -> None:
@@ -232,7 +259,7 @@ def test_similarity_follows_the_last_pin(panel: FieldPanel, document) -> None:
     document.toggle_pin(200)
     combo = part(panel, "similarity_vertex_combo")
     assert document.display[Similarity].vertex == 200
-    assert combo.currentText() == "Vertex 200"
+    assert combo.currentText() == "2 · Vertex 200"
     combo.setCurrentIndex(0)
     combo.activated.emit(0)
     assert document.display[Similarity].vertex == 17

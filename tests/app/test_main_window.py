@@ -484,7 +484,7 @@ def test_an_error_goes_when_the_next_try_succeeds(window: MainWindow, sphere_fil
     window.mesh_panel.unit_combo.lineEdit().editingFinished.emit()
     assert "frog" in bar.notice.text
     window.document.set_unit("mm")
-    assert bar.notice is None
+    assert bar.notice.severity is Severity.INFORMATION
 
 
 def test_a_file_is_dropped_on_the_render_and_remembered(
@@ -596,12 +596,30 @@ def test_text_can_be_read_in_both_themes(qapp: QApplication, mode: theme.Mode) -
 
 
 def test_the_theme_is_switched_from_the_menu(window: MainWindow) -> None:
+    def ticked() -> list[str]:
+        return [mode.value for mode in theme.Mode if window.actions_[f"theme_{mode}"].isChecked()]
+
+    assert ticked() == ["system"], "in a fresh window, too"
     window.actions_["theme_dark"].trigger()
     assert theme.is_dark()
-    assert window.actions_["theme_dark"].isChecked()
-    assert not window.actions_["theme_system"].isChecked()
+    assert ticked() == ["dark"]
+    window.actions_["theme_dark"].trigger()
+    assert ticked() == ["dark"], "chosen again it stays"
     window.actions_["theme_light"].trigger()
     assert not theme.is_dark()
+    assert ticked() == ["light"]
+
+
+def test_what_is_on_is_ticked_and_called_the_same_everywhere(ball: MainWindow) -> None:
+    tick = ball.actions_["nodal_lines"]
+    for on in (True, False):
+        box = ball.field_panel.findChild(QCheckBox, "nodal_lines_check")
+        QTest.mouseClick(box, LEFT, pos=QPoint(8, box.height() // 2))
+        catch_up()
+        assert ball.document.display.nodal_lines is on
+        assert tick.isChecked() is on
+    button = ball.toolbar.widgetForAction(ball.actions_["reset_camera"])
+    assert button.text() == ball.actions_["reset_camera"].text() == "Reset camera"
 
 
 @pytest.mark.parametrize("size", [(1100, 700), (1500, 950)])
@@ -730,8 +748,8 @@ def test_a_session_comes_back(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", cache_home)
     document = ball.document
-    document.toggle_pin(17)
-    document.toggle_pin(42)
+    for vertex in (3, 17, 42, 3):
+        document.toggle_pin(vertex)
     document.display.change(Eigenfunctions, index=7)
     document.display.limits = LockedLimits(-2.0, 3.0)
     document.display.nodal_lines = True
@@ -745,7 +763,8 @@ def test_a_session_comes_back(
     other.commands.restore_session(path)
     qtbot.waitUntil(lambda: len(other.document.pins) == 2, timeout=PATIENCE)
     assert other.document.path == sphere_file
-    assert [pin.vertex for pin in other.document.pins] == [17, 42]
+    assert other.document.pins == document.pins, "the same vertices, numbers and colours"
+    assert [(pin.vertex, pin.number) for pin in document.pins] == [(17, 2), (42, 3)]
     assert other.document.display[Eigenfunctions].index == 7
     assert other.document.display.limits == LockedLimits(-2.0, 3.0)
     assert other.document.display.nodal_lines

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from closed_form import rectangle_document, rectangle_spectrum
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QRegularExpression, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QToolButton
+from PySide6.QtWidgets import QLabel, QToolButton
 
 from meshmash_viewer.app.panels.profile_panel import ProfilePanel
 from meshmash_viewer.features.filters import bspline_bank, hks_times
@@ -135,9 +135,30 @@ def test_legend_names_the_pins_in_their_colours_and_takes_them_away(
     QTest.mouseClick(cross, LEFT)
     assert [pin.vertex for pin in document.pins] == [300]
     assert set(curves(panel, document, qtbot)) == {300}
+    document.toggle_pin(7)  # the first again, as the second is there still
+
+    def told(name: str) -> dict[str, str]:
+        labels = panel.findChildren(QLabel, QRegularExpression(f"^{name}_"))
+        return {each.objectName().rsplit("_", 1)[1]: each.text() for each in labels}
+
+    qtbot.waitUntil(lambda: told("pin_number") == {"7": "<b>1</b>", "300": "<b>2</b>"})
+    assert told("pin_label") == {"7": "Vertex 7", "300": "Vertex 300"}
 
 
 def test_a_vertex_on_no_face_has_no_profile(panel: ProfilePanel, document, qtbot) -> None:
     document.spectrum.rows[:, 9] = np.nan
     document.toggle_pin(9)
     assert len(curves(panel, document, qtbot)[9][0]) == 0
+
+
+def test_bands_are_counted_in_whole_numbers(panel: ProfilePanel, document, qtbot) -> None:
+    document.display.change(GeometryVectors, count=6)
+    document.display.kind = "band"
+    document.toggle_pin(9)
+    curves(panel, document, qtbot)
+    axis = panel.plot.getAxis("bottom")
+    ticks = [value for _, level in axis.tickValues(3.0, 6.0, 600.0) for value in level]
+    assert ticks == [3.0, 4.0, 5.0, 6.0]
+    document.display.kind = "eigenfunction"
+    curves(panel, document, qtbot)
+    assert all(value % 1 == 0 for _, level in axis.tickValues(3.0, 6.0, 600.0) for value in level)

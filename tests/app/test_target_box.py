@@ -73,7 +73,11 @@ def test_there_are_no_more_eigenpairs_than_vertices(box: TargetBox, text: str) -
 
 @pytest.mark.parametrize(
     ("name", "what"),
-    [("target_eigenvalue_spin", "Eigenvalues"), ("target_wavelength_spin", "Waves")],
+    [
+        ("target_eigenvalue_spin", "Eigenvalues"),
+        ("target_wavelength_spin", "Waves"),
+        ("target_time_spin", "Times"),
+    ],
 )
 @pytest.mark.parametrize("text", ["1e99", "1e-250", "1e300", "0"])
 def test_what_no_mesh_has_goes_back_to_what_was(

@@ -19,6 +19,7 @@ SESSION = Session(
     target={"kind": "count", "value": 200},
     display={"kind": "hks", "time": 1.5e5},
     pins=[3, 141],
+    pin_numbers=[2, 1],
     n_vertices=642,
     camera={"focus": [1.0, 2.0, 3.0], "axes": np.eye(3).tolist(), "half_size": 0.5},
 )

@@ -7,6 +7,7 @@ import pytest
 from meshmash_viewer.model.cost import (
     decomposition_bytes,
     decomposition_seconds,
+    measured_rate,
     written_bytes,
     written_duration,
 )
@@ -53,6 +54,14 @@ def test_time_grows_with_pairs_and_vertices_up_to_all_there_are() -> None:
     assert decomposition_seconds(1000, 100, rate=1e-3) == pytest.approx(115.0)
     assert decomposition_seconds(1000, 5000, rate=1e-3) == pytest.approx(1015.0)
     assert decomposition_seconds(1000, 100) < decomposition_seconds(2000, 100)
+
+
+def test_a_run_predicts_itself_unless_it_was_too_short_to_tell() -> None:
+    rate = measured_rate(1000, 100, 12.0)
+    assert rate is not None
+    assert decomposition_seconds(1000, 100, rate) == pytest.approx(12.0)
+    assert measured_rate(1000, 100, 2.0) is None
+    assert measured_rate(160_000, 1, 16.0) is None, "nearly all went into what comes before"
 
 
 def test_memory_is_that_of_the_solver() -> None:

@@ -167,9 +167,17 @@ def test_exact_eigenvalues_translate_a_target_only_for_the_operator_they_belong_
 
 
 def test_more_pins_than_colours_go_round_them(document: Document) -> None:
+    assert len(set(PIN_COLORS)) == len(PIN_COLORS) >= 12
     for vertex in range(2 * len(PIN_COLORS) + 2):
         document.toggle_pin(vertex)
     assert [pin.color for pin in document.pins] == [*PIN_COLORS, *PIN_COLORS, *PIN_COLORS[:2]]
+    assert [pin.number for pin in document.pins] == [*range(1, len(document.pins) + 1)]
+    before = {pin.vertex: (pin.number, pin.color) for pin in document.pins}
+    document.toggle_pin(4)
+    after = {pin.vertex: (pin.number, pin.color) for pin in document.pins}
+    assert after == {vertex: pin for vertex, pin in before.items() if vertex != 4}
+    document.toggle_pin(100)
+    assert document.pins[-1].number == 5, "the lowest that is free"
     document.clear_pins()
     assert document.pins == ()
 

@@ -432,6 +432,18 @@ def test_at_times_when_nothing_is_left_the_signature_is_that_of_the_null_space(
     np.testing.assert_allclose(values, 1.0 / rectangle.area, rtol=1e-5)
 
 
+@pytest.mark.parametrize("died", [55.0, 77.5, 110.0])
+def test_a_signature_that_is_dying_is_tabled_without_a_warning(
+    rectangle: Mesh, died: float
+) -> None:
+    """Where exp(-λ₂ t) leaves single precision there is no step to divide by."""
+    spectrum = spectrum_of(rectangle, 30)
+    times = np.array([1.0, died]) / spectrum.eigenvalues[1]
+    table = build_heat_table(spectrum, (times[0], times[1]))
+    wanted = direct(spectrum, np.exp(-spectrum.eigenvalues * times[1])[None])[:, 0]
+    np.testing.assert_allclose(table.at(times[1]), wanted, rtol=1e-6)
+
+
 def test_a_vertex_without_values_does_not_make_the_same_pairs_others(rectangle: Mesh) -> None:
     """They are known by their values: NaN of a vertex that no face uses are the same, too."""
     spectrum = spectrum_of(rectangle, 60)

@@ -3,7 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapes
+from scipy.linalg import eigh
 
+from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.model.translation import Translation
 from meshmash_viewer.spectral.weyl import (
     Target,
@@ -22,6 +24,16 @@ def test_without_eigenpairs_it_is_weyls_law() -> None:
     count, exact = translation.count(Target("max_eigenvalue", 50.0))
     assert count == round(weyl_count(AREA, 50.0))
     assert not exact
+
+
+def test_no_eigenvalue_lies_beyond_the_bounds() -> None:
+    mesh = shapes.icosphere(3)
+    low, high = Translation(mesh.area, n_vertices=mesh.n_vertices).bounds
+    stiffness, mass = cotangent_laplacian(mesh)
+    values = eigh(stiffness.toarray(), mass.toarray(), eigvals_only=True)
+    assert 0.0 < low < values[1]
+    assert values[-1] < high < 1e4 * values[-1]
+    assert Translation(0.0).bounds[0] < Translation(0.0).bounds[1]
 
 
 def test_what_is_asked_for_is_exact() -> None:

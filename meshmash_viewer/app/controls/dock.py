@@ -3,8 +3,16 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QSize, Qt
-from PySide6.QtGui import QIcon
-from PySide6.QtWidgets import QDockWidget, QHBoxLayout, QLabel, QMainWindow, QToolButton, QWidget
+from PySide6.QtGui import QIcon, QKeyEvent
+from PySide6.QtWidgets import (
+    QApplication,
+    QDockWidget,
+    QHBoxLayout,
+    QLabel,
+    QMainWindow,
+    QToolButton,
+    QWidget,
+)
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons
@@ -40,6 +48,13 @@ class Dock(QDockWidget):
         self.setTitleBarWidget(bar)
         theme.notifier().changed.connect(self._refresh)
         self._refresh()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Pass on what its panel has no use for, to the window it floats over, too."""
+        super().keyPressEvent(event)
+        window = self.parentWidget()
+        if self.isFloating() and window is not None:
+            QApplication.sendEvent(window, event)
 
     def _refresh(self) -> None:
         self._close.setIcon(QIcon(icons.pixmap("close", theme.palette().muted, 12)))

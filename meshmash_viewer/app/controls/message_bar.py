@@ -12,8 +12,9 @@ from meshmash_viewer.model.document import Notice, Severity
 
 __all__ = ["MessageBar"]
 
-#: How long good news stays, in milliseconds; warnings and errors stay until dismissed.
-_STAY = 7000
+#: How long good news stays, in milliseconds, and what can be undone; warnings and errors stay
+#: until dismissed.
+_STAY, _STAY_UNDO = 7000, 20_000
 _WIDEST = 620
 _NARROWEST = 360
 #: With fewer pixels than this it rather covers the colour bar.
@@ -44,6 +45,10 @@ class MessageBar(QFrame):
         )
         self._copy.setToolTip("Copy the message and its technical details to the clipboard")
         self._copy.clicked.connect(self._copy_details)
+        self._undo = theme.named(
+            QPushButton("Undo"), "undo_message", "Undo what the message says", role="link"
+        )
+        self._undo.clicked.connect(self._take_back)
         self._dismiss = theme.named(QToolButton(), "dismiss_message", "Dismiss the message")
         self._dismiss.setToolTip("Dismiss")
         self._dismiss.setIconSize(QSize(14, 14))
@@ -54,6 +59,7 @@ class MessageBar(QFrame):
         row.setSpacing(theme.GAP)
         row.addWidget(self._icon, 0, Qt.AlignmentFlag.AlignTop)
         row.addWidget(self._text, 1)
+        row.addWidget(self._undo, 0, Qt.AlignmentFlag.AlignTop)
         row.addWidget(self._copy, 0, Qt.AlignmentFlag.AlignTop)
         row.addWidget(self._dismiss, 0, Qt.AlignmentFlag.AlignTop)
 
@@ -69,6 +75,7 @@ class MessageBar(QFrame):
         self._text.setText(notice.text)
         self._copy.setText("Copy details")
         self._copy.setVisible(bool(notice.details) or notice.severity is Severity.ERROR)
+        self._undo.setVisible(notice.undo is not None)
         self.setProperty("severity", notice.severity.value)
         self._refresh()
         self.show()
@@ -76,7 +83,7 @@ class MessageBar(QFrame):
         self.raise_()
         self._timer.stop()
         if notice.severity is Severity.INFORMATION:
-            self._timer.start(_STAY)
+            self._timer.start(_STAY if notice.undo is None else _STAY_UNDO)
 
     def dismiss(self) -> None:
         """Take the bar away."""
@@ -84,10 +91,17 @@ class MessageBar(QFrame):
         self.notice = None
         self.hide()
 
-    def forget_error(self) -> None:
-        """Take an error away that what came after it has made past: the next try succeeded."""
-        if self.notice is not None and self.notice.severity is Severity.ERROR:
+    def forget_past(self) -> None:
+        """Take away what speaks of the mesh before: an error, or what could be undone."""
+        notice = self.notice
+        if notice is not None and (notice.severity is Severity.ERROR or notice.undo is not None):
             self.dismiss()
+
+    def _take_back(self) -> None:
+        notice = self.notice
+        self.dismiss()
+        if notice is not None and notice.undo is not None:
+            notice.undo()
 
     def keep_clear(self, title: QSize, bar: int) -> None:
         """Leave parts of the parent alone, so that they can still be read.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from PySide6.QtCore import QSignalBlocker, Signal
-from PySide6.QtGui import QFocusEvent, QValidator
+from PySide6.QtGui import QFocusEvent, QKeyEvent, QValidator
 from PySide6.QtWidgets import QDoubleSpinBox, QWidget
 
 from meshmash_viewer.units import format_number
@@ -29,7 +29,9 @@ class QuantityBox(QDoubleSpinBox):
         #: Bounds of what can be typed; those of Qt hold for what is shown, too.
         self.bounds = (1e-150, 1e150)
         self._before = 1.0
+        self._refused = False
         super().__init__(parent)
+        self.refused.connect(self._stay)
         self.editingFinished.connect(self._remember)
         self.setDecimals(300)
         self.setRange(1e-150, 1e150)
@@ -83,6 +85,16 @@ class QuantityBox(QDoubleSpinBox):
         """Remember the number: parts of the one that is typed may be numbers, too."""
         super().focusInEvent(event)
         self._remember()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Pass Return on once the number is taken; what is refused stays here to be mended."""
+        self._refused = False
+        super().keyPressEvent(event)
+        if self._refused:
+            event.accept()
+
+    def _stay(self) -> None:
+        self._refused = True
 
     def _remember(self) -> None:
         self._before = self.value()

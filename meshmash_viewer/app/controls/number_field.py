@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent
 from PySide6.QtWidgets import QLineEdit, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.units import format_number
+from meshmash_viewer.units import format_number, format_range
 
 __all__ = ["NumberField"]
 
@@ -22,6 +23,13 @@ class NumberField(QLineEdit):
 
     Qt's spin boxes count decimals, which is of no use for 1e-8.
 
+    Attributes
+    ----------
+    bounds : tuple of float
+        Least and largest number that is taken.
+    fault : callable
+        What else is wrong with a number, in one sentence; empty if it is taken.
+
     Signals
     -------
     edited(float)
@@ -33,17 +41,18 @@ class NumberField(QLineEdit):
     edited = Signal(float)
     refused = Signal(str)
 
-    def __init__(
-        self, name: str, accessible_name: str, parent: QWidget | None = None, *, least: float = 0.0
-    ) -> None:
+    def __init__(self, name: str, accessible_name: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
+        self.bounds = -math.inf, math.inf
+        self.fault: Callable[[float], str] = lambda _value: ""
         theme.named(self, name, accessible_name)
         self.setAlignment(Qt.AlignmentFlag.AlignRight)
         self.setMinimumWidth(self.fontMetrics().horizontalAdvance("-0.0000e+00") + 16)
-        self._least = least
         self._unit = ""
         self._value: float | None = None
+        self._given: float | None = None
         self._quiet = True
+        self._refused = False
         self.returnPressed.connect(self._commit)
         self.textEdited.connect(self._forgive)
 
@@ -76,11 +85,16 @@ class NumberField(QLineEdit):
             self._restore()
             if modified:
                 return
+        self._refused = False
         super().keyPressEvent(event)
+        if self._refused:
+            event.accept()  # stays here to be mended
 
     def _write(self) -> None:
         self._quiet = True
-        self.setText("" if self._value is None else format_number(self._value, 5))
+        # what was typed stays as it was; what was computed is written as everywhere else
+        digits = 10 if self._value == self._given else 4
+        self.setText("" if self._value is None else format_number(self._value, digits))
         self.setModified(False)
 
     def _restore(self) -> None:
@@ -100,13 +114,18 @@ class NumberField(QLineEdit):
         if not math.isfinite(value):
             self._refuse(f"{self.text().strip() or 'Nothing'} is not a number: write 3.1e5.")
             return
-        if value < self._least:
-            self._refuse(f"{self.accessibleName()} is at least {self._least:g}.")
+        low, high = self.bounds
+        if not low <= value <= high:
+            between = format_range(low, high, self._unit, word="and", digits=1)
+            self._refuse(f"{self.accessibleName()}: between about {between} on this mesh.")
             return
         if value and not 1.0 / _LARGEST <= abs(value) <= _LARGEST:
             self._refuse(f"{value:g} is no size of a mesh: write a number such as 3.1e5.")
             return
-        self._value = value
+        if fault := self.fault(value):
+            self._refuse(fault)
+            return
+        self._value = self._given = value
         self._quiet = False
         self.setModified(False)
         self.edited.emit(value)
@@ -114,6 +133,7 @@ class NumberField(QLineEdit):
     def _refuse(self, sentence: str) -> None:
         """Go back to what was, and say why until something else is typed."""
         self._restore()
+        self._refused = True
         self.refused.emit(sentence)
 
     def _forgive(self) -> None:

@@ -40,12 +40,9 @@ class RangeBox(QWidget):
         texts: tuple[str, str, str],
         noun: str,
         parent: QWidget | None = None,
-        *,
-        zero_allowed: bool,
     ) -> None:
         super().__init__(parent)
-        self._noun = noun
-        self._zero_allowed = zero_allowed
+        self._disorder = f"The {texts[1].lower()} {noun} has to be below the {texts[2].lower()}."
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setHorizontalSpacing(theme.GAP)
@@ -58,6 +55,8 @@ class RangeBox(QWidget):
         grid.addWidget(self.check, 0, 0, 1, 3)
         self.low = NumberField(names[1], f"{texts[1]} {noun}", self)
         self.high = NumberField(names[2], f"{texts[2]} {noun}", self)
+        self.low.fault = lambda low: self._fault(low, self.high.value)
+        self.high.fault = lambda high: self._fault(self.low.value, high)
         self._units: list[QLabel] = []
         for row, (text, field) in enumerate(((texts[1], self.low), (texts[2], self.high)), 1):
             name, unit = (theme.with_role(QLabel(part, self), "muted") for part in (text, ""))
@@ -84,15 +83,16 @@ class RangeBox(QWidget):
         self.low.show_value(low, unit)
         self.high.show_value(high, unit)
 
+    def set_bounds(self, low: tuple[float, float], high: tuple[float, float]) -> None:
+        """Say what the mesh can have: the least and the largest for each end."""
+        self.low.bounds, self.high.bounds = low, high
+
+    def _fault(self, low: float | None, high: float | None) -> str:
+        return self._disorder if low is not None and high is not None and low >= high else ""
+
     def _give(self, _value: float) -> None:
         low, high = self.low.value, self.high.value
-        if low is None or high is None:
-            return
-        if low <= 0.0 and not self._zero_allowed:
-            self._complain(f"The {self._noun} has to be above 0.")
-        elif high <= low:
-            self._complain(f"The first {self._noun} has to be below the second.")
-        else:
+        if low is not None and high is not None:
             self._complain("")
             self.range_given.emit(low, high)
 

@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QComboBox,
@@ -36,6 +36,7 @@ from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.model.jobs import ExportJob
+from meshmash_viewer.units import counted
 
 __all__ = ["FORMATS", "ExportDialog", "Format"]
 
@@ -256,9 +257,8 @@ class ExportDialog(QDialog):
         for widget in self._count_row:
             widget.setVisible(not pairs)
         if not pairs:
-            blocked = self.count_spin.blockSignals(True)
-            self.count_spin.setValue(getattr(chosen, chosen.counted))
-            self.count_spin.blockSignals(blocked)
+            with QSignalBlocker(self.count_spin):
+                self.count_spin.setValue(getattr(chosen, chosen.counted))
         for row, each in enumerate(FORMATS):
             possible = not pairs or each.ending in EIGENPAIR_WRITERS
             for at in range(self.table.columnCount()):
@@ -293,7 +293,7 @@ class ExportDialog(QDialog):
             self.table.item(row, 2).setText(written_bytes(size) if possible else "–")
         kind = "float32" if self.format.number < 8 and self.format.ending != ".csv" else "float64"
         self.contents_label.setText(
-            f"{n:,} rows (vertices) × {len(columns):,} columns, {kind}.\n{about}"
+            f"{counted(n, 'row')} (vertices) × {counted(len(columns), 'column')}, {kind}.\n{about}"
             if columns
             else about
         )

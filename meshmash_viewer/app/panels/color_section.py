@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from PySide6.QtCore import QSignalBlocker, QSize
 from PySide6.QtWidgets import (
     QComboBox,
@@ -85,8 +83,10 @@ class ColorSection(QWidget):
         self._build_percentiles(column)
         ends = QHBoxLayout()
         ends.setSpacing(theme.GAP)
-        self.low = NumberField("limit_low_field", "Low limit", self, least=-math.inf)
-        self.high = NumberField("limit_high_field", "High limit", self, least=-math.inf)
+        self.low = NumberField("limit_low_field", "Low limit", self)
+        self.high = NumberField("limit_high_field", "High limit", self)
+        self.low.fault = lambda low: self._fault(low, self.high.value)
+        self.high.fault = lambda high: self._fault(self.low.value, high)
         self.unit_label = theme.with_role(QLabel(self), "muted")
         for field in (self.low, self.high):
             field.setToolTip("Give a number to lock the limits")
@@ -150,11 +150,13 @@ class ColorSection(QWidget):
 
     def _lock(self, _value: float) -> None:
         low, high = self.low.value, self.high.value
-        if low is None or high is None or low >= high:
-            self._complain("The low limit has to be below the high one.")
-            return
-        self._complain("")
-        self._document.display.limits = LockedLimits(low, high)
+        if low is not None and high is not None:
+            self._complain("")
+            self._document.display.limits = LockedLimits(low, high)
+
+    def _fault(self, low: float | None, high: float | None) -> str:
+        disorder = low is not None and high is not None and low >= high
+        return "The low limit has to be below the high one." if disorder else ""
 
     def _complain(self, sentence: str) -> None:
         show_note(self.fault, sentence)

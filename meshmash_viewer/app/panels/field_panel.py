@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from PySide6.QtCore import QSignalBlocker
 from PySide6.QtWidgets import QFrame, QScrollArea, QTabWidget, QVBoxLayout, QWidget
 
 from meshmash_viewer.app import theme
@@ -70,9 +71,8 @@ class FieldPanel(QWidget):
         self._document.display.kind = list(self._pages)[tab]
 
     def _refresh_tab(self) -> None:
-        blocked = self.tabs.blockSignals(True)
-        self.tabs.setCurrentIndex(list(self._pages).index(self._document.display.kind))
-        self.tabs.blockSignals(blocked)
+        with QSignalBlocker(self.tabs):
+            self.tabs.setCurrentIndex(list(self._pages).index(self._document.display.kind))
 
     def _refresh_use(self) -> None:
         usable = self._document.spectrum is not None and len(self._document.spectrum) > 0

@@ -89,9 +89,10 @@ class MeshPanel(QWidget):
         follow(document.mesh_changed, self._refresh_cost)
         follow(document.settings_changed, self._refresh_operator)
         follow(document.settings_changed, self._refresh_cost)
+        follow(document.settings_changed, self._refresh_job)
         follow(document.spectrum_changed, self._refresh_cost)
+        follow(document.spectrum_changed, self._refresh_job)
         follow(document.job_changed, self._refresh_job)
-        follow(document.spectrum_changed, self._refresh_proof)
         follow(document.mesh_changed, self._refresh_job)
         self._refresh_facts()
         self._refresh_operator()
@@ -142,6 +143,8 @@ class MeshPanel(QWidget):
         # the last ones show that a voxel size can be said too, whichever it is
         voxels = ("8 nm", "4 × 4 × 40 nm")
         self.unit_combo.addItems([*(unit or "none" for unit in LENGTH_UNITS), *voxels])
+        # of "m" it would make "mm"
+        self.unit_combo.setCompleter(None)  # type: ignore[arg-type]  # as documented
         self.unit_combo.setInsertPolicy(QComboBox.InsertPolicy.NoInsert)
         self.unit_combo.setToolTip(
             "Unit of the coordinates in the file; or the size of a voxel, such as “8 nm” or "
@@ -215,6 +218,7 @@ class MeshPanel(QWidget):
             "degenerate (no unit; 1e-05 suits nearly every mesh)"
         )
         self.mollify_spin.setFixedWidth(96)
+        self.mollify_spin.setKeyboardTracking(False)
         self.mollify_spin.bounds = (1e-15, 1.0)
         self.mollify_label = QLabel("Mollify")
         row = QHBoxLayout()
@@ -248,13 +252,18 @@ class MeshPanel(QWidget):
             self.cost_label.setText("")
             return
         n = ready.health.n_vertices
-        translation, spectrum = self._document.translation(), self._document.spectrum
-        if spectrum is not None and len(translation.eigenvalues):
-            wanted, exact = translation.count(target)
-            if exact and wanted <= len(translation.eigenvalues):
-                computed = "Already computed" if spectrum.complete else "Converged already"
-                self.cost_label.setText(f"{computed}: {counted(wanted, 'eigenpair')} in the store.")
-                return
+        translation = self._document.translation()
+        known, (wanted, exact) = len(translation.eigenvalues), translation.count(target)
+        if self._document.is_computed:
+            asked = f", of which {wanted:,} are asked for" if wanted < known else ""
+            self.cost_label.setText(f"Computed: {counted(known, 'pair')}{asked}.")
+            return
+        if known and exact and wanted <= known:
+            text = (
+                f"{counted(wanted, 'pair')} converged already: Compute proves that none is missing."
+            )
+            self.cost_label.setText(text)
+            return
         pairs = min(translation.count(target)[0], n)
         memory = cost.written_bytes(cost.decomposition_bytes(n, pairs, ready.health.n_components))
         time = cost.written_duration(cost.decomposition_seconds(n, pairs, self.seconds_rate))
@@ -325,7 +334,10 @@ class MeshPanel(QWidget):
         text, role = "", "muted"
         mesh = self._document.mesh
         if mesh is not None and spectrum is not None and spectrum.certificate is not None:
-            text = spectrum.certificate.sentence(len(spectrum), mesh.unit)
+            exact = len(spectrum.exact)
+            text = spectrum.certificate.sentence(exact, mesh.unit)
+            if exact < len(spectrum):
+                text += f" · {len(spectrum) - exact:,} more from a preview"
             role = "proof" if spectrum.complete else "warning"
         elif spectrum is not None and state is None and spectrum.preview and not spectrum.n_exact:
             text = f"A preview of {counted(len(spectrum), 'pair')}: Compute makes them exact."

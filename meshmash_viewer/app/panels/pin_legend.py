@@ -16,12 +16,13 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.model.document import Document, Pin
+from meshmash_viewer.units import named_vertex
 
 __all__ = ["PinLegend"]
 
 
 class PinLegend(QScrollArea):
-    """One line a pin: its colour, its vertex, and a cross that takes it away."""
+    """One line a pin: its colour, its number, its vertex, and a cross that takes it away."""
 
     def __init__(self, document: Document, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -41,7 +42,7 @@ class PinLegend(QScrollArea):
         self._refresh()
 
     def _refresh(self) -> None:
-        pins = self._document.pins
+        pins = sorted(self._document.pins, key=lambda pin: pin.number)
         for pin in [pin for pin in self._rows if pin not in pins]:
             row = self._rows.pop(pin)
             self._column.removeWidget(row)
@@ -63,14 +64,17 @@ class PinLegend(QScrollArea):
         swatch = QLabel(row)
         swatch.setFixedSize(12, 12)
         swatch.setStyleSheet(f"background: {pin.color}; border-radius: 6px;")
-        name = theme.named(QLabel(f"Vertex {pin.vertex:,}", row), f"pin_label_{pin.vertex}")
+        number = theme.named(QLabel(f"<b>{pin.number}</b>", row), f"pin_number_{pin.vertex}")
+        vertex = named_vertex(pin.vertex)
+        name = theme.named(QLabel(vertex.capitalize(), row), f"pin_label_{pin.vertex}")
         cross = theme.named(QToolButton(row), f"unpin_button_{pin.vertex}")
         cross.setText("×")
         cross.setAutoRaise(True)
-        cross.setAccessibleName(f"Take the pin of vertex {pin.vertex:,} away")
+        cross.setAccessibleName(f"Take the pin of {vertex} away")
         cross.setToolTip(cross.accessibleName())
         cross.clicked.connect(lambda: self._document.toggle_pin(pin.vertex))
         line.addWidget(swatch)
+        line.addWidget(number)
         line.addWidget(name)
         line.addStretch(1)
         line.addWidget(cross)

@@ -142,10 +142,12 @@ class ProfilePanel(QWidget):
             for item in self._curves.pop(pin):
                 self.plot.removeItem(item)
         self._reader.want(spectrum, tuple(pin.vertex for pin in pins))
-        if not there:
+        if spectrum is None or not there:
             return
         self._name_axes()
         self._profile = self._family.profile(spectrum)
+        places = np.zeros(0) if self._profile is None else self._profile.dots.places
+        self.plot.set_whole(bool(np.all(places == np.round(places))))
         for pin in pins:
             values = self._reader.values(pin.vertex)
             if values is not None:

@@ -154,6 +154,7 @@ class SpectrumPanel(QWidget):
         responses = self._shown == "responses"
         self.plot.set_log(log and responses, log and not responses)
         self.plot.set_labels(bottom, left)
+        self.plot.set_whole(not responses)
         self.view.refresh_spectrum()
         self._drawn_scale = self._scale_key()
         self._describe()

@@ -14,21 +14,20 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from meshmash_viewer import units
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import note, show_note
 from meshmash_viewer.app.controls.number_box import CountBox, QuantityBox, dress
 from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.spectral.weyl import Target, wavelength, weyl_eigenvalue
-from meshmash_viewer.units import power_unit
+from meshmash_viewer.spectral.weyl import Target, resolved_time, wavelength
+from meshmash_viewer.units import format_range, power_unit
 
 __all__ = ["TargetBox"]
 
 #: Most eigenpairs while no mesh says how many it has.
 _MOST = 100_000
-#: How far eigenvalues may lie beyond those that Weyl's law gives the first and the last pair.
-_BELOW, _ABOVE = 1e-6, 1e3
 
 
 class TargetBox(QWidget):
@@ -126,7 +125,7 @@ class TargetBox(QWidget):
             self.note.setText("All four say the same thing: each is translated into the others.")
             return
         translation = self._document.translation()
-        self._limit(ready.health.area)
+        self._limit(*translation.bounds)
         count, counted = translation.count(target)
         eigenvalue, bounded = translation.eigenvalue(target)
         length, measured = translation.wavelength(target)
@@ -166,13 +165,12 @@ class TargetBox(QWidget):
             return _MOST
         return max(ready.health.n_vertices - ready.health.unreferenced_vertices, 1)
 
-    def _limit(self, area: float) -> None:
-        """Let the fields take what this mesh can have, and what has been asked for already."""
+    def _limit(self, low: float, high: float) -> None:
+        """Let the fields take what a mesh with eigenvalues of these sizes can have."""
         self._limit_count(self._most)
-        low = min(max(_BELOW * weyl_eigenvalue(area, 1), 1e-140), 1e140)
-        high = min(max(_ABOVE * weyl_eigenvalue(area, self._most), low), 1e140)
         self.eigenvalue_spin.bounds = (low, high)
         self.wavelength_spin.bounds = (wavelength(high), wavelength(low))
+        self.time_spin.bounds = (resolved_time(high), resolved_time(low))
 
     def _show_count(self, count: float) -> None:
         self.count_spin.show_quantity(max(1, min(int(count), self._most)))
@@ -185,15 +183,15 @@ class TargetBox(QWidget):
         """Say at the field why this mesh cannot have what was typed."""
         most = self._most
         if kind == "count" and number > most:
-            text = f"This mesh has {most:,} vertices, and so at most {most:,} eigenpairs."
+            all_pairs = units.counted(most, "eigenpair")
+            text = f"This mesh has {units.counted(most, 'vertex')}, and so at most {all_pairs}."
         elif kind == "count":
             text = "The number of eigenpairs is a whole number from 1."
         else:
             box = self._boxes[kind]
-            unit = box.suffix()
-            low, high = box.bounds
-            name = "Eigenvalues" if kind == "max_eigenvalue" else "Waves"
-            text = f"{name} of this mesh lie between about {low:.1g} and {high:.1g}{unit}."
+            name = {"max_eigenvalue": "Eigenvalues", "wavelength": "Waves", "time": "Times"}[kind]
+            between = format_range(*box.bounds, box.suffix().strip(), word="and", digits=1)
+            text = f"{name} of this mesh lie between about {between}."
         self._refused = kind, text
         later(self._show_reason)  # Qt tells the number that it takes instead, which is no mending
 

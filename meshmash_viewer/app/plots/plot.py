@@ -45,12 +45,22 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
     def __init__(self, orientation: str) -> None:
         super().__init__(orientation)
         self.enableAutoSIPrefix(False)
+        #: Whether it counts: there is nothing between 4 and 5.
+        self.whole = False
 
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str | None]:
         """Labels of evenly spaced ticks."""
         if self.logMode:
             return self._log_texts(values)
         return list(linear_texts([value * scale for value in values], spacing * scale))
+
+    def tickSpacing(self, low: float, high: float, size: float) -> list[tuple[float, float]]:
+        """Distances of ticks, the largest first, each with where they begin."""
+        spacing: list[tuple[float, float]] = super().tickSpacing(low, high, size)
+        if not self.whole:
+            return spacing
+        steps = {max(round(step), 1) for step, _ in spacing}
+        return [(float(step), 0.0) for step in sorted(steps, reverse=True)]
 
     def tickValues(self, low: float, high: float, size: float) -> list[tuple[float, list[float]]]:
         """Ticks: in log scale whole decades, and 2 to 9 between them."""
@@ -132,6 +142,10 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
             axis = self.getAxis(side)
             if axis.logMode != on:
                 axis.setLogMode(on)
+
+    def set_whole(self, whole: bool) -> None:
+        """Say whether the bottom axis counts, and has whole numbers only."""
+        self.getAxis("bottom").whole = whole
 
     def dress(self) -> None:
         """Put on the colours of the theme."""

@@ -12,7 +12,7 @@ from meshmash_viewer.app.controls.range_box import RangeBox
 from meshmash_viewer.app.tabs.column_stepper import ColumnStepper
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.spectrum import Spectrum
-from meshmash_viewer.units import format_quantity, power_unit
+from meshmash_viewer.units import format_quantity, format_range, power_unit
 
 __all__ = ["BandTab"]
 
@@ -37,7 +37,6 @@ class BandTab(ColumnStepper):
             ("Automatic, from 0 to λ_max", "Lowest", "Highest"),
             "eigenvalue",
             self,
-            zero_allowed=True,
         )
         self.range_box.check.setToolTip("The ends can be dragged on the spectrum, too")
         self.range_box.automatic_chosen.connect(self._set_automatic)
@@ -57,6 +56,8 @@ class BandTab(ColumnStepper):
     def _describe(self, spectrum: Spectrum | None, unit: str) -> dict[str, str]:
         chosen = self._document.display[GeometryVectors]
         between = None if spectrum is None else chosen.range(spectrum)
+        most = self._document.translation().bounds[1]
+        self.range_box.set_bounds((0.0, most), (0.0, most))
         self.range_box.show_range(between, power_unit(unit, -2), automatic=chosen.automatic)
         if spectrum is None or between is None:
             return {}
@@ -67,8 +68,8 @@ class BandTab(ColumnStepper):
         return {
             "band_center_label": format_quantity(center, unit, -2),
             "band_wavelength_label": format_wavelength(center, unit),
-            "band_support_label": f"{start:.3g} – {format_quantity(end, unit, -2, 3)}",
-            "band_pairs_label": str(int(last - first)),
+            "band_support_label": format_range(start, end, unit, -2),
+            "band_pairs_label": f"{last - first:,}",
         }
 
     def _mark_missing(self, spectrum: Spectrum, high: float, unit: str) -> None:
@@ -80,5 +81,5 @@ class BandTab(ColumnStepper):
         pairs = f", {estimated_pairs(spectrum, mesh.area, high)}" if mesh is not None else ""
         show_note(
             self.missing_note,
-            f"Bands above λ = {format_quantity(known, unit, -2, 3)} need more eigenpairs{pairs}.",
+            f"Bands above λ = {format_quantity(known, unit, -2)} need more eigenpairs{pairs}.",
         )

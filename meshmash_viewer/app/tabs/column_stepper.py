@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from PySide6.QtCore import QSignalBlocker
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QSpinBox, QVBoxLayout
 
 from meshmash_viewer.app import theme
@@ -88,14 +89,12 @@ class ColumnStepper(FieldStepper):
         chosen, mesh = self._document.display[self.family], self._document.mesh
         last = chosen.count - 1
         for control in (self.slider, self.spin):
-            blocked = control.blockSignals(True)
-            control.setRange(0, last)
-            control.setValue(chosen.column)
-            control.blockSignals(blocked)
+            with QSignalBlocker(control):
+                control.setRange(0, last)
+                control.setValue(chosen.column)
         self.spin.setSuffix(f" of {last}")
-        blocked = self.count_spin.blockSignals(True)
-        self.count_spin.setValue(chosen.count)
-        self.count_spin.blockSignals(blocked)
+        with QSignalBlocker(self.count_spin):
+            self.count_spin.setValue(chosen.count)
         self.title.setText(f"{self.one} {chosen.column}")
         show_note(self.missing_note, "")
         told = self._describe(self._usable, mesh.unit if mesh is not None else "")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from PySide6.QtCore import QSignalBlocker
 from PySide6.QtWidgets import (
     QCheckBox,
     QHBoxLayout,
@@ -14,7 +15,7 @@ from meshmash_viewer.app.tabs.field_stepper import FieldStepper
 from meshmash_viewer.app.tabs.play_button import PlayButton
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
-from meshmash_viewer.units import format_quantity, subscript
+from meshmash_viewer.units import counted, format_quantity, subscript
 
 __all__ = ["EigenfunctionTab"]
 
@@ -86,18 +87,16 @@ class EigenfunctionTab(FieldStepper):
         chosen = display[Eigenfunctions]
         index = min(chosen.index, max(length - 1, 0))
         for control in (self.slider, self.spin):
-            blocked = control.blockSignals(True)
-            if control.maximum() != max(length - 1, 0):
-                control.setRange(0, max(length - 1, 0))
-            control.setValue(index)
-            control.blockSignals(blocked)
+            with QSignalBlocker(control):
+                if control.maximum() != max(length - 1, 0):
+                    control.setRange(0, max(length - 1, 0))
+                control.setValue(index)
         suffix = f" of {length - 1}" if length else ""
         if self.spin.suffix() != suffix:
             self.spin.setSuffix(suffix)
         self.flip_button.setChecked(index in chosen.flipped)
-        blocked = self.nodal_check.blockSignals(True)
-        self.nodal_check.setChecked(display.nodal_lines)
-        self.nodal_check.blockSignals(blocked)
+        with QSignalBlocker(self.nodal_check):
+            self.nodal_check.setChecked(display.nodal_lines)
         if spectrum is not None and length:
             self._describe(spectrum, index)
         else:
@@ -138,15 +137,15 @@ class EigenfunctionTab(FieldStepper):
 
 def _converged(spectrum: Spectrum) -> str:
     if spectrum.preview and not spectrum.n_exact:
-        return f"{len(spectrum)} approximate"
+        return f"{len(spectrum):,} approximate"
     if spectrum.preview and spectrum.complete:
-        return f"{spectrum.n_exact}, complete; {len(spectrum)} with a preview"
+        return f"{spectrum.n_exact:,}, complete; {len(spectrum):,} with a preview"
     if spectrum.preview:
-        return f"{spectrum.n_exact} of {spectrum.total or len(spectrum)} so far"
+        return f"{spectrum.n_exact:,} of {spectrum.total or len(spectrum):,} so far"
     if spectrum.complete:
-        return f"{len(spectrum)}, complete"
-    of = f" of {spectrum.total}" if spectrum.total else ""
-    return f"{len(spectrum)}{of} so far"
+        return f"{len(spectrum):,}, complete"
+    of = f" of {spectrum.total:,}" if spectrum.total else ""
+    return f"{len(spectrum):,}{of} so far"
 
 
 def _multiplet(spectrum: Spectrum, index: int, zeros: int) -> str:
@@ -155,7 +154,7 @@ def _multiplet(spectrum: Spectrum, index: int, zeros: int) -> str:
             return "Zero mode: constant over the surface, which is in one piece."
         return (
             f"λ₀…λ{subscript(zeros - 1)} are zero: one constant function for each of "
-            f"{zeros} components; any mixture of them is as good."
+            f"{counted(zeros, 'component')}; any mixture of them is as good."
         )
     found = spectrum.multiplet(index)
     if found is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from PySide6.QtCore import QSignalBlocker
 from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
@@ -21,7 +22,7 @@ from meshmash_viewer.features.truncation import percent
 from meshmash_viewer.fields.family import MOST_COUNT
 from meshmash_viewer.fields.hks import HeatKernelSignature, resolved_from
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
-from meshmash_viewer.spectral.weyl import required_eigenvalue
+from meshmash_viewer.spectral.weyl import required_eigenvalue, resolved_time
 from meshmash_viewer.units import format_quantity, power_unit
 
 __all__ = ["HksTab"]
@@ -58,7 +59,6 @@ class HksTab(FieldStepper):
             ("Automatic, from the spectrum", "Shortest", "Longest"),
             "time",
             self,
-            zero_allowed=False,
         )
         self.range_box.check.setToolTip("4 ln 10 / λ_max to 4 ln 10 / λ₂ (Sun et al. 2009)")
         self.range_box.automatic_chosen.connect(self._set_automatic)
@@ -113,14 +113,15 @@ class HksTab(FieldStepper):
         document = self._document
         chosen = document.display[HeatKernelSignature]
         unit = document.mesh.unit if document.mesh is not None else ""
-        blocked = self.scales_spin.blockSignals(True)
-        self.scales_spin.setValue(chosen.scales)
-        self.scales_spin.blockSignals(blocked)
+        with QSignalBlocker(self.scales_spin):
+            self.scales_spin.setValue(chosen.scales)
         between = self._range()
         self.slider.setEnabled(between is not None)
         one = max(round(_POSITIONS / max(chosen.scales - 1, 1)), 1)  # a time of the feature
         self.slider.setSingleStep(one)
         self.slider.setPageStep(min(10 * one, _POSITIONS))
+        shortest, longest = (resolved_time(value) for value in document.translation().bounds[::-1])
+        self.range_box.set_bounds((shortest, longest), (shortest, longest))
         self.range_box.show_range(between, power_unit(unit, 2), automatic=chosen.automatic)
         if between is None or document.spectrum is None:
             self._show_nothing()
@@ -128,9 +129,8 @@ class HksTab(FieldStepper):
         time = chosen.time_in(document.spectrum)
         low, high = between
         span = math.log(high / low)
-        blocked = self.slider.blockSignals(True)
-        self.slider.setValue(round(math.log(time / low) / span * self.slider.maximum()))
-        self.slider.blockSignals(blocked)
+        with QSignalBlocker(self.slider):
+            self.slider.setValue(round(math.log(time / low) / span * self.slider.maximum()))
         self.slider.set_marks(decade_marks(low, high))
         self.title.setText(f"t = {format_quantity(time, unit, 2)}")
         self.facts.show_value("hks_length_label", format_quantity(math.sqrt(time), unit))
@@ -162,6 +162,6 @@ class HksTab(FieldStepper):
         show_note(
             self.missing_note,
             f"{what} misses {upto}about {percent(missing)} of the signature for want of "
-            f"eigenpairs. It takes those up to λ = {format_quantity(needed, mesh.unit, -2, 2)}, "
+            f"eigenpairs. It takes those up to λ = {format_quantity(needed, mesh.unit, -2)}, "
             f"{estimated_pairs(spectrum, mesh.area, needed)}.",
         )

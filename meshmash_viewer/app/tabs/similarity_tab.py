@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from PySide6.QtCore import QSignalBlocker
 from PySide6.QtGui import QColor, QIcon, QPixmap
 from PySide6.QtWidgets import QComboBox, QLabel, QVBoxLayout, QWidget
 
@@ -13,6 +14,7 @@ from meshmash_viewer.app.tabs.field_stepper import FamilyTab
 from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.model.document import Document, Pin
+from meshmash_viewer.units import counted, named_vertex
 
 __all__ = ["SimilarityTab"]
 
@@ -78,13 +80,13 @@ class SimilarityTab(FamilyTab):
             self._change(vertex=vertices[-1])
         elif not vertices:
             self._change(vertex=None)
-        blocked = self.combo.blockSignals(True)
-        self.combo.clear()
-        for pin in pins:
-            swatch = QPixmap(12, 12)
-            swatch.fill(QColor(pin.color))
-            self.combo.addItem(QIcon(swatch), f"Vertex {pin.vertex:,}")
-        self.combo.blockSignals(blocked)
+        with QSignalBlocker(self.combo):
+            self.combo.clear()
+            for pin in pins:
+                swatch = QPixmap(12, 12)
+                swatch.fill(QColor(pin.color))
+                text = f"{pin.number} · {named_vertex(pin.vertex).capitalize()}"
+                self.combo.addItem(QIcon(swatch), text)
         self.refresh()
 
     def refresh(self) -> None:
@@ -95,13 +97,14 @@ class SimilarityTab(FamilyTab):
         row = next((row for row, pin in enumerate(pins) if pin.vertex == vertex), -1)
         self.combo.setCurrentIndex(row)
         self.combo.setEnabled(bool(pins))
-        self.title.setText("Similar to a vertex" if row < 0 else f"Similar to vertex {vertex:,}")
+        which = "a vertex" if vertex is None or row < 0 else named_vertex(vertex)
+        self.title.setText(f"Similar to {which}")
         show_note(self.hint, "" if pins else "Click a vertex on the render to pin it.")
         self.basis.show_key(chosen.basis)
         features = display.fields[chosen.basis]
         count = getattr(features, features.counted)
         show_note(
             self.explanation,
-            f"Over the {count} columns of the {features.short} tab, each in units of its spread;"
-            " 0 is alike, larger is less so.",
+            f"Over the {counted(count, 'column')} of the {features.short} tab, each in units of its"
+            " spread; 0 is alike, larger is less so.",
         )

@@ -51,5 +51,5 @@ class WksTab(ColumnStepper):
             "wks_eigenvalue_label": format_quantity(float(np.exp(energy)), unit, -2),
             "wks_wavelength_label": format_wavelength(float(np.exp(energy)), unit),
             "wks_width_label": f"{width:.3g}",
-            "wks_pairs_label": str(int(last - first)),
+            "wks_pairs_label": f"{last - first:,}",
         }

@@ -81,7 +81,7 @@ class MeshRenderer:
         #: The values of the mesh that the stand-in has those of its vertices from.
         self._coarse_of: npt.NDArray[np.float32] | None = None
         self._segments: tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]] | None = None
-        self._pins: tuple[tuple[int, str], ...] = ()
+        self._pins: tuple[tuple[int, str, str], ...] = ()
         self.set_theme(dark)
 
     # -- what is drawn ----------------------------------------------------------------------
@@ -244,8 +244,8 @@ class MeshRenderer:
         """The segments that are drawn, relative to `centre`."""
         return None if self._segments is None else self._segments[0]
 
-    def set_pins(self, pins: Sequence[tuple[int, str]]) -> None:
-        """Mark vertices in their colours."""
+    def set_pins(self, pins: Sequence[tuple[int, str, str]]) -> None:
+        """Mark vertices in their colours, each with a label."""
         self._pins = tuple(pins)
 
     # -- the eye ----------------------------------------------------------------------------
@@ -332,15 +332,15 @@ class MeshRenderer:
         ready = self.picker is not None and self.picker.ready
         if self._hidden[:1] != (self.view,) or self._hidden[1:] != (ready, self._pins):
             self._hidden = (self.view, ready, self._pins)
-            eye, many = self.view.axes[2], len(self._pins) > 1
+            eye = self.view.axes[2]
             self._pins_placed = [
                 Pin(
                     tuple(self.mesh.vertices[vertex].tolist()),
                     color,
-                    str(number) if many else "",
+                    label,
                     self.picker is not None and self.picker.hidden(vertex, eye),
                 )
-                for number, (vertex, color) in enumerate(self._pins, start=1)
+                for vertex, color, label in self._pins
             ]
         return self._pins_placed
 

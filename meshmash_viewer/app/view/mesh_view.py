@@ -183,7 +183,7 @@ class MeshView(QWidget):
 
     def set_pins(self, pins: Iterable[Any]) -> None:
         """Mark vertices: objects with `vertex` and `color`."""
-        self.renderer.set_pins([(pin.vertex, pin.color) for pin in pins])
+        self.renderer.set_pins([(pin.vertex, pin.color, str(pin.number)) for pin in pins])
         self.plotter.render()
 
     def set_nodal_lines(self, values: npt.NDArray[np.floating] | None) -> None:

@@ -254,7 +254,7 @@ def test_nodal_lines_come_at_rest_and_go_with_the_field(
 def test_pins_are_drawn_in_their_colours(scene: MeshView, sphere: Mesh, qtbot) -> None:
     mesh = show(scene, sphere, qtbot)
     vertex = int(facing(scene, mesh)[20])
-    scene.set_pins((Pin(vertex, "#00ff00"),))
+    scene.set_pins((SimpleNamespace(vertex=vertex, color="#00ff00", number=1),))
     picture = scene.picture((640, 480)).astype(int)
     green = (picture[..., 1] - picture[..., 0] > 150) & (picture[..., 1] - picture[..., 2] > 150)
     assert 30 < green.sum() < 200
@@ -380,7 +380,7 @@ def test_a_large_mesh_is_seen_before_its_stand_in_is_there(
 def test_one_mesh_after_another(scene: MeshView, sphere: Mesh, neuron: Mesh, qtbot) -> None:
     show(scene, sphere, qtbot)
     scene.set_field(field(sphere.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
-    scene.set_pins((Pin(600, "#00ff00"),))
+    scene.set_pins((Pin(600, 1),))
     # The next one has no field, no pins and fewer or more vertices than the last.
     show(scene, neuron, qtbot)
     assert scene.renderer.caption is None
