@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, TruncationWarning
-from meshmash_viewer.features.squares import add_squares
+from meshmash_viewer.features.squares import sum_squares
 from meshmash_viewer.features.truncation import Truncation, measure_truncation
 from meshmash_viewer.units import counted, power_unit
 
@@ -263,7 +263,6 @@ def accumulate_features(
     eigenvalues: npt.ArrayLike,
     rows: npt.NDArray[np.floating[Any]],
     coefficients: npt.ArrayLike,
-    out: FloatArray | None = None,
     density: FloatArray | None = None,
 ) -> FloatArray:
     """Sum ``coefficients[f, k] rows[k, v]²`` over k, reading each row once and in order.
@@ -276,15 +275,12 @@ def accumulate_features(
         Eigenvectors as rows; may be a memory map, of which a few rows are in memory at a time.
     coefficients : array_like, shape (f, k)
         What a filter bank returned for `eigenvalues`.
-    out : ndarray of float64, shape (n, f), optional
-        Added to, so that a spectrum can be summed band by band.
     density : ndarray of float64, shape (n,), optional
         Gets ``Σ_k rows[k, v]²`` added, in the same pass.
 
     Returns
     -------
     ndarray of float64, shape (n, f)
-        `out`, or a new array.
 
     Raises
     ------
@@ -292,12 +288,11 @@ def accumulate_features(
         If the shapes do not agree, as when a filter returned one of its own.
     """
     weights = np.asarray(coefficients, dtype=np.float64)
-    k, n = rows.shape
+    k = len(rows)
     if weights.ndim != 2 or weights.shape[1] != k or np.shape(eigenvalues) != (k,):
         raise InputError(
             f"The filter returned shape {weights.shape} for {k} eigenvalues: it has to return one "
             "row of coefficients a filter, shape (n_filters, n_eigenvalues)."
         )
-    total = np.zeros((n, len(weights))) if out is None else out
-    add_squares(total.T, rows, weights, np.float64, negligible=0.0, density=density)
-    return total
+    sums = sum_squares(rows, weights, np.float64, order="F", negligible=0.0, density=density)
+    return np.asarray(sums, dtype=np.float64).T

@@ -76,9 +76,7 @@ class BankColumns(Family):
             and same_pairs(table.spectrum, spectrum)
         )
 
-    def prepare(
-        self, spectrum: Spectrum, table: Table | None, cancel: CancelCallback | None
-    ) -> Table:
+    def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
         """See `Family.prepare`."""
         weights = self.bank(spectrum.eigenvalues)(spectrum.eigenvalues)
         columns = sum_squares(spectrum.rows, weights, cancel=cancel)

@@ -36,7 +36,6 @@ class Similarity(Family):
         "similarity_vertex": "vertex",
         "similarity_basis": "basis",
     }
-    compiled: ClassVar[bool] = True
 
     vertex: int | None = parameter(type="vertex", least=0, most=2**31 - 1)
     basis: str = parameter("hks", type="family", earlier={"bands": "band"})
@@ -89,9 +88,7 @@ class Similarity(Family):
             and same_pairs(table.spectrum, spectrum)
         )
 
-    def prepare(
-        self, spectrum: Spectrum, table: Table | None, cancel: CancelCallback | None
-    ) -> Table:
+    def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
         """See `Family.prepare`."""
         features = self._features()
         bank = features.bank(spectrum.eigenvalues)

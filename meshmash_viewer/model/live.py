@@ -15,19 +15,19 @@ from meshmash_viewer.progress import CancelCallback
 
 __all__ = ["LiveFeatures", "expected_bytes"]
 
-#: Columns of a usual heat table, of 16 bits, and fields in use at one time: the one drawn, the one
-#: before it, the one being computed, the one that may be asked for next.
-_HEAT_COLUMNS, _FIELDS = 58, 4
+#: Columns of a heat table at most, and fields in use at one time: the one drawn, the one before
+#: it, the one being computed, the one that may be asked for next.
+_HEAT_COLUMNS, _FIELDS = 29, 4
 
 
 def expected_bytes(n_vertices: int, n_columns: int = 32) -> int:
     """Bytes that a window holds for fields and live features of a mesh.
 
-    ``4 n (58 / 2 + columns + 32 / 2 + 4)``: heat table in 16 bits, a table of all columns of one
-    feature, similarity table (at most one column a feature, in 16 bits), fields. Eigenpairs are
-    mapped from the store and are not counted.
+    ``4 n (29 + columns + 32 / 2 + 4)``: heat table, a table of all columns of one feature,
+    similarity table (a direction for every other column), fields. Eigenpairs are mapped from the
+    store and are not counted.
     """
-    columns = _HEAT_COLUMNS // 2 + n_columns + (max(n_columns, 32) + 1) // 2 + _FIELDS
+    columns = _HEAT_COLUMNS + n_columns + (max(n_columns, 32) + 1) // 2 + _FIELDS
     return 4 * n_vertices * columns
 
 
@@ -83,5 +83,4 @@ class LiveFeatures:
             return
         if table is not None and not family.serves(spectrum, table):
             del tables[family.name]  # before the new one takes room
-            table = None
-        tables[family.name] = family.prepare(spectrum, table, cancel)
+        tables[family.name] = family.prepare(spectrum, cancel)
