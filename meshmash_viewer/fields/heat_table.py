@@ -1,9 +1,9 @@
 """The heat kernel signature at any time of a range, from a few stored columns.
 
-The signatures of all times lie near a space of few dimensions, so some of them tell the others.
-Which ones, and how they are combined, follows from the eigenvalues alone: a pivoted QR
-factorisation of ``exp(-λ_k t)``, an interpolative decomposition (Cheng et al. 2005), takes times
-until all that lie between are within a tolerance. So the error is known before anything is drawn.
+As a function of log t the signature of a vertex is smooth, so its values at nodes that are evenly
+spaced in log t tell those in between. Polynomials would do poorly where ``exp(-λ t)`` falls
+steeply; instead the six nodes around a time are combined with the weights that fit
+``exp(-λ_k t)`` best, in least squares over the spectrum itself, within 1e-4 of its sum.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ __all__ = ["HeatTable", "build_heat_table"]
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 ColumnArray: TypeAlias = npt.NDArray[np.float32]
 
-#: Largest error of a time's mean signature; a step of colour is 4e-3.
-_TOLERANCE = 7e-5
-#: Times that are looked at for each e-fold of the range.
-_DENSITY = 12
+#: Nodes that one time is combined from, and their distance in log t.
+_STENCIL, _STEP = 6, 0.27
+#: Singular values below this share of the largest are rounding of the columns, in a fit.
+_ROUNDING = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +41,9 @@ class HeatTable:
     rates : ndarray of float64, shape (k,)
         Nonzero eigenvalues.
     columns : ndarray of float32, shape (m, n)
-        The signature at m times without the null space, each over its heat trace.
-    weights : ndarray of float64, shape (m, k)
-        Decay of the pairs at a time, over its sum, to weights of the columns.
+        The signature at the nodes without the null space, each over its heat trace.
+    fits : list of ndarray of float64, shape (6, k)
+        Of the nodes from each on: decay of the pairs at a time, over its sum, to weights.
     base : ndarray of float32, shape (n,) or (1,)
         The null space's part, which is the same at all times; on a connected mesh also at all
         vertices. Beside it, what varies may be small.
@@ -52,7 +52,7 @@ class HeatTable:
     times: tuple[float, float]
     rates: FloatArray
     columns: ColumnArray
-    weights: FloatArray
+    fits: list[FloatArray]
     base: ColumnArray
 
     @property
@@ -67,9 +67,11 @@ class HeatTable:
 
     def at(self, time: float) -> ColumnArray:
         """The signature at one time that the table `covers`, shape (n,), in 1 / area."""
-        trace = np.exp(-self.rates * time).sum()
-        weights = trace * (self.weights @ _shares(self.rates, np.array([time]))[0])
-        values: ColumnArray = weights.astype(np.float32) @ self.columns
+        start = int(math.log(max(time / self.times[0], 1.0)) / _STEP)
+        start = min(start, len(self.fits) - 1)
+        weights = self.fits[start] @ _shares(self.rates, np.array([time]))[0]
+        weights *= np.exp(-self.rates * time).sum()
+        values: ColumnArray = weights.astype(np.float32) @ self.columns[start : start + _STENCIL]
         values += self.base
         return values
 
@@ -89,31 +91,20 @@ def build_heat_table(
     """
     n_zero = first_nonzero(spectrum)
     rates = spectrum.eigenvalues[n_zero:]
-    chosen, weights = _interpolation(rates, times)
-    coefficients = np.zeros((1 + len(chosen), len(spectrum)))
+    n_fits = max(math.ceil(math.log(times[1] / times[0]) / _STEP), 1)
+    # As many nodes below a time as above it.
+    places = np.arange(n_fits + _STENCIL - 1) - (_STENCIL // 2 - 1)
+    shares = _shares(rates, times[0] * np.exp(_STEP * places))
+    coefficients = np.zeros((1 + len(shares), len(spectrum)))
     coefficients[0, :n_zero] = 1.0
-    coefficients[1:, n_zero:] = _shares(rates, chosen)
+    coefficients[1:, n_zero:] = shares
     sums = sum_squares(spectrum.rows, coefficients, cancel=cancel)
+    stencils = (shares[start : start + _STENCIL] for start in range(n_fits))
+    fits = [np.asarray(np.linalg.pinv(stencil.T, rcond=_ROUNDING)) for stencil in stencils]
     base = np.asarray(sums[0])
     if base.min() == base.max():
         base = base[:1].copy()
-    return HeatTable(times, rates, np.asarray(sums[1:]), weights, base)
-
-
-def _interpolation(rates: FloatArray, times: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
-    """Times whose columns tell all in a range, and the weights of `HeatTable`."""
-    from scipy.linalg import qr, solve_triangular
-
-    if not len(rates):
-        return np.zeros(0), np.zeros((0, 0))
-    looked_at = np.geomspace(*times, 2 + math.ceil(_DENSITY * math.log(times[1] / times[0])))
-    q, r, order = qr(_shares(rates, looked_at).T, mode="economic", pivoting=True)
-    rank = next(
-        (m for m in range(1, len(r)) if np.abs(q[:, m:] @ r[m:]).sum(axis=0).max() <= _TOLERANCE),
-        len(r),
-    )
-    weights = solve_triangular(r[:rank, :rank], q[:, :rank].T)
-    return looked_at[order[:rank]], np.asarray(weights, dtype=np.float64)
+    return HeatTable(times, rates, np.asarray(sums[1:]), fits, base)
 
 
 def _shares(rates: FloatArray, times: FloatArray) -> FloatArray:

@@ -15,15 +15,15 @@ from meshmash_viewer.progress import CancelCallback
 
 __all__ = ["LiveFeatures", "expected_bytes"]
 
-#: Columns of a heat table at most, and fields in use at one time: the one drawn, the one before
+#: Columns of a usual heat table, and fields in use at one time: the one drawn, the one before
 #: it, the one being computed, the one that may be asked for next.
-_HEAT_COLUMNS, _FIELDS = 29, 4
+_HEAT_COLUMNS, _FIELDS = 40, 4
 
 
 def expected_bytes(n_vertices: int, n_columns: int = 32) -> int:
     """Bytes that a window holds for fields and live features of a mesh.
 
-    ``4 n (29 + columns + 32 / 2 + 4)``: heat table, a table of all columns of one feature,
+    ``4 n (40 + columns + 32 / 2 + 4)``: heat table, a table of all columns of one feature,
     similarity table (a direction for every other column), fields. Eigenpairs are mapped from the
     store and are not counted.
     """

@@ -349,7 +349,7 @@ def test_each_table_counts_its_bytes(rectangle: Mesh) -> None:
 
 def test_expected_bytes_are_what_is_documented() -> None:
     for count in (8, 32, 100):
-        columns = 29 + count + max(count, 32) / 2 + 4
+        columns = 40 + count + max(count, 32) / 2 + 4
         assert expected_bytes(1000, count) == 4 * 1000 * columns
 
 
