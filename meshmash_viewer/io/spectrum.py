@@ -91,7 +91,7 @@ def find_eigenpairs(
     spare : Path, optional
         A second cache folder, which is looked into if the user's holds less.
     count : int
-        How many leading pairs are compared with their checksums, a second for a million vertices
+        How many leading pairs are compared with their checksums, two seconds for a million vertices
         and 300 pairs. No other number may leave the program.
     cancel : callable, optional
         `Cancelled` is raised after it returns True.
