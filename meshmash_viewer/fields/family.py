@@ -76,13 +76,10 @@ class Answer:
     values : ndarray of float32, shape (n,)
     draft : bool
         Whether a better answer is on its way.
-    ends : tuple of float, optional
-        Smallest and largest value, NaN if one is, where they are known.
     """
 
     values: ColumnArray
     draft: bool = False
-    ends: tuple[float, float] | None = None
 
 
 @dataclass(eq=False)

@@ -61,14 +61,11 @@ class Field:
         What they answer.
     draft : bool
         Whether a better answer to the same request is on its way.
-    ends : tuple of float, optional
-        Smallest and largest value, NaN if one is, where they are known.
     """
 
     values: npt.NDArray[np.float32] = field(repr=False)
     request: FieldRequest = field(repr=False)
     draft: bool = False
-    ends: tuple[float, float] | None = None
     _limits: dict[LimitPolicy, tuple[float, float]] = field(default_factory=dict, repr=False)
 
     def limits(self, policy: LimitPolicy | None) -> tuple[float, float]:
@@ -82,9 +79,7 @@ class Field:
         policy = policy or automatic_limits(signed=self.signed)
         known = self._limits.get(policy)
         if known is None:
-            known = self._limits[policy] = policy.limits(
-                self.values, self.request.sample, self.ends
-            )
+            known = self._limits[policy] = policy.limits(self.values, self.request.sample)
         return known
 
     @property
@@ -150,4 +145,4 @@ def compute_field(request: FieldRequest, live: LiveFeatures) -> Field | None:
     answer = live.compute(request)
     if answer is None:
         return None
-    return Field(answer.values, request, answer.draft, answer.ends)
+    return Field(answer.values, request, answer.draft)
