@@ -41,11 +41,8 @@ VTK_OUTSIDE_APP = {
 }
 #: The folder of the window that touches VTK: the render, and pictures without a window.
 VTK_INSIDE_APP = ("view",)
-#: Arrows back that are left: both name a type in annotations, and run no import.
-BACK = {
-    ("meshmash_viewer.model.field", "meshmash_viewer.model.live"),
-    ("meshmash_viewer.spectral.verification", "meshmash_viewer.spectral.eigensolver"),
-}
+#: The arrow back that is left: it names a type in annotations, and runs no import.
+BACK = {("meshmash_viewer.spectral.verification", "meshmash_viewer.spectral.eigensolver")}
 
 
 def layer(module: str) -> str:

@@ -12,9 +12,8 @@ from meshmash_viewer.app.listening import first_a_frame
 from meshmash_viewer.app.look_ahead import LookAhead
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.field import Field, FieldRequest, compute_field, request_of
+from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.limits import LimitPolicy
-from meshmash_viewer.model.live import LiveFeatures
 from meshmash_viewer.progress import CancelCallback, Cancelled
 
 if TYPE_CHECKING:

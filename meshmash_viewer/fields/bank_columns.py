@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from meshmash_viewer.features.squares import sum_squares
+from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.fields.family import Answer, Family, Profile, Samples, Table, whole
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, same_pairs
 from meshmash_viewer.progress import CancelCallback

@@ -25,8 +25,7 @@ from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.field import FieldRequest
-from meshmash_viewer.model.live import LiveFeatures, expected_bytes
+from meshmash_viewer.model.field import FieldRequest, LiveFeatures, expected_bytes
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.certificate import Certificate
 

@@ -8,7 +8,7 @@ from solved import spectrum_of
 from meshmash_viewer.features.filters import FilterBank, heat_kernel_bank
 from meshmash_viewer.features.shape import feature_distance
 from meshmash_viewer.features.sums import accumulate_features
-from meshmash_viewer.fields.similarity_table import SimilarityTable, build_similarity_table
+from meshmash_viewer.fields.similarity import SimilarityTable, build_similarity_table
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.mesh import Mesh
 
