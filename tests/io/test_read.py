@@ -594,7 +594,7 @@ def test_an_npz_array_larger_than_its_member(tmp_path: Path) -> None:
     with zipfile.ZipFile(path, "w") as archive:
         for name, content in held.items():
             archive.writestr(name, content)
-    assert "an array vertices of shape (60000, 3), too large" in fault_of(path)
+    assert "an array vertices that is damaged or cut short" in fault_of(path)
 
 
 def test_names_in_archives_bring_no_lines_into_a_sentence(tmp_path: Path) -> None:
