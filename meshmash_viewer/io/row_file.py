@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -55,15 +55,15 @@ class StoredRows:
         """Bytes of a row."""
         return 8 * self.n_vertices
 
-    def map(self, count: int, mode: Literal["r", "r+"] = "r") -> FloatArray:
-        """The first rows, shape (count, n), mapped.
+    def map(self, count: int) -> FloatArray:
+        """The first rows, shape (count, n), mapped read-only.
 
         Raises
         ------
         OSError, ValueError
             If there are fewer, or none.
         """
-        return np.memmap(self.path, np.float64, mode, shape=(count, self.n_vertices))
+        return np.memmap(self.path, np.float64, "r", shape=(count, self.n_vertices))
 
     def damaged(self, indices: Iterable[int], cancel: CancelCallback | None = None) -> list[int]:
         """Which of some rows do not agree with their checksums.
