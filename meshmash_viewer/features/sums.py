@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
@@ -146,6 +147,7 @@ def compute_features(
     dtype: npt.DTypeLike = np.float64,
     tail: Literal["weyl"] | None = None,
     known_to: float | None = None,
+    warn: bool = True,
 ) -> Features:
     """Apply a filter bank to eigenpairs, and find what the missing ones would add.
 
@@ -168,6 +170,8 @@ def compute_features(
     known_to : float, optional
         Eigenvalue up to which the pairs are proven to be all there are, such as the threshold they
         were computed to; None: what the certificate says, at least the largest of them.
+    warn : bool
+        Whether to warn of what is missing, which `Features.truncation` tells as well.
 
     Returns
     -------
@@ -184,30 +188,6 @@ def compute_features(
     TruncationWarning
         If more than 1 % of a column is missing, by the estimate.
     """
-    features = truncated_features(
-        decomposition,
-        bank,
-        unit=unit,
-        drop_first=drop_first,
-        dtype=dtype,
-        tail=tail,
-        known_to=known_to,
-    )
-    warn_of_truncation(features.truncation)
-    return features
-
-
-def truncated_features(
-    decomposition: Decomposition,
-    bank: FilterBank,
-    *,
-    unit: str = "",
-    drop_first: bool = False,
-    dtype: npt.DTypeLike = np.float64,
-    tail: Literal["weyl"] | None = None,
-    known_to: float | None = None,
-) -> Features:
-    """`compute_features` without its warning, for callers that have their own way to say it."""
     check_tail(tail, bank.kind)
     start = 1 if drop_first else 0
     eigenvalues, rows = decomposition.eigenvalues, decomposition.rows
@@ -243,8 +223,14 @@ def truncated_features(
         "drop_first": drop_first,
         "truncation": None if truncation is None else truncation.as_dict(),
     }
+    if warn:
+        warn_of_truncation(truncation)
     values = values.astype(dtype, copy=False)
     return Features(values, bank.columns, power_unit(unit, -2), bank.kind, meta, truncation)
+
+
+#: For callers that have their own way to say what is missing.
+truncated_features = partial(compute_features, warn=False)
 
 
 def check_tail(tail: str | None, kind: str) -> None:
@@ -255,13 +241,13 @@ def check_tail(tail: str | None, kind: str) -> None:
         raise InputError(f'tail="weyl" is for heat kernel signatures, not for {kind}.')
 
 
-def warn_of_truncation(truncation: Truncation | None, stacklevel: int = 3) -> None:
+def warn_of_truncation(truncation: Truncation | None) -> None:
     """Warn in Python of the columns that are flagged, if there are any."""
     if truncation is not None and (sentence := truncation.sentence()):
         warnings.warn(
             f"{sentence}: go further up the spectrum, or see Features.truncation.",
             TruncationWarning,
-            stacklevel=stacklevel,
+            stacklevel=3,
         )
 
 

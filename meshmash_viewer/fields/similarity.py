@@ -9,7 +9,6 @@ from typing import ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.features.shape import column_spread
 from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.fields.family import Answer, Family, Table, parameter
 from meshmash_viewer.fields.spectrum import Spectrum, grew, same_pairs
@@ -171,6 +170,8 @@ def build_similarity_table(
     cancel : callable, optional
         `Cancelled` is raised after it returns True.
     """
+    from meshmash_viewer.features.shape import column_spread  # which loads SciPy
+
     sums = sum_squares(spectrum.rows, response(spectrum.eigenvalues), np.float64, cancel)
     features = np.asarray(sums, dtype=np.float64)
     used = np.isfinite(features[0])
