@@ -19,7 +19,7 @@ import numpy as np
 from interaction_bystander import TICK, seconds_waited
 from PySide6.QtCore import QEventLoop, Qt, QTimer
 
-from meshmash_viewer.model.live import expected_bytes
+from meshmash_viewer.model.field import expected_bytes
 
 #: Gaps (s, less drawing) above which `--trace` tells what ran.
 LONG = 0.02

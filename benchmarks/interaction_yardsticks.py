@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from meshmash_viewer.features.squares import sum_squares
+from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.fields.hks import HeatKernelSignature
 
 if TYPE_CHECKING:

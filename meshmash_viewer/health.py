@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.mesh import IntArray, Mesh, MeshLike, as_mesh
+from meshmash_viewer.mesh import IntArray, Mesh, MeshLike, as_mesh, first_equal
 
 __all__ = [
     "REPAIRS",
@@ -166,25 +166,13 @@ def median_edge_length(mesh: MeshLike) -> float:
 
 def duplicate_faces(mesh: Mesh) -> npt.NDArray[np.bool_]:
     """Tell which faces join the same three vertices as an earlier face, shape (m,)."""
-    corners = np.sort(mesh.faces, axis=1)
-    # A stable sort keeps equal faces in their order, so the first of each run is the earliest.
-    order = np.lexsort(corners.T[::-1])
-    in_order = corners[order]
-    repeated = np.zeros(mesh.n_faces, dtype=np.bool_)
-    repeated[order[1:]] = (in_order[1:] == in_order[:-1]).all(axis=1)
-    return repeated
+    first = first_equal(np.sort(mesh.faces, axis=1))
+    return np.asarray(first != np.arange(mesh.n_faces))
 
 
 def _first_at_place(mesh: Mesh) -> IntArray:
     """For each vertex, the lowest index of those at exactly the same place, shape (n,)."""
-    places = mesh.vertices + 0.0  # so that -0.0 and 0.0 are one place
-    order = np.lexsort(places.T[::-1])
-    in_order = places[order]
-    starts = np.ones(mesh.n_vertices, dtype=np.bool_)
-    starts[1:] = (in_order[1:] != in_order[:-1]).any(axis=1)
-    first = np.empty(mesh.n_vertices, dtype=np.int64)
-    first[order] = order[starts][np.cumsum(starts) - 1]
-    return first
+    return first_equal(mesh.vertices + 0.0)  # so that -0.0 and 0.0 are one place
 
 
 def _with_faces(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> Mesh:

@@ -18,7 +18,7 @@ from meshmash_viewer.units import LENGTH_UNITS, NO_VOXEL, Voxel, is_voxel
 if TYPE_CHECKING:
     from scipy import sparse
 
-__all__ = ["Mesh", "MeshLike", "as_mesh", "mesh_to_poly"]
+__all__ = ["Mesh", "MeshLike", "as_mesh", "first_equal", "mesh_to_poly"]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
@@ -323,6 +323,17 @@ def mesh_to_poly(mesh: MeshLike) -> Any:
     padded[:, 0] = 3
     padded[:, 1:] = mesh.faces
     return pyvista.PolyData(mesh.vertices.copy(), padded.ravel())
+
+
+def first_equal(rows: npt.NDArray[Any]) -> IntArray:
+    """For each row of an array, the lowest index of those that are equal to it, shape (n,)."""
+    order = np.lexsort(rows.T[::-1])  # stable: equal rows keep their order
+    ordered = rows[order]
+    starts = np.ones(len(rows), dtype=np.bool_)
+    starts[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    first = np.empty(len(rows), dtype=np.int64)
+    first[order] = order[starts][np.cumsum(starts) - 1]
+    return first
 
 
 def _is_sparse(part: object) -> bool:

@@ -46,9 +46,6 @@ import meshmash_viewer as mv
 from meshmash_viewer.errors import InputError
 mesh = mv.Mesh([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2]])
 L, M = mv.cotangent_laplacian(mesh)
-def heat_table():
-    import numpy as np
-    import meshmash_viewer.fields.kernels
 def preview():
     from meshmash_viewer.spectral.preview import preview_eigenpairs
     preview_eigenpairs(mesh, 4)
@@ -67,7 +64,6 @@ def without_compiler(code: str) -> subprocess.CompletedProcess[str]:
         "mv.solve(L, M, 2)",
         "list(mv.iterate(L, M, 2))",
         "mv.compute_hks(mesh, max_eigenvalue=1.0)",
-        "heat_table()",
         "preview()",
         "mv.view(mesh)",
     ],

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import gc
-import importlib
-import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,9 +12,8 @@ from meshmash_viewer.app.listening import first_a_frame
 from meshmash_viewer.app.look_ahead import LookAhead
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.field import Field, FieldRequest, compute_field, request_of
+from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.limits import LimitPolicy
-from meshmash_viewer.model.live import LiveFeatures
 from meshmash_viewer.progress import CancelCallback, Cancelled
 
 if TYPE_CHECKING:
@@ -29,7 +25,6 @@ __all__ = ["FieldSource"]
 _REST = 0.15
 #: Milliseconds without a new field after which it is said that one is being computed.
 _LATE = 200
-_KERNELS = "meshmash_viewer.fields.kernels"
 
 
 class FieldSource(QObject):
@@ -156,8 +151,6 @@ class FieldSource(QObject):
 
     def _build(self, request: FieldRequest, cancel: CancelCallback) -> None:
         try:
-            if request.family.compiled:
-                _load_kernels()
             self._live.prepare(request, cancel)
         except Cancelled:
             return
@@ -217,17 +210,3 @@ class FieldSource(QObject):
             return
         if field is None or field.draft or field.request != wanted:
             self._answers.ask(wanted)
-
-
-def _load_kernels() -> None:
-    """Import the compiled loops of tables, and look for no garbage meanwhile.
-
-    numba's tens of thousands of objects would be searched again and again, with a gap of 80 ms at
-    the window.
-    """
-    if _KERNELS not in sys.modules:
-        gc.disable()
-        try:
-            importlib.import_module(_KERNELS)
-        finally:
-            gc.enable()

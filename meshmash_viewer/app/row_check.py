@@ -58,7 +58,7 @@ class RowCheck(QObject):
         stored = spectrum.stored
         assert stored is not None
         for index in range(len(spectrum)):
-            damaged = stored.damaged([index], cancel, n_threads=1)
+            damaged = stored.damaged([index], cancel)
             if cancel():
                 return
             if damaged:

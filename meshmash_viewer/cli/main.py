@@ -135,10 +135,7 @@ def _info(options: argparse.Namespace) -> int:
 
     def work(index: int, mesh: Mesh) -> None:
         about = describe(mesh, target)
-        if options.json:
-            print(json.dumps({"path": str(options.mesh[index]), **about}), flush=True)
-        else:
-            print(_described(about), flush=True)
+        _tell(options, index, {"path": str(options.mesh[index]), **about}, _described(about))
 
     return _for_each(options, work)
 
@@ -168,12 +165,8 @@ def _features(options: argparse.Namespace) -> int:
                 component_column=options.component_column,
                 repairs=tuple(options.repair),
             )
-        for remark in report["remarks"]:
-            _say(f"{options.mesh[index]}: {remark}")
-        if options.json:
-            print(json.dumps(report), flush=True)
-        else:
-            print(f"{report['output']}: {report['proof']} · {_reach(report, mesh)}", flush=True)
+        said = f"{report['output']}: {report['proof']} · {_reach(report, mesh)}"
+        _tell(options, index, report, said)
 
     folder = Path(options.output) if is_folder(options.output) else None
     with made_folder(folder) if folder else contextlib.nullcontext():
@@ -205,17 +198,18 @@ def _render(options: argparse.Namespace) -> int:
                 transparent=options.transparent,
                 dark=options.dark,
             )
-        for remark in report.get("remarks", ()):
-            _say(f"{options.mesh[index]}: {remark}")
-        if options.json:
-            print(json.dumps(report), flush=True)
-        elif "max_eigenvalue" in report:
-            print(f"{report['output']}: {_reach(report, mesh)}", flush=True)
-        else:
-            print(report["output"], flush=True)
+        reached = f": {_reach(report, mesh)}" if "max_eigenvalue" in report else ""
+        _tell(options, index, report, f"{report['output']}{reached}")
 
     options.mesh = [options.mesh]
     return _for_each(options, work)
+
+
+def _tell(options: argparse.Namespace, index: int, report: dict[str, Any], said: str) -> None:
+    """Print what became of a mesh, for people or as JSON."""
+    for remark in report.get("remarks", ()):
+        _say(f"{options.mesh[index]}: {remark}")
+    print(json.dumps(report) if options.json else said, flush=True)
 
 
 def _reach(report: dict[str, Any], mesh: Mesh) -> str:

@@ -10,13 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.bsplines import clamped_knots, construct_bspline_basis
 from meshmash_viewer.features.filter_parameters import (
     as_parameters,
     as_spectrum,
@@ -34,6 +33,9 @@ from meshmash_viewer.features.filter_responses import (
     TailedResponse,
 )
 from meshmash_viewer.units import whole_number
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 __all__ = [
     "FilterBank",
@@ -54,6 +56,9 @@ __all__ = [
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 #: (k,) eigenvalues -> (f, k) coefficients.
 SpectralFilter: TypeAlias = Callable[[FloatArray], FloatArray]
+
+#: Of the B-splines.
+_DEGREE = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +216,7 @@ def bspline_bank(e_min: float, e_max: float, n_components: int) -> FilterBank:
     columns = tuple(f"band_{i:0{digits}d}" for i in range(len(bases)))
     degree = bases[0].k
     # Greville points: the mean of a spline's inner knots, where its weight is centred.
-    knots = clamped_knots(float(e_min), float(e_max), len(bases), degree)
+    knots = _clamped_knots(float(e_min), float(e_max), len(bases), degree)
     if degree:
         centres = np.array([knots[i + 1 : i + degree + 1].mean() for i in range(len(bases))])
     else:
@@ -281,6 +286,59 @@ def get_hks_filter(
     n_scales = whole_number(n_scales, "The number of time scales")
     check_times(t_min, t_max)
     return partial(_automatic_heat_response, t_min, t_max, n_scales, np.dtype(dtype))
+
+
+def construct_bspline_basis(e_min: float, e_max: float, n_components: int) -> list[BSpline[Any]]:
+    """Make cubic B-splines on uniform knots that sum to one on [e_min, e_max] and are 0 outside.
+
+    Parameters
+    ----------
+    e_min, e_max : float
+        Range of eigenvalues, per squared unit.
+    n_components : int
+        Number of splines. Four are needed for the third degree; fewer get the highest degree
+        that there is: parabolas for 3, straight lines for 2, a constant for 1.
+
+    Returns
+    -------
+    list of scipy.interpolate.BSpline
+        Ascending; to be evaluated anywhere.
+
+    Raises
+    ------
+    InputError
+        If the range is empty or `n_components` < 1.
+    """
+    from scipy.interpolate import BSpline
+
+    n_components = whole_number(n_components, "The number of B-splines")
+    low, high = float(e_min), float(e_max)
+    if not (np.isfinite(low) and np.isfinite(high) and high > low):
+        raise InputError(
+            f"B-splines need a finite range of eigenvalues with e_max above e_min, not {low:g} to "
+            f"{high:g}."
+        )
+    degree = min(_DEGREE, n_components - 1)
+    # SciPy continues the outermost polynomials beyond the knots. A further interval at each end
+    # on which all coefficients are zero makes that continuation zero. Splines hold from the left
+    # of an interval, so the range is closed at e_max by ending it one rounding unit later.
+    end = float(np.nextafter(high, np.inf))
+    inner = _clamped_knots(low, end, n_components, degree)
+    outer = np.full(degree + 1, 1.0)
+    knots = np.concatenate([(low - (high - low)) * outer, inner, (end + (high - low)) * outer])
+    bases = []
+    for component in range(n_components):
+        coefficients = np.zeros(n_components + 2 * (degree + 1))
+        coefficients[degree + 1 + component] = 1.0
+        bases.append(BSpline(knots, coefficients, degree, extrapolate=True))
+    return bases
+
+
+def _clamped_knots(low: float, high: float, n_components: int, degree: int) -> FloatArray:
+    """Uniform knots with both ends repeated, shape (n_components + degree + 1,)."""
+    spans = n_components - degree
+    between = low + (high - low) * np.arange(1, spans) / spans
+    return np.concatenate([np.full(degree + 1, low), between, np.full(degree + 1, high)])
 
 
 def construct_bspline_filter(

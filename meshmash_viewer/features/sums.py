@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, TruncationWarning
-from meshmash_viewer.features.squares import add_squares
 from meshmash_viewer.features.truncation import Truncation, measure_truncation
+from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.spectral.alignment import ShownRows
 from meshmash_viewer.units import counted, power_unit
 
 if TYPE_CHECKING:
@@ -23,12 +25,17 @@ if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
-__all__ = ["Features", "accumulate_features", "compute_features"]
+__all__ = ["Features", "accumulate_features", "compute_features", "sum_squares"]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 #: A vertex whose values are this many times the typical one is not worth comparing with others.
 _STRANGE = 1000.0
+#: Pairs and vertices squared at a time: 4 MB, so that squares are still in cache when summed, and
+#: few rows of a memory map are in memory.
+_ROWS, _VERTICES = 128, 4096
+#: Pairs whose coefficient is below this share of the largest are not even read.
+_NEGLIGIBLE = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +147,7 @@ def compute_features(
     dtype: npt.DTypeLike = np.float64,
     tail: Literal["weyl"] | None = None,
     known_to: float | None = None,
+    warn: bool = True,
 ) -> Features:
     """Apply a filter bank to eigenpairs, and find what the missing ones would add.
 
@@ -162,6 +170,8 @@ def compute_features(
     known_to : float, optional
         Eigenvalue up to which the pairs are proven to be all there are, such as the threshold they
         were computed to; None: what the certificate says, at least the largest of them.
+    warn : bool
+        Whether to warn of what is missing, which `Features.truncation` tells as well.
 
     Returns
     -------
@@ -178,30 +188,6 @@ def compute_features(
     TruncationWarning
         If more than 1 % of a column is missing, by the estimate.
     """
-    features = truncated_features(
-        decomposition,
-        bank,
-        unit=unit,
-        drop_first=drop_first,
-        dtype=dtype,
-        tail=tail,
-        known_to=known_to,
-    )
-    warn_of_truncation(features.truncation)
-    return features
-
-
-def truncated_features(
-    decomposition: Decomposition,
-    bank: FilterBank,
-    *,
-    unit: str = "",
-    drop_first: bool = False,
-    dtype: npt.DTypeLike = np.float64,
-    tail: Literal["weyl"] | None = None,
-    known_to: float | None = None,
-) -> Features:
-    """`compute_features` without its warning, for callers that have their own way to say it."""
     check_tail(tail, bank.kind)
     start = 1 if drop_first else 0
     eigenvalues, rows = decomposition.eigenvalues, decomposition.rows
@@ -237,8 +223,14 @@ def truncated_features(
         "drop_first": drop_first,
         "truncation": None if truncation is None else truncation.as_dict(),
     }
+    if warn:
+        warn_of_truncation(truncation)
     values = values.astype(dtype, copy=False)
     return Features(values, bank.columns, power_unit(unit, -2), bank.kind, meta, truncation)
+
+
+#: For callers that have their own way to say what is missing.
+truncated_features = partial(compute_features, warn=False)
 
 
 def check_tail(tail: str | None, kind: str) -> None:
@@ -249,13 +241,13 @@ def check_tail(tail: str | None, kind: str) -> None:
         raise InputError(f'tail="weyl" is for heat kernel signatures, not for {kind}.')
 
 
-def warn_of_truncation(truncation: Truncation | None, stacklevel: int = 3) -> None:
+def warn_of_truncation(truncation: Truncation | None) -> None:
     """Warn in Python of the columns that are flagged, if there are any."""
     if truncation is not None and (sentence := truncation.sentence()):
         warnings.warn(
             f"{sentence}: go further up the spectrum, or see Features.truncation.",
             TruncationWarning,
-            stacklevel=stacklevel,
+            stacklevel=3,
         )
 
 
@@ -263,7 +255,6 @@ def accumulate_features(
     eigenvalues: npt.ArrayLike,
     rows: npt.NDArray[np.floating[Any]],
     coefficients: npt.ArrayLike,
-    out: FloatArray | None = None,
     density: FloatArray | None = None,
 ) -> FloatArray:
     """Sum ``coefficients[f, k] rows[k, v]²`` over k, reading each row once and in order.
@@ -276,15 +267,12 @@ def accumulate_features(
         Eigenvectors as rows; may be a memory map, of which a few rows are in memory at a time.
     coefficients : array_like, shape (f, k)
         What a filter bank returned for `eigenvalues`.
-    out : ndarray of float64, shape (n, f), optional
-        Added to, so that a spectrum can be summed band by band.
     density : ndarray of float64, shape (n,), optional
         Gets ``Σ_k rows[k, v]²`` added, in the same pass.
 
     Returns
     -------
     ndarray of float64, shape (n, f)
-        `out`, or a new array.
 
     Raises
     ------
@@ -292,12 +280,65 @@ def accumulate_features(
         If the shapes do not agree, as when a filter returned one of its own.
     """
     weights = np.asarray(coefficients, dtype=np.float64)
-    k, n = rows.shape
+    k = len(rows)
     if weights.ndim != 2 or weights.shape[1] != k or np.shape(eigenvalues) != (k,):
         raise InputError(
             f"The filter returned shape {weights.shape} for {k} eigenvalues: it has to return one "
             "row of coefficients a filter, shape (n_filters, n_eigenvalues)."
         )
-    total = np.zeros((n, len(weights))) if out is None else out
-    add_squares(total.T, rows, weights, np.float64, negligible=0.0, density=density)
+    sums = sum_squares(rows, weights, np.float64, order="F", negligible=0.0, density=density)
+    return np.asarray(sums, dtype=np.float64).T
+
+
+def sum_squares(
+    rows: npt.NDArray[np.floating[Any]] | ShownRows,
+    coefficients: npt.NDArray[np.float64],
+    dtype: npt.DTypeLike = np.float32,
+    cancel: CancelCallback | None = None,
+    *,
+    order: Literal["C", "F"] = "C",
+    negligible: float = _NEGLIGIBLE,
+    density: npt.NDArray[np.float64] | None = None,
+) -> npt.NDArray[np.floating[Any]]:
+    """Sum ``Σ_k coefficients[f, k] rows[k]²`` in double precision.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (>= k, n)
+        May be a memory map; only rows with a coefficient are read.
+    coefficients : ndarray of float64, shape (f, k)
+    dtype : dtype
+        Of what is returned.
+    order : {"C", "F"}
+        How that lies in memory.
+    cancel : callable, optional
+        `Cancelled` is raised after it returns True.
+    negligible : float
+        Pairs whose coefficients are at most this share of the largest are not read.
+    density : ndarray of float64, shape (n,), optional
+        Gets ``Σ_k rows[k]²`` of all pairs added, in the same pass.
+
+    Returns
+    -------
+    ndarray, shape (f, n)
+    """
+    total = np.zeros((len(coefficients), rows.shape[1]), dtype, order)
+    size = np.abs(coefficients).max(axis=0, initial=0.0)
+    read = size > negligible * size.max(initial=0.0)
+    used = np.arange(len(size)) if density is not None else np.flatnonzero(read)
+    if not len(used) and len(rows):
+        total += 0.0 * rows[0]  # NaN stays NaN
+    for first in range(0, len(used), _ROWS):
+        band = used[first : first + _ROWS]
+        # rows that follow one another are read without gathering them
+        together = band[-1] - band[0] + 1 == len(band)
+        which = slice(int(band[0]), int(band[-1]) + 1) if together else band
+        for start in range(0, rows.shape[1], _VERTICES):
+            if cancel is not None and cancel():
+                raise Cancelled
+            part = slice(start, start + _VERTICES)
+            squares = np.square(rows[which, part], dtype=np.float64)
+            total[:, part] += coefficients[:, band] @ squares
+            if density is not None:
+                density[part] += squares.sum(axis=0)
     return total

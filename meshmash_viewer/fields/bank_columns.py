@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from meshmash_viewer.features.squares import sum_squares
+from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.fields.family import Answer, Family, Profile, Samples, Table, whole
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, same_pairs
 from meshmash_viewer.progress import CancelCallback
@@ -76,9 +76,7 @@ class BankColumns(Family):
             and same_pairs(table.spectrum, spectrum)
         )
 
-    def prepare(
-        self, spectrum: Spectrum, table: Table | None, cancel: CancelCallback | None
-    ) -> Table:
+    def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
         """See `Family.prepare`."""
         weights = self.bank(spectrum.eigenvalues)(spectrum.eigenvalues)
         columns = sum_squares(spectrum.rows, weights, cancel=cancel)

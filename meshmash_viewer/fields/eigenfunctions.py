@@ -99,8 +99,7 @@ class Eigenfunctions(Family):
         values = np.array(spectrum.shown_rows[self.index], dtype=np.float32)
         if self.index in self.flipped:
             np.negative(values, out=values)
-        ends = float(values.min()), float(values.max())
-        return Answer(values, not spectrum.is_exact(self.index), ends)
+        return Answer(values, not spectrum.is_exact(self.index))
 
     def profile(self, spectrum: Spectrum) -> Profile:
         """Values of all at a vertex."""

@@ -76,13 +76,10 @@ class Answer:
     values : ndarray of float32, shape (n,)
     draft : bool
         Whether a better answer is on its way.
-    ends : tuple of float, optional
-        Smallest and largest value, NaN if one is, where they are known.
     """
 
     values: ColumnArray
     draft: bool = False
-    ends: tuple[float, float] | None = None
 
 
 @dataclass(eq=False)
@@ -200,8 +197,6 @@ class Family:
     logarithmic : tuple of bool
         Whether the axes of its profile, bottom and left, and that of its response are powers of
         ten.
-    compiled : bool
-        Whether its tables have compiled loops.
     """
 
     name: ClassVar[str]
@@ -217,7 +212,6 @@ class Family:
     signed: ClassVar[bool] = False
     interval: ClassVar[int] = 0
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (False, False, False)
-    compiled: ClassVar[bool] = False
 
     # -- choices ------------------------------------------------------------------------------
 
@@ -298,22 +292,12 @@ class Family:
         """Whether `prepare` would have nothing to do."""
         return True
 
-    def prepare(
-        self, spectrum: Spectrum, table: Table | None, cancel: CancelCallback | None
-    ) -> Table:
-        """Build the table for fields like this one; `Cancelled` is raised if `cancel` says so.
-
-        Parameters
-        ----------
-        spectrum : Spectrum
-        table : Table or None
-            The one before it, if it `serves` still.
-        cancel : callable or None
-        """
+    def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
+        """Build the table for fields like this one; `Cancelled` is raised if `cancel` says so."""
         raise NotImplementedError
 
     def serves(self, spectrum: Spectrum, table: Table) -> bool:
-        """Whether an older table tells something until the next is built, or helps to build it."""
+        """Whether an older table tells something until the next is built."""
         return False
 
     # -- plots --------------------------------------------------------------------------------

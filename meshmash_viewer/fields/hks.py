@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
-from meshmash_viewer.features.squares import sum_squares
+from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.fields.family import (
     MOST_COUNT,
     Answer,
@@ -74,7 +74,6 @@ class HeatKernelSignature(Family):
     }
     interval: ClassVar[int] = 50  # times are a film
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (True, True, True)
-    compiled: ClassVar[bool] = True
 
     time: float | None = number(_ABOVE_ZERO)
     automatic: bool = flag(True)
@@ -150,12 +149,9 @@ class HeatKernelSignature(Family):
         covers = table is not None and table.content.covers(*self.range(spectrum))
         return covers and table is not None and table.spectrum is spectrum
 
-    def prepare(
-        self, spectrum: Spectrum, table: Table | None, cancel: CancelCallback | None
-    ) -> Table:
+    def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
         """See `Family.prepare`."""
-        known = None if table is None else table.content
-        content = build_heat_table(spectrum, self.range(spectrum), known, cancel)
+        content = build_heat_table(spectrum, self.range(spectrum), cancel)
         return Table(spectrum, self.at_rest(), content)
 
     def serves(self, spectrum: Spectrum, table: Table) -> bool:

@@ -40,6 +40,8 @@ _READ, _FAULT, _TOO_LARGE = 0, 64, 65
 #: Seconds until the first look at the child, in which it hardly gets beyond its start, and between
 #: the others: memory fills by some tens of megabytes meanwhile.
 _START, _LOOK = 0.2, 0.02
+#: Whether this is the process that is stopped when it takes too much.
+_watched = False
 #: A child that does not compute waits for something that will not come.
 _IDLE_SECONDS = 60.0
 
@@ -64,6 +66,8 @@ def read_guarded(
     InputError
         What `reader` raises, or that it ended its process.
     """
+    if _watched:
+        return reader(path)
     limits = limits or ReadLimits.of(path.stat().st_size)
     with ScratchFolder() as folder:
         result = folder / "mesh.npz"
@@ -131,9 +135,11 @@ def convert(reader: str, source: str, result: str, memory: str) -> None:
     memory : str
         Bytes that the process may take.
     """
+    global _watched
     module, _, function = reader.partition(":")
     read = getattr(importlib.import_module(module), function)
     _refuse_memory_beyond(float(memory))
+    _watched = True
     try:
         with contextlib.redirect_stdout(io.StringIO()):
             raw: RawMesh = read(Path(source))

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.faults import printable
-from meshmash_viewer.mesh import FloatArray, IntArray
+from meshmash_viewer.mesh import FloatArray, IntArray, first_equal
 
 __all__ = [
     "NotANumber",
@@ -197,12 +197,7 @@ def merge_equal_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatAr
     if not np.isfinite(vertices).all():
         raise InputError("has a vertex with a coordinate that is not finite")
     points = vertices + 0.0  # -0.0 and 0.0 are the same place
-    order = np.lexsort(points.T)  # stable: the first of each group is its first appearance
-    ordered = points[order]
-    is_first = np.ones(len(points), dtype=bool)
-    is_first[1:] = np.any(ordered[1:] != ordered[:-1], axis=1)
-    representative = np.empty(len(points), dtype=np.int64)
-    representative[order] = order[is_first][np.cumsum(is_first) - 1]
+    representative = first_equal(points)
     # Joining exact copies first leaves the slower search for near copies a sixth of the points.
     distinct = np.unique(representative)
     representative = _join_near(points, distinct)[np.searchsorted(distinct, representative)]

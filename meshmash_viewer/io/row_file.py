@@ -8,26 +8,25 @@ from __future__ import annotations
 
 import errno
 import os
-import threading
 import zlib
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.progress import CancelCallback
 
-__all__ = ["RowFile", "StoredRows", "checksums_of"]
+__all__ = ["RowFile", "StoredRows"]
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Bytes read at a time for a checksum.
+#: Zeros written at a time.
 _CHUNK = 1 << 20
-#: Threads that compute checksums: zlib lets go of the interpreter's lock.
+#: Threads that compare checksums.
 _THREADS = 2
 #: What a file system answers that cannot allocate blocks beforehand.
 _NOT_SUPPORTED = (errno.EINVAL, errno.EOPNOTSUPP, errno.ENOSYS)
@@ -56,70 +55,46 @@ class StoredRows:
         """Bytes of a row."""
         return 8 * self.n_vertices
 
-    def map(self, count: int, mode: Literal["r", "r+"] = "r") -> FloatArray:
-        """The first rows, shape (count, n), mapped.
+    def map(self, count: int) -> FloatArray:
+        """The first rows, shape (count, n), mapped read-only.
 
         Raises
         ------
         OSError, ValueError
             If there are fewer, or none.
         """
-        return np.memmap(self.path, np.float64, mode, shape=(count, self.n_vertices))
+        return np.memmap(self.path, np.float64, "r", shape=(count, self.n_vertices))
 
-    def damaged(
-        self,
-        indices: Iterable[int],
-        cancel: CancelCallback | None = None,
-        n_threads: int = _THREADS,
-    ) -> list[int]:
+    def damaged(self, indices: Iterable[int], cancel: CancelCallback | None = None) -> list[int]:
         """Which of some rows do not agree with their checksums.
 
         Parameters
         ----------
         indices : iterable of int
         cancel : callable, optional
-            Asked often; once it returns True the rest goes unread.
-        n_threads : int
+            Asked before each row; once it returns True the rest goes unread.
 
         Returns
         -------
         list of int
             Rows that cannot be read included.
         """
-        local = threading.local()
 
-        def is_damaged(index: int) -> bool:
-            if not hasattr(local, "buffer"):
-                local.buffer = memoryview(bytearray(min(_CHUNK, self.row_bytes)))
-            found = self._checksum(file, index, local.buffer, cancel)
-            return found is not None and found != self.checksums[index]
+        def is_whole(index: int) -> bool:
+            if cancel is not None and cancel():
+                return True
+            try:
+                with self.path.open("rb") as file:
+                    file.seek(index * self.row_bytes)
+                    row = file.read(self.row_bytes)
+            except OSError:
+                return False
+            return len(row) == self.row_bytes and zlib.crc32(row) == self.checksums[index]
 
         indices = list(indices)
-        try:
-            with (
-                self.path.open("rb", buffering=0) as file,
-                ThreadPoolExecutor(n_threads) as threads,
-            ):
-                flags = list(threads.map(is_damaged, indices))
-        except OSError:
-            return indices
-        return [index for index, flag in zip(indices, flags, strict=True) if flag]
-
-    def _checksum(
-        self, file: Any, index: int, buffer: memoryview, cancel: CancelCallback | None
-    ) -> int | None:
-        """Of a row as it is in the file; None if asked to stop, -1 if the file ends before."""
-        found, place, end = 0, index * self.row_bytes, (index + 1) * self.row_bytes
-        while place < end:
-            if cancel is not None and cancel():
-                return None
-            part = buffer[: end - place]
-            size = _read_at(file, part, place)
-            if size == 0:
-                return -1
-            found = zlib.crc32(part[:size], found)
-            place += size
-        return found
+        with ThreadPoolExecutor(_THREADS) as threads:  # zlib lets go of the interpreter's lock
+            whole = list(threads.map(is_whole, indices))
+        return [index for index, flag in zip(indices, whole, strict=True) if not flag]
 
 
 class RowFile:
@@ -187,12 +162,6 @@ class RowFile:
         self._file.close()
 
 
-def checksums_of(rows: FloatArray) -> npt.NDArray[np.uint32]:
-    """CRC-32 of each row in memory, shape (k,)."""
-    with ThreadPoolExecutor(_THREADS) as threads:
-        return np.fromiter(threads.map(zlib.crc32, rows), dtype=np.uint32, count=len(rows))
-
-
 def _fill(file: Any, start: int, size: int) -> None:
     """Lengthen a file by zeros that have a place on the disk."""
     if hasattr(os, "posix_fallocate"):
@@ -207,15 +176,3 @@ def _fill(file: Any, start: int, size: int) -> None:
     file.seek(start)
     while size > 0:
         size -= file.write(zeros[:size])
-
-
-def _read_at(file: Any, part: memoryview, place: int) -> int:
-    """Read into memory from a place in a file, several threads at once where the system can."""
-    if hasattr(os, "preadv"):
-        return os.preadv(file.fileno(), [part], place)
-    with _seek_lock:
-        file.seek(place)
-        return int(file.readinto(part))
-
-
-_seek_lock = threading.Lock()

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from meshmash_viewer.io.cache import EigenpairCache
 from meshmash_viewer.io.row_file import StoredRows
 from meshmash_viewer.io.store import EigenpairStore, StoreUnusable
-from meshmash_viewer.io.stored_spectrum import StoredSpectrum
+from meshmash_viewer.io.stored_spectrum import Batch, StoredSpectrum
 from meshmash_viewer.progress import CancelCallback, Cancelled, Progress, ProgressCallback
 
 if TYPE_CHECKING:
@@ -80,7 +80,6 @@ def find_eigenpairs(
     spare: Path | None = None,
     *,
     count: int = 0,
-    cancel: CancelCallback | None = None,
 ) -> StoredSpectrum | None:
     """What is stored of the eigenpairs of a mesh, or None; nothing is computed.
 
@@ -91,12 +90,10 @@ def find_eigenpairs(
     spare : Path, optional
         A second cache folder, which is looked into if the user's holds less.
     count : int
-        How many leading pairs are compared with their checksums, a second for a million vertices
+        How many leading pairs are compared with their checksums, two seconds for a million vertices
         and 300 pairs. No other number may leave the program.
-    cancel : callable, optional
-        `Cancelled` is raised after it returns True.
     """
-    return _most(_stores(mesh, operator, spare), count, cancel)
+    return _most(_stores(mesh, operator, spare), count, None)
 
 
 def obtain_eigenpairs(
@@ -143,7 +140,9 @@ def obtain_eigenpairs(
     for store in stores:
         stored = store.load()
         count = None if stored is None else stored.covers(target)
-        if stored is not None and count is not None and _is_whole(stored, count, cancel):
+        if stored is None or count is None:
+            continue
+        if not _damaged(stored, count, cancel):
             return Eigenpairs(stored.decomposition(count), stored.checked_rows)
     with _Keeper(stores, in_file=spare is not None) as keeper:
         known = _most(stores, None, cancel)
@@ -167,11 +166,13 @@ def _tidy_once(root: Path) -> None:
     EigenpairCache(root).tidy()
 
 
-def _is_whole(stored: StoredSpectrum, count: int, cancel: CancelCallback | None) -> bool:
+def _damaged(
+    stored: StoredSpectrum, count: int | None, cancel: CancelCallback | None
+) -> list[Batch]:
     damaged = stored.damaged_batches(count, cancel)
     if cancel is not None and cancel():
-        raise Cancelled
-    return not damaged
+        raise Cancelled  # maybe before all was looked at
+    return damaged
 
 
 def _most(
@@ -182,10 +183,7 @@ def _most(
     if not found:
         return None
     stored = max(found, key=lambda each: int(np.isfinite(each.eigenvalues).sum()))
-    damaged = stored.damaged_batches(count, cancel)
-    if cancel is not None and cancel():
-        raise Cancelled
-    return stored.without(damaged)
+    return stored.without(_damaged(stored, count, cancel))
 
 
 def _computed(

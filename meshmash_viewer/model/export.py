@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family
@@ -17,9 +14,6 @@ from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Cancelled, Progress
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import counted
-
-if TYPE_CHECKING:
-    from meshmash_viewer.io.stored_spectrum import StoredSpectrum
 
 __all__ = ["ExportJob", "export"]
 
@@ -74,7 +68,10 @@ def export(job: ExportJob, channel: Channel) -> Written:
     Cancelled
         If the person asked to stop.
     """
+    from meshmash_viewer.features.sums import truncated_features
+    from meshmash_viewer.io.provenance import export_options
     from meshmash_viewer.io.spectrum import find_eigenpairs
+    from meshmash_viewer.io.write import write_eigenpairs, write_features
     from meshmash_viewer.model.decomposition import SPARE
 
     channel.report(Progress("reading", message="Reading eigenpairs"))
@@ -83,31 +80,14 @@ def export(job: ExportJob, channel: Channel) -> Written:
         raise InputError(
             "The eigenpairs of this mesh are no longer in the cache: compute them again."
         )
-    with ThreadPoolExecutor(1) as beside:
-        # Beside the sums, which leave a core free; nothing is written before it is known.
-        damaged = beside.submit(stored.damaged_batches, job.n_pairs, channel.cancelled)
-
-        def check() -> None:
-            found = damaged.result()
-            if channel.cancelled():
-                raise Cancelled  # maybe before all was looked at
-            if found:
-                raise InputError(
-                    "Some eigenpairs of this mesh are damaged on the disk: compute them again,"
-                    " which takes what is whole as it is."
-                )
-
-        return _export(job, stored, check, channel)
-
-
-def _export(
-    job: ExportJob, stored: StoredSpectrum, check: Callable[[], None], channel: Channel
-) -> Written:
-    """Write; `check` is called before."""
-    from meshmash_viewer.features.sums import truncated_features
-    from meshmash_viewer.io.provenance import export_options
-    from meshmash_viewer.io.write import write_eigenpairs, write_features
-
+    damaged = stored.damaged_batches(job.n_pairs, channel.cancelled)
+    if channel.cancelled():
+        raise Cancelled  # maybe before all was looked at
+    if damaged:
+        raise InputError(
+            "Some eigenpairs of this mesh are damaged on the disk: compute them again,"
+            " which takes what is whole as it is."
+        )
     decomposition = stored.decomposition(job.n_pairs)
     meta = export_options(
         job.family.export,
@@ -117,7 +97,6 @@ def _export(
         job.repairs,
     )
     if not job.family.counted:
-        check()
         channel.report(Progress("writing", message=job.label))
         write_eigenpairs(job.path, decomposition, job.mesh, meta)
         return Written(job.path, counted(job.n_pairs, "eigenpair"))
@@ -135,7 +114,8 @@ def _export(
     features = truncated_features(
         decomposition, bank, unit=job.mesh.unit, known_to=bound if all_of_them else None
     )
-    check()
+    if channel.cancelled():
+        raise Cancelled
     channel.report(Progress("writing", message=job.label))
     write_features(job.path, features, job.mesh, eigenvalues=values, meta=meta)
     said = "" if features.truncation is None else features.truncation.sentence()

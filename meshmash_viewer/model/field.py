@@ -9,15 +9,27 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.fields import FAMILIES
-from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.family import Answer, Family, Table
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.limits import LimitPolicy, automatic_limits
-from meshmash_viewer.model.live import LiveFeatures
+from meshmash_viewer.progress import CancelCallback
 
 if TYPE_CHECKING:
     from meshmash_viewer.model.document import Document
 
-__all__ = ["Field", "FieldRequest", "compute_field", "request_of"]
+__all__ = [
+    "Field",
+    "FieldRequest",
+    "LiveFeatures",
+    "compute_field",
+    "expected_bytes",
+    "request_of",
+]
+
+
+#: Columns of a usual heat table, and fields in use at one time: the one drawn, the one before
+#: it, the one being computed, the one that may be asked for next.
+_HEAT_COLUMNS, _FIELDS = 40, 4
 
 
 @dataclass(frozen=True)
@@ -61,14 +73,11 @@ class Field:
         What they answer.
     draft : bool
         Whether a better answer to the same request is on its way.
-    ends : tuple of float, optional
-        Smallest and largest value, NaN if one is, where they are known.
     """
 
     values: npt.NDArray[np.float32] = field(repr=False)
     request: FieldRequest = field(repr=False)
     draft: bool = False
-    ends: tuple[float, float] | None = None
     _limits: dict[LimitPolicy, tuple[float, float]] = field(default_factory=dict, repr=False)
 
     def limits(self, policy: LimitPolicy | None) -> tuple[float, float]:
@@ -82,9 +91,7 @@ class Field:
         policy = policy or automatic_limits(signed=self.signed)
         known = self._limits.get(policy)
         if known is None:
-            known = self._limits[policy] = policy.limits(
-                self.values, self.request.sample, self.ends
-            )
+            known = self._limits[policy] = policy.limits(self.values, self.request.sample)
         return known
 
     @property
@@ -116,6 +123,68 @@ class Field:
     def signed(self) -> bool:
         """Whether zero is in the middle of the values rather than at their end."""
         return self.family.signed
+
+
+class LiveFeatures:
+    """Answers requests; holds one table of each family that has been shown.
+
+    A request is answered from a table where there is one, and by the direct sum where there is not;
+    `prepare` builds the table that makes the next requests of its family cheap. Both may be called
+    from different threads.
+    """
+
+    def __init__(self) -> None:
+        # Each is replaced as a whole, so that no lock is needed to read it.
+        self._tables: dict[str, Table] = {}
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that the tables hold."""
+        return sum(table.nbytes for table in self._tables.values())
+
+    def table(self, name: str) -> Table | None:
+        """The table of a family."""
+        return self._tables.get(name)
+
+    def forget(self) -> None:
+        """Drop all tables, as when another mesh is opened."""
+        self._tables = {}
+
+    def compute(self, asked: FieldRequest) -> Answer | None:
+        """Values of a field; None until `prepare` has been called, where there is no other way."""
+        return asked.family.compute(asked.spectrum, self._tables.get(asked.family.name))
+
+    def prepared(self, asked: FieldRequest) -> bool:
+        """Whether `prepare` has nothing to do."""
+        return asked.family.prepared(asked.spectrum, self._tables.get(asked.family.name))
+
+    def prepare(self, asked: FieldRequest, cancel: CancelCallback | None = None) -> None:
+        """Build the table for fields like this one, unless it is there.
+
+        Raises
+        ------
+        Cancelled
+            If `cancel` said so; the table before it is kept or dropped, never half new.
+        """
+        family, spectrum = asked.family, asked.spectrum
+        tables = self._tables  # of this mesh: forgotten ones get nothing new
+        table = tables.get(family.name)
+        if family.prepared(spectrum, table):
+            return
+        if table is not None and not family.serves(spectrum, table):
+            del tables[family.name]  # before the new one takes room
+        tables[family.name] = family.prepare(spectrum, cancel)
+
+
+def expected_bytes(n_vertices: int, n_columns: int = 32) -> int:
+    """Bytes that a window holds for fields and live features of a mesh.
+
+    ``4 n (40 + columns + 32 / 2 + 4)``: heat table, a table of all columns of one feature,
+    similarity table (a direction for every other column), fields. Eigenpairs are mapped from the
+    store and are not counted.
+    """
+    columns = _HEAT_COLUMNS + n_columns + (max(n_columns, 32) + 1) // 2 + _FIELDS
+    return 4 * n_vertices * columns
 
 
 def request_of(document: Document) -> FieldRequest | None:
@@ -150,4 +219,4 @@ def compute_field(request: FieldRequest, live: LiveFeatures) -> Field | None:
     answer = live.compute(request)
     if answer is None:
         return None
-    return Field(answer.values, request, answer.draft, answer.ends)
+    return Field(answer.values, request, answer.draft)

@@ -20,9 +20,8 @@ from meshmash_viewer.fields.hks import HeatKernelSignature, resolved_from
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.field import compute_field, request_of
+from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, PercentileLimits
-from meshmash_viewer.model.live import LiveFeatures
 from meshmash_viewer.spectral.weyl import required_eigenvalue
 from meshmash_viewer.units import format_quantity
 

@@ -16,7 +16,7 @@ from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.live import LiveFeatures
+from meshmash_viewer.model.field import LiveFeatures
 
 CHOSEN = {name: family() for name, family in FAMILIES.items()}
 WITH_PROFILES = [name for name, family in FAMILIES.items() if family.export]

@@ -174,7 +174,7 @@ def test_a_gifti_surface_may_keep_its_numbers_beside_it_if_they_are_all_there(
             np.testing.assert_array_equal(mesh.vertices, VERTICES)
             np.testing.assert_array_equal(mesh.faces, FACES)
         else:
-            with pytest.raises(InputError, match=r"numbers\.bin that is not .* or too short"):
+            with pytest.raises(InputError, match="is not readable"):
                 read_mesh(path)
 
 

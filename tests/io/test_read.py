@@ -565,7 +565,7 @@ def test_a_sentence_is_short_however_much_a_file_says(
         (
             "far.gii",
             f'<GIFTI Version="1.0"><DataArray Dimensionality="1" Dim0="{9 * "9"}9999"/></GIFTI>',
-            "an array of length 9999999999999",
+            "holds no surface",
         ),
         ("short.stl", "abc", "is too short for an STL file"),
         (
@@ -594,7 +594,7 @@ def test_an_npz_array_larger_than_its_member(tmp_path: Path) -> None:
     with zipfile.ZipFile(path, "w") as archive:
         for name, content in held.items():
             archive.writestr(name, content)
-    assert "an array vertices of shape (60000, 3), too large" in fault_of(path)
+    assert "an array vertices that is damaged or cut short" in fault_of(path)
 
 
 def test_names_in_archives_bring_no_lines_into_a_sentence(tmp_path: Path) -> None:

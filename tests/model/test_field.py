@@ -15,10 +15,9 @@ from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.field import compute_field, request_of
+from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.jobs import MeshReady
 from meshmash_viewer.model.limits import LockedLimits
-from meshmash_viewer.model.live import LiveFeatures
 
 
 @pytest.fixture

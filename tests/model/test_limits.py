@@ -15,7 +15,7 @@ from meshmash_viewer.model.limits import (
 POLICIES = [SymmetricLimits(), MinMaxLimits(), PercentileLimits(), LockedLimits(3.0, 3.0)]
 
 
-@pytest.mark.parametrize("policy", POLICIES, ids=lambda policy: policy.label)
+@pytest.mark.parametrize("policy", POLICIES, ids=str)
 @pytest.mark.parametrize(
     "values",
     [
@@ -79,12 +79,10 @@ def test_limits_leave_the_values_as_they_are(
 
 
 @pytest.mark.parametrize("outside", [(), (np.nan,), (np.inf,), (-np.inf,), (np.nan, np.inf)])
-@pytest.mark.parametrize("known", [False, True])
-def test_extremes_are_those_of_the_finite_values(outside: tuple[float, ...], known: bool) -> None:
+def test_extremes_are_those_of_the_finite_values(outside: tuple[float, ...]) -> None:
     values = np.array([-2.0, *outside, 7.0, 1.0, -3.0])
-    ends = (float(values.min()), float(values.max())) if known else None
-    assert MinMaxLimits().limits(values, ends=ends) == (-3.0, 7.0)
-    assert SymmetricLimits().limits(values, ends=ends) == (-7.0, 7.0)
+    assert MinMaxLimits().limits(values) == (-3.0, 7.0)
+    assert SymmetricLimits().limits(values) == (-7.0, 7.0)
     assert SymmetricLimits().limits(-values) == (-7.0, 7.0)
 
 
@@ -99,6 +97,5 @@ def test_a_constant_field_is_opened_by_a_share_of_its_size() -> None:
 
 def test_percentiles_run_from_1_to_99_where_nobody_chose() -> None:
     policy = PercentileLimits()
-    assert policy.label == "Percentiles 1 to 99"
     low, high = policy.limits(np.linspace(0.0, 100.0, 1001))
     assert (low, high) == (pytest.approx(1.0), pytest.approx(99.0))

@@ -12,9 +12,8 @@ from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model import previews
 from meshmash_viewer.model.decomposition import decompose
-from meshmash_viewer.model.field import FieldRequest, compute_field
+from meshmash_viewer.model.field import FieldRequest, LiveFeatures, compute_field
 from meshmash_viewer.model.jobs import InspectJob, PreviewJob
-from meshmash_viewer.model.live import LiveFeatures
 from meshmash_viewer.spectral.weyl import Target
 
 OPERATOR = OperatorOptions()

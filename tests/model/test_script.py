@@ -16,9 +16,8 @@ from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.field import compute_field, request_of
+from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.jobs import InspectJob, ReadJob, RepairJob, ScaleJob
-from meshmash_viewer.model.live import LiveFeatures
 from meshmash_viewer.model.script import reproduction_script
 from meshmash_viewer.spectral.alignment import Alignment, ShownRows
 

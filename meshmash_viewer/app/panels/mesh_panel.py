@@ -30,7 +30,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model import cost
 from meshmash_viewer.model.document import Document, Notice, Severity
-from meshmash_viewer.model.live import expected_bytes
+from meshmash_viewer.model.field import expected_bytes
 from meshmash_viewer.units import LENGTH_UNITS, counted, format_quantity, power_unit
 
 __all__ = ["MeshPanel"]
