@@ -14,7 +14,10 @@ from meshmash_viewer.fields import EXPORTS, FAMILIES, FEATURES
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
+from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.fields.wks import WaveKernelSignature
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.field import LiveFeatures
 
@@ -123,3 +126,73 @@ def test_bands_sampled_on_their_supports_are_the_filter(spectrum: Spectrum) -> N
             start, end = replace(bands, index=band).support(spectrum)
             outside = (fine < start - 1e-9) | (fine > end + 1e-9)
             assert np.abs(bank(fine)[band][outside]).max(initial=0.0) < 1e-12
+
+
+def test_the_profile_of_eigenfunctions_is_their_values_as_shown(spectrum: Spectrum) -> None:
+    chosen, vertex = Eigenfunctions(flipped=frozenset({6})), 77
+    profile = chosen.profile(spectrum)
+    assert profile is not None
+    places, heights = profile.dots.values(spectrum.rows[:20, vertex])
+    wanted = spectrum.rows[:20, vertex].copy()
+    wanted[6] *= -1.0
+    np.testing.assert_allclose(heights, wanted[: len(heights)])
+    assert len(places) == len(heights) >= 20
+
+
+def test_a_time_outside_the_range_is_forgotten_and_one_inside_kept(spectrum: Spectrum) -> None:
+    low, high = HeatKernelSignature().range(spectrum)
+    for time in (low, 0.5 * (low + high), high):
+        assert HeatKernelSignature(time=time).within(spectrum).time == time
+    for time in (0.9 * low, 1.1 * high):
+        assert HeatKernelSignature(time=time).within(spectrum).time is None
+
+
+def test_axes_name_their_units() -> None:
+    assert HeatKernelSignature().axes("nm") == ("Time t (nm²)", "HKS (nm⁻²)")
+    assert WaveKernelSignature().axes("nm") == ("Energy ln λ, λ (nm⁻²)", "WKS (nm⁻²)")
+
+
+def test_an_energy_at_no_eigenvalue_is_the_lowest(spectrum: Spectrum) -> None:
+    chosen = WaveKernelSignature().step(spectrum, 7)
+    assert chosen.at_eigenvalue(spectrum, 0.0).place(spectrum) == pytest.approx(
+        chosen.step(spectrum, -1000).place(spectrum)
+    )
+
+
+def test_a_table_of_fewer_pairs_serves_until_the_next_is_built(spectrum: Spectrum) -> None:
+    """A step of a growing spectrum need not wait; another spectrum must."""
+    fewer = replace(
+        spectrum,
+        eigenvalues=spectrum.eigenvalues[:40],
+        rows=spectrum.rows[:40],
+        residuals=spectrum.residuals[:40],
+    )
+    other = replace(spectrum, eigenvalues=1.1 * spectrum.eigenvalues)
+    table = Similarity(vertex=5).resolved(fewer, CHOSEN).prepare(fewer, None)
+    for asked, draft in ((fewer, False), (spectrum, True)):
+        answer = Similarity(vertex=5).resolved(asked, CHOSEN).compute(asked, table)
+        assert answer is not None
+        assert answer.draft == draft
+        assert answer.values[5] == answer.values.min() == 0.0
+    assert Similarity(vertex=5).resolved(other, CHOSEN).compute(other, table) is None
+
+
+def test_exact_pairs_come_before_those_of_a_preview(spectrum: Spectrum) -> None:
+    """Then the preview goes on, ascending, and says that it is one."""
+    preview = replace(
+        spectrum, eigenvalues=0.9 * spectrum.eigenvalues, rows=-spectrum.rows, preview=True
+    )
+    few = replace(
+        spectrum,
+        eigenvalues=spectrum.eigenvalues[:20],
+        rows=spectrum.rows[:20],
+        residuals=spectrum.residuals[:20],
+    )
+    both = few.before(preview)
+    assert both.preview
+    assert both.n_exact == 20
+    assert (np.diff(both.eigenvalues) >= 0.0).all()
+    np.testing.assert_array_equal(both.eigenvalues[:20], few.eigenvalues)
+    np.testing.assert_array_equal(both.rows[:20], few.rows)
+    np.testing.assert_array_equal(both.rows[20:], preview.rows[20:])
+    assert np.isnan(both.residuals[20:]).all()

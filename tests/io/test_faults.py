@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.faults import printable
 from meshmash_viewer.io.formats.vtk import vtk_legacy_surface
 from meshmash_viewer.io.limits import ReadLimits
 from meshmash_viewer.io.read import read_mesh
@@ -197,3 +198,19 @@ def test_a_vtk_file_without_points_has_no_vertices(tmp_path: Path) -> None:
     path.write_text("# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\n")
     with pytest.raises(InputError, match="holds no vertices"):
         vtk_legacy_surface(path)
+
+
+def test_text_out_of_a_file_is_one_short_line() -> None:
+    assert printable("a\nb\tc\x07") == "a b c\N{REPLACEMENT CHARACTER}"
+    for length in (120, 121, 500):
+        said = printable("x" * length)
+        assert len(said) == 120
+        assert said.endswith("…") == (length > 120)
+
+
+def test_a_small_file_may_unpack_to_a_little_and_a_large_one_to_its_own_size() -> None:
+    """Others are read in a process with limits."""
+    assert not ReadLimits.are_needed(1000, 1e6)
+    assert not ReadLimits.are_needed(10**9, 2e9)
+    assert ReadLimits.are_needed(1000, 1e9)
+    assert ReadLimits.are_needed(10**9, 1e11)

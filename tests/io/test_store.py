@@ -209,6 +209,18 @@ def test_a_store_is_served_as_far_as_it_is_whole(sphere: Mesh, tmp_path: Path) -
     np.testing.assert_array_equal(found.rows, whole.rows)
 
 
+def test_a_batch_that_is_gone_is_named(sphere: Mesh, tmp_path: Path) -> None:
+    whole = synthetic(sphere.n_vertices, 12)
+    with open_store(sphere, tmp_path) as store:
+        for start in (0, 4, 8):
+            fill(store, whole, start, start + 4)
+        store.finish(whole)
+    (store.folder / "pairs-000008-000012.sealed").unlink()
+    found = loaded(sphere, tmp_path)
+    assert found.faults == ("eigenpairs 8 to 11",)
+    assert found.n_converged == 8
+
+
 def test_rows_are_compared_with_their_checksums_when_asked(
     sphere: Mesh, tmp_path: Path, whole: Decomposition
 ) -> None:

@@ -127,6 +127,11 @@ def test_provenance_may_be_given_whole(mesh: Mesh, features: Features, tmp_path:
     _, _, meta = read_back(tmp_path / "out.npz")
     assert meta["options"] == {"kind": "hks", "values_unit": "nm⁻²"} | OPTIONS
     assert meta["created"] == made["created"]
+    least = {"program": "another 1.0", "mesh": {"name": "m"}, "options": {"times": 3}}
+    write_features(tmp_path / "least.npz", features, mesh, meta=least)
+    _, _, meta = read_back(tmp_path / "least.npz")
+    assert meta["program"] == "another 1.0"
+    assert meta["options"]["times"] == 3
 
 
 @pytest.mark.parametrize("ending", [".npz", ".vtp", ".ply"])

@@ -82,3 +82,5 @@ def test_rows_read_like_an_array(rows: np.ndarray, rng: np.random.Generator) -> 
         spliced[np.array([1, 7]), slice(10, 20)], whole[np.array([1, 7]), 10:20]
     )
     assert spliced[5:5].shape == (0, 200)
+    assert spliced.dtype == whole.dtype
+    assert np.asarray(spliced[:]).dtype == whole.dtype

@@ -100,6 +100,7 @@ def test_comes_back(limits: LimitPolicy | None) -> None:
         ("sequential_colormap", "nonsense", "display.sequential_colormap = .*colour map"),
         ("diverging_colormap", None, "display.diverging_colormap"),
         ("limits", {"policy": "Nobody"}, "display.limits.policy"),
+        ("limits", {"low": 1.0, "high": 2.0}, "display.limits = .* with policy"),
         ("limits", {"policy": "LockedLimits"}, "display.limits = .* with low"),
         ("limits", {"policy": "LockedLimits", "low": 2, "high": 1}, "with low below high"),
         ("limits", {"policy": "LockedLimits", "low": "a", "high": 1}, "display.limits.low"),

@@ -8,6 +8,7 @@ import pytest
 from solved import spectrum_of
 
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
@@ -133,3 +134,13 @@ def test_nothing_is_shown_where_the_first_pair_is_damaged(document: Document, sp
     document.leave_out_damaged(spectrum, 0)
     assert document.spectrum is None
     assert document.display[Eigenfunctions].index == 0
+
+
+def test_similarity_is_to_the_vertex_pinned_last(document: Document) -> None:
+    document.similar()
+    assert document.display.kind != "similarity", "to which vertex nobody has said"
+    for vertex in (3, 17):
+        document.toggle_pin(vertex)
+    document.similar()
+    assert document.display.kind == "similarity"
+    assert document.display[Similarity].vertex == 17
