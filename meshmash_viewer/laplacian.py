@@ -234,15 +234,7 @@ def _robust_operator(
 
 
 def _stiffness(edges: Edges, used: IntArray, n: int) -> SparseMatrix:
-    """L of all n vertices: symmetric to the last bit, rows summing to zero.
-
-    Parameters
-    ----------
-    edges : Edges
-        Each once, between vertices as they are numbered in `used`.
-    used : ndarray of int
-    n : int
-    """
+    """L of all n vertices, from edges between those `used`: symmetric, rows summing to zero."""
     used = used.astype(sparse.get_index_dtype(maxval=2 * len(edges[2]) + n))
     first, second, weights = used[edges[0]], used[edges[1]], edges[2]
     degree = np.bincount(first, weights, n) + np.bincount(second, weights, n)

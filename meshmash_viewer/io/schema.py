@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.faults import printable
 
 __all__ = [
     "Check",
@@ -76,11 +77,8 @@ def understood(check: Check, value: object, path: Path, entry: str) -> Any:
             shown = json.dumps(refused.value, ensure_ascii=False)
         except (TypeError, ValueError):
             shown = type(refused.value).__name__
-        shown = shown.encode(errors="replace").decode()
-        if len(shown) > _SHOWN:
-            shown = f"{shown[: _SHOWN - 1]}…"
         raise InputError(
-            f"{path.name} has {entry}{refused.place} = {shown}, which should be "
+            f"{path.name} has {entry}{refused.place} = {printable(shown, _SHOWN)}, which should be "
             f"{refused.expected}: mend that entry, or open another file."
         ) from refused
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from bisect import bisect_right
 from typing import Any
 
 import numpy as np
@@ -136,22 +136,13 @@ def refuse_what_cannot_fit(n: int, nnz: int, k: int, free: int, n_null: int = 1)
     needed = need(k)
     if needed <= _SHARE * free:
         return
-    fitting = _largest(lambda count: need(count) <= _SHARE * free, k)
+    fitting = bisect_right(range(1, k + 1), _SHARE * free, key=need)
     way_out = f"ask for at most {fitting:,}" if fitting else "simplify the mesh"
     raise InputError(
         f"{counted(k, 'eigenpair')} of {counted(n, 'vertex')} take about "
         f"{written_bytes(needed)} of memory, and "
         f"{written_bytes(free)} are free: {way_out}, or close other programs."
     )
-
-
-def _largest(fits: Callable[[int], bool], bound: int) -> int:
-    """The largest count from 0 to bound that fits, 0 if none does."""
-    low, high = 0, bound
-    while low < high:
-        middle = (low + high + 1) // 2
-        low, high = (middle, high) if fits(middle) else (low, middle - 1)
-    return low
 
 
 class _Growth:

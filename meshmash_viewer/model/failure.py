@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from psygnal import EmitLoopError
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.faults import printable
 
 __all__ = ["Failure", "failure_of"]
 
@@ -55,10 +56,7 @@ def failure_of(fault: BaseException, doing: str = "") -> Failure:
         named = f"{fault.filename}: " if fault.filename else ""
         text = f"{named}{fault.strerror}; free the disk, or choose another folder."
         return Failure(text, details, mendable=True)
-    words = " ".join(str(fault).split())
-    if len(words) > _WORDS:
-        words = f"{words[: _WORDS - 1]}…"
-    named = f"{type(fault).__name__}: {words}".rstrip(": ")
+    named = f"{type(fault).__name__}: {printable(fault, _WORDS)}".rstrip(": ")
     what = f"{doing} failed by a defect of the program" if doing else "A defect of the program"
     remedy = "" if doing else "; what is open stays as it is, and the details can be copied"
     return Failure(f"{what} ({named}){remedy}.", details)
