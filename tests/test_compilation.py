@@ -31,12 +31,21 @@ def place(patch: str) -> str:
 
 def test_numba_finds_its_own_place_where_it_can() -> None:
     assert place("").strip() == ""
+    # one of two places is enough
+    unwritable = "real = os.access; os.access = lambda path, mode: 'engine' not in str(path) and "
+    assert place(f"{unwritable} real(path, mode)").strip() == ""
 
 
 def test_an_account_that_can_write_nowhere_gets_a_place_that_goes_with_the_process() -> None:
     folder = place("os.access = lambda *_: False").strip()
     assert "meshmash-kernels-" in folder
     assert not Path(folder).exists()
+
+
+def test_a_place_of_the_users_own_is_kept(tmp_path: Path) -> None:
+    own = f"os.environ['NUMBA_CACHE_DIR'] = {str(tmp_path)!r}"
+    assert place(own).strip() == str(tmp_path)
+    assert place(f"{own}; os.access = lambda *_: False").strip() == str(tmp_path)
 
 
 WITHOUT = """
