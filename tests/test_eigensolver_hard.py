@@ -156,10 +156,12 @@ def test_slice_of_a_killed_process_is_done_again(monkeypatch: pytest.MonkeyPatch
     stop = np.zeros(1, dtype=np.uint8)
     with threadpool_limits(1):  # as in the worker processes, so that sums run in the same order
         expected = [find_pairs(ordered, interval, 1e-10, stop) for interval in intervals]
-    killed = []
+    # Again and again, so that some are done and some are not when the process dies.
+    intervals, expected = 4 * intervals, 4 * expected
+    killed, found = [], []
 
     def poll() -> None:
-        if killed:
+        if killed or not found:
             return
         for worker in psutil.Process().children(recursive=True):
             if "popen_loky" in " ".join(worker.cmdline()):
@@ -168,7 +170,8 @@ def test_slice_of_a_killed_process_is_done_again(monkeypatch: pytest.MonkeyPatch
                 return
 
     with parallel_config(backend="loky"):
-        found = list(run_slices(ordered, intervals, 1e-10, 2, stop, poll))
+        for pairs in run_slices(ordered, intervals, 1e-10, 2, stop, poll):
+            found.append(pairs)
     assert killed
     for one, two in zip(found, expected, strict=True):
         # Up to rounding: this process has run other tests, and its last digits may differ.
