@@ -4,8 +4,8 @@
 
 The command line and the worker process of a window are killed at random moments with SIGKILL,
 SIGTERM and SIGINT, from an empty store and from 60 proven pairs; see `tests/fuzz/kills.py` for what
-must hold. `--disk-full` fills the disk of the cache at random moments instead; it mounts a tmpfs of
-its own, for which it has to be root.
+must hold. `--disk-full` fills the disk of the cache, of the result or of temporary files at random
+moments instead; it mounts a tmpfs of its own, for which it has to be root.
 """
 
 from __future__ import annotations

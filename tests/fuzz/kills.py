@@ -26,7 +26,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.io.spectrum import find_eigenpairs, obtain_eigenpairs
 from meshmash_viewer.io.stored_spectrum import ROWS
-from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.mesh import Mesh, mesh_to_poly
 from meshmash_viewer.model.jobs import DecomposeJob
 from meshmash_viewer.model.process import child_command, end_group
 from meshmash_viewer.model.transport import Wire
@@ -243,7 +243,11 @@ def _heat_kernel(eigenvalues: FloatArray, rows: FloatArray) -> FloatArray:
 
 
 def fill_once(undisturbed: Undisturbed, folder: Path, rng: np.random.Generator) -> str:
-    """Fill the disk with the cache at a random moment of a run on the command line.
+    """Fill a disk at a random moment of a run on the command line.
+
+    It is that of the cache, where the run goes on without one; that of the result, where a sentence
+    says so and the file that was there before stays whole; or that of temporary files, through
+    which a mesh is read by a process of its own.
 
     The arguments are those of `kill_once`; the process has to be allowed to mount.
 
@@ -252,45 +256,69 @@ def fill_once(undisturbed: Undisturbed, folder: Path, rng: np.random.Generator) 
     AssertionError
         If the run ended by a signal, without a sentence, or with another result.
     """
-    needed = 8 * WANTED * undisturbed.mesh.n_vertices
+    what = str(rng.choice(["cache", "result", "temporary files"]))
+    needed = {"cache": 8 * WANTED, "result": 4 * 32 + 36, "temporary files": 36}[what]
+    needed *= undisturbed.mesh.n_vertices
     size = int(needed * rng.uniform(0.05, 2.0)) + (1 << 16)
-    seconds = undisturbed.seconds["command line"]
-    delay = float(rng.uniform(0.0, 1.0)) * seconds
+    # A mesh is read at the beginning, and a result written at the end.
+    first, last = {"cache": (0.0, 1.0), "result": (0.5, 1.1), "temporary files": (0.0, 0.5)}[what]
+    delay = float(rng.uniform(first, last)) * undisturbed.seconds["command line"]
     disk, out = folder / "disk", folder / "hks.npz"
     disk.mkdir(parents=True)
-    mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(disk)]
-    subprocess.run(mount, check=True)
+    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(disk)], check=True)
     try:
-        from_proven = bool(rng.integers(2)) and size > 0.5 * needed
-        if from_proven:
-            shutil.copytree(undisturbed.proven, disk, dirs_exist_ok=True)
-        command = [sys.executable, "-m", "meshmash_viewer", "features", str(undisturbed.path)]
+        environment, path, from_proven = dict(os.environ), undisturbed.path, False
+        environment["XDG_CACHE_HOME"] = str(folder / "cache")
+        if what == "cache":
+            environment["XDG_CACHE_HOME"] = str(disk)
+            from_proven = bool(rng.integers(2)) and size > 0.5 * needed
+            if from_proven:
+                shutil.copytree(undisturbed.proven, disk, dirs_exist_ok=True)
+        elif what == "result":
+            out = disk / "hks.npz"
+            np.savez(out, before=np.arange(100))
+        else:
+            environment["TMPDIR"] = str(disk)
+            path = folder / "blanket.vtp"
+            mesh_to_poly(undisturbed.mesh).save(path)
+        before = out.read_bytes() if out.exists() else b""
+        command = [sys.executable, "-m", "meshmash_viewer", "features", str(path)]
         command += ["--kind", "hks", "--count", str(WANTED), "-o", str(out)]
-        environment = os.environ | {"XDG_CACHE_HOME": str(disk)}
-        with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE) as process:
+        with subprocess.Popen(
+            command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+        ) as process:
             time.sleep(delay)
             with suppress(OSError), (disk / "filling").open("wb", buffering=0) as file:
                 while process.poll() is None:
                     file.write(bytes(1 << 14))
             said = process.communicate()[1].decode()
-        what = f"exit {process.returncode}, {'a remark' if said.strip() else 'silent'}"
-        about = (what, f"{size / needed:.2f} of the room", f"{delay:.2f} s", said)
-        assert process.returncode == 0, about
+        done = f"{what}: exit {process.returncode}, {'a remark' if said.strip() else 'silent'}"
+        about = (done, f"{size / needed:.2f} of the room", f"{delay:.2f} s", said)
         assert "Traceback" not in said, about
-        with np.load(out) as written:
-            assert len(written["eigenvalues"]) == WANTED
-            np.testing.assert_allclose(
-                written["eigenvalues"], undisturbed.eigenvalues, rtol=1e-9, atol=1e-12
-            )
+        if process.returncode == 0:
+            with np.load(out) as written:
+                assert len(written["eigenvalues"]) == WANTED
+                np.testing.assert_allclose(
+                    written["eigenvalues"], undisturbed.eigenvalues, rtol=1e-9, atol=1e-12
+                )
+        else:
+            assert what != "cache", about
+            assert process.returncode == 2, about
+            assert said.strip(), about
+            assert (out.read_bytes() if out.exists() else b"") == before, about
         (disk / "filling").unlink()
-        with cache_at(disk):
-            stored = find_eigenpairs(undisturbed.mesh, OPERATOR, count=WANTED)
+        if what == "cache":
+            with cache_at(disk):
+                stored = find_eigenpairs(undisturbed.mesh, OPERATOR, count=WANTED)
             if from_proven:
                 assert stored is not None, about
                 np.testing.assert_array_equal(stored.rows[:PROVEN], undisturbed.first_rows)
             if stored is not None:
                 assert not stored.faults, about
-        return what
+        else:
+            left = {file.name for file in disk.rglob("*")} - {"hks.npz"}
+            assert not left, (*about, left)
+        return done
     finally:
         subprocess.run(["umount", "-l", str(disk)], check=False)
         shutil.rmtree(folder, ignore_errors=True)
