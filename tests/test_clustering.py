@@ -33,6 +33,15 @@ def test_faces_are_sound(neuron: Mesh) -> None:
     assert len(np.unique(coarse.faces, axis=0)) == len(coarse.faces)
 
 
+def test_what_falls_into_one_cell_has_no_face() -> None:
+    ball = shapes.icosphere(1)
+    two = np.concatenate([ball.vertices * 1e-6, ball.vertices * 1e-6 + 1.0])
+    faces = np.concatenate([ball.faces, ball.faces + ball.n_vertices])
+    coarse = cluster_vertices(two, faces, 8)
+    assert len(coarse.representatives) == 2
+    assert coarse.faces.shape == (0, 3)
+
+
 def test_the_unit_changes_nothing(neuron: Mesh) -> None:
     mesh = neuron
     one = cluster_vertices(mesh.vertices, mesh.faces, 60)

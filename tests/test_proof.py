@@ -206,6 +206,8 @@ def test_an_indefinite_laplacian_is_refused(n: int) -> None:
 def test_extremes_are_refused_in_a_sentence() -> None:
     with pytest.raises(InputError, match="range of floating-point"):
         solve(grid(30, 30), np.full(900, 1e-310), 5)
+    with pytest.raises(InputError, match="range of floating-point"):
+        solve(1e20 * grid(30, 30), np.where(np.arange(900) == 7, 1e-300, 1.0), 5)
     # Beside an edge of 1e16 float64 has no digits left for the others.
     assert not solve(with_edge(grid(30, 30), 1e16), np.ones(900), 5).complete
     with pytest.raises(InputError, match="not symmetric"):

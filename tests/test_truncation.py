@@ -255,6 +255,9 @@ def test_the_mean_over_the_surface_needs_no_eigenvectors(wholes):
         shares = mean_shares(bank, part.eigenvalues, area, whole.n_components)
         np.testing.assert_allclose(shares, missing / (missing + there), atol=0.03)
         assert (mean_shares(bank, whole.eigenvalues, area, whole.n_components) == 0.0).all()
+        # Of any other callable nothing is known beyond.
+        bare = dataclasses.replace(bank, response=lambda x, bank=bank: bank.response(x))
+        assert (mean_shares(bare, part.eigenvalues, area, whole.n_components) == 0.0).all()
 
 
 def test_required_eigenvalues_and_resolved_times():

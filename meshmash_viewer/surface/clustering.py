@@ -83,13 +83,12 @@ def cluster_vertices(
     corners = coarse_of[faces]
     a, b, c = corners.T
     corners = corners[(a != b) & (b != c) & (c != a)]
-    if len(corners):
-        # Turn each face so that its smallest corner leads: copies are then equal rows.
-        turn = np.argmin(corners, axis=1)
-        row = np.arange(len(corners))[:, None]
-        corners = corners[row, (turn[:, None] + np.arange(3)) % 3]
-        _, unique = np.unique(corners @ _strides(len(chosen)), return_index=True)
-        corners = corners[unique]
+    # Turn each face so that its smallest corner leads: copies are then equal rows.
+    turn = np.argmin(corners, axis=1)
+    row = np.arange(len(corners))[:, None]
+    corners = corners[row, (turn[:, None] + np.arange(3)) % 3]
+    _, unique = np.unique(corners @ _strides(len(chosen)), return_index=True)
+    corners = corners[unique]
     return CoarseMesh(chosen[rising], corners)
 
 

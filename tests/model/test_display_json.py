@@ -147,6 +147,12 @@ def test_sessions_of_version_1_are_read() -> None:
     assert display.limits == LockedLimits(-2.0, 3e-8)
 
 
+def test_one_scale_is_enough() -> None:
+    display = Display()
+    display_from_json(display, read_display(VERSION_1 | {"hks_scales": 1}, PATH))
+    assert display[HeatKernelSignature].scales == 1
+
+
 def test_a_vertex_that_the_mesh_has_not_is_left_out() -> None:
     content = read_display(VERSION_1, PATH)
     assert list(drop_vertices(content, 18)) == []
