@@ -88,6 +88,7 @@ class ProfilePanel(QWidget):
         self._marker = pg.InfiniteLine(angle=90, movable=True)
         self._marker.setCursor(Qt.CursorShape.SizeHorCursor)
         self._marker.sigDragged.connect(self._drag)
+        self._marker.sigPositionChangeFinished.connect(self._refresh_display)
         for item in (self._missing, self._zero, self._marker):
             self.plot.addItem(item, ignoreBounds=True)
         self.plot.clicked.connect(self._select)
@@ -204,6 +205,7 @@ class ProfilePanel(QWidget):
         if self._profile is None:
             return
         at, missing = self._family.place(spectrum), self._family.unresolved(spectrum)
+        self._marker.setBounds(self._profile.dots.places[[0, -1]].tolist())
         if not self._marker.moving:
             self._marker.setValue(at)
         self._missing.setVisible(missing is not None)
