@@ -117,7 +117,7 @@ class MainWindow(QMainWindow):
         )
         self._listen_to_document()
         theme.notifier().changed.connect(self._on_theme_changed)
-        theme.pad_numbers(self)
+        theme.pad_fields(self)
         self._place()
         self._on_mesh_changed()
         self._show_stage()
@@ -171,7 +171,7 @@ class MainWindow(QMainWindow):
         self.profile_panel = ProfilePanel(self.document)
         for name in ("field", "spectrum", "profile"):
             self.arrangement.put(name, getattr(self, f"{name}_panel"))
-        theme.pad_numbers(self)
+        theme.pad_fields(self)
         self.field_source = FieldSource(self.document, self)
         self.field_source.field_ready.connect(self._show_field)
         self.field_source.awaited.connect(self.scene.set_awaited)
