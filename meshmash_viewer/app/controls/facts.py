@@ -13,7 +13,15 @@ from meshmash_viewer.model.translation import Translation
 from meshmash_viewer.spectral.weyl import Target, wavelength
 from meshmash_viewer.units import counted, format_quantity
 
-__all__ = ["Facts", "estimated_pairs", "format_wavelength", "note", "reserved_note", "show_note"]
+__all__ = [
+    "Facts",
+    "estimated_pairs",
+    "format_wavelength",
+    "keep_room",
+    "note",
+    "reserved_note",
+    "show_note",
+]
 
 
 def format_wavelength(eigenvalue: float, unit: str) -> str:
@@ -39,6 +47,13 @@ def note(name: str, role: str = "muted", parent: QWidget | None = None) -> QLabe
     label.setWordWrap(True)
     label.setVisible(False)
     return label
+
+
+def keep_room(widget: QWidget) -> None:
+    """Leave what is around a widget where it is while that is hidden."""
+    policy = widget.sizePolicy()
+    policy.setRetainSizeWhenHidden(True)
+    widget.setSizePolicy(policy)
 
 
 def reserved_note(

@@ -49,11 +49,11 @@ class FieldPanel(QWidget):
             self.tabs.setTabToolTip(self.tabs.addTab(area, family.short), family.tip)
         self.tabs.currentChanged.connect(self._choose_kind)
         self.hint = note("field_hint", "muted", self)
-        self.hint.setContentsMargins(theme.MARGIN, theme.MARGIN, theme.MARGIN, 0)
+        self.hint.setContentsMargins(theme.MARGIN, 0, theme.MARGIN, theme.GAP)
         self.colors = ColorSection(document, self)
         line = theme.with_role(QFrame(self), "line")
-        column.addWidget(self.hint)
         column.addWidget(self.tabs, 1)
+        column.addWidget(self.hint)
         column.addWidget(line)
         column.addWidget(self.colors)
 

@@ -6,10 +6,9 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QCloseEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QStackedLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QStackedLayout, QVBoxLayout, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.segments import Segments
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.panel_head import PanelHead
 from meshmash_viewer.app.panels.pin_legend import PinLegend
@@ -57,8 +56,12 @@ class ProfilePanel(QWidget):
         column = QVBoxLayout(self)
         column.setContentsMargins(theme.MARGIN, theme.GAP // 2, theme.GAP, theme.GAP // 2)
         column.setSpacing(theme.GAP // 2)
-        self.view_choice = Segments("profile_view", "What the profiles show", _VIEWS, self)
-        self.view_choice.chosen.connect(self._show_view)
+        self.view_choice = theme.named(QComboBox(self), "profile_view", "What the profiles show")
+        for name, text in _VIEWS.items():
+            self.view_choice.addItem(text, name)
+        self.view_choice.activated.connect(
+            lambda row: self._show_view(self.view_choice.itemData(row))
+        )
         self.missing_label = theme.with_role(QLabel(self), "muted")
         self.missing_label.setObjectName("profile_missing_label")
         self.missing_label.setToolTip("They miss more than 1 % for want of eigenpairs")
@@ -101,7 +104,7 @@ class ProfilePanel(QWidget):
     # -- from the person --------------------------------------------------------------------
 
     def _show_view(self, key: str) -> None:
-        self.view_choice.show_key(key)
+        self.view_choice.setCurrentIndex(self.view_choice.findData(key))
         if key != self._shown:
             self._shown = key
             self._refresh()

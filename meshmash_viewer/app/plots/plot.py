@@ -111,7 +111,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
         self.setAccessibleName(accessible_name)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setFrameShape(self.Shape.NoFrame)
-        self.setMinimumSize(220, 110)
+        self.setMinimumSize(120, 110)
         self.setAntialiasing(True)
         self.setMenuEnabled(False)
         self.hideButtons()
