@@ -80,6 +80,7 @@ class MeshView(QWidget):
         self._first = True
         self._quantity = self._awaited = ""
         self._line_values: npt.NDArray[np.floating] | None = None
+        self._held: tuple[Any, tuple[float, float], str] | None = None
         self._hovered = -1
         self._generation = 0
         # One thread for what takes longer than a frame; the newest request counts.
@@ -122,7 +123,7 @@ class MeshView(QWidget):
         """Draw a mesh with vertex normals of shape (n, 3), or nothing."""
         self._generation += 1
         self._stand_in.forget()
-        self._line_values = None
+        self._line_values = self._held = None
         self._line_delay.stop()
         self._rest.stop()
         self.renderer.set_mesh(mesh, normals, picking=True)
@@ -139,9 +140,23 @@ class MeshView(QWidget):
         """Colour the mesh by a field (`meshmash_viewer.model.field.Field`), or by none.
 
         One write into the displayed array and one frame, however often it is called meanwhile.
+        While a film with nodal lines is played, each picture waits for its lines.
         """
         if self.renderer.mesh is None:
             return
+        self._show_held()
+        if field is not None and self._line_values is not None and self.document.display.playing:
+            self._held = field, limits, colormap
+        else:
+            self._put_field(field, limits, colormap)
+
+    def _show_held(self) -> None:
+        """Show the field that waited for its nodal lines."""
+        if self._held is not None:
+            held, self._held = self._held, None
+            self._put_field(*held)
+
+    def _put_field(self, field: Any | None, limits: tuple[float, float], colormap: str) -> None:
         had_caption = self.renderer.caption is not None
         self._quantity = "" if field is None else field.quantity
         if field is None:
@@ -191,7 +206,10 @@ class MeshView(QWidget):
         before, self._line_values = self._line_values, values
         if self.renderer.mesh is None or (values is None and before is None):
             return
-        if values is None:
+        if values is not None and self._held is not None:
+            self._compute_lines()
+        elif values is None:
+            self._show_held()
             self._line_delay.stop()
             self.renderer.set_segments(None)
             self.plotter.render()
@@ -407,6 +425,7 @@ class MeshView(QWidget):
                 self._rest.start(REST)
                 self.plotter.render()
         elif key is self._line_values:
+            self._show_held()
             self.renderer.set_segments(*result)
             self.plotter.render()
 
