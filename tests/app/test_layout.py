@@ -136,3 +136,33 @@ def test_texts_that_appear_move_nothing(qtbot: QtBot, window: MainWindow) -> Non
     assert part(window, "hks_missing_label").isVisible()
     give(part(window, "hks_t_max_field"), "1")
     assert places(window) == before, "a range the wrong way round"
+
+
+def test_a_panel_stays_where_it_is_when_its_title_is_clicked_twice(window: MainWindow) -> None:
+    for dock in window.arrangement.docks.values():
+        title = dock.titleBarWidget()
+        QTest.mouseDClick(title, Qt.MouseButton.LeftButton, pos=title.rect().center())
+        assert not dock.isFloating()
+
+
+def test_a_pin_is_pointed_at_in_list_plot_and_render_together(
+    qtbot: QtBot, window: MainWindow
+) -> None:
+    document, scene = window.document, window.scene
+    for vertex in (25, 200):
+        document.toggle_pin(vertex)
+    qtbot.waitUntil(lambda: window.findChild(QWidget, "pin_row_200") is not None)
+    qtbot.waitUntil(lambda: scene.can_pick and len(window.profile_panel._curves) == 2)
+    qtbot.wait(50)
+    row, ring = part(window, "pin_row_200"), part(window, "hover_ring")
+    QTest.mouseMove(window, QPoint(3, 3))
+    qtbot.wait(50)
+    QTest.mouseMove(row, row.rect().center())
+    qtbot.waitUntil(ring.isVisible)
+    place = scene.display_point(200)
+    assert (ring.geometry().center() - place).manhattanLength() <= 2
+    canvas = ring.parentWidget()
+    QTest.mouseMove(canvas, scene.display_point(25))
+    other = part(window, "pin_row_25")
+    qtbot.waitUntil(lambda: other.property("role") == "pointed")
+    assert row.property("role") != "pointed"

@@ -81,7 +81,7 @@ class MeshView(QWidget):
         self._quantity = self._awaited = ""
         self._line_values: npt.NDArray[np.floating] | None = None
         self._held: tuple[Any, tuple[float, float], str] | None = None
-        self._hovered = -1
+        self._hovered = self._told = -1
         self._generation = 0
         # One thread for what takes longer than a frame; the newest request counts.
         self._pool = QThreadPool(self)
@@ -128,6 +128,7 @@ class MeshView(QWidget):
         self._rest.stop()
         self.renderer.set_mesh(mesh, normals, picking=True)
         self._begin_with_stand_in()
+        self._told = -1
         self._set_hovered(-1)
         if mesh is not None:
             self._picking_poll.start()
@@ -463,13 +464,22 @@ class MeshView(QWidget):
         else:
             self._set_hovered(self.vertex_at(inside.x(), inside.y()))
 
-    def _set_hovered(self, vertex: int) -> None:
+    def point_at(self, vertex: int) -> None:
+        """Put the ring around a vertex while none is under the pointer, or take it away (-1)."""
+        self._told = vertex
+        self._place_ring()
+
+    def _place_ring(self) -> None:
+        vertex = self._hovered if self._hovered >= 0 else self._told
         if vertex >= 0:
             self._ring.show_at(self.display_point(vertex))
         else:
             self._ring.hide()
-        if vertex != self._hovered:
-            self._hovered = vertex
+
+    def _set_hovered(self, vertex: int) -> None:
+        before, self._hovered = self._hovered, vertex
+        self._place_ring()
+        if vertex != before:
             self.vertex_hovered.emit(vertex)
 
     def _clicked(self, at: QPointF) -> None:
