@@ -50,6 +50,7 @@ class Dock(QDockWidget):
         bar.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self._close = theme.named(QToolButton(), f"{name}_dock_close", f"Hide {title}")
         self._close.setToolTip(f"Hide {title}")
+        self._close.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # as Qt's own; keys go by the View menu
         self._close.setIconSize(QSize(12, 12))
         self._close.clicked.connect(self.close)
         row = QHBoxLayout(bar)

@@ -37,6 +37,7 @@ class PinLegend(QScrollArea):
         theme.named(self, "pin_legend", "Pinned vertices")
         self.setFrameShape(QFrame.Shape.NoFrame)
         self.setWidgetResizable(True)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # it follows its buttons
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._document = document
         content = theme.named(QWidget(self), "panel_content")

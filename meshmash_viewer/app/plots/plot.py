@@ -109,7 +109,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
         super().__init__(parent, axisItems=axes)
         self.setObjectName(name)
         self.setAccessibleName(accessible_name)
-        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)  # what it does by mouse, panels do by keys
         self.setFrameShape(self.Shape.NoFrame)
         self.setMinimumSize(120, 110)
         self.setAntialiasing(True)

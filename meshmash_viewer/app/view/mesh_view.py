@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pyvista
-from PySide6.QtCore import QPoint, QPointF, QSize, QThreadPool, QTimer, Signal
+from PySide6.QtCore import QPoint, QPointF, QSize, Qt, QThreadPool, QTimer, Signal
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
@@ -68,6 +68,7 @@ class MeshView(QWidget):
         self.setAccessibleName("Render of the mesh")
         self.document = document
         self.plotter = RenderWidget(self)
+        self.plotter.setFocusPolicy(Qt.FocusPolicy.ClickFocus)  # it has no keys of its own
         self.renderer = MeshRenderer(renderer=self.plotter.renderer)
         self.renderer.add_to(self.plotter.window_of_vtk)
         self._stand_in = StandIn(self.renderer)
