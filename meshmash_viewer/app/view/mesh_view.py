@@ -144,8 +144,6 @@ class MeshView(QWidget):
         One write into the displayed array and one frame, however often it is called meanwhile.
         While a film with nodal lines is played, each picture waits for its lines.
         """
-        if self.renderer.mesh is None:
-            return
         self._show_held()
         if field is not None and self._line_values is not None and self.document.display.playing:
             self._held = field, limits, colormap
@@ -159,12 +157,15 @@ class MeshView(QWidget):
             self._put_field(*held)
 
     def _put_field(self, field: Any | None, limits: tuple[float, float], colormap: str) -> None:
+        mesh = self.renderer.mesh
+        if mesh is None:
+            return
         had_caption = self.renderer.caption is not None
         self._quantity = "" if field is None else field.quantity
         if field is None:
             self.renderer.set_field(None, limits, colormap)
         else:
-            values = self.renderer.mesh.on_surface(field.values)
+            values = mesh.on_surface(field.values)
             words = field.title, self._awaited or field.quantity, field.unit
             self.renderer.set_field(values, limits, colormap, *words, complete=field.complete)
         if self._line_values is not None:
