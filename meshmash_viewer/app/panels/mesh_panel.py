@@ -316,8 +316,13 @@ class MeshPanel(QWidget):
 
     def _refresh_job(self) -> None:
         state = self._document.job
-        self.compute_button.setEnabled(self._document.can_compute)
-        self.cancel_button.setEnabled(state is not None and not state.cancelling)
+        for button, usable in (
+            (self.compute_button, self._document.can_compute),
+            (self.cancel_button, state is not None and not state.cancelling),
+        ):
+            if not usable and button.hasFocus():
+                button.clearFocus()  # keys are commands then; Qt would go on to the next control
+            button.setEnabled(usable)
         self.progress_bar.setVisible(state is not None)
         self._told.setCurrentIndex(0 if state is None else 1)
         if state is not None:
