@@ -321,7 +321,7 @@ class MeshPanel(QWidget):
             (self.cancel_button, state is not None and not state.cancelling),
         ):
             if not usable and button.hasFocus():
-                button.clearFocus()  # keys are commands then; Qt would go on to the next control
+                self.window().setFocus()  # keys are commands then; Qt would go to the next control
             button.setEnabled(usable)
         self.progress_bar.setVisible(state is not None)
         self._told.setCurrentIndex(0 if state is None else 1)
