@@ -213,7 +213,11 @@ class Actions:
 
     def fill_menus(self, window: QMainWindow) -> dict[str, QMenu]:
         """Fill the window's menu bar; returns the menus by name, submenus included."""
-        menus = {name: window.menuBar().addMenu(name) for name in MENUS}
+        menus, taken = {}, set()
+        for name in MENUS:
+            at = next(at for at, letter in enumerate(name.lower()) if letter not in taken)
+            taken.add(name[at].lower())
+            menus[name] = window.menuBar().addMenu(f"{name[:at]}&{name[at:]}")
         for each in COMMANDS:
             menu = menus[each.menu]
             if each.separated:

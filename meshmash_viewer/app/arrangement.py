@@ -12,8 +12,8 @@ __all__ = ["Arrangement"]
 _VERSION = 1
 #: What the four tabs of the Field panel need, in logical pixels.
 _FIELD_WIDTH = 316
-#: Least width of a plot, for a while, until the two share one place.
-_PLOT_WIDTH = 220
+#: Least width of a plot beside the other, before the two share one place: less than the render's.
+_PLOT_WIDTH = 130
 #: Below this width of the window the two plots share one place, as tabs.
 _NARROW = 1240
 _BOTTOM = Qt.DockWidgetArea.BottomDockWidgetArea

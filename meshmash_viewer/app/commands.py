@@ -27,7 +27,7 @@ from meshmash_viewer.model.failure import Failure
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
-    from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
+    from meshmash_viewer.app.dialogs.picture_dialog import PictureChoice, PictureDialog
     from meshmash_viewer.app.view.mesh_view import MeshView
 
 __all__ = ["Commands"]
@@ -74,6 +74,8 @@ class Commands:
         self._recent_menu, self._read = recent_menu, read
         self.scene: MeshView | None = None
         self.restoration: Restoration | None = None
+        self._export_ending = self._pictured = ""
+        self._picture: PictureChoice | None = None
         self.pictures = PictureWriter(window)
         self.pictures.written.connect(
             lambda path: document.notify(Notice(f"Picture saved to {path}."))
@@ -251,11 +253,13 @@ class Commands:
         """Ask what to write, and have it written."""
         from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 
-        dialog = ExportDialog(self._document, self._settings.folder, self._window)
+        folder, ending = self._settings.folder, self._export_ending
+        dialog = ExportDialog(self._document, folder, self._window, ending)
         self._ask(dialog, lambda: self._start_export(dialog))
 
     def _start_export(self, dialog: ExportDialog) -> None:
         job = dialog.job()
+        self._export_ending = dialog.format.ending
         self._settings.folder = job.path.parent
         self._document.export(job)
 
@@ -265,17 +269,20 @@ class Commands:
 
         scene, mesh = self.scene, self._document.mesh
         assert scene is not None and mesh is not None  # noqa: PT018  the command needs them
-        name = (mesh.name or "mesh") + ".png"
+        path, before = self._settings.folder / f"{mesh.name or 'mesh'}.png", self._picture
+        if before is not None and self._pictured == mesh.name:
+            path = before.path
         ratio = scene.devicePixelRatioF()
         size = (round(scene.width() * ratio), round(scene.height() * ratio))
-        dialog = PictureDialog(size, self._settings.folder / name, self._window)
+        dialog = PictureDialog(size, path, self._window, before)
         self._ask(dialog, lambda: self._write_picture(dialog))
 
     def _write_picture(self, dialog: PictureDialog) -> None:
-        path = dialog.path
         assert self.scene is not None
-        self.pictures.write(path, self.scene.twin(), dialog.size_, dialog.transparent)
-        self._settings.folder = path.parent
+        choice, mesh = dialog.choice, self._document.mesh
+        self._picture, self._pictured = choice, mesh.name if mesh is not None else ""
+        self.pictures.write(choice.path, self.scene.twin(), choice.size, choice.transparent)
+        self._settings.folder = choice.path.parent
 
     def _say_not_saved(self, failure: Failure) -> None:
         text = f"The picture was not saved: {failure.text}"

@@ -117,9 +117,9 @@ class _Turns(QObject):
             self._timer.start(_PATIENCE if self._waiting else _PAUSE)
 
     def wait(self) -> None:
+        if self._due and not self._waiting:
+            return  # words about the last picture, which would never come if all were in a hurry
         self._waiting = True
-        if self._due:
-            self._timer.start(_PATIENCE)
 
     def go_on(self) -> None:
         self._waiting = False

@@ -117,7 +117,7 @@ class MainWindow(QMainWindow):
         )
         self._listen_to_document()
         theme.notifier().changed.connect(self._on_theme_changed)
-        theme.pad_numbers(self)
+        theme.pad_fields(self)
         self._place()
         self._on_mesh_changed()
         self._show_stage()
@@ -171,7 +171,7 @@ class MainWindow(QMainWindow):
         self.profile_panel = ProfilePanel(self.document)
         for name in ("field", "spectrum", "profile"):
             self.arrangement.put(name, getattr(self, f"{name}_panel"))
-        theme.pad_numbers(self)
+        theme.pad_fields(self)
         self.field_source = FieldSource(self.document, self)
         self.field_source.field_ready.connect(self._show_field)
         self.field_source.awaited.connect(self.scene.set_awaited)
@@ -181,6 +181,8 @@ class MainWindow(QMainWindow):
         self.row_check = RowCheck(self.document, self)
         self.scene.vertex_clicked.connect(self.document.toggle_pin)
         self.scene.vertex_hovered.connect(self._on_hover)
+        self.scene.vertex_hovered.connect(self._point_at_pin)
+        self.profile_panel.pin_pointed.connect(self.scene.point_at)
         self.scene.stepped.connect(self.commands.step)
         display = self.document.display
         for event in ("policies", "diverging_colormap", "sequential_colormap", "nodal_lines"):
@@ -316,6 +318,16 @@ class MainWindow(QMainWindow):
         parts.append(f"at ({place}) {unit}".rstrip())
         parts.append("click to pin")
         self.hover_label.setText("  ·  ".join(parts))
+
+    def _point_at_pin(self, vertex: int) -> None:
+        """Bring the pin forward whose disc is under the pointer, if there is one."""
+        place = self.scene.display_point
+        near = [
+            pin.vertex
+            for pin in self.document.pins
+            if vertex >= 0 and (place(pin.vertex) - place(vertex)).manhattanLength() < 9
+        ]
+        self.profile_panel.point_at(near[-1] if near else -1)
 
     def _mesh_summary(self) -> str:
         ready = self.document.ready

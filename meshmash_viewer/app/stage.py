@@ -17,7 +17,7 @@ class Stage(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setObjectName("stage")
-        self.setMinimumSize(320, 240)
+        self.setMinimumSize(280, 240)
         # A window without anything of OpenGL would be made again, and blink, when the render comes.
         QOpenGLWidget(self).hide()
         self._pages = QStackedLayout(self)

@@ -21,6 +21,7 @@ from meshmash_viewer.model.jobs import (
 )
 from meshmash_viewer.model.previews import is_worthwhile
 from meshmash_viewer.progress import Progress
+from meshmash_viewer.units import counted
 
 __all__ = ["Tasks"]
 
@@ -157,6 +158,9 @@ class Tasks(QObject):
         if replaced or job is None:
             self._end()
         elif isinstance(job, DecomposeJob):
-            self._end(Notice("Cancelled; eigenpairs that have converged are kept."))
+            spectrum = self._document.spectrum
+            known = 0 if spectrum is None else len(spectrum.exact)
+            kept = f"; {counted(known, 'eigenpair')} that converged before stay" if known else ""
+            self._end(Notice(f"Cancelled{kept or ' before an eigenpair had converged'}."))
         else:
             self._end(Notice(f"Cancelled: {job.label}."))

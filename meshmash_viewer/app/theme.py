@@ -19,7 +19,9 @@ from PySide6.QtGui import QColor, QFont, QPalette
 from PySide6.QtWidgets import (
     QAbstractSpinBox,
     QApplication,
+    QComboBox,
     QLabel,
+    QListView,
     QStyle,
     QStyleFactory,
     QWidget,
@@ -37,7 +39,7 @@ __all__ = [
     "mode",
     "named",
     "notifier",
-    "pad_numbers",
+    "pad_fields",
     "palette",
     "plot_colors",
     "set_mode",
@@ -199,10 +201,14 @@ def plot_colors() -> PlotColors:
     return _PLOTS[_State.dark]
 
 
-def pad_numbers(parent: QWidget) -> None:
-    """Keep the numbers of a widget's spin boxes off their edges, as a style sheet cannot."""
+def pad_fields(parent: QWidget) -> None:
+    """Keep numbers off the edges of their fields, and choices off one another, as no sheet can."""
     for spin in parent.findChildren(QAbstractSpinBox):
         spin.lineEdit().setTextMargins(5, 0, 0, 0)
+    for combo in parent.findChildren(QComboBox):
+        view = combo.view()
+        if isinstance(view, QListView):
+            view.setSpacing(3)
 
 
 def with_role(widget: WidgetType, role: str) -> WidgetType:

@@ -251,6 +251,10 @@ def test_bands_beyond_the_spectrum_say_so(panel: FieldPanel, document) -> None:
     assert part(panel, "band_missing_label").isHidden()
     give(part(panel, "band_max_field"), "1e-5")
     assert "need more eigenpairs" in part(panel, "band_missing_label").text()
+    low, high = document.spectrum.eigenvalues[3:5]
+    give(part(panel, "band_min_field"), f"{low + 0.4 * (high - low)}")
+    give(part(panel, "band_max_field"), f"{low + 0.6 * (high - low)}")
+    assert "No eigenpair" in part(panel, "band_missing_label").text()
 
 
 def test_similarity_follows_the_last_pin(panel: FieldPanel, document) -> None:

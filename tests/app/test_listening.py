@@ -82,6 +82,18 @@ def test_words_wait_for_the_picture(
     qtbot.waitUntil(lambda: calls == ["words"])
 
 
+def test_words_about_the_last_picture_come_though_the_next_is_in_a_hurry(
+    qtbot: QtBot, calls: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(listening, "_PATIENCE", 60_000)
+    words = Follower(calls, "words")
+    first_a_frame()
+    later(words.show)
+    frame_drawn()
+    first_a_frame()
+    qtbot.waitUntil(lambda: calls == ["words"])
+
+
 def test_a_frame_that_does_not_come_is_not_waited_for_forever(
     qtbot: QtBot, calls: list[str]
 ) -> None:

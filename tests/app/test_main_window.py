@@ -651,6 +651,7 @@ def test_exports_say_what_they_miss_before_and_after(
 ) -> None:
     document = ball.document
     display, last = document.display, float(document.spectrum.eigenvalues[-1])
+    display.kind = "hks"
     dialog = ExportDialog(document, tmp_path, ball)
     assert "miss" not in dialog.remark_label.text()
     dialog.deleteLater()
@@ -678,6 +679,7 @@ def test_exports_say_what_they_miss_before_and_after(
 def test_the_export_dialog_says_what_the_file_will_contain(
     ball: MainWindow, tmp_path: Path
 ) -> None:
+    ball.document.display.kind = "hks"
     dialog = ExportDialog(ball.document, tmp_path, ball)
     assert [each.ending for each in FORMATS] == [
         ".npz", ".npy", ".csv", ".parquet", ".vtp", ".ply", ".func.gii",

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from closed_form import rectangle_document, rectangle_spectrum
-from PySide6.QtCore import QRegularExpression, Qt
+from PySide6.QtCore import QPoint, QRegularExpression, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QLabel, QToolButton
+from PySide6.QtWidgets import QLabel, QToolButton, QWidget
 
 from meshmash_viewer.app.panels.profile_panel import ProfilePanel
 from meshmash_viewer.features.filters import bspline_bank, hks_times
@@ -162,3 +162,66 @@ def test_bands_are_counted_in_whole_numbers(panel: ProfilePanel, document, qtbot
     document.display.kind = "eigenfunction"
     curves(panel, document, qtbot)
     assert all(value % 1 == 0 for _, level in axis.tickValues(3.0, 6.0, 600.0) for value in level)
+
+
+def test_few_enough_eigenfunctions_are_in_view_to_be_told_apart(qtbot) -> None:
+    document = rectangle_document(300)
+    panel = ProfilePanel(document)
+    qtbot.addWidget(panel)
+    panel.resize(700, 260)
+    panel.show()
+    for vertex in (5, 42, 100, 200, 300):
+        document.toggle_pin(vertex)
+    for index in (0, 130, 299):
+        document.display.change(Eigenfunctions, index=index)
+        curves(panel, document, qtbot)
+        first, last = panel.plot.viewRange()[0]
+        assert first < index < last
+        assert last - first <= 65
+    assert panel.plot.getAxis("bottom").isVisible()
+    QTest.mouseClick(panel.plot.fit_button, LEFT)
+    QTest.qWait(60)
+    first, last = panel.plot.viewRange()[0]
+    assert first <= 0
+    assert last >= 299
+    document.display.change(Eigenfunctions, index=20)
+    assert panel.plot.viewRange()[0] == [first, last], "what was asked for stays"
+    panel.close()
+
+
+def test_a_pin_that_is_pointed_at_is_brought_forward(panel: ProfilePanel, document, qtbot) -> None:
+    document.display.kind = "hks"
+    document.toggle_pin(5)
+    document.toggle_pin(300)
+    curves(panel, document, qtbot)
+    told: list[int] = []
+    panel.pin_pointed.connect(told.append)
+
+    def strengths() -> dict[int, float]:
+        return {
+            pin.vertex: curve.opts["pen"].color().alphaF()
+            for pin, (curve, _) in panel._curves.items()
+        }
+
+    rows = {vertex: panel.findChild(QWidget, f"pin_row_{vertex}") for vertex in (5, 300)}
+    assert strengths() == {5: 1.0, 300: 1.0}
+    QTest.mouseMove(rows[300], rows[300].rect().center())
+    qtbot.waitUntil(lambda: told == [300])
+    assert strengths()[300] > 2 * strengths()[5]
+    assert (rows[5].property("role") or "", rows[300].property("role")) == ("", "pointed")
+    # and on the plot: at the first dot of the other, which is far above
+    QTest.qWait(60)
+    (curve,) = (curve for pin, (curve, _) in panel._curves.items() if pin.vertex == 5)
+    x, y = (float(values[0]) for values in curve.getData())
+    at = panel.plot.pixel_of(x, y).toPoint()
+    QTest.mouseMove(panel.plot.viewport(), at + QPoint(1, 0))
+    QTest.mouseMove(panel.plot.viewport(), at)
+    qtbot.waitUntil(lambda: told[-1] == 5)
+    assert strengths()[5] > 2 * strengths()[300]
+    QTest.mouseMove(panel.empty.window(), QPoint(3, 3))
+    qtbot.waitUntil(lambda: told[-1] == -1)
+    assert strengths() == {5: 1.0, 300: 1.0}
+    QTest.mouseMove(rows[300], rows[300].rect().center())
+    qtbot.waitUntil(lambda: told[-1] == 300)
+    QTest.mouseClick(panel.findChild(QToolButton, "unpin_button_300"), LEFT)
+    assert strengths() == {5: 1.0}, "nothing is pointed at any more"

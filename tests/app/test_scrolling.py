@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 import shapes
 from closed_form import turn_wheel
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QApplication, QLabel
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QLabel, QSpinBox
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.listening import catch_up
@@ -87,3 +89,35 @@ def test_two_hundred_notches_in_a_row(
     qtbot.wait(150)
     assert len(fields) == count
     assert source.idle, "nothing is left in the queue"
+
+
+def test_a_film_has_its_nodal_lines_in_every_picture(
+    qtbot: QtBot, window: MainWindow, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, display = window.scene, window.document.display
+    window.activateWindow()
+    qtbot.waitUntil(window.isActiveWindow, timeout=PATIENCE)
+    window.stage.setFocus()
+    catch_up()
+    display.change(Eigenfunctions, index=3)
+    QTest.keyClick(window, Qt.Key.Key_N)
+    qtbot.waitUntil(lambda: scene.renderer.segments is not None, timeout=PATIENCE)
+    catch_up()
+    drawn: list[tuple[int, bool, int]] = []
+    draw, spin = scene.plotter.draw, window.findChild(QSpinBox, "eigenvector_spin")
+
+    def slowly() -> None:
+        draw()
+        time.sleep(0.1)  # as on a large mesh without a graphics card
+        shown = int(scene.renderer.caption.title.split()[-1])
+        drawn.append((shown, scene.renderer.segments is not None, spin.value()))
+
+    monkeypatch.setattr(scene.plotter, "draw", slowly)
+    QTest.keyClick(window, Qt.Key.Key_Space)
+    qtbot.waitUntil(lambda: len({shown for shown, _, _ in drawn}) > 5, timeout=PATIENCE)
+    QTest.keyClick(window, Qt.Key.Key_Space)
+    assert all(lines for _, lines, _ in drawn)
+    assert all(said >= shown - 1 for shown, _, said in drawn), "the panel keeps up"
+    qtbot.waitUntil(lambda: window.field_source.idle and spin.value() == display.family.index)
+    last = f"Eigenfunction {spin.value()}"
+    qtbot.waitUntil(lambda: scene.renderer.caption.title == last, timeout=PATIENCE)

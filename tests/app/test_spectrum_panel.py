@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from closed_form import drag, rectangle_document, rectangle_spectrum
+from closed_form import drag, rectangle_document, rectangle_spectrum, turn_wheel
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QToolButton
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.panels.spectrum_panel import SpectrumPanel
@@ -109,6 +110,78 @@ def test_ends_of_the_bands_are_dragged_on_the_spectrum(panel: SpectrumPanel, doc
     assert display[GeometryVectors].high == pytest.approx(0.6 * last, rel=0.02)
     assert display[GeometryVectors].low == 0.0
     assert panel.view.high.value() == pytest.approx(display[GeometryVectors].high)
+
+
+def test_the_low_end_is_dragged_where_the_first_band_is_held(
+    panel: SpectrumPanel, document
+) -> None:
+    display, last = document.display, document.spectrum.eigenvalues[-1]
+    display.kind = "band"
+    display.change(GeometryVectors, index=0)
+    grip = float(panel.plot.viewRange()[1][1]) - 0.08
+    drag(panel.plot.viewport(), *[place(panel, share * last, grip) for share in (0, 0.1, 0.2, 0.3)])
+    assert display[GeometryVectors].low == pytest.approx(0.3 * last, rel=0.05)
+    assert display[GeometryVectors].index == 0
+    # and the other way about: under the grips it is the band that is held
+    centers = display[GeometryVectors].centers(document.spectrum)
+    low = display[GeometryVectors].low
+    drag(panel.plot.viewport(), *[place(panel, centers[band], 0.4) for band in (0, 4, 8, 9)])
+    assert (display[GeometryVectors].low, display[GeometryVectors].index) == (low, 9)
+
+
+def test_ends_that_are_dragged_stay_where_pairs_are_between_them(
+    panel: SpectrumPanel, document
+) -> None:
+    display, values = document.display, document.spectrum.eigenvalues
+    display.kind = "band"
+    last = values[-1]
+    seen: list[tuple[float, float]] = []
+    panel.view.low.sigDragged.connect(
+        lambda line: seen.append((line.value(), display[GeometryVectors].low))
+    )
+    grip = float(panel.plot.viewRange()[1][1]) - 0.08
+    drag(panel.plot.viewport(), *[place(panel, share * last, grip) for share in (0, 0.5, 1, 1.03)])
+    assert len(seen) >= 3
+    assert all(line == pytest.approx(field) for line, field in seen)
+    low, high = display[GeometryVectors].range(document.spectrum)
+    assert np.count_nonzero((values >= low) & (values <= high)) >= 2
+    drag(panel.plot.viewport(), *[place(panel, x, grip) for x in (high, 0.5 * last, 0.0)])
+    low, high = display[GeometryVectors].range(document.spectrum)
+    assert np.count_nonzero((values >= low) & (values <= high)) >= 2
+    assert panel.view.high.value() == pytest.approx(high)
+
+
+def test_a_marker_that_is_let_go_stands_where_its_field_is(panel: SpectrumPanel, document) -> None:
+    display, last = document.display, document.spectrum.eigenvalues[-1]
+    display.change(Eigenfunctions, index=100)
+    drag(panel.plot.viewport(), *[place(panel, x, last / 4) for x in (100, 110, 120, 124)])
+    assert display[Eigenfunctions].index == panel.view.marker.value() == 119
+    display.kind = "band"
+    display.change(GeometryVectors, index=28)
+    centers = display[GeometryVectors].centers(document.spectrum)
+    ways = [place(panel, x, 0.9) for x in (centers[28], centers[30], 1.03 * last)]
+    drag(panel.plot.viewport(), *ways)
+    assert display[GeometryVectors].index == 31
+    assert panel.view.handle.value() == pytest.approx(centers[31])
+
+
+def test_fit_shows_everything_again_and_changes_nothing_else(
+    panel: SpectrumPanel, document
+) -> None:
+    document.display.change(Eigenfunctions, index=20)
+    QTest.qWait(60)
+    before = panel.plot.viewRange()
+    turn_wheel(panel.plot.viewport(), -5)
+    QTest.qWait(60)
+    assert panel.plot.viewRange()[0][1] < 0.9 * before[0][1]
+    QTest.mouseClick(panel.findChild(QToolButton, "spectrum_plot_fit_button"), LEFT)
+    QTest.qWait(60)
+    np.testing.assert_allclose(panel.plot.viewRange(), before)
+    assert document.display[Eigenfunctions].index == 20
+    turn_wheel(panel.plot.viewport(), -5)
+    zoomed = panel.plot.viewRange()
+    QTest.mouseDClick(panel.plot.viewport(), LEFT, pos=panel.plot.viewport().rect().center())
+    assert panel.plot.viewRange() == zoomed, "a double click is two clicks"
 
 
 def test_a_band_is_clicked_or_dragged_to(panel: SpectrumPanel, document) -> None:

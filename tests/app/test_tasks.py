@@ -108,12 +108,24 @@ def test_cancelling_keeps_what_has_converged(session: Session) -> None:
     document.cancel()
     assert document.job.cancelling
     session.wait_until_idle()
-    assert "converged are kept" in session.last().text
     assert 0 < len(document.spectrum) < 1500
+    assert f" {len(document.spectrum)} eigenpairs that converged before stay" in session.last().text
     document.target = Target("count", 10)
     document.compute()
     session.wait_until_idle()
     assert document.spectrum.complete
+
+
+def test_cancelling_before_the_first_pair_says_that_there_is_none(session: Session) -> None:
+    document = session.document
+    document.take_mesh(shapes.icosphere(5))
+    session.wait_until_idle()
+    document.target = Target("count", 1500)
+    document.compute()
+    document.cancel()
+    session.wait_until_idle()
+    assert document.spectrum is None
+    assert session.last().text == "Cancelled before an eigenpair had converged."
 
 
 def test_another_mesh_takes_the_place_of_a_running_job(session: Session, neuron_file: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QSize, Qt
-from PySide6.QtGui import QIcon, QKeyEvent
+from PySide6.QtGui import QIcon, QKeyEvent, QMouseEvent
 from PySide6.QtWidgets import (
     QApplication,
     QDockWidget,
@@ -20,8 +20,19 @@ from meshmash_viewer.app.controls import icons
 __all__ = ["Dock"]
 
 
+class _Title(QWidget):
+    """A title bar that leaves its panel where it is when it is clicked twice.
+
+    It would float there without a frame, over its neighbour; dragged out, it is where one wants it.
+    """
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        """Keep it from the dock."""
+        event.accept()
+
+
 class Dock(QDockWidget):
-    """A panel that can be moved, floated by a double click on its title, and closed.
+    """A panel that can be moved, dragged out by its title, and closed.
 
     Parameters
     ----------
@@ -35,10 +46,11 @@ class Dock(QDockWidget):
         super().__init__(title, window)
         theme.named(self, f"{name}_dock", title)
         self.setWidget(QWidget())
-        bar = theme.named(QWidget(), "dock_title")
+        bar = theme.named(_Title(), "dock_title")
         bar.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self._close = theme.named(QToolButton(), f"{name}_dock_close", f"Hide {title}")
         self._close.setToolTip(f"Hide {title}")
+        self._close.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # as Qt's own; keys go by the View menu
         self._close.setIconSize(QSize(12, 12))
         self._close.clicked.connect(self.close)
         row = QHBoxLayout(bar)

@@ -13,7 +13,15 @@ from meshmash_viewer.model.translation import Translation
 from meshmash_viewer.spectral.weyl import Target, wavelength
 from meshmash_viewer.units import counted, format_quantity
 
-__all__ = ["Facts", "estimated_pairs", "format_wavelength", "note", "show_note"]
+__all__ = [
+    "Facts",
+    "estimated_pairs",
+    "format_wavelength",
+    "keep_room",
+    "note",
+    "reserved_note",
+    "show_note",
+]
 
 
 def format_wavelength(eigenvalue: float, unit: str) -> str:
@@ -38,6 +46,23 @@ def note(name: str, role: str = "muted", parent: QWidget | None = None) -> QLabe
     label = theme.named(QLabel(parent), name, role=role)
     label.setWordWrap(True)
     label.setVisible(False)
+    return label
+
+
+def keep_room(widget: QWidget) -> None:
+    """Leave what is around a widget where it is while that is hidden."""
+    policy = widget.sizePolicy()
+    policy.setRetainSizeWhenHidden(True)
+    widget.setSizePolicy(policy)
+
+
+def reserved_note(
+    name: str, lines: int, role: str = "warning", accessible: str = "Remark"
+) -> QLabel:
+    """A text that wraps, whose room is kept, so that nothing moves when it has something to say."""
+    label = theme.named(QLabel(wordWrap=True), name, accessible, role=role)
+    label.setMinimumHeight(lines * label.fontMetrics().lineSpacing() + 4)
+    label.setAlignment(Qt.AlignmentFlag.AlignTop)
     return label
 
 

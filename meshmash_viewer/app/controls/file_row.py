@@ -5,10 +5,13 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import QMimeDatabase, Signal
 from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QLineEdit, QPushButton, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.write import check_output
+from meshmash_viewer.model.failure import failure_of
 
 __all__ = ["FileRow"]
 
@@ -54,18 +57,34 @@ class FileRow(QWidget):
 
     @property
     def path(self) -> Path:
-        """The file, with its ending; what was typed, where it names no file."""
+        """The file, with an ending; what was typed, where it names no file."""
         # unlike Path.expanduser it takes "~r" on the way to "~root" as it is
         path = Path(os.path.expanduser(self.edit.text().strip()))
-        if self.named and not path.name.lower().endswith(self._ending):
+        # "bun.jpg" means what it says, though it cannot be had; "t=0.5" has no ending yet
+        ended = path.name.lower().endswith(self._ending)
+        if self.named and not ended and not QMimeDatabase().suffixForFileName(path.name):
             path = path.parent / (path.name + self._ending)
         return path
+
+    @property
+    def remark(self) -> str:
+        """What writing there would replace; empty if nothing."""
+        there = os.path.isfile(self.path)  # unlike Path.is_file of a name that is too long, too
+        return f"{self.path.name} exists and will be replaced." if there else ""
+
+    def fault(self, kind: str) -> str:
+        """Why nothing of a kind (`check_output`) can be written there; empty if it can."""
+        try:
+            check_output(self.path, kind)
+        except (InputError, OSError) as fault:
+            return failure_of(fault).text
+        return ""
 
     def set_ending(self, ending: str, pattern: str) -> None:
         """Change the ending of the file."""
         path, before = self.path, self._ending
         self._ending, self._pattern = ending, pattern
-        if self.named:
+        if self.named and not path.name.lower().endswith(ending):
             stem = path.name.removesuffix(before)
             self.edit.setText(str(path.parent / (stem + ending)))
 

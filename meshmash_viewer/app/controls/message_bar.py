@@ -18,7 +18,7 @@ _STAY, _STAY_UNDO = 7000, 20_000
 _WIDEST = 620
 _NARROWEST = 360
 #: With fewer pixels than this it rather covers the colour bar.
-_TIGHTEST = 180
+_TIGHTEST = 140
 
 
 class MessageBar(QFrame):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QSignalBlocker, Signal
-from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QWidget
+from PySide6.QtWidgets import QCheckBox, QGridLayout, QHBoxLayout, QLabel, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import note, show_note
@@ -52,7 +52,7 @@ class RangeBox(QWidget):
             QCheckBox(texts[0], self), names[0], f"Range of {noun}s: automatic"
         )
         self.check.toggled.connect(self.automatic_chosen)
-        grid.addWidget(self.check, 0, 0, 1, 3)
+        grid.addWidget(self.check, 0, 0, 1, 2)
         self.low = NumberField(names[1], f"{texts[1]} {noun}", self)
         self.high = NumberField(names[2], f"{texts[2]} {noun}", self)
         self.low.fault = lambda low: self._fault(low, self.high.value)
@@ -62,13 +62,17 @@ class RangeBox(QWidget):
             name, unit = (theme.with_role(QLabel(part, self), "muted") for part in (text, ""))
             name.setBuddy(field)
             self._units.append(unit)
+            # in a row of their own: a column that is empty would keep its distance
+            line = QHBoxLayout()
+            line.setSpacing(theme.GAP)
+            line.addWidget(field, 1)
+            line.addWidget(unit)
             grid.addWidget(name, row, 0)
-            grid.addWidget(field, row, 1)
-            grid.addWidget(unit, row, 2)
+            grid.addLayout(line, row, 1)
             field.edited.connect(self._give)
             field.refused.connect(self._complain)
         self.fault = note(f"{names[1]}_fault", "warning", self)
-        grid.addWidget(self.fault, 3, 0, 1, 3)
+        grid.addWidget(self.fault, 3, 0, 1, 2)
 
     def show_range(
         self, between: tuple[float, float] | None, unit: str, *, automatic: bool

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,16 +24,16 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.facts import reserved_note
 from meshmash_viewer.app.controls.file_row import FileRow
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.truncation import missing_sentence
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.fields.family import MOST_COUNT, Family
 from meshmash_viewer.fields.spectrum import Spectrum
-from meshmash_viewer.io.write import EIGENPAIR_WRITERS, check_output
+from meshmash_viewer.io.write import EIGENPAIR_WRITERS
 from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.model.jobs import ExportJob
 from meshmash_viewer.units import counted
 
@@ -73,9 +72,13 @@ class ExportDialog(QDialog):
         With a mesh and at least one eigenpair.
     folder : Path
         Where to suggest a file.
+    ending : str
+        Of the format to begin with, if what is exported can be written in it.
     """
 
-    def __init__(self, document: Document, folder: Path, parent: QWidget | None = None) -> None:
+    def __init__(
+        self, document: Document, folder: Path, parent: QWidget | None = None, ending: str = ""
+    ) -> None:
         super().__init__(parent)
         self.setObjectName("export_dialog")
         self.setWindowTitle("Export")
@@ -98,12 +101,9 @@ class ExportDialog(QDialog):
         self.count_spin.setAccessibleName("Number of columns")
         self.count_spin.setRange(1, MOST_COUNT)
         self._build_table()
-        self.contents_label = self._label("export_contents_label", "What the file will contain")
-        self.columns_label = self._label("export_columns_label", "Columns")
-        self.remark_label = theme.with_role(
-            QLabel(objectName="export_remark_label", wordWrap=True), "warning"
-        )
-        self.remark_label.setAccessibleName("Remark")
+        self.contents_label = self._label("export_contents_label", "What the file will contain", 3)
+        self.columns_label = self._label("export_columns_label", "Columns", 2)
+        self.remark_label = reserved_note("export_remark_label", 2)
         name = self._mesh.name or "mesh"
         self.file_row = FileRow(folder / f"{name}_hks.npz", *self._file_kind(FORMATS[0]))
 
@@ -146,18 +146,18 @@ class ExportDialog(QDialog):
         column.addLayout(grid)
         column.addWidget(theme.with_role(QFrame(), "line"))
         column.addWidget(buttons)
-        theme.pad_numbers(self)
+        theme.pad_fields(self)
         self.setMinimumWidth(700)
 
         self.kind_combo.currentIndexChanged.connect(self._change_kind)
         self.pairs_spin.valueChanged.connect(self._refresh)
         self.count_spin.valueChanged.connect(self._refresh)
         self.table.itemSelectionChanged.connect(self._change_format)
-        self.file_row.changed.connect(self._refresh_remark)
+        self.file_row.changed.connect(self._follow_name)
         shown = document.display.family.behind(document.display.fields)
-        kind = shown.export if shown.counted else next(iter(EXPORTS))
-        self.kind_combo.setCurrentIndex(self.kind_combo.findData(kind))
+        self.kind_combo.setCurrentIndex(max(self.kind_combo.findData(shown.export), 0))
         self._change_kind()
+        self._choose_ending(ending)
 
     # -- what was chosen ------------------------------------------------------------------
 
@@ -211,9 +211,9 @@ class ExportDialog(QDialog):
 
     # -- building and refreshing ----------------------------------------------------------
 
-    def _label(self, name: str, accessible: str) -> QLabel:
-        label = QLabel(objectName=name, wordWrap=True)
-        label.setAccessibleName(accessible)
+    def _label(self, name: str, accessible: str, lines: int) -> QLabel:
+        label = reserved_note(name, lines, "", accessible)
+        label.setContentsMargins(0, 4, 0, 0)
         label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         return label
 
@@ -280,6 +280,18 @@ class ExportDialog(QDialog):
         self.file_row.set_ending(ending, pattern)
         self._refresh()
 
+    def _follow_name(self) -> None:
+        """Take the format whose ending was typed."""
+        name = self.file_row.edit.text().strip().lower()
+        if not name.endswith(self.format.ending):
+            self._choose_ending(next((e.ending for e in FORMATS if name.endswith(e.ending)), ""))
+        self._refresh_remark()
+
+    def _choose_ending(self, ending: str) -> None:
+        for row, each in enumerate(FORMATS):
+            if each.ending == ending and self.table.item(row, 0).flags() != Qt.ItemFlag.NoItemFlags:
+                self.table.selectRow(row)
+
     def _refresh(self) -> None:
         n, unit = self._mesh.n_vertices, self._mesh.unit
         try:
@@ -322,18 +334,13 @@ class ExportDialog(QDialog):
         spectrum = self._spectrum
         if not spectrum.complete:
             parts.append("The decomposition is not complete: the file will say so.")
-        if os.path.isfile(self.path):  # unlike Path.is_file of a name that is too long, too
-            parts.append(f"{self.path.name} exists and will be replaced.")
-        self.remark_label.setText(" ".join(parts))
-        self.remark_label.setVisible(bool(parts))
+        parts.append(self.file_row.remark)
+        self.remark_label.setText(" ".join(filter(None, parts)))
         self.export_button.setEnabled(self._possible and self.file_row.named)
 
     def _accept(self) -> None:
-        kind = "features" if self._chosen().counted else "eigenpairs"
-        try:
-            check_output(self.path, kind)
-        except (InputError, OSError) as fault:
-            self.remark_label.setText(failure_of(fault).text)
-            self.remark_label.setVisible(True)
-            return
-        self.accept()
+        fault = self.file_row.fault("features" if self._chosen().counted else "eigenpairs")
+        if fault:
+            self.remark_label.setText(fault)
+        else:
+            self.accept()

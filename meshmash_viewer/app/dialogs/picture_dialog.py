@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from PySide6.QtCore import QSignalBlocker
@@ -20,9 +21,10 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.facts import reserved_note
 from meshmash_viewer.app.controls.file_row import FileRow
 
-__all__ = ["PictureDialog"]
+__all__ = ["PictureChoice", "PictureDialog"]
 
 _LARGEST = 16_384
 _PRESETS = (
@@ -31,6 +33,16 @@ _PRESETS = (
     ("Column of a paper, 85 mm at 600 dpi", (2008, 1506)),
     ("Page of a paper, 180 mm at 600 dpi", (4252, 3189)),
 )
+
+
+@dataclass(frozen=True)
+class PictureChoice:
+    """What was asked for: width and height in pixels, and the row of the list that says so."""
+
+    path: Path
+    size: tuple[int, int]
+    preset: int
+    transparent: bool
 
 
 class PictureDialog(QDialog):
@@ -42,9 +54,17 @@ class PictureDialog(QDialog):
         Width and height of the render in pixels.
     path : Path
         Suggested file.
+    before : PictureChoice, optional
+        What was chosen the last time; the path aside, it is suggested again.
     """
 
-    def __init__(self, screen: tuple[int, int], path: Path, parent: QWidget | None = None) -> None:
+    def __init__(
+        self,
+        screen: tuple[int, int],
+        path: Path,
+        parent: QWidget | None = None,
+        before: PictureChoice | None = None,
+    ) -> None:
         super().__init__(parent)
         self.setObjectName("picture_dialog")
         self.setWindowTitle("Save picture")
@@ -61,6 +81,7 @@ class PictureDialog(QDialog):
             QCheckBox("Transparent background"), "picture_transparent_check"
         )
         self.file_row = FileRow(path, "PNG picture (*.png)", ".png")
+        self.remark_label = reserved_note("picture_remark_label", 2)
         self.preset_combo.currentIndexChanged.connect(self._take_preset)
         for spin in (self.width_spin, self.height_spin):
             spin.valueChanged.connect(self._note_custom)
@@ -81,19 +102,30 @@ class PictureDialog(QDialog):
         grid.addWidget(self.transparent_check, 2, 1)
         grid.addWidget(QLabel("File"), 3, 0)
         grid.addWidget(self.file_row, 3, 1)
+        grid.addWidget(self.remark_label, 4, 1)
         buttons = QDialogButtonBox()
         buttons.addButton(QDialogButtonBox.StandardButton.Cancel)
         self.save_button = theme.named(QPushButton("Save"), "picture_save_button", role="primary")
-        self.file_row.changed.connect(lambda: self.save_button.setEnabled(self.file_row.named))
+        self.save_button.setDefault(True)
+        self.file_row.changed.connect(self._refresh_file)
         buttons.addButton(self.save_button, QDialogButtonBox.ButtonRole.AcceptRole)
-        buttons.accepted.connect(self.accept)
+        buttons.accepted.connect(self._accept)
         buttons.rejected.connect(self.reject)
         column = QVBoxLayout(self)
         column.setContentsMargins(20, 16, 20, 16)
         column.setSpacing(theme.MARGIN)
         column.addLayout(grid)
         column.addWidget(buttons)
-        theme.pad_numbers(self)
+        theme.pad_fields(self)
+        if before is not None:
+            self._take_up(before)
+        self._refresh_file()
+
+    @property
+    def choice(self) -> PictureChoice:
+        """All of it, to be suggested the next time."""
+        preset = self.preset_combo.currentIndex()
+        return PictureChoice(self.path, self.size_, preset, self.transparent)
 
     @property
     def path(self) -> Path:
@@ -116,6 +148,24 @@ class PictureDialog(QDialog):
         spin.setSuffix(" px")
         spin.setValue(value)
         return spin
+
+    def _take_up(self, before: PictureChoice) -> None:
+        self.preset_combo.setCurrentIndex(before.preset)
+        if before.preset >= len(self._sizes):
+            self.width_spin.setValue(before.size[0])
+            self.height_spin.setValue(before.size[1])
+        self.transparent_check.setChecked(before.transparent)
+
+    def _refresh_file(self) -> None:
+        self.save_button.setEnabled(self.file_row.named)
+        self.remark_label.setText(self.file_row.remark)
+
+    def _accept(self) -> None:
+        fault = self.file_row.fault("picture")
+        if fault:
+            self.remark_label.setText(fault)
+        else:
+            self.accept()
 
     def _take_preset(self, at: int) -> None:
         if at < len(self._sizes):

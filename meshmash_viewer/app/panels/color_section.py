@@ -14,7 +14,7 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.facts import note, show_note
+from meshmash_viewer.app.controls.facts import keep_room, reserved_note
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.controls.swatches import DIVERGING, SEQUENTIAL, swatch_icon
 from meshmash_viewer.app.listening import follow, later, listen
@@ -80,7 +80,6 @@ class ColorSection(QWidget):
             grid.addWidget(label, row, 0)
             grid.addWidget(combo, row, 1)
         column.addLayout(grid)
-        self._build_percentiles(column)
         ends = QHBoxLayout()
         ends.setSpacing(theme.GAP)
         self.low = NumberField("limit_low_field", "Low limit", self)
@@ -97,7 +96,8 @@ class ColorSection(QWidget):
         ends.addWidget(self.high, 1)
         ends.addWidget(self.unit_label)
         column.addLayout(ends)
-        self.fault = note("limits_fault", "warning", self)
+        self._build_percentiles(column)
+        self.fault = reserved_note("limits_fault", 1)
         column.addWidget(self.fault)
 
     def _build_percentiles(self, column: QVBoxLayout) -> None:
@@ -121,6 +121,7 @@ class ColorSection(QWidget):
         row.addWidget(self.percent_low, 1)
         row.addWidget(theme.with_role(QLabel("to", self), "muted"))
         row.addWidget(self.percent_high, 1)
+        keep_room(self.percentiles)
         column.addWidget(self.percentiles)
 
     # -- from the person --------------------------------------------------------------------
@@ -159,7 +160,7 @@ class ColorSection(QWidget):
         return "The low limit has to be below the high one." if disorder else ""
 
     def _complain(self, sentence: str) -> None:
-        show_note(self.fault, sentence)
+        self.fault.setText(sentence)
 
     # -- from the model ---------------------------------------------------------------------
 

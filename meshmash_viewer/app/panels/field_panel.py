@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QSignalBlocker
+from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtWidgets import QFrame, QScrollArea, QTabWidget, QVBoxLayout, QWidget
 
 from meshmash_viewer.app import theme
@@ -43,17 +43,18 @@ class FieldPanel(QWidget):
             area = QScrollArea(self)
             area.setFrameShape(QFrame.Shape.NoFrame)
             area.setWidgetResizable(True)
+            area.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # it follows its fields
             page.setObjectName("panel_content")
             area.setWidget(page)
             family = FAMILIES[name]
             self.tabs.setTabToolTip(self.tabs.addTab(area, family.short), family.tip)
         self.tabs.currentChanged.connect(self._choose_kind)
         self.hint = note("field_hint", "muted", self)
-        self.hint.setContentsMargins(theme.MARGIN, theme.MARGIN, theme.MARGIN, 0)
+        self.hint.setContentsMargins(theme.MARGIN, 0, theme.MARGIN, theme.GAP)
         self.colors = ColorSection(document, self)
         line = theme.with_role(QFrame(self), "line")
-        column.addWidget(self.hint)
         column.addWidget(self.tabs, 1)
+        column.addWidget(self.hint)
         column.addWidget(line)
         column.addWidget(self.colors)
 

@@ -72,11 +72,11 @@ class HealthTable(QWidget):
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setHorizontalSpacing(theme.GAP)
-        grid.setVerticalSpacing(2)
+        grid.setVerticalSpacing(1)
         grid.setColumnStretch(1, 1)
         for at, row in enumerate(_ROWS):
             mark = QLabel()
-            mark.setFixedSize(14, 20)
+            mark.setFixedSize(14, 18)
             text = QLabel(row.text)
             count = theme.named(QLabel("–"), f"health_{row.attribute}", row.text)
             count.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)

@@ -17,11 +17,13 @@ from PySide6.QtWidgets import (
     QPushButton,
     QScrollArea,
     QSizePolicy,
+    QStackedLayout,
     QVBoxLayout,
     QWidget,
 )
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.facts import keep_room, reserved_note
 from meshmash_viewer.app.controls.number_box import QuantityBox
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
@@ -55,26 +57,25 @@ class MeshPanel(QWidget):
         column.setContentsMargins(theme.MARGIN, theme.GAP, theme.MARGIN, theme.MARGIN)
         column.setSpacing(6)
         self._build_facts(column)
-        self._heading(column, "Health")
-        column.addWidget(HealthTable(document))
+        self._heading(column, "Decomposition")
+        self.target_box = TargetBox(document)
+        column.addWidget(self.target_box)
+        self.cost_label = reserved_note("cost_label", 2, "muted", "Estimated memory and time")
+        column.addWidget(self.cost_label)
         self.undo_button = theme.named(
             QPushButton("Undo repair"), "undo_repair_button", "Undo the last repair", role="link"
         )
         self.undo_button.clicked.connect(document.undo_repair)
-        column.addWidget(self.undo_button, 0, Qt.AlignmentFlag.AlignLeft)
+        keep_room(self.undo_button)
+        self._heading(column, "Health", self.undo_button)
+        column.addWidget(HealthTable(document))
         self._heading(column, "Laplacian")
         self._build_operator(column)
-        self._heading(column, "Decomposition")
-        self.target_box = TargetBox(document)
-        column.addWidget(self.target_box)
-        self.cost_label = theme.named(
-            QLabel(wordWrap=True), "cost_label", "Estimated memory and time", role="muted"
-        )
-        column.addWidget(self.cost_label)
         column.addStretch(1)
 
         scroll = QScrollArea(widgetResizable=True)
         scroll.setWidget(content)
+        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # it follows its fields
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         outer = QVBoxLayout(self)
         outer.setContentsMargins(0, 0, 0, 0)
@@ -112,9 +113,13 @@ class MeshPanel(QWidget):
 
     # -- what was read ------------------------------------------------------------------------
 
-    def _heading(self, column: QVBoxLayout, text: str) -> None:
+    def _heading(self, column: QVBoxLayout, text: str, beside: QWidget | None = None) -> None:
         column.addSpacing(theme.GAP)
-        column.addWidget(theme.with_role(QLabel(text), "heading"))
+        row = QHBoxLayout()
+        row.addWidget(theme.with_role(QLabel(text), "heading"), 1)
+        if beside is not None:
+            row.addWidget(beside)
+        column.addLayout(row)
 
     def _build_facts(self, column: QVBoxLayout) -> None:
         self.name_label = theme.named(
@@ -125,7 +130,7 @@ class MeshPanel(QWidget):
         column.addWidget(self.path_label)
         grid = QGridLayout()
         grid.setHorizontalSpacing(theme.GAP)
-        grid.setVerticalSpacing(5)
+        grid.setVerticalSpacing(3)
         grid.setColumnStretch(1, 1)
         self._facts: dict[str, QLabel] = {}
         for at, name in enumerate(("Vertices", "Faces", "Area", "Extent")):
@@ -292,12 +297,10 @@ class MeshPanel(QWidget):
         row.addWidget(self.cancel_button, 1)
         self.progress_bar = theme.named(QProgressBar(textVisible=False), "progress_bar", "Progress")
         self.progress_bar.setRange(0, 1000)
-        self.progress_label = theme.named(
-            QLabel(wordWrap=True), "progress_label", "What is being done", role="muted"
-        )
-        self.proof_label = theme.named(
-            QLabel(wordWrap=True), "proof_label", "Proof of the eigenpairs", role="proof"
-        )
+        keep_room(self.progress_bar)
+        # one or the other, in room that is kept: the buttons above stay where they are
+        self.progress_label = reserved_note("progress_label", 4, "muted", "What is being done")
+        self.proof_label = reserved_note("proof_label", 4, "proof", "Proof of the eigenpairs")
         self.proof_label.setToolTip(
             "Pairs computed, whether the count is certified complete, the worst residual "
             "‖Lφ − λMφ‖ / λ‖Mφ‖, and the largest entry of |ΦᵀMΦ − I|"
@@ -305,16 +308,23 @@ class MeshPanel(QWidget):
         self.proof_label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         column.addLayout(row)
         column.addWidget(self.progress_bar)
-        column.addWidget(self.progress_label)
-        column.addWidget(self.proof_label)
+        self._told = QStackedLayout()
+        self._told.addWidget(self.proof_label)
+        self._told.addWidget(self.progress_label)
+        column.addLayout(self._told)
         return foot
 
     def _refresh_job(self) -> None:
         state = self._document.job
-        self.compute_button.setEnabled(self._document.can_compute)
-        self.cancel_button.setEnabled(state is not None and not state.cancelling)
+        for button, usable in (
+            (self.compute_button, self._document.can_compute),
+            (self.cancel_button, state is not None and not state.cancelling),
+        ):
+            if not usable and button.hasFocus():
+                self.window().setFocus()  # keys are commands then; Qt would go to the next control
+            button.setEnabled(usable)
         self.progress_bar.setVisible(state is not None)
-        self.progress_label.setVisible(state is not None)
+        self._told.setCurrentIndex(0 if state is None else 1)
         if state is not None:
             progress = state.progress
             if progress.fraction is None:
@@ -351,7 +361,6 @@ class MeshPanel(QWidget):
             text = "Open a mesh to compute its eigenfunctions."
         elif state is None and spectrum is None:
             text = "Nothing computed yet."
-        self.proof_label.setVisible(bool(text))
         self.proof_label.setText(text)
         if self.proof_label.property("role") != role:
             theme.with_role(self.proof_label, role)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QEvent, QObject, Qt, Signal
 from PySide6.QtWidgets import (
     QFrame,
     QHBoxLayout,
@@ -22,13 +22,22 @@ __all__ = ["PinLegend"]
 
 
 class PinLegend(QScrollArea):
-    """One line a pin: its colour, its number, its vertex, and a cross that takes it away."""
+    """One line a pin: its colour, its number, its vertex, and a cross that takes it away.
+
+    Signals
+    -------
+    pointed(int)
+        Vertex of the pin under the pointer, -1 for none.
+    """
+
+    pointed = Signal(int)
 
     def __init__(self, document: Document, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         theme.named(self, "pin_legend", "Pinned vertices")
         self.setFrameShape(QFrame.Shape.NoFrame)
         self.setWidgetResizable(True)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # it follows its buttons
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._document = document
         content = theme.named(QWidget(self), "panel_content")
@@ -45,6 +54,8 @@ class PinLegend(QScrollArea):
         pins = sorted(self._document.pins, key=lambda pin: pin.number)
         for pin in [pin for pin in self._rows if pin not in pins]:
             row = self._rows.pop(pin)
+            if row.property("role") == "pointed":
+                self.pointed.emit(-1)
             self._column.removeWidget(row)
             row.hide()
             row.deleteLater()
@@ -56,8 +67,28 @@ class PinLegend(QScrollArea):
         bar = self.verticalScrollBar().sizeHint().width()
         self.setFixedWidth(widest + theme.GAP + bar)
 
+    def point_at(self, vertex: int) -> None:
+        """Mark the line of a pin, or none."""
+        for pin, row in self._rows.items():
+            marked = "pointed" if pin.vertex == vertex else ""
+            if row.property("role") != marked:
+                theme.with_role(row, marked)
+                row.style().unpolish(row)
+                row.style().polish(row)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Tell which line is pointed at."""
+        if event.type() in (QEvent.Type.Enter, QEvent.Type.Leave):
+            entered = event.type() == QEvent.Type.Enter
+            for pin, row in self._rows.items():
+                if row is watched:
+                    self.pointed.emit(pin.vertex if entered else -1)
+        return super().eventFilter(watched, event)
+
     def _row(self, pin: Pin) -> QWidget:
-        row = QWidget()
+        row = theme.named(QWidget(), f"pin_row_{pin.vertex}")
+        row.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        row.installEventFilter(self)
         line = QHBoxLayout(row)
         line.setContentsMargins(0, 0, 0, 0)
         line.setSpacing(6)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import Qt
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QCloseEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QStackedLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QStackedLayout, QVBoxLayout, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.segments import Segments
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.panel_head import PanelHead
 from meshmash_viewer.app.panels.pin_legend import PinLegend
@@ -30,8 +29,22 @@ _VIEWS = {
 }
 
 
+#: Eigenfunctions that are in view at once: the values of hundreds would be a solid block.
+_AT_ONCE = 60
+#: From how many pixels on a curve is not pointed at any more.
+_NEAR = 8.0
+
+
 class ProfilePanel(QWidget):
-    """Bottom panel; shows the family of fields on the render until someone chooses otherwise."""
+    """Bottom panel; shows the family of fields on the render until someone chooses otherwise.
+
+    Signals
+    -------
+    pin_pointed(int)
+        Vertex of the pin that is pointed at in the list or on the plot, -1 for none.
+    """
+
+    pin_pointed = Signal(int)
 
     def __init__(self, document: Document, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -39,6 +52,9 @@ class ProfilePanel(QWidget):
         self.setAccessibleName("Profiles")
         self._document = document
         self._shown = ""
+        self._page: int | None = None
+        self._paged = True
+        self._pointed = self._hovered = self._told = -1
         self._drawn: Family | None = None
         self._profile: Profile | None = None
         self._curves: dict[Pin, tuple[pg.PlotCurveItem, pg.ScatterPlotItem]] = {}
@@ -57,8 +73,12 @@ class ProfilePanel(QWidget):
         column = QVBoxLayout(self)
         column.setContentsMargins(theme.MARGIN, theme.GAP // 2, theme.GAP, theme.GAP // 2)
         column.setSpacing(theme.GAP // 2)
-        self.view_choice = Segments("profile_view", "What the profiles show", _VIEWS, self)
-        self.view_choice.chosen.connect(self._show_view)
+        self.view_choice = theme.named(QComboBox(self), "profile_view", "What the profiles show")
+        for name, text in _VIEWS.items():
+            self.view_choice.addItem(text, name)
+        self.view_choice.activated.connect(
+            lambda row: self._show_view(self.view_choice.itemData(row))
+        )
         self.missing_label = theme.with_role(QLabel(self), "muted")
         self.missing_label.setObjectName("profile_missing_label")
         self.missing_label.setToolTip("They miss more than 1 % for want of eigenpairs")
@@ -88,9 +108,14 @@ class ProfilePanel(QWidget):
         self._marker = pg.InfiniteLine(angle=90, movable=True)
         self._marker.setCursor(Qt.CursorShape.SizeHorCursor)
         self._marker.sigDragged.connect(self._drag)
+        self._marker.sigPositionChangeFinished.connect(self._refresh_display)
         for item in (self._missing, self._zero, self._marker):
             self.plot.addItem(item, ignoreBounds=True)
         self.plot.clicked.connect(self._select)
+        self.plot.hovered.connect(self._hover)
+        self.plot.fit_button.clicked.connect(self._stop_paging)
+        self.plot.plotItem.vb.sigRangeChangedManually.connect(self._stop_paging)
+        self.legend.pointed.connect(self._tell_pointed)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Read nothing any more."""
@@ -100,11 +125,11 @@ class ProfilePanel(QWidget):
     # -- from the person --------------------------------------------------------------------
 
     def _show_view(self, key: str) -> None:
-        self.view_choice.show_key(key)
+        self.view_choice.setCurrentIndex(self.view_choice.findData(key))
         if key != self._shown:
-            self._shown = key
-            self._refresh()
+            self._shown, self._page, self._paged = key, None, True
             self.plot.show_all()
+            self._refresh()
 
     def _select(self, x: float, _y: float) -> None:
         """Put on the render what is at a place of the plot."""
@@ -114,6 +139,46 @@ class ProfilePanel(QWidget):
 
     def _drag(self, marker: pg.InfiniteLine) -> None:
         self._select(float(marker.value()), 0.0)
+
+    def _stop_paging(self, *_: object) -> None:
+        """Leave the range to the person, who has zoomed."""
+        self._paged = False
+
+    def _hover(self, x: float, y: float) -> None:
+        """Point at the pin whose curve is nearest."""
+        nearest, least = -1, _NEAR
+        wide, tall = self.plot.plotItem.vb.viewPixelSize()
+        for pin, (curve, _) in self._curves.items():
+            places, heights = curve.getData()
+            if places is None or not len(places):
+                continue
+            # of the line, between two places, too
+            height = np.interp(x, places, heights)
+            distance = np.hypot((places - x) / wide, (heights - y) / tall).min()
+            distance = min(float(distance), abs(float(height) - y) / tall)
+            if distance < least:
+                nearest, least = pin.vertex, distance
+        self._tell_pointed(nearest)
+
+    def _tell_pointed(self, vertex: int) -> None:
+        if vertex != self._hovered:
+            self._hovered = vertex
+            self._bring_forward()
+            self.pin_pointed.emit(vertex)
+
+    def point_at(self, vertex: int) -> None:
+        """Bring the pin of a vertex forward while none is pointed at here; none for -1."""
+        self._told = vertex
+        self._bring_forward()
+
+    def _bring_forward(self) -> None:
+        vertex = self._hovered if self._hovered >= 0 else self._told
+        vertex = vertex if any(pin.vertex == vertex for pin in self._curves) else -1
+        if vertex != self._pointed:
+            self._pointed = vertex
+            self.legend.point_at(vertex)
+            for pin in self._curves:
+                self._dress_curve(pin)
 
     # -- from the model ---------------------------------------------------------------------
 
@@ -192,10 +257,38 @@ class ProfilePanel(QWidget):
             curve.setData([], [])
             dots.setData([], [])
             return
-        curve.setPen(solid(pin.color, 1.0, 0.45) if self._family.signed else solid(pin.color, 2.0))
+        self._dress_curve(pin)
         curve.setData(*profile.curve.values(values))
         places, heights = profile.dots.values(values)
         dots.setData(places, heights, size=5.0 if len(places) <= 200 else 3.5)
+
+    def _dress_curve(self, pin: Pin) -> None:
+        """Colour the curve of a pin: pale where another one is pointed at."""
+        curve, dots = self._curves[pin]
+        forward = pin.vertex == self._pointed
+        width, strength = (1.0, 0.45) if self._family.signed else (2.0, 1.0)
+        if self._pointed >= 0:
+            strength = 1.0 if forward else 0.2
+        curve.setPen(solid(pin.color, width + forward, strength))
+        dots.setBrush(color(pin.color, 0.2 if self._pointed >= 0 and not forward else 1.0))
+        for item in (curve, dots):
+            item.setZValue(1.0 if forward else 0.0)
+
+    def _turn_page(self, at: float, last: float) -> None:
+        """Show the eigenfunctions around the one on the render, where there are too many."""
+        if not self._family.signed or not self._paged:
+            return
+        page = int(at) // _AT_ONCE
+        if page != self._page:
+            self._page = page
+            box = self.plot.plotItem.vb
+            if last < _AT_ONCE:
+                self.plot.show_all()
+            else:
+                first = min(page * _AT_ONCE, last + 1 - _AT_ONCE)
+                box.setAutoVisible(y=True)
+                box.setXRange(first - 1, first + _AT_ONCE, padding=0.0)
+                box.enableAutoRange(axis="y")
 
     def _mark(self, spectrum: Spectrum) -> None:
         """Mark what is on the render, and hatch what needs more eigenpairs."""
@@ -204,8 +297,10 @@ class ProfilePanel(QWidget):
         if self._profile is None:
             return
         at, missing = self._family.place(spectrum), self._family.unresolved(spectrum)
+        self._marker.setBounds(self._profile.dots.places[[0, -1]].tolist())
         if not self._marker.moving:
             self._marker.setValue(at)
+            self._turn_page(at, float(self._profile.dots.places[-1]))
         self._missing.setVisible(missing is not None)
         self.missing_label.setText("" if missing is None else "Hatched: misses over 1 %")
         self.head.fit()

@@ -52,7 +52,7 @@ class SpectrumPanel(QWidget):
         self.view_choice = Segments(
             "spectrum_view",
             "What the spectrum shows",
-            {"eigenvalues": "Eigenvalues", "responses": "Filter responses"},
+            {"eigenvalues": "Eigenvalues", "responses": "Filters"},
             self,
         )
         self.view_choice.chosen.connect(self._choose_view)

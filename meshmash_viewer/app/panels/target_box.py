@@ -7,16 +7,16 @@ from typing import Any
 from PySide6.QtWidgets import (
     QButtonGroup,
     QGridLayout,
-    QLabel,
     QRadioButton,
     QScrollArea,
     QSizePolicy,
+    QStackedLayout,
     QWidget,
 )
 
 from meshmash_viewer import units
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.facts import note, show_note
+from meshmash_viewer.app.controls.facts import reserved_note
 from meshmash_viewer.app.controls.number_box import CountBox, QuantityBox, dress
 from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.errors import InputError
@@ -98,10 +98,12 @@ class TargetBox(QWidget):
             grid.addWidget(radio, at, 0)
             grid.addWidget(box, at, 1)
         grid.setColumnStretch(1, 1)
-        self.note = theme.named(QLabel(wordWrap=True), "weyl_note", role="muted")
-        grid.addWidget(self.note, len(rows), 0, 1, 2)
-        self.fault = note("target_fault", "warning", self)
-        grid.addWidget(self.fault, len(rows), 0, 1, 2)  # one or the other: nothing moves
+        self.note = reserved_note("weyl_note", 3, "muted", "About the estimates")
+        self.fault = reserved_note("target_fault", 3)
+        self._told = QStackedLayout()  # one or the other: nothing moves
+        self._told.addWidget(self.note)
+        self._told.addWidget(self.fault)
+        grid.addLayout(self._told, len(rows), 0, 1, 2)
         follow(document.mesh_changed, self._forgive)
         follow(document.mesh_changed, self.refresh)
         follow(document.settings_changed, self.refresh)
@@ -144,15 +146,15 @@ class TargetBox(QWidget):
         if target.kind != "time" or not self.time_spin.hasFocus():
             self.time_spin.show_quantity(time)
         zeros = ready.health.n_components
-        parts = [f"{zeros:,} of them are zero, one for each component."] if zeros > 1 else []
+        parts = [f"{zeros:,} of them are zero, one a component."] if zeros > 1 else []
         if count >= translation.n_vertices:
-            parts.append("The mesh has no more eigenpairs: shorter waves are not on it.")
+            parts.append("The mesh has no more eigenpairs.")
         if not (counted and bounded and measured and resolved):
             parts.append(
                 "≈ by Weyl's law, onwards from the last known eigenvalue."
                 if len(translation.eigenvalues)
-                else "≈ by Weyl's law from the area: within a factor of two for many pairs, but "
-                "along thin branches the first hundred can lie ten times lower."
+                else "≈ by Weyl's law, within a factor of two; of ten for the first hundred pairs "
+                "of thin branches."
             )
         self.note.setText(" ".join(parts))
         self._show_note()
@@ -197,7 +199,7 @@ class TargetBox(QWidget):
 
     def _show_reason(self) -> None:
         kind, text = self._refused
-        show_note(self.fault, text)
+        self.fault.setText(text)
         self._show_note()
         self._boxes[kind].selectAll()
         parent = self.parentWidget()
@@ -209,11 +211,11 @@ class TargetBox(QWidget):
             parent.ensureWidgetVisible(self.fault, 0, theme.GAP)
 
     def _forgive(self) -> None:
-        show_note(self.fault, "")
+        self.fault.setText("")
         self._show_note()
 
     def _show_note(self) -> None:
-        self.note.setVisible(bool(self.note.text()) and self.fault.isHidden())
+        self._told.setCurrentIndex(1 if self.fault.text() else 0)
 
     def _choose(self, kind: Any) -> None:
         self._forgive()

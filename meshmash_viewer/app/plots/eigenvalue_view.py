@@ -39,6 +39,7 @@ class EigenvalueView:
         self.marker = pg.InfiniteLine(angle=90, movable=True)
         self.marker.setCursor(Qt.CursorShape.SizeHorCursor)
         self.marker.sigDragged.connect(self._drag)
+        self.marker.sigPositionChangeFinished.connect(self.refresh_current)
         self.owed = pg.PlotCurveItem()  # unseen: keeps room for the pairs that are still to come
         self.items = (
             self.owed, self.weyl, self.points, self.zeros, self.marker, self.current,
@@ -124,6 +125,7 @@ class EigenvalueView:
         height = self._heights(spectrum.eigenvalues, first_nonzero(spectrum))[index]
         self.current.setData([index], [height], size=10.0)
         self.marker.setVisible(True)
+        self.marker.setBounds((0, len(spectrum) - 1))
         if not self.marker.moving:
             self.marker.setValue(index)
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import pyqtgraph as pg
 from PySide6.QtCore import QPointF, Qt, Signal
-from PySide6.QtGui import QBrush, QColor, QFont, QPen
-from PySide6.QtWidgets import QWidget
+from PySide6.QtGui import QBrush, QColor, QFont, QPen, QResizeEvent
+from PySide6.QtWidgets import QToolButton, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.scale_marks import linear_texts, power_text
@@ -91,7 +91,7 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
 class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
     """A plot in the theme's colours.
 
-    The wheel zooms, a drag moves, a double click shows everything again.
+    The wheel zooms, a drag moves, "Fit" where the axes meet shows everything again.
 
     Signals
     -------
@@ -109,12 +109,18 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
         super().__init__(parent, axisItems=axes)
         self.setObjectName(name)
         self.setAccessibleName(accessible_name)
-        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)  # what it does by mouse, panels do by keys
         self.setFrameShape(self.Shape.NoFrame)
-        self.setMinimumSize(220, 110)
+        self.setMinimumSize(120, 110)
         self.setAntialiasing(True)
         self.setMenuEnabled(False)
         self.hideButtons()
+        self.fit_button = theme.named(
+            QToolButton(self), f"{name}_fit_button", f"Fit the plot: {accessible_name}"
+        )
+        self.fit_button.setText("Fit")
+        self.fit_button.setToolTip("Show everything that is drawn")
+        self.fit_button.clicked.connect(self.show_all)
         self._labels = {"left": "", "bottom": ""}
         self._heights: tuple[float, float] | None = None
         self.scene().sigMouseClicked.connect(self._click)
@@ -184,6 +190,12 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
         """Where a point of the plot is on the widget."""
         return QPointF(self.mapFromScene(self.plotItem.vb.mapViewToScene(QPointF(x, y))))
 
+    def resizeEvent(self, event: QResizeEvent | None) -> None:
+        """Keep the button where the axes meet."""
+        super().resizeEvent(event)
+        if event is not None:  # pyqtgraph calls it once by itself, before there is a button
+            self.fit_button.move(0, self.height() - self.fit_button.sizeHint().height())
+
     def leaveEvent(self, event: object) -> None:
         """Tell that nothing is pointed at any more."""
         self.hovered.emit(math.nan, math.nan)
@@ -199,10 +211,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
         point = self._point(event.scenePos())
         if event.button() != Qt.MouseButton.LeftButton or point is None:
             return
-        if event.double():
-            self.show_all()
-        else:
-            self.clicked.emit(point.x(), point.y())
+        self.clicked.emit(point.x(), point.y())
 
     def _move(self, position: QPointF) -> None:
         point = self._point(position)

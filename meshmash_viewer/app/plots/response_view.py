@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
@@ -19,6 +17,14 @@ from meshmash_viewer.units import named_quantity
 __all__ = ["ResponseView"]
 
 _RUG = -0.09
+#: Top of the left axis: above 1 there is room for the grips.
+_TOP = 1.32
+#: Share of the height up to which the filter's handle goes; the grips of the ends are above it.
+_HELD = 0.82
+#: Diameter of a grip in pixels.
+_GRIP = 10
+#: Narrowest range of filters that can be dragged, as a share of the known eigenvalues.
+_NARROWEST = 1e-3
 #: Places along which a filter is sampled, where it has none of its own.
 _SAMPLES = 256
 
@@ -40,9 +46,15 @@ class ResponseView:
         self.response = pg.PlotCurveItem(fillLevel=0.0)
         self.missing = pg.LinearRegionItem(movable=False)
         self.low, self.high, self.handle = (pg.InfiniteLine(angle=90, movable=True) for _ in "abc")
+        for line in (self.low, self.high):
+            line.addMarker("o", 0.94, _GRIP)
+        self.handle.addMarker("o", 1.0, _GRIP)
+        self.handle.setSpan(0.0, _HELD)
+        self.handle.setZValue(1.0)
         for line in (self.low, self.high, self.handle):
             line.setCursor(Qt.CursorShape.SizeHorCursor)
             line.sigDragged.connect(self._drag)
+            line.sigPositionChangeFinished.connect(self.refresh_current)
         self.items = (
             self.missing, self.rug, *self.series, self.response, self.low, self.high, self.handle,
         )  # fmt: skip
@@ -84,7 +96,7 @@ class ResponseView:
 
     def heights(self) -> tuple[float, float] | None:
         """Range of the left axis: the same for all responses, so that it stays while they move."""
-        return _RUG - 0.03, 1.06
+        return _RUG - 0.03, _TOP
 
     # -- coordinates ------------------------------------------------------------------------
 
@@ -141,11 +153,12 @@ class ResponseView:
             item.setData(np.concatenate([gap, *x]), np.concatenate([gap, *y]))
         self.response.setData(self._x(response.curve[0]), response.curve[1])
         low, high = response.ends or (0.0, 0.0)
+        known = float(spectrum.eigenvalues[-1])
         for line, value in ((self.low, low), (self.high, high), (self.handle, response.handle)):
             line.setVisible(line is self.handle or response.ends is not None)
             if not line.moving:
+                line.setBounds((None, None))
                 line.setValue(float(self._x(value)))
-        known = float(spectrum.eigenvalues[-1])
         self._hatch((known, high) if high > known * (1.0 + 1e-9) else None)
 
     @property
@@ -188,19 +201,33 @@ class ResponseView:
         spectrum, display = self._usable(), self._document.display
         if spectrum is None:
             return
-        value = self._eigenvalue(float(line.value()))
         family = self.family
+        line.setBounds([float(self._x(value)) for value in self._bounds(spectrum, line)])
+        value = self._eigenvalue(float(line.value()))
         if line is self.handle:
             display.show(family.at_eigenvalue(spectrum, value))
             return
-        low, high = (self._eigenvalue(float(end.value())) for end in (self.low, self.high))
-        known = float(spectrum.eigenvalues[-1])
-        if line is self.low:
-            low = min(max(value, 0.0), high - 1e-3 * known)
-        else:
-            high = max(min(value, known), low + 1e-3 * known)
-        display.put(family.between(low, high))
+        low, high = self._ends(spectrum)
+        display.put(family.between(value, high) if line is self.low else family.between(low, value))
 
-    def readout_of(self, x: float) -> float | None:
-        """Eigenvalue at a place of the plot."""
-        return self._eigenvalue(x) if math.isfinite(x) else None
+    def _bounds(self, spectrum: Spectrum, line: pg.InfiniteLine) -> tuple[float, float]:
+        """Eigenvalues between which a line can be dragged: no range is left without pairs."""
+        values = spectrum.eigenvalues
+        known = float(values[-1])
+        if line is self.handle:
+            family, one = self.family, values[-1:]
+            ends = (family.at_eigenvalue(spectrum, each) for each in (1e-6 * known, 1e6 * known))
+            responses = [each.response(spectrum, one) for each in ends]
+            held = sorted(response.handle for response in responses if response is not None)
+            return (held[0], held[-1]) if held else (0.0, known)
+        low, high = self._ends(spectrum)
+        if line is self.low:
+            below = int(np.searchsorted(values, min(high, known), side="right"))
+            return 0.0, max(min(values[max(below - 2, 0)], high - _NARROWEST * known), 0.0)
+        above = int(np.searchsorted(values, low, side="left"))
+        return max(values[min(above + 1, len(values) - 1)], low + _NARROWEST * known), known
+
+    def _ends(self, spectrum: Spectrum) -> tuple[float, float]:
+        """Range of the filters, as the model has it."""
+        response = self.family.response(spectrum, spectrum.eigenvalues[-1:])
+        return (0.0, 0.0) if response is None or response.ends is None else response.ends

@@ -61,7 +61,7 @@ class BandTab(ColumnStepper):
         self.range_box.show_range(between, power_unit(unit, -2), automatic=chosen.automatic)
         if spectrum is None or between is None:
             return {}
-        self._mark_missing(spectrum, between[1], unit)
+        self._mark_missing(spectrum, between, unit)
         center = float(chosen.centers(spectrum)[chosen.column])
         start, end = chosen.support(spectrum)
         first, last = np.searchsorted(spectrum.eigenvalues, [start, end])
@@ -72,10 +72,13 @@ class BandTab(ColumnStepper):
             "band_pairs_label": f"{last - first:,}",
         }
 
-    def _mark_missing(self, spectrum: Spectrum, high: float, unit: str) -> None:
+    def _mark_missing(self, spectrum: Spectrum, between: tuple[float, float], unit: str) -> None:
+        low, high = between
         known = max(float(spectrum.eigenvalues[-1]), spectrum.known_to)
         if high <= known * (1.0 + 1e-9) or 0 < spectrum.n_vertices <= len(spectrum):
-            show_note(self.missing_note, "")
+            held = np.any((spectrum.eigenvalues >= low) & (spectrum.eigenvalues <= high))
+            text = "" if held else "No eigenpair lies in this range: every band is 0."
+            show_note(self.missing_note, text)
             return
         mesh = self._document.mesh
         pairs = f", {estimated_pairs(spectrum, mesh.area, high)}" if mesh is not None else ""

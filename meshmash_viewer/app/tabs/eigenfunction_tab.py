@@ -58,16 +58,15 @@ class EigenfunctionTab(FieldStepper):
             self,
         )
         column.addWidget(self.facts)
-        self.multiplet_note = note("multiplet_label", "muted", self)
-        self.preview_note = note("preview_label", "warning", self)
-        column.addWidget(self.multiplet_note)
-        column.addWidget(self.preview_note)
-
         self.nodal_check = QCheckBox("Nodal lines, where it is zero", self)
         self.nodal_check.setObjectName("nodal_lines_check")
         self.nodal_check.setAccessibleName("Draw nodal lines")
         self.nodal_check.toggled.connect(self._toggle_nodal)
         column.addWidget(self.nodal_check)
+        self.multiplet_note = note("multiplet_label", "muted", self)
+        self.preview_note = note("preview_label", "warning", self)
+        column.addWidget(self.multiplet_note)
+        column.addWidget(self.preview_note)
         column.addStretch(1)
 
     # -- from the person --------------------------------------------------------------------

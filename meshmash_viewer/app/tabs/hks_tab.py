@@ -50,20 +50,7 @@ class HksTab(FieldStepper):
         row.addWidget(self.facts, 1)
         row.addWidget(self.play_button)
         column.addLayout(row)
-        self.missing_note = note("hks_missing_label", "warning", self)
-        column.addWidget(self.missing_note)
-
-        column.addWidget(theme.with_role(QLabel("Range of times", self), "heading"))
-        self.range_box = RangeBox(
-            ("hks_automatic_check", "hks_t_min_field", "hks_t_max_field"),
-            ("Automatic, from the spectrum", "Shortest", "Longest"),
-            "time",
-            self,
-        )
-        self.range_box.check.setToolTip("4 ln 10 / λ_max to 4 ln 10 / λ₂ (Sun et al. 2009)")
-        self.range_box.automatic_chosen.connect(self._set_automatic)
-        self.range_box.range_given.connect(self._set_range)
-        column.addWidget(self.range_box)
+        column.addWidget(theme.with_role(QLabel("Times", self), "heading"))
         self.scales_spin = QSpinBox(self)
         self.scales_spin.setObjectName("hks_scales_spin")
         self.scales_spin.setAccessibleName("Number of times")
@@ -76,6 +63,18 @@ class HksTab(FieldStepper):
         line.addStretch(1)
         line.addWidget(self.scales_spin)
         column.addLayout(line)
+        self.range_box = RangeBox(
+            ("hks_automatic_check", "hks_t_min_field", "hks_t_max_field"),
+            ("Automatic, from the spectrum", "Shortest", "Longest"),
+            "time",
+            self,
+        )
+        self.range_box.check.setToolTip("4 ln 10 / λ_max to 4 ln 10 / λ₂ (Sun et al. 2009)")
+        self.range_box.automatic_chosen.connect(self._set_automatic)
+        self.range_box.range_given.connect(self._set_range)
+        column.addWidget(self.range_box)  # last, because what it refuses takes room
+        self.missing_note = note("hks_missing_label", "warning", self)
+        column.addWidget(self.missing_note)
         column.addStretch(1)
 
     # -- from the person --------------------------------------------------------------------

@@ -38,7 +38,6 @@ class SimilarityTab(FamilyTab):
         self.title.setObjectName("similarity_label")
         column.addWidget(self.title)
         self.hint = note("similarity_hint", "muted", self)
-        column.addWidget(self.hint)
         self.vertex_label = theme.with_role(QLabel("From pinned vertex", self), "muted")
         self.combo = QComboBox(self)
         self.combo.setObjectName("similarity_vertex_combo")
@@ -58,6 +57,7 @@ class SimilarityTab(FamilyTab):
         column.addWidget(self.basis)
         self.explanation = note("similarity_explanation", "muted", self)
         column.addWidget(self.explanation)
+        column.addWidget(self.hint)
         column.addStretch(1)
 
     # -- from the person --------------------------------------------------------------------

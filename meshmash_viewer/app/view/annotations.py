@@ -133,7 +133,8 @@ def margins(captioned: bool, width: int, height: int, scale: float) -> Margins:
     return Margins(
         left=28 * scale,
         right=(BAR_SPACE if captioned else 28) * scale,
-        top=(66 if captioned else 28) * scale,
+        # below the title there is room for the number of a pin
+        top=(76 if captioned else 28) * scale,
         bottom=58 * scale,
     )
 
@@ -286,7 +287,8 @@ class Annotations:
 
     def _set_bar(self, page: Page, caption: Caption | None) -> None:
         theme, scale, bar = page.theme, page.scale, self.bar
-        tall = min(300 * scale, 0.5 * page.height)
+        # below title and quantity, which may be as wide as the picture
+        tall = min(300 * scale, 0.5 * page.height, page.height - 150 * scale)
         shown = caption is not None and tall >= 70 * scale and page.width >= 220 * scale
         bar.SetVisibility(shown)
         if caption is None or not shown:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pyvista
-from PySide6.QtCore import QPoint, QPointF, QSize, QThreadPool, QTimer, Signal
+from PySide6.QtCore import QPoint, QPointF, QSize, Qt, QThreadPool, QTimer, Signal
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
@@ -68,6 +68,7 @@ class MeshView(QWidget):
         self.setAccessibleName("Render of the mesh")
         self.document = document
         self.plotter = RenderWidget(self)
+        self.plotter.setFocusPolicy(Qt.FocusPolicy.ClickFocus)  # it has no keys of its own
         self.renderer = MeshRenderer(renderer=self.plotter.renderer)
         self.renderer.add_to(self.plotter.window_of_vtk)
         self._stand_in = StandIn(self.renderer)
@@ -80,7 +81,8 @@ class MeshView(QWidget):
         self._first = True
         self._quantity = self._awaited = ""
         self._line_values: npt.NDArray[np.floating] | None = None
-        self._hovered = -1
+        self._held: tuple[Any, tuple[float, float], str] | None = None
+        self._hovered = self._told = -1
         self._generation = 0
         # One thread for what takes longer than a frame; the newest request counts.
         self._pool = QThreadPool(self)
@@ -122,11 +124,12 @@ class MeshView(QWidget):
         """Draw a mesh with vertex normals of shape (n, 3), or nothing."""
         self._generation += 1
         self._stand_in.forget()
-        self._line_values = None
+        self._line_values = self._held = None
         self._line_delay.stop()
         self._rest.stop()
         self.renderer.set_mesh(mesh, normals, picking=True)
         self._begin_with_stand_in()
+        self._told = -1
         self._set_hovered(-1)
         if mesh is not None:
             self._picking_poll.start()
@@ -139,15 +142,30 @@ class MeshView(QWidget):
         """Colour the mesh by a field (`meshmash_viewer.model.field.Field`), or by none.
 
         One write into the displayed array and one frame, however often it is called meanwhile.
+        While a film with nodal lines is played, each picture waits for its lines.
         """
-        if self.renderer.mesh is None:
+        self._show_held()
+        if field is not None and self._line_values is not None and self.document.display.playing:
+            self._held = field, limits, colormap
+        else:
+            self._put_field(field, limits, colormap)
+
+    def _show_held(self) -> None:
+        """Show the field that waited for its nodal lines."""
+        if self._held is not None:
+            held, self._held = self._held, None
+            self._put_field(*held)
+
+    def _put_field(self, field: Any | None, limits: tuple[float, float], colormap: str) -> None:
+        mesh = self.renderer.mesh
+        if mesh is None:
             return
         had_caption = self.renderer.caption is not None
         self._quantity = "" if field is None else field.quantity
         if field is None:
             self.renderer.set_field(None, limits, colormap)
         else:
-            values = self.renderer.mesh.on_surface(field.values)
+            values = mesh.on_surface(field.values)
             words = field.title, self._awaited or field.quantity, field.unit
             self.renderer.set_field(values, limits, colormap, *words, complete=field.complete)
         if self._line_values is not None:
@@ -191,7 +209,10 @@ class MeshView(QWidget):
         before, self._line_values = self._line_values, values
         if self.renderer.mesh is None or (values is None and before is None):
             return
-        if values is None:
+        if values is not None and self._held is not None:
+            self._compute_lines()
+        elif values is None:
+            self._show_held()
             self._line_delay.stop()
             self.renderer.set_segments(None)
             self.plotter.render()
@@ -407,6 +428,7 @@ class MeshView(QWidget):
                 self._rest.start(REST)
                 self.plotter.render()
         elif key is self._line_values:
+            self._show_held()
             self.renderer.set_segments(*result)
             self.plotter.render()
 
@@ -444,13 +466,22 @@ class MeshView(QWidget):
         else:
             self._set_hovered(self.vertex_at(inside.x(), inside.y()))
 
-    def _set_hovered(self, vertex: int) -> None:
+    def point_at(self, vertex: int) -> None:
+        """Put the ring around a vertex while none is under the pointer, or take it away (-1)."""
+        self._told = vertex
+        self._place_ring()
+
+    def _place_ring(self) -> None:
+        vertex = self._hovered if self._hovered >= 0 else self._told
         if vertex >= 0:
             self._ring.show_at(self.display_point(vertex))
         else:
             self._ring.hide()
-        if vertex != self._hovered:
-            self._hovered = vertex
+
+    def _set_hovered(self, vertex: int) -> None:
+        before, self._hovered = self._hovered, vertex
+        self._place_ring()
+        if vertex != before:
             self.vertex_hovered.emit(vertex)
 
     def _clicked(self, at: QPointF) -> None:

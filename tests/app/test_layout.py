@@ -1,0 +1,176 @@
+"""Where things are: in a small window, and while texts come and go."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from closed_form import give, rectangle_document
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QAbstractSpinBox,
+    QApplication,
+    QComboBox,
+    QLineEdit,
+    QWidget,
+)
+from pytestqt.qtbot import QtBot
+
+from meshmash_viewer.app.listening import catch_up
+from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.run import application
+from meshmash_viewer.app.view.annotations import margins
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.model.jobs import DecomposeJob
+from meshmash_viewer.model.limits import PercentileLimits
+from meshmash_viewer.progress import Progress
+
+PATIENCE = 60_000
+
+
+@pytest.fixture(scope="session")
+def qapp() -> QApplication:
+    return application()
+
+
+@pytest.fixture
+def window(qtbot: QtBot) -> Iterator[MainWindow]:
+    """A window with a rectangle, and its eigenpairs in closed form."""
+    window = MainWindow(rectangle_document(twins=slice(10, 13)), fresh=True)
+    window.resize(1440, 900)
+    window.show()
+    window.activateWindow()
+    qtbot.waitUntil(lambda: window.isActiveWindow() and window.field_source.idle, timeout=PATIENCE)
+    yield window
+    window.close()
+    window.deleteLater()
+
+
+def part(window: MainWindow, name: str) -> QWidget:
+    found = window.findChild(QWidget, name)
+    assert found is not None, name
+    return found
+
+
+def places(window: MainWindow) -> dict[str, tuple[int, int]]:
+    """Where in the window each control of the two side panels is."""
+    catch_up()
+    QTest.qWait(50)
+    kinds = (QAbstractButton, QAbstractSpinBox, QComboBox, QLineEdit)
+    found = {}
+    for panel in (window.mesh_panel, window.field_panel):
+        for kind in kinds:
+            for each in panel.findChildren(kind):
+                if each.isVisible() and each.objectName() and "qt_" not in each.objectName():
+                    at = each.mapTo(window, QPoint(0, 0))
+                    found[each.objectName()] = at.x(), at.y()
+    assert len(found) > 20
+    return found
+
+
+@pytest.mark.parametrize("size", [(900, 600), (1000, 650)])
+def test_a_small_window_has_room_for_what_matters(
+    qtbot: QtBot, window: MainWindow, size: tuple[int, int]
+) -> None:
+    window.resize(*size)
+    qtbot.wait(100)
+    window.resize(*size)  # the plots share one place by now
+    qtbot.wait(100)
+    assert (window.width(), window.height()) == size
+    inside = window.mesh_panel.findChild(QWidget, "target_count_spin").visibleRegion()
+    assert inside.boundingRect() == part(window, "target_count_spin").rect()
+    for name in ("spectrum", "profile"):
+        dock = window.arrangement.docks[name]
+        dock.raise_()
+        qtbot.wait(50)
+        for control in dock.widget().findChildren(QWidget):
+            if control.isVisible() and isinstance(control, QAbstractButton | QComboBox):
+                seen = control.visibleRegion().boundingRect()
+                assert seen == control.rect(), control.objectName()
+    # neither the mesh nor the number of a pin on its rim, 8 about (13, 12), is under the title
+    scene, document = window.scene, window.document
+    title = scene.title_size.height()
+    ratio = scene.devicePixelRatioF()
+    beside = margins(True, round(scene.width() * ratio), round(scene.height() * ratio), ratio)
+    assert beside.top / ratio - 20 >= title - 16
+    tops = [scene.display_point(vertex).y() for vertex in range(document.mesh.n_vertices)]
+    assert min(tops) - 20 >= title - 16
+    bar, text = scene.renderer.annotations.bar, scene.renderer.annotations.quantity
+    height = bar.GetPositionCoordinate().GetValue()[1] + bar.GetPosition2Coordinate().GetValue()[1]
+    assert height < text.GetPosition()[1] - 12, "the colour bar begins below the title"
+
+
+def test_texts_that_appear_move_nothing(qtbot: QtBot, window: MainWindow) -> None:
+    document = window.document
+    before = places(window)
+    document.display.change(Eigenfunctions, index=11)
+    assert places(window) == before, "a multiplet"
+    assert part(window, "multiplet_label").isVisible()
+    give(part(window, "limit_low_field"), "1e9")
+    assert places(window) == before, "limits the wrong way round"
+    document.display.limits = PercentileLimits()
+    with_percentiles = places(window)
+    assert before.items() <= with_percentiles.items()
+    document.display.limits = None
+    spin = part(window, "target_count_spin")
+    for text in ("99999", "300"):
+        spin.setFocus()
+        spin.selectAll()
+        QTest.keyClicks(spin, text)
+        QTest.keyClick(spin, Qt.Key.Key_Tab)
+        assert places(window) == before, text
+    job = DecomposeJob(document.mesh, document.operator, document.target)
+    document.job_started(job)
+    for message in ("ordering", "the iteration, of which there is a good deal to be said " * 2):
+        document.job_progressed(Progress("solve", 0.3, 88.0, message))
+        assert places(window) == before, message
+        assert part(window, "progress_label").isVisible()
+    document.job_ended()
+    assert places(window) == before
+    document.display.kind = "hks"
+    before = places(window)
+    give(part(window, "hks_t_min_field"), "1e4")
+    assert places(window) == before
+    assert part(window, "hks_missing_label").isVisible()
+    give(part(window, "hks_t_max_field"), "1")
+    assert places(window) == before, "a range the wrong way round"
+
+
+def test_a_pin_is_pointed_at_in_list_plot_and_render_together(
+    qtbot: QtBot, window: MainWindow
+) -> None:
+    document, scene = window.document, window.scene
+    for vertex in (25, 200):
+        document.toggle_pin(vertex)
+    qtbot.waitUntil(lambda: window.findChild(QWidget, "pin_row_200") is not None)
+    qtbot.waitUntil(lambda: scene.can_pick and len(window.profile_panel._curves) == 2)
+    qtbot.wait(50)
+    row, ring = part(window, "pin_row_200"), part(window, "hover_ring")
+
+    def held_over(widget: QWidget, at: QPoint) -> None:
+        # not quite still: a picture that comes late lets go of what is pointed at in it
+        QTest.mouseMove(widget, at)
+        QTest.mouseMove(widget, at + QPoint(1, 0))
+
+    def ringed() -> bool:
+        held_over(row, row.rect().center())
+        return bool((ring.geometry().center() - scene.display_point(200)).manhattanLength() <= 2)
+
+    def listed() -> bool:
+        held_over(ring.parentWidget(), scene.display_point(25))
+        return bool(part(window, "pin_row_25").property("role") == "pointed")
+
+    QTest.mouseMove(window, QPoint(3, 3))
+    qtbot.waitUntil(lambda: ringed() and ring.isVisible(), timeout=PATIENCE)
+    qtbot.waitUntil(listed, timeout=PATIENCE)
+    assert row.property("role") != "pointed"
+
+
+def test_a_panel_stays_where_it_is_when_its_title_is_clicked_twice(window: MainWindow) -> None:
+    for dock in window.arrangement.docks.values():
+        title = dock.titleBarWidget()
+        QTest.mouseDClick(title, Qt.MouseButton.LeftButton, pos=title.rect().center())
+        assert not dock.isFloating()
+        QTest.mouseClick(title, Qt.MouseButton.LeftButton)  # with no button held, for who is next
