@@ -83,21 +83,22 @@ class ExportDialog(QDialog):
         self.setObjectName("export_dialog")
         self.setWindowTitle("Export")
         self._document = document
-        self._mesh = document.mesh
-        self._spectrum = document.spectrum.exact
+        assert document.mesh is not None
+        assert document.spectrum is not None
+        self._mesh, self._spectrum = document.mesh, document.spectrum.exact
         self._possible = True
         self._missing = ""
 
-        self.kind_combo = QComboBox(objectName="export_kind_combo")
+        self.kind_combo = theme.named(QComboBox(), "export_kind_combo")
         self.kind_combo.setAccessibleName("What to export")
         for kind, family in EXPORTS.items():
             self.kind_combo.addItem(family.export_label or family.label, kind)
-        self.pairs_spin = QSpinBox(objectName="export_pairs_spin")
+        self.pairs_spin = theme.named(QSpinBox(), "export_pairs_spin")
         self.pairs_spin.setAccessibleName("Number of eigenpairs to use")
         self.pairs_spin.setRange(1, len(self._spectrum))
         self.pairs_spin.setValue(len(self._spectrum))
         self.pairs_spin.setSuffix(f" of {len(self._spectrum):,} eigenpairs")
-        self.count_spin = QSpinBox(objectName="export_count_spin")
+        self.count_spin = theme.named(QSpinBox(), "export_count_spin")
         self.count_spin.setAccessibleName("Number of columns")
         self.count_spin.setRange(1, MOST_COUNT)
         self._build_table()
@@ -134,7 +135,7 @@ class ExportDialog(QDialog):
         buttons = QDialogButtonBox()
         buttons.addButton(QDialogButtonBox.StandardButton.Cancel)
         self.export_button = theme.with_role(
-            QPushButton("Export", objectName="export_button"), "primary"
+            theme.named(QPushButton("Export"), "export_button"), "primary"
         )
         self.export_button.setDefault(True)
         buttons.addButton(self.export_button, QDialogButtonBox.ButtonRole.AcceptRole)
@@ -164,7 +165,7 @@ class ExportDialog(QDialog):
     @property
     def kind(self) -> str:
         """Key of `EXPORTS`."""
-        return self.kind_combo.currentData()
+        return str(self.kind_combo.currentData())
 
     @property
     def format(self) -> Format:
@@ -218,7 +219,7 @@ class ExportDialog(QDialog):
         return label
 
     def _build_table(self) -> None:
-        table = QTableWidget(len(FORMATS), 4, objectName="export_format_table")
+        table = theme.named(QTableWidget(len(FORMATS), 4), "export_format_table")
         table.setAccessibleName("Format")
         table.setHorizontalHeaderLabels(["Format", "Ending", "About", "Holds"])
         table.verticalHeader().hide()
@@ -246,6 +247,11 @@ class ExportDialog(QDialog):
         table.selectRow(0)
         self.table = table
 
+    def _item(self, row: int, column: int) -> QTableWidgetItem:
+        item = self.table.item(row, column)
+        assert item is not None
+        return item
+
     @staticmethod
     def _file_kind(chosen: Format) -> tuple[str, str]:
         return f"{chosen.name} (*{chosen.ending})", chosen.ending
@@ -262,7 +268,7 @@ class ExportDialog(QDialog):
         for row, each in enumerate(FORMATS):
             possible = not pairs or each.ending in EIGENPAIR_WRITERS
             for at in range(self.table.columnCount()):
-                item = self.table.item(row, at)
+                item = self._item(row, at)
                 flags = Qt.ItemFlag.ItemIsEnabled | Qt.ItemFlag.ItemIsSelectable
                 item.setFlags(flags if possible else Qt.ItemFlag.NoItemFlags)
         if pairs and self.format.ending not in EIGENPAIR_WRITERS:
@@ -289,7 +295,7 @@ class ExportDialog(QDialog):
 
     def _choose_ending(self, ending: str) -> None:
         for row, each in enumerate(FORMATS):
-            if each.ending == ending and self.table.item(row, 0).flags() != Qt.ItemFlag.NoItemFlags:
+            if each.ending == ending and self._item(row, 0).flags() != Qt.ItemFlag.NoItemFlags:
                 self.table.selectRow(row)
 
     def _refresh(self) -> None:
@@ -301,8 +307,8 @@ class ExportDialog(QDialog):
         self._possible = bool(columns)
         for row, each in enumerate(FORMATS):
             size = n * (each.number * len(columns) + each.place)
-            possible = columns and self.table.item(row, 0).flags() != Qt.ItemFlag.NoItemFlags
-            self.table.item(row, 2).setText(written_bytes(size) if possible else "–")
+            possible = columns and self._item(row, 0).flags() != Qt.ItemFlag.NoItemFlags
+            self._item(row, 2).setText(written_bytes(size) if possible else "–")
         kind = "float32" if self.format.number < 8 and self.format.ending != ".csv" else "float64"
         self.contents_label.setText(
             f"{counted(n, 'row')} (vertices) × {counted(len(columns), 'column')}, {kind}.\n{about}"
