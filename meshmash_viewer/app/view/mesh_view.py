@@ -81,7 +81,10 @@ class MeshView(QWidget):
         self._first = True
         self._quantity = self._awaited = ""
         self._line_values: npt.NDArray[np.floating] | None = None
+        #: A field that waits for its nodal lines, and the one to come after it with their values.
         self._held: tuple[Any, tuple[float, float], str] | None = None
+        self._next: tuple[Any, tuple[float, float], str] | None = None
+        self._next_lines: npt.NDArray[np.floating] | None = None
         self._hovered = self._told = -1
         self._generation = 0
         # One thread for what takes longer than a frame; the newest request counts.
@@ -124,7 +127,7 @@ class MeshView(QWidget):
         """Draw a mesh with vertex normals of shape (n, 3), or nothing."""
         self._generation += 1
         self._stand_in.forget()
-        self._line_values = self._held = None
+        self._line_values = self._held = self._next = None
         self._line_delay.stop()
         self._rest.stop()
         self.renderer.set_mesh(mesh, normals, picking=True)
@@ -144,11 +147,14 @@ class MeshView(QWidget):
         One write into the displayed array and one frame, however often it is called meanwhile.
         While a film with nodal lines is played, each picture waits for its lines.
         """
-        self._show_held()
-        if field is not None and self._line_values is not None and self.document.display.playing:
-            self._held = field, limits, colormap
+        chosen = field, limits, colormap
+        if field is None or self._line_values is None or not self.document.display.playing:
+            self._held = self._next = None
+            self._put_field(*chosen)
+        elif self._held is None:
+            self._held = chosen
         else:
-            self._put_field(field, limits, colormap)
+            self._next = chosen
 
     def _show_held(self) -> None:
         """Show the field that waited for its nodal lines."""
@@ -206,6 +212,11 @@ class MeshView(QWidget):
 
     def set_nodal_lines(self, values: npt.NDArray[np.floating] | None) -> None:
         """Draw the zeros of values of shape (n,) as soon as they rest, or none."""
+        if self._next is not None:
+            if values is not None:
+                self._next_lines = values
+                return
+            self._held, self._next = self._next, None
         before, self._line_values = self._line_values, values
         if self.renderer.mesh is None or (values is None and before is None):
             return
@@ -430,6 +441,10 @@ class MeshView(QWidget):
         elif key is self._line_values:
             self._show_held()
             self.renderer.set_segments(*result)
+            if self._next is not None:
+                self._held, self._next = self._next, None
+                self._line_values = self._next_lines
+                self._compute_lines()
             self.plotter.render()
 
     # -- the mouse --------------------------------------------------------------------------
