@@ -1,0 +1,39 @@
+"""What the pages say runs, leads somewhere, and names all that is public."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+import meshmash_viewer as mv
+
+DOCS = Path(__file__).resolve().parent.parent / "docs"
+PAGES = sorted(DOCS.glob("*.md"))
+BLOCKS = [
+    pytest.param(block, id=f"{page.stem}-{number}")
+    for page in PAGES
+    for number, block in enumerate(
+        re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.S | re.M)
+    )
+]
+
+
+@pytest.mark.parametrize("block", BLOCKS)
+@pytest.mark.filterwarnings("default::meshmash_viewer.TruncationWarning")
+def test_python_of_a_page_runs(block: str) -> None:
+    exec(compile(block, "page", "exec"), {"__name__": "page"})
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_links_lead_somewhere(page: Path) -> None:
+    links = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
+    missing = [link for link in links if "://" not in link and not (DOCS / link).exists()]
+    assert not missing
+
+
+def test_the_reference_names_all_that_is_public() -> None:
+    page = (DOCS / "reference.md").read_text(encoding="utf-8")
+    named = {line.rsplit(".", 1)[1] for line in re.findall(r"^::: (\S+)$", page, re.M)}
+    assert named == set(mv.__all__) - {"__version__"}
