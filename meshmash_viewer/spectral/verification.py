@@ -141,7 +141,10 @@ def _count(
         if not len(within):
             within = wide[-1:]
         if not len(within):
-            bound, last = float(values[0] - gap[0]) if len(values) else 0.0, 0
+            # Below all of them, by more than what rounding makes of zeros.
+            norm = float((abs(matrix).sum(axis=1) / diagonal).max(initial=0.0))
+            noise = 64.0 * np.finfo(np.float64).eps * norm
+            bound, last = float(values[0] - max(gap[0], noise)) if len(values) else -noise, 0
         else:
             last = int(within[-1]) + 1
             bound = 0.5 * float(values[last - 1] + values[last])

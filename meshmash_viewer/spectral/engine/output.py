@@ -136,8 +136,8 @@ class Output:
             written[:, self._mass == 0.0] = np.nan
         behind = slice(place.stop, place.stop + min(n_kept_behind, _KEPT))
         if behind.stop > behind.start:
-            self._separate(written, self.rows[behind])
-        worst = self._agree(written)
+            self._separate(place, behind)
+        worst = self._agree(place)
         if orthonormality is None or self.rows.dtype != np.float64:
             orthonormality = self._defect(written)
         worst = max(worst, orthonormality)
@@ -159,16 +159,15 @@ class Output:
         for start in range(place.start, place.stop, _KEPT):
             part = slice(start, min(start + _KEPT, place.stop))
             kept = self.rows[part]
-            worst = max(self._agree(kept, final=True), self._defect(kept))
+            worst = max(self._agree(part, final=True), self._defect(kept))
             self.orthonormality = max(self.orthonormality, worst)
             self._before = part
         self.written = place.stop
         return place
 
-    def _separate(
-        self, written: npt.NDArray[np.floating[Any]], others: npt.NDArray[np.floating[Any]]
-    ) -> tuple[FloatArray, FloatArray]:
+    def _separate(self, place: slice, at: slice) -> tuple[FloatArray, FloatArray]:
         """Take off what rows share with others that are final; the products that remain."""
+        written, others = self.rows[place], self.rows[at]
         shared, far = self._products(written, others)
         most = float(np.abs(shared).max(initial=0.0))
         if most > 0.5:
@@ -180,15 +179,19 @@ class Output:
 
             for _ in self._threads.map(take_off, self._stretches()):
                 pass
+            # That was a part of another eigenvector, whose eigenvalue is another.
+            values = self.eigenvalues / self.pencil.unit
+            moved = (np.abs(shared) * np.abs(values[place, None] - values[at])).sum(axis=1)
+            self.residuals[place] += moved / np.where(values[place] > _ZERO, values[place], 1.0)
+            if most > _SEEN:
+                self.orthonormality = max(self.orthonormality, self._defect(written))
             active = self.pencil.active
             for row in written:
                 row[active] = fix_sign(row[active], active)
-            if most > _SEEN:
-                self.orthonormality = max(self.orthonormality, self._defect(written))
             shared, far = self._products(written, others)
         return shared, far
 
-    def _agree(self, written: npt.NDArray[np.floating[Any]], final: bool = False) -> float:
+    def _agree(self, place: slice, final: bool = False) -> float:
         """Take off what rows share with those of the slice before; the rest that remains.
 
         Rows that are `final` already are only measured.
@@ -197,11 +200,13 @@ class Output:
         through eight random sums: the size of a row of inner products, which is at least the
         largest of them.
         """
-        before = self.rows[self._before]
+        written, before = self.rows[place], self.rows[self._before]
         if len(before) == 0 or len(written) == 0:
             return 0.0
-        products = self._products if final else self._separate
-        shared, far = products(written, before)
+        if final:
+            shared, far = self._products(written, before)
+        else:
+            shared, far = self._separate(place, self._before)
         signs = self._random.choice([-1.0, 1.0], size=(_MIXTURES, len(before)))
         for part in self._stretches():
             self._mixture[:, part] += signs @ self._finite(before[:, part])
