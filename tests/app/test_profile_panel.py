@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from closed_form import rectangle_document, rectangle_spectrum
@@ -12,6 +14,7 @@ from meshmash_viewer.features.filters import bspline_bank, hks_times
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature, resolved_from
+from meshmash_viewer.fields.wks import WaveKernelSignature
 from meshmash_viewer.model.document import Document
 
 LEFT = Qt.MouseButton.LeftButton
@@ -225,3 +228,20 @@ def test_a_pin_that_is_pointed_at_is_brought_forward(panel: ProfilePanel, docume
     qtbot.waitUntil(lambda: told[-1] == 300)
     QTest.mouseClick(panel.findChild(QToolButton, "unpin_button_300"), LEFT)
     assert strengths() == {5: 1.0}, "nothing is pointed at any more"
+
+
+def test_a_spectrum_of_zeros_alone_has_no_profile(panel: ProfilePanel, document, qtbot) -> None:
+    """As when a mesh is being solved, and its first pair has come."""
+    document.display.kind = "wks"
+    document.toggle_pin(5)
+    assert np.isfinite(curves(panel, document, qtbot)[5][1]).all()
+    whole = document.spectrum
+    zeros = replace(
+        whole,
+        eigenvalues=whole.eigenvalues[:1],
+        rows=whole.rows[:1],
+        residuals=whole.residuals[:1],
+    )
+    document.spectrum = zeros
+    document.display.change(WaveKernelSignature, index=3)  # before the spectrum has been announced
+    assert len(curves(panel, document, qtbot)[5][0]) == 0

@@ -55,7 +55,7 @@ class ProfilePanel(QWidget):
         self._page: int | None = None
         self._paged = True
         self._pointed = self._hovered = self._told = -1
-        self._drawn: Family | None = None
+        self._drawn: tuple[Spectrum, Family] | None = None
         self._profile: Profile | None = None
         self._curves: dict[Pin, tuple[pg.PlotCurveItem, pg.ScatterPlotItem]] = {}
         self._reader = ProfileReader(self)
@@ -229,12 +229,12 @@ class ProfilePanel(QWidget):
         else:
             self._mark(spectrum)
 
-    def _key(self) -> Family | None:
-        """What the curves depend on beside the spectrum and the pins."""
+    def _key(self) -> tuple[Spectrum, Family] | None:
+        """What the curves depend on beside the pins."""
         display, spectrum = self._document.display, self._document.spectrum
         if spectrum is None:
             return None
-        return self._family.resolved(spectrum, display.fields).at_rest()
+        return spectrum, self._family.resolved(spectrum, display.fields).at_rest()
 
     def _name_axes(self) -> None:
         mesh = self._document.mesh
