@@ -257,7 +257,8 @@ def _null_space(
     not hide a spring elsewhere.
     """
     count, component = connected_components(laplacian, directed=False)
-    sums = np.asarray(laplacian.sum(axis=1)).ravel()
+    # In more digits, where the platform has them: sums of 0 in float64 need not be zeros.
+    sums = np.asarray(laplacian.astype(np.longdouble).sum(axis=1), dtype=np.float64).ravel()
     size = np.asarray(abs(laplacian).sum(axis=1)).ravel()
     rounding = 2.0 * _EPSILON * np.diff(laplacian.indptr) * size
     loose = np.bincount(component, weights=np.abs(sums) > rounding, minlength=count)
