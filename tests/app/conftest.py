@@ -2,9 +2,27 @@
 
 from __future__ import annotations
 
+import gc
+from collections.abc import Iterator
+
 import pytest
 
 from meshmash_viewer.app import listening
+
+
+@pytest.fixture(scope="module", autouse=True)
+def all_garbage() -> Iterator[None]:
+    """Collect what the tests of a file have left."""
+    yield
+    gc.collect()
+
+
+@pytest.fixture(autouse=True)
+def garbage() -> Iterator[None]:
+    """Collect it in the interface's thread: others might free widgets of the test before."""
+    gc.disable()
+    yield
+    gc.collect(1)
 
 
 @pytest.fixture
