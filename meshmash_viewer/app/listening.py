@@ -109,7 +109,7 @@ class _Turns(QObject):
         self._due: dict[_Held, None] = {}
         self._timer = QTimer(self, singleShot=True)
         self._timer.timeout.connect(self._take_turn)
-        self._waiting = False
+        self._waiting = self._waited = False
 
     def note(self, held: _Held) -> None:
         self._due.setdefault(held)
@@ -117,21 +117,25 @@ class _Turns(QObject):
             self._timer.start(_PATIENCE if self._waiting else _PAUSE)
 
     def wait(self) -> None:
-        if self._due and not self._waiting:
-            return  # words about the last picture, which would never come if all were in a hurry
-        self._waiting = True
+        if self._waited:
+            return  # once between two turns: words would never come if all pictures were in a hurry
+        self._waiting = self._waited = True
+        if self._timer.isActive():
+            self._timer.start(_PATIENCE)  # what was said already about this picture waits, too
 
     def go_on(self) -> None:
         self._waiting = False
+        self._waited = bool(self._due)
         if self._due:
             self._timer.start(_PAUSE)
 
     def finish(self) -> None:
+        self._waited = False
         while self._due:
             self._call_first()
 
     def _take_turn(self) -> None:
-        self._waiting = False
+        self._waiting = self._waited = False
         end = perf_counter() + _TURN
         while self._due and perf_counter() < end:
             if len(self._due) > 1:

@@ -82,6 +82,19 @@ def test_words_wait_for_the_picture(
     qtbot.waitUntil(lambda: calls == ["words"])
 
 
+def test_words_said_just_before_the_picture_is_asked_for_wait_too(
+    qtbot: QtBot, calls: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(listening, "_PATIENCE", 60_000)
+    words = Follower(calls, "words")
+    later(words.show)
+    first_a_frame()
+    qtbot.wait(20)
+    assert not calls
+    frame_drawn()
+    qtbot.waitUntil(lambda: calls == ["words"])
+
+
 def test_words_about_the_last_picture_come_though_the_next_is_in_a_hurry(
     qtbot: QtBot, calls: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
