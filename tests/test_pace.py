@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+import pytest
 import scipy.sparse as sp
 
 import meshmash_viewer as mv
@@ -27,6 +28,22 @@ def test_steps_count_before_the_first_pairs_are_there() -> None:
     assert fractions[3] < fractions[12] <= fractions[-2] < 1.0
     assert (fractions[-1], told[-1].remaining) == (1.0, 0.0)
     assert told[-2].remaining is not None
+
+
+def test_a_stage_that_says_nothing_makes_nobody_expect_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = iter([0.0, 1.0, 2.0, 4.0, 6.0])
+    monkeypatch.setattr("time.perf_counter", lambda: next(clock))
+    told: list[Progress] = []
+    pace = Pace(told.append, 100, lean=False)
+    for stage in ("matrices", "order", "order", "order"):
+        pace.stage(stage)
+    left = [report.remaining for report in told]
+    assert left[0] is None, "nobody knows yet"
+    assert left[1] is not None
+    assert left[1] > 4.0
+    assert left[2:] == pytest.approx([left[1] - 2.0, left[1] - 4.0])
 
 
 def test_a_run_tells_of_a_share_that_only_grows_and_ends_at_one() -> None:

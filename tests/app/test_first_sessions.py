@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -189,6 +192,7 @@ def test_the_first_sessions(person: Person, mode: theme.Mode) -> None:
     window, document = person.window, person.document
     theme.set_mode(mode)
     size = window.size()
+    assert window.devicePixelRatioF() == float(os.environ.get("QT_SCALE_FACTOR", "1"))
     said: list[str] = []
     document.noticed.connect(
         lambda notice: said.append(notice.text) if notice.severity is Severity.ERROR else None
@@ -208,3 +212,17 @@ def test_the_first_sessions(person: Person, mode: theme.Mode) -> None:
     # the bands sum to one, and so do the columns to the sum of all squares
     squares = (np.asarray(document.spectrum.rows) ** 2).sum(axis=0)
     np.testing.assert_allclose(features.sum(axis=1), squares, rtol=1e-6)
+
+
+def test_the_first_sessions_at_a_scale_of_two() -> None:
+    # Qt takes its scale when the application begins, so in a process of its own.
+    test = f"{__file__}::{test_the_first_sessions.__name__}"
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", test, "-k", "small"],
+        env={**os.environ, "QT_SCALE_FACTOR": "2"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert "2 passed" in done.stdout, done.stdout

@@ -11,12 +11,12 @@ from meshmash_viewer.spectral.engine.workers import slice_count
 
 __all__ = ["Pace"]
 
-#: What the order and the counts take, in steps of an iteration: measured on meshes of 50 to 420
-#: thousand vertices.
-_ORDER, _COUNTS = 8.0, 7.0
+#: What the matrices take, and the order with the counts, in steps of an iteration: measured on
+#: meshes of 50 to 420 thousand vertices (`benchmarks/progress.py` shows how well it is told).
+_MATRICES, _COUNTS = 12.0, 14.0
 #: What the factor of a slice takes, in steps, and what follows on its steps, in parts of them: its
 #: pairs are rotated, refined, measured and written.
-_FACTOR, _END = 3.0, 0.6
+_FACTOR, _END = 3.0, 0.5
 #: Steps after which their own pace says when the run will end.
 _TELLING = 4.0
 #: Seconds between two reports that nothing but time has brought about.
@@ -46,7 +46,7 @@ class Pace:
         self._progress = progress
         self._lean = lean
         self._pairs, self._expected = pairs, self._steps_for(pairs)
-        self._before = self._taken = self._fraction = 0.0
+        self._before = self._done = self._taken = self._fraction = 0.0
         self._last: Progress | None = None
         self._heard = self._slices_began = self._end = self.began
 
@@ -57,13 +57,13 @@ class Pace:
     def begin_slices(self, pairs: int) -> None:
         """What is left are slices with so many pairs."""
         self._pairs, self._expected = pairs, self._steps_for(pairs)
-        self._before = _ORDER + _COUNTS
+        self._before = _MATRICES + _COUNTS
         self._slices_began = time.perf_counter()
 
     def stage(self, name: str) -> None:
         """The first stages, in which no pairs are found."""
         if name == "order":
-            self._before = _ORDER
+            self._before = _MATRICES
         self._report(name, 0, 0, 0)
 
     def pairs(self, done: int, total: int, steps: int) -> None:
@@ -89,10 +89,14 @@ class Pace:
             remaining = max(self._end - now, 0.03 * (now - self.began))
             fraction = (now - self.began) / (now - self.began + remaining)
         else:
-            fraction = (self._before + taken) / (_ORDER + _COUNTS + self._expected)
+            fraction = (self._before + taken) / (_MATRICES + _COUNTS + self._expected)
             remaining = None
             if fraction:
-                remaining = (now - self.began) * (1.0 / fraction - 1.0)
+                # A stage that says nothing meanwhile is no reason to expect more of the next ones.
+                if self._before + taken > self._done:
+                    self._done = self._before + taken
+                    self._end = self.began + (now - self.began) / fraction
+                remaining = max(self._end - now, 0.0)
         self._taken = max(taken, self._taken)
         if total and done == total:
             fraction, remaining = 1.0, 0.0
