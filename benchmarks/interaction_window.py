@@ -31,7 +31,7 @@ from PySide6.QtWidgets import QApplication, QTabWidget, QWidget
 import meshmash_viewer.app.view.picture as picture_module
 from meshmash_viewer.app import heap
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.run import application, keep_what_is_loaded
+from meshmash_viewer.app.run import application, tend_garbage
 from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
@@ -59,7 +59,7 @@ class Session:
         self.window = MainWindow(fresh=True)
         self.window.resize(1400, 900)
         self.window.show()
-        keep_what_is_loaded(self.window)
+        tend_garbage(self.window)
         self.drawing.watch(self.window.scene.plotter.ren_win)
         self.document = self.window.document
         self.display = self.document.display

@@ -11,7 +11,7 @@ import sys
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QEventLoop, QObject, QThread, QThreadPool, QTimer, Signal
 from PySide6.QtGui import QFont, QSurfaceFormat
@@ -35,6 +35,8 @@ _LIBRARIES = (
 )
 #: The application, if it was made here: Qt ends it with the last that knows it.
 _made: list[QApplication] = []
+#: What collects garbage in place of Python: its timer runs as long as the process.
+_collectors: list[Any] = []
 #: Windows opened by `view`, which nobody else may hold.
 _windows: dict[int, MainWindow] = {}
 
@@ -182,13 +184,18 @@ def _has_prompt() -> bool:
     return hasattr(sys, "ps1") or "IPython" in sys.modules or bool(sys.flags.interactive)
 
 
-def keep_what_is_loaded(window: MainWindow) -> None:
-    """Let Python look for garbage among newer objects only, for a process that is ours alone.
+def tend_garbage(window: MainWindow) -> None:
+    """Collect garbage in this thread and among newer objects, in a process that is ours alone.
+
+    Another thread would free what belongs to widgets, and Qt may end the process for it.
 
     The libraries are two hundred thousand objects that stay: to go through them again and again
     holds up the window for more than a tenth of a second each time. More of them have come with
     the first mesh.
     """
+    from pyqtgraph.util.garbage_collector import GarbageCollector
+
+    _collectors.append(GarbageCollector())
     gc.freeze()
     window.scene.first_frame.connect(gc.freeze)
 
@@ -225,7 +232,7 @@ class _Loader(QObject):
         except Exception as error:  # noqa: BLE001  said below
             self._give_up(error)
         else:
-            keep_what_is_loaded(self._window)
+            tend_garbage(self._window)
 
     def _give_up(self, fault: Exception) -> None:
         """Say what is missing; meshes can neither be drawn nor computed without it."""

@@ -63,6 +63,55 @@ def test_the_application_opens_a_mesh_and_ends_when_its_window_is_closed(
     assert np.ptp(seen["mesh"].vertices) == pytest.approx(8 * np.ptp(mesh.vertices))
 
 
+GARBAGE = """
+import sys, threading, time
+from PySide6.QtCore import QTimer
+from PySide6.QtWidgets import QApplication
+from meshmash_viewer.app import run
+
+freed = set()
+
+class Knot:
+    def __init__(self):
+        self.itself = self
+
+    def __del__(self):
+        freed.add(threading.current_thread() is threading.main_thread())
+
+def litter():
+    while True:
+        [Knot() for _ in range(2000)]
+        time.sleep(0.01)
+
+def look():
+    window = next(w for w in QApplication.topLevelWidgets() if w.objectName() == "main_window")
+    if window.loaded and not started:
+        freed.clear()
+        started.append(threading.Thread(target=litter, daemon=True))
+        started[0].start()
+    elif started and freed:
+        window.close()
+
+started = []
+run.application()
+timer = QTimer(interval=20)
+timer.timeout.connect(look)
+timer.start()
+assert run.run_app(fresh=True) == 0
+assert freed == {True}, "another thread has collected garbage"
+print("ended")
+"""
+
+
+def test_garbage_is_collected_in_the_interface_thread(tmp_path: Path) -> None:
+    script = tmp_path / "littering.py"
+    script.write_text(GARBAGE)
+    done = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.stdout == "ended\n", done.stderr
+
+
 def test_a_mesh_in_memory_is_viewed_from_a_script(qtbot: QtBot) -> None:
     ball = shapes.icosphere(2)
     window = meshmash_viewer.view((ball.vertices, ball.faces), unit="µm", name="ball", block=False)
