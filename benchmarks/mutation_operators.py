@@ -119,6 +119,10 @@ _WRAPPERS = {
 }
 #: What a wrong argument could do harm with, outside the copy of the tree too.
 _DANGEROUS = {"kill", "killpg", "rmtree", "unlink", "remove", "rmdir", "chmod", "terminate"}
+#: What answers the same whichever of two arguments comes first.
+_SYMMETRIC = frozenset(
+    ("min", "max", "minimum", "maximum", "hypot", "logaddexp", "array_equal", "shares_memory")
+)
 #: Calls that are said, not done: what is in them is text for a reader.
 _SPOKEN = {"Progress", "warn", "InputError", "debug", "info", "warning"}
 
@@ -305,7 +309,7 @@ def _of_slice(node: ast.Slice) -> Iterator[Fault]:
 def _of_call(node: ast.Call) -> Iterator[Fault]:
     name = _name_of(node.func)
     plain = not any(isinstance(arg, ast.Starred) for arg in node.args)
-    if len(node.args) >= 2 and plain:
+    if len(node.args) >= 2 and plain and name not in _SYMMETRIC:
         a, b, *rest = node.args
         if ast.unparse(a) != ast.unparse(b):
             yield "arguments swapped", node, _with(node, args=[b, a, *rest])

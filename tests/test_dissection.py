@@ -18,6 +18,8 @@ from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.spectral.engine import dissection
 from meshmash_viewer.spectral.engine.dissection import nested_dissection
+from meshmash_viewer.spectral.engine.factorization import order_pencil
+from meshmash_viewer.spectral.engine.pencil import reduce_pencil
 from meshmash_viewer.spectral.engine.symbolic import elimination_order
 
 pytest.importorskip("pymetis")
@@ -132,3 +134,14 @@ def test_without_metis_the_order_still_saves_fill(monkeypatch: pytest.MonkeyPatc
     order = elimination_order(laplacian)
     np.testing.assert_array_equal(np.sort(order), np.arange(graph.shape[0]))
     assert fill(graph, order) < 1.5 * with_metis < 0.7 * fill(graph, np.arange(graph.shape[0]))
+
+
+def test_the_factor_stores_few_zeros() -> None:
+    neighbours = grid(60, 50)
+    laplacian = sp.diags_array(neighbours.sum(axis=1)) - neighbours
+    ordered = order_pencil(reduce_pencil(laplacian, np.ones(3000)))
+    matrix = abs(ordered.pencil.matrix)
+    matrix.setdiag(0.0)
+    graph = sp.csr_array(matrix / matrix.max())
+    n_entries = fill(graph, np.arange(3000))
+    assert n_entries <= ordered.structure.n_entries < 2 * n_entries

@@ -45,7 +45,7 @@ def test_projection_is_that_of_the_inverse_beyond_the_end_of_the_krylov_space(
         basis.extend()
 
     rows = basis.rows[: basis.size]
-    known_rows = np.concatenate([pencil.null_rows(), found])
+    known_rows = np.concatenate([pencil.null_rows(first), found])
     assert np.abs(rows @ rows.T - np.eye(len(rows))).max() < 1e-6
     assert np.abs(rows @ known_rows.T).max() < 1e-6
     shifted = pencil.matrix.toarray() - factor.shift * np.eye(pencil.n)
@@ -128,3 +128,14 @@ def test_quotients_and_residuals_are_those_of_the_definition(p: int, exactly: bo
     defects = (images - values[:, None] * rows) * pencil.root_mass
     sizes = np.linalg.norm(rows * pencil.root_mass, axis=1)
     np.testing.assert_allclose(residuals, np.linalg.norm(defects, axis=1) / sizes, rtol=1e-12)
+
+
+def test_memory_that_cannot_be_written_is_not_lent_again() -> None:
+    ordered = order_pencil(reduce_pencil(*torus(30, 26, 1.0, 1.2)[0]))
+    shape = (10, ordered.pencil.n)
+    # As an array comes out of another process, where nothing is copied.
+    ordered.give_back(np.frombuffer(bytes(8 * shape[0] * shape[1])).reshape(shape))
+    assert ordered.borrow(shape).flags.writeable
+    lent = ordered.borrow(shape)
+    ordered.give_back(lent)
+    assert np.shares_memory(ordered.borrow(shape), lent)

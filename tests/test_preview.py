@@ -8,6 +8,7 @@ from solved import spectrum_of
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.spectral import eigensolver
 from meshmash_viewer.spectral.preview import Preview, expected_error, preview_eigenpairs
 
 
@@ -75,7 +76,25 @@ def test_unit_makes_no_difference(rectangle: Mesh) -> None:
     np.testing.assert_allclose(scaled.eigenvalues * 2.0**40, preview.eigenvalues, rtol=1e-4)
 
 
-def test_it_can_be_given_up_and_says_how_good_it_is(sphere: Mesh) -> None:
-    with pytest.raises(Cancelled):
-        preview_eigenpairs(sphere, 5, cancel=lambda: True)
+def test_faces_without_area_and_a_component_at_one_place_take_no_part(rectangle: Mesh) -> None:
+    n = rectangle.n_vertices
+    vertices = np.concatenate([rectangle.vertices, np.full((3, 3), 5.0)])
+    # Of three vertices, or of two, that lie far from each other, on one side of the rectangle.
+    side = np.flatnonzero(rectangle.vertices[:, 0] == rectangle.vertices[:, 0].min())
+    first, middle, last = side[0], side[len(side) // 2], side[-1]
+    more = [[first, middle, last], [first, last, last], [n, n + 1, n + 2]]
+    preview = preview_eigenpairs(Mesh(vertices, [*rectangle.faces, *more]), 12, n_cells=300)
+    alone = preview_eigenpairs(rectangle, 11, n_cells=300)
+    assert preview.eigenvalues[:2].tolist() == [0.0, 0.0]
+    assert np.isfinite(preview.rows).all()
+    np.testing.assert_allclose(preview.eigenvalues[2:], alone.eigenvalues[1:], rtol=preview.error)
+
+
+def test_it_can_be_given_up_and_says_how_good_it_is(
+    sphere: Mesh, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(eigensolver, "solve", None)  # it is not come to
+        with pytest.raises(Cancelled):
+            preview_eigenpairs(sphere, 5, cancel=lambda: True)
     assert expected_error(5000, 50) < expected_error(2000, 50) < 0.1

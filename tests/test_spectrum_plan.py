@@ -49,12 +49,21 @@ def test_slices_have_their_shifts_where_was_counted() -> None:
     plan = SpectrumPlan(spectrum, STOP, n_jobs=2)  # type: ignore[arg-type]
     top = plan.find_top(200, 205)
     assert len(spectrum.kept) == 2
+    n_counted = len(spectrum.counted)
     slices = list(plan.slices(0.0, top))
+    assert len(spectrum.counted) == n_counted, "the border between both was counted with the top"
     assert [interval.shift in spectrum.counted for interval in slices] == [True, True]
     for interval in slices:
         inside = int(0.95 * interval.shift) + 1 - interval.first
         assert 0.25 * interval.owed < inside < 0.75 * interval.owed
     assert set(spectrum.kept) == {interval.shift for interval in slices}
+
+
+def test_a_slice_is_shifted_to_the_count_nearest_its_middle() -> None:
+    plan = SpectrumPlan(Spectrum(1, 0.95, 1.0), STOP)  # type: ignore[arg-type]
+    knots = [plan.find(count, count + 2) for count in (20, 48, 75, 100)]
+    slices = plan.interval(0.0, knots[-1])
+    assert slices.shift == knots[1]
 
 
 @pytest.mark.parametrize("n_jobs", [1, 2])

@@ -59,6 +59,16 @@ def test_pieces_are_as_few_as_the_threshold_allows(fine_sphere: Mesh) -> None:
     assert 2562 / 640 < len(stitcher.pieces) < 2 * 2.5 * 2562 / 640
 
 
+def test_a_piece_is_in_one_part_and_its_faces_in_the_order_of_the_mesh(fine_sphere: Mesh) -> None:
+    stitcher = MeshStitcher(fine_sphere)
+    stitcher.split_mesh(333, overlap=0.0)
+    for number, piece in enumerate(stitcher.pieces):
+        faces = stitcher.piece_mesh(number)[1]
+        assert Mesh(fine_sphere.vertices[piece], faces).n_components == 1
+        inside = np.isin(fine_sphere.faces, piece).all(axis=1)
+        np.testing.assert_array_equal(piece[faces], fine_sphere.faces[inside])
+
+
 def test_every_face_around_an_owned_vertex_is_in_its_piece(fine_sphere: Mesh) -> None:
     stitcher = MeshStitcher(fine_sphere, n_jobs=1)
     stitcher.split_mesh(300, overlap=0.0)

@@ -265,7 +265,7 @@ def _write_constants(rows: npt.NDArray[np.float32], labels: IntArray, areas: Flo
     used = labels >= 0
     component_areas = np.bincount(labels[used], areas[used])
     rows[:] = 0.0
-    for component in range(len(rows)):
+    for component in np.flatnonzero(component_areas[: len(rows)]):  # without area it has no norm
         rows[component, labels == component] = component_areas[component] ** -0.5
 
 

@@ -236,6 +236,12 @@ def test_obj_polygons_negative_indices_and_continued_lines(tmp_path: Path) -> No
     assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2], [0, 2, 4], [0, 4, 3]]
 
 
+def test_obj_lines_may_end_as_on_old_macs(tmp_path: Path) -> None:
+    path = tmp_path / "old.obj"
+    path.write_bytes(b"v 0 0 0\rv 1 0 0\rv 0 1 0\rf 1 2 3\r")
+    assert read_mesh(path).faces.tolist() == [[0, 1, 2]]
+
+
 def test_vtk_strips_polygons_and_grids(tmp_path: Path) -> None:
     points = "# vtk DataFile Version 3.0\ntest\nASCII\nDATASET {kind}\nPOINTS 5 float\n"
     points += "0 0 0 1 0 0 1 1 0 0 1 0 0.5 2 0\n"

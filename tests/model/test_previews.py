@@ -67,6 +67,7 @@ def test_exact_pairs_take_over_without_a_flip(large: Mesh, tmp_path: Path, count
         assert len(spectrum) >= min(len(first), count)
         assert np.all(np.diff(spectrum.eigenvalues) >= 0.0)
         assert spectrum.preview is (spectrum.n_exact < len(first))
+        assert spectrum.error == (first.error if spectrum.preview else 0.0)
         assert spectrum.rows[: len(spectrum), 5].shape == (len(spectrum),)
     final = last.spectrum
     assert final.complete

@@ -146,18 +146,17 @@ class KnownPairs:
 
     def _border(self, index: int, direction: int) -> int | None:
         """The known pair above the widest gap, beside a place in one direction; None for none."""
-        known, values = self.kept(len(self.mask) + 1), self.values
-        widest, best, looked_at = 0.0, None, 0
+        values, widest, best, looked_at = self.values, 0.0, None, 0
         # Equal eigenvalues, of equal components say, may be many more than are looked at.
         while looked_at < _TAIL or best is None:
             index += direction
             if not self._pencil.n_null < index < len(values):
                 break
-            if known[index - 1] and known[index]:
-                looked_at += 1
-                gap = float(values[index] - values[index - 1])
-                if gap > max(widest, _EQUAL * float(values[index])):
-                    widest, best = gap, index
+            looked_at += 1
+            gap = float(values[index] - values[index - 1])
+            # NaN, which is larger than nothing, beside a missing pair.
+            if gap > max(widest, _EQUAL * float(values[index])):
+                widest, best = gap, index
         return best
 
     def complement(

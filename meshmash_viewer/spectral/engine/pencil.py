@@ -112,9 +112,9 @@ class Pencil:
             labels=self.labels[order],
         )
 
-    def null_rows(self, count: int | None = None) -> FloatArray:
-        """Orthonormal null vectors of the reduced matrix, the first `count` or all, (count, n)."""
-        count = self.n_null if count is None else min(count, self.n_null)
+    def null_rows(self, count: int) -> FloatArray:
+        """Orthonormal null vectors of the reduced matrix, `count` or all there are, (count, n)."""
+        count = min(count, self.n_null)
         rows = np.zeros((count, self.n))
         used = np.flatnonzero((self.labels >= 0) & (self.labels < count))
         labels = self.labels[used]
