@@ -133,6 +133,14 @@ def _count(
             return copies, copies if copies >= len(values) else len(values), ends[1], ends[0]
         first = int(wide[0]) + 1
         low = 0.5 * float(values[first - 1] + values[first])
+    elif len(wide) and given.found > len(values):
+        # Not all that were found were kept: nearest a shift, equal ones at the lower end, zeros
+        # for instance, may be left out.
+        above = int(wide[0]) + 1
+        edge = 0.5 * float(values[above - 1] + values[above])
+        left_out = _below(matrix, diagonal, edge, spacing) - above
+        if 0 < left_out <= given.found - len(values):
+            low, first = edge, above
     # The bound that the solver counted to, if all below it are here; else the highest gap
     # between pairs in hand.
     last, bound = len(values), given.bound
