@@ -152,7 +152,8 @@ class SimilarityTable:
         for start in range(0, len(squares), _BLOCK):
             part = slice(start, start + _BLOCK)
             way = self.coordinates[:, part] - here
-            np.einsum("rn,rn->n", way, way, out=squares[part])
+            way *= way
+            way.sum(axis=0, out=squares[part])
         return np.sqrt(squares, out=squares)
 
 
