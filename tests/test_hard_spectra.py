@@ -53,6 +53,7 @@ def test_problems_from_seeds(first: int) -> None:
         pytest.param(16434, id="orthonormality after rows gave way to a refined one"),
         pytest.param(12930, id="an eigenvalue next to what counts as zero"),
         pytest.param(9159, id="zeros left out around a shift, verified"),
+        pytest.param(10540, id="residual of constants on slivers"),
     ],
 )
 def test_seeds_that_once_went_wrong(seed: int) -> None:

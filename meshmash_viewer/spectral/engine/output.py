@@ -128,6 +128,8 @@ class Output:
 
         def finish(i: int) -> None:
             rows[i] *= self._inverse_root_mass
+            if values[i] == 0.0:
+                _level(rows[i])
             written[i, pencil.active] = fix_sign(rows[i], pencil.active)
 
         for _ in self._threads.map(finish, range(count)):
@@ -245,6 +247,17 @@ class Output:
         if self.pencil.n < self.pencil.n_all:
             exact = np.nan_to_num(exact)
         return exact
+
+
+def _level(row: FloatArray) -> None:
+    """Make a row that is constant where it is not zero, but for rounding, exactly so, in place.
+
+    On stiff meshes the rounding of a constant's entries has a larger residual than the constant.
+    """
+    used = np.flatnonzero(row)
+    entries = row[used]
+    if len(used) and np.ptp(entries) <= 8.0 * np.finfo(np.float64).eps * abs(entries[0]):
+        row[used] = entries[0]
 
 
 def fix_sign(row: FloatArray, places: npt.NDArray[np.int64]) -> FloatArray:

@@ -389,6 +389,7 @@ class Run:
         if known is None:
             self._spend("dense", started)
             residuals = dense_residuals(pencil, values, rows)
+            residuals[: len(null)] = pencil.null_residuals[null]
             if not hasattr(self, "output"):
                 self._open(count)
             elif self.output.total != count:
