@@ -149,6 +149,16 @@ def slice_of(matrices: Matrices, low: int, high: int) -> tuple[Any, list[Interva
     return ordered, list(plan.slices(*ends))
 
 
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-5, 1e-7])
+def test_residuals_high_in_the_spectrum_are_small_against_their_slice(tolerance: float) -> None:
+    # Not only against λ: vectors of two slices are orthogonal to residual over distance.
+    ordered, intervals = slice_of(torus(50, 40, 1.0, 1.3)[0], 1000, 1060)
+    interval = intervals[0]
+    pairs = find_pairs(ordered, interval, tolerance, np.zeros(1, dtype=np.uint8))
+    assert interval.high - interval.low < 0.05 * interval.low
+    assert pairs.residuals.max() <= tolerance * (interval.high - interval.low)
+
+
 def test_slice_of_a_killed_process_is_done_again(monkeypatch: pytest.MonkeyPatch) -> None:
     from joblib import parallel_config
 
@@ -179,6 +189,20 @@ def test_slice_of_a_killed_process_is_done_again(monkeypatch: pytest.MonkeyPatch
         np.testing.assert_allclose(one.rows @ one.rows.T, np.eye(len(one.rows)), atol=1e-10)
         shared = np.linalg.svd(one.rows @ two.rows.T, compute_uv=False)
         np.testing.assert_allclose(shared, 1.0, atol=1e-7)
+
+
+def test_leaving_slices_ends_their_processes() -> None:
+    from joblib import parallel_config
+
+    ordered, intervals = slice_of(torus(50, 40, 1.0, 1.3)[0], 20, 240)
+    stop = np.zeros(1, dtype=np.uint8)
+    children = psutil.Process().children(recursive=True)
+    with parallel_config(backend="loky"):
+        slices = run_slices(ordered, 8 * intervals, 1e-10, 2, stop, lambda: None)
+        next(slices)
+        slices.close()
+    started = set(psutil.Process().children(recursive=True)) - set(children)
+    assert not [child for child in started if "popen_loky" in " ".join(child.cmdline())]
 
 
 def test_what_a_worker_process_sends_fits_into_a_pipe(tmp_path: Path) -> None:

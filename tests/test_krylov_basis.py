@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from test_eigensolver import torus
 from test_eigensolver_hard import icosphere
 
+from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.engine import lanczos
 from meshmash_viewer.spectral.engine.basis import BLOCK, KrylovBasis
 from meshmash_viewer.spectral.engine.factorization import order_pencil
@@ -60,6 +61,18 @@ def test_projection_is_that_of_the_inverse_beyond_the_end_of_the_krylov_space(
     following = basis.rows[basis.size : basis.size + BLOCK]
     defect[:, -BLOCK:] -= following.T @ basis._coupling.T
     assert np.abs(defect).max() < 1e-6 * scale
+
+
+def test_a_basis_stops_when_asked() -> None:
+    stiffness, mass = icosphere(2)
+    ordered = order_pencil(reduce_pencil(stiffness, mass))
+    stop = np.zeros(1, dtype=np.uint8)
+    nothing = np.zeros((0, ordered.pencil.n))
+    basis = KrylovBasis(ordered, ordered.factor(1.5, 0.1, stop), nothing, 40, (0,), stop)
+    basis.extend()
+    stop[0] = 1
+    with pytest.raises(Cancelled):
+        basis.extend()
 
 
 @pytest.mark.parametrize(("p", "spare"), [(37, 0), (37, 8), (37, 40), (3, 0), (3, 70)])

@@ -189,9 +189,7 @@ def find_pairs(
             for _ in range(2):
                 project_out(rows, found)
                 orthonormalise(rows)
-            before, found = found, np.concatenate([found, rows])
-            ordered.give_back(before)
-            ordered.give_back(rows)
+            found = np.concatenate([found, rows])
             orthonormality = orthonormalise(found)
         else:
             found, orthonormality = rows, defect

@@ -49,7 +49,7 @@ def let_go(rows: FloatArray) -> None:
     memory: Any = rows.base
     view: Any = memory.base if isinstance(memory, np.ndarray) else None
     pages = view.obj if isinstance(view, memoryview) else view
-    if not CAN_LET_GO or rows.size == 0 or not isinstance(pages, mmap.mmap):
+    if rows.size == 0 or not isinstance(pages, mmap.mmap):
         return
     first = rows.ctypes.data - memory.ctypes.data
     last = (first + rows.nbytes) // mmap.PAGESIZE * mmap.PAGESIZE
