@@ -52,7 +52,9 @@ def test_problems_from_seeds(first: int) -> None:
         pytest.param(12271, id="signs after slices were made orthogonal"),
         pytest.param(16434, id="orthonormality after rows gave way to a refined one"),
         pytest.param(12930, id="an eigenvalue next to what counts as zero"),
+        pytest.param(1598, id="nearly all of one component among thousands of vertices"),
         pytest.param(9159, id="zeros left out around a shift, verified"),
+        pytest.param(10784, id="several slices within a millionth of an eigenvalue"),
         pytest.param(10540, id="residual of constants on slivers"),
     ],
 )

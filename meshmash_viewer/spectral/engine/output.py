@@ -27,6 +27,8 @@ PairsCallback: TypeAlias = Callable[[int, FloatArray, FloatArray], None]
 
 #: Inner products of neighbouring slices below this stay as they are.
 _TOUCHING = 1e-11
+#: Products with slices before the neighbour that are no longer those of rounding.
+_FAR = 1e-9
 #: Rows from which more than this is taken off are no longer orthonormal among themselves.
 _SEEN = 1e-7
 #: Residuals of reduced eigenvalues below this are relative to 4π / area.
@@ -198,9 +200,9 @@ class Output:
 
         Rows that are `final` already are only measured.
 
-        What they share with rows before those, far from them in the spectrum, is measured
+        What they share with rows before those, mostly far from them in the spectrum, is measured
         through eight random sums: the size of a row of inner products, which is at least the
-        largest of them.
+        largest of them. Where hundreds of eigenvalues are next to equal, that is taken off too.
         """
         written, before = self.rows[place], self.rows[self._before]
         if len(before) == 0 or len(written) == 0:
@@ -209,10 +211,15 @@ class Output:
             shared, far = self._products(written, before)
         else:
             shared, far = self._separate(place, self._before)
+            if _largest(far) > _FAR:
+                for start in range(0, self._before.start, _KEPT):
+                    stop = min(start + _KEPT, self._before.start)
+                    self._separate(place, slice(start, stop))
+                shared, far = self._products(written, before)
         signs = self._random.choice([-1.0, 1.0], size=(_MIXTURES, len(before)))
         for part in self._stretches():
             self._mixture[:, part] += signs @ self._finite(before[:, part])
-        return float(max(np.abs(shared).max(), np.linalg.norm(far, axis=1).max() / _MIXTURES**0.5))
+        return max(float(np.abs(shared).max()), _largest(far))
 
     def _products(
         self, written: npt.NDArray[np.floating[Any]], before: npt.NDArray[np.floating[Any]]
@@ -247,6 +254,11 @@ class Output:
         if self.pencil.n < self.pencil.n_all:
             exact = np.nan_to_num(exact)
         return exact
+
+
+def _largest(far: FloatArray) -> float:
+    """Size of the largest row of inner products, from its products with random sums."""
+    return float(np.linalg.norm(far, axis=1).max() / _MIXTURES**0.5)
 
 
 def _level(row: FloatArray) -> None:

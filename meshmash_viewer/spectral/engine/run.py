@@ -324,7 +324,7 @@ class Run:
         sigma = min(sigma, plan.top)
         low, high = plan.around(sigma, wanted)
         inside = plan.count(high) - (plan.count(low) if low > 0.0 else 0)
-        if self._is_dense(inside):
+        if self._is_dense(inside if low == 0.0 else inside + pencil.n_null):
             yield from self._dense()
             return
         parts = []

@@ -18,7 +18,7 @@ _INDIVISIBLE = 48
 
 #: Up to this many vertices all pairs are computed at once, by dense `eigh`.
 _DENSE_VERTICES = 700
-#: Up to this many where more than a third of the pairs is asked for.
+#: Up to this many, constants aside, where more than a third of the pairs is asked for.
 _DENSE_VERTICES_MOST_PAIRS = 2500
 
 #: Entries of the factor per vertex and bit of the number of vertices, on surfaces under METIS:
@@ -48,9 +48,13 @@ def slice_count(pairs: int, lean: bool = False) -> int:
 
 
 def is_dense(n: int, n_null: int, wanted: int) -> bool:
-    """Whether all pairs of n vertices at once, by dense `eigh`, are the fastest way."""
-    most = wanted > n // 3 and n <= _DENSE_VERTICES_MOST_PAIRS
-    return n <= _DENSE_VERTICES or most or n - n_null < 64
+    """Whether all pairs of n vertices at once, by dense `eigh`, are the fastest way.
+
+    Constants count among the pairs wanted, but nothing has to be found for them.
+    """
+    free, owed = n - n_null, wanted - n_null
+    most = owed > free // 3 and free <= _DENSE_VERTICES_MOST_PAIRS
+    return n <= _DENSE_VERTICES or most or free < 64
 
 
 def can_be_dense(n: int) -> bool:
