@@ -78,7 +78,10 @@ def test_the_documented_filter_is_the_basis_evaluated():
     np.testing.assert_array_equal(coefficients, [basis(SPECTRUM) for basis in bases])
 
 
-@pytest.mark.parametrize("arguments", [(0.0, 1.0, 0), (0.0, 1.0, 2.5), (1.0, 1.0, 4)])
+@pytest.mark.parametrize(
+    "arguments",
+    [(0.0, 1.0, 0), (0.0, 1.0, 2.5), (1.0, 1.0, 4), (-np.inf, 1.0, 4), (0.0, np.inf, 4)],
+)
 def test_senseless_bsplines_are_refused(arguments):
     with pytest.raises(InputError):
         construct_bspline_basis(*arguments)
@@ -167,6 +170,12 @@ def test_the_documented_hks_filter():
     assert (single.shape, single.dtype) == ((32, 64), np.float32)
     np.testing.assert_allclose(single[-1, 1], 1e-4, rtol=1e-5)
     np.testing.assert_allclose(single[0, -1], 1e-4, rtol=1e-5)
+
+
+@pytest.mark.parametrize("times", [[1.0, np.inf], [1.0, -1.0], [np.nan], [], [[1.0]]])
+def test_times_of_a_heat_bank_are_finite_and_not_negative(times):
+    with pytest.raises(InputError, match="time"):
+        heat_kernel_bank(times)
 
 
 def test_heat_bank_names_its_times_apart():

@@ -255,6 +255,12 @@ def test_the_mean_over_the_surface_needs_no_eigenvectors(wholes):
         shares = mean_shares(bank, part.eigenvalues, area, whole.n_components)
         np.testing.assert_allclose(shares, missing / (missing + there), atol=0.03)
         assert (mean_shares(bank, whole.eigenvalues, area, whole.n_components) == 0.0).all()
+        # Where it is known that no more pairs lie below a value, less may be missing.
+        known = mean_shares(
+            bank, part.eigenvalues, area, whole.n_components, 1.3 * part.eigenvalues[-1]
+        )
+        assert (known <= shares).all()
+        assert (known < shares).any()
         # Of any other callable nothing is known beyond.
         bare = dataclasses.replace(bank, response=lambda x, bank=bank: bank.response(x))
         assert (mean_shares(bare, part.eigenvalues, area, whole.n_components) == 0.0).all()
@@ -276,6 +282,14 @@ def test_a_column_that_misses_much_is_said(sphere):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         compute_hks(sphere, 80.0, n_components=4)  # times chosen from the spectrum miss nothing
+
+
+def test_one_pair_beside_the_constant_is_no_spectrum_of_zeros(sphere):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.simplefilter("ignore", TruncationWarning)
+        values = compute_hks(sphere, count=2, drop_first=True)
+    assert np.isfinite(values).all()
 
 
 def test_count_and_wavelength_take_the_place_of_the_threshold(sphere):

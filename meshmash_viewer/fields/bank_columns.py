@@ -61,7 +61,8 @@ class BankColumns(Family):
 
     def compute(self, spectrum: Spectrum, table: Table | None) -> Answer:
         """See `Family.compute`."""
-        if table is not None and self.prepared(spectrum, table):
+        if self.prepared(spectrum, table):
+            assert table is not None
             table.spectrum = spectrum  # next time it is the very same
             return Answer(table.content[self.column])
         weights = self.bank(spectrum.eigenvalues)(spectrum.eigenvalues)

@@ -182,7 +182,7 @@ class Spectrum:
             return None
         # zeros of several components are one multiplet: their size is rounding, not meaning
         floor = 1e-9 * float(values[-1])
-        close = np.diff(values) <= np.maximum(gap * np.abs(values[1:]), floor)
+        close = np.diff(values) <= np.maximum(gap * values[1:], floor)
         first = last = index
         while first > 0 and close[first - 1]:
             first -= 1

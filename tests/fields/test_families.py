@@ -42,6 +42,31 @@ def shown(spectrum: Spectrum, family: Family, live: LiveFeatures) -> np.ndarray:
     return found.values
 
 
+def test_the_curve_of_a_band_ends_where_its_support_does(spectrum: Spectrum) -> None:
+    family = replace(GeometryVectors(), count=9)
+    for index in range(9):
+        band = replace(family, index=index)
+        curve, _ = band.response(spectrum, spectrum.eigenvalues).curve
+        assert (curve[0], curve[-1]) == pytest.approx(band.support(spectrum))
+
+
+def test_a_profile_is_drawn_as_far_as_values_have_come(spectrum: Spectrum) -> None:
+    profile = Eigenfunctions().profile(spectrum)
+    assert profile is not None
+    places, values = profile.dots.values(spectrum.rows[:7, 3])
+    assert len(places) == len(values) == 7
+    np.testing.assert_allclose(np.abs(values), np.abs(spectrum.rows[:7, 3]))
+
+
+def test_a_table_lets_go_of_the_rows_it_was_made_from(spectrum: Spectrum) -> None:
+    family = GeometryVectors().resolved(spectrum, CHOSEN)
+    table = family.prepare(spectrum, None)
+    again = replace(spectrum, rows=np.array(spectrum.rows))
+    assert family.prepared(again, table)
+    family.compute(again, table)
+    assert table.spectrum is again
+
+
 @pytest.mark.parametrize("name", WITH_PROFILES)
 def test_a_profile_is_the_fields_at_its_vertex(spectrum: Spectrum, name: str) -> None:
     family, vertex = FAMILIES[name](), 77

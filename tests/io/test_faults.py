@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,9 @@ import pytest
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.faults import printable
+from meshmash_viewer.io.formats import vtk
 from meshmash_viewer.io.formats.vtk import vtk_legacy_surface
+from meshmash_viewer.io.guarded import convert
 from meshmash_viewer.io.limits import ReadLimits
 from meshmash_viewer.io.read import read_mesh
 
@@ -89,6 +92,32 @@ def test_a_gifti_surface_of_other_dimensions(tmp_path: Path) -> None:
         path.write_bytes(GiftiImage(darrays=arrays).to_bytes())
         with pytest.raises(InputError, match="has arrays of shapes"):
             read_mesh(path)
+
+
+def test_what_vtk_says_of_a_broken_file_is_passed_on(tmp_path: Path) -> None:
+    path = tmp_path / "broken.vtk"
+    path.write_text("# vtk DataFile Version 3.0\nt\nASCII\nDATASET POLYDATA\nPOINTS 3 nonsense\n")
+    with pytest.raises(InputError, match=r"not readable by VTK \(.*nonsense"):
+        vtk_legacy_surface(path)
+
+
+def test_a_reader_without_memory_says_so_by_its_status(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfdbinary: pytest.CaptureFixture[bytes]
+) -> None:
+    faults: list[Exception] = [InputError("holds no vertices"), MemoryError()]
+
+    def fails(path: Path) -> None:
+        raise faults.pop()
+
+    monkeypatch.setattr(vtk, "vtk_legacy_surface", fails)
+    statuses = []
+    for _ in range(2):
+        with pytest.raises(SystemExit) as ended:
+            convert(f"{vtk.__name__}:vtk_legacy_surface", "mesh.vtk", str(tmp_path / "x"), "inf")
+        statuses.append(ended.value.code)
+    sys.stdout.flush()
+    assert capfdbinary.readouterr().out == b"holds no vertices"
+    assert len({0, *statuses}) == 3
 
 
 @pytest.mark.parametrize("ending", ["vtp", "vtk"])

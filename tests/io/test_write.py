@@ -16,7 +16,7 @@ import pytest
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.sums import Features
-from meshmash_viewer.io.atomic import written_whole
+from meshmash_viewer.io.atomic import made_folder, written_whole
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.io.write import (
     EIGENPAIR_WRITERS,
@@ -255,6 +255,15 @@ def test_what_a_killed_export_left_goes_with_the_next(
     assert len(left) == 2
     write_features(tmp_path / "other.npz", features, mesh)
     assert list(tmp_path.iterdir()) == [tmp_path / "other.npz"]
+
+
+def test_a_folder_that_is_made_goes_again_where_it_stays_empty(tmp_path: Path) -> None:
+    with made_folder(tmp_path), made_folder(tmp_path / "a" / "b"):
+        assert (tmp_path / "a" / "b").is_dir()
+    assert not list(tmp_path.iterdir())
+    with made_folder(tmp_path / "c" / "d"):
+        (tmp_path / "c" / "kept").touch()
+    assert [path.name for path in tmp_path.rglob("*")] == ["c", "kept"]
 
 
 def test_what_others_write_stays(mesh: Mesh, features: Features, tmp_path: Path) -> None:

@@ -111,6 +111,20 @@ def test_a_spectrum_of_rounding_has_no_times_of_its_own() -> None:
     )
 
 
+def test_times_that_the_pairs_do_not_resolve_are_told_within_the_range() -> None:
+    resolved = resolved_from(TWO_PIECES)
+
+    def unresolved(t_min: float, t_max: float) -> tuple[float, float] | None:
+        family = HeatKernelSignature(automatic=False, t_min=t_min, t_max=t_max)
+        return family.unresolved(TWO_PIECES)
+
+    low, high = unresolved(resolved / 10.0, resolved * 10.0) or (0.0, 0.0)
+    assert (10.0**low, 10.0**high) == pytest.approx((resolved / 10.0, resolved))
+    low, high = unresolved(resolved / 10.0, resolved / 2.0) or (0.0, 0.0)
+    assert (10.0**low, 10.0**high) == pytest.approx((resolved / 10.0, resolved / 2.0))
+    assert unresolved(resolved, resolved * 10.0) is None
+
+
 def test_a_multiplet_is_the_run_of_equal_eigenvalues_around_an_index() -> None:
     values = np.array([-1e-18, 1e-18, 1.0, 2.0, 2.0 + 1e-7, 2.0 + 2e-7, 3.0, 4.0, 4.0])
     spectrum = spectrum_of(values)
