@@ -127,6 +127,11 @@ def test_coincident_vertices_are_merged_into_the_first_of_each_place():
     np.testing.assert_array_equal(merged.faces, [[0, 1, 2], [1, 3, 2], [1, 3, 2]])
 
 
+def test_a_face_whose_corners_coincide_is_flat():
+    vertices = np.append(np.eye(3), np.zeros((3, 3)), axis=0)
+    assert Mesh(vertices, [[0, 1, 2], [3, 4, 5]]).degenerate_faces.tolist() == [False, True]
+
+
 def test_a_face_is_flat_by_its_longest_edge():
     vertices = [[0.0, 0, 0], [1, 0, 0], [0.1, 5e-13, 0], [0.1, 5e-12, 0]]
     mesh = Mesh(vertices, [[0, 1, 2], [0, 1, 3]])

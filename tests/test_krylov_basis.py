@@ -151,4 +151,6 @@ def test_memory_that_cannot_be_written_is_not_lent_again() -> None:
     assert ordered.borrow(shape).flags.writeable
     lent = ordered.borrow(shape)
     ordered.give_back(lent)
-    assert np.shares_memory(ordered.borrow(shape), lent)
+    again, other = ordered.borrow(shape), ordered.borrow(shape)
+    assert np.shares_memory(again, lent)
+    assert not np.shares_memory(again, other), "lent once at a time"

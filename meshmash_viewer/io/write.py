@@ -179,7 +179,7 @@ def check_output(path: str | Path, kind: str = "features") -> None:
 
 def _writer(table: dict[str, Any], path: Path, what: str) -> Any:
     name = path.name.lower()
-    for ending in sorted(table, key=len, reverse=True):  # .func.gii before .gii
+    for ending in table:
         if name.endswith(ending) and len(name) > len(ending):
             return table[ending]
     raise InputError(

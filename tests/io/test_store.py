@@ -79,6 +79,16 @@ def test_nothing_is_written_before_there_is_something(sphere: Mesh, tmp_path: Pa
     assert not (tmp_path / "cache").exists()
 
 
+def test_room_that_nothing_came_into_is_given_back(
+    sphere: Mesh, tmp_path: Path, whole: Decomposition
+) -> None:
+    with open_store(sphere, tmp_path) as store:
+        store.extend(whole.n_components, None, np.zeros(0, dtype=np.int64))
+        rows = store.folder / "eigenvectors.f64"
+        assert rows.stat().st_size == whole.rows.nbytes
+    assert rows.stat().st_size == 0
+
+
 def test_solved_into_the_store_and_found_again(sphere: Mesh, tmp_path: Path) -> None:
     stiffness, mass = cotangent_laplacian(sphere, robust=True)
     with open_store(sphere, tmp_path) as store:

@@ -306,7 +306,8 @@ def test_rows_have_to_go_with_the_mesh(mesh: Mesh, tmp_path: Path) -> None:
 def test_what_cannot_be_written_is_known_before_it_is_computed(kind: str, tmp_path: Path) -> None:
     ending = ".png" if kind == "picture" else ".npz"
     check_output(tmp_path / f"a{ending}", kind)
-    with pytest.raises(InputError, match="has no ending in which"):
+    written = {"picture": "pictures"}.get(kind, kind)
+    with pytest.raises(InputError, match=f"has no ending in which {written} can be written"):
         check_output(tmp_path / "a.xyz", kind)
     with pytest.raises(InputError, match="absent"):
         check_output(tmp_path / "absent" / f"a{ending}", kind)

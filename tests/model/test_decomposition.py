@@ -82,6 +82,15 @@ def test_what_is_stored_is_not_computed_again(
     assert len(below.spectrum) == 9
 
 
+def test_all_below_a_threshold_are_known_to_be_all(sphere: Mesh, listener: Listener) -> None:
+    first = decompose(sphere, OPERATOR, Target("count", 12), listener)
+    threshold = float(first.eigenvalues[8]) + 0.9 * float(
+        first.eigenvalues[9] - first.eigenvalues[8]
+    )
+    below = decompose(sphere, OPERATOR, Target("max_eigenvalue", threshold), listener)
+    assert below.eigenvalues[-1] < below.spectrum.known_to <= first.eigenvalues[9]
+
+
 def test_more_pairs_go_on_from_the_known_ones(sphere: Mesh, listener: Listener) -> None:
     decompose(sphere, OPERATOR, Target("count", 10), listener)
     listener.messages.clear()

@@ -136,6 +136,18 @@ def test_nothing_is_shown_where_the_first_pair_is_damaged(document: Document, sp
     assert document.display[Eigenfunctions].index == 0
 
 
+def test_a_change_of_unit_is_said_and_can_be_taken_back(document: Document) -> None:
+    notices: list[Notice] = []
+    document.noticed.connect(notices.append)
+    before = document.unit_text
+    document.set_unit("mm")
+    assert document.unit_text == "mm"
+    undo = notices[-1].undo
+    assert undo is not None
+    undo()
+    assert document.unit_text == before
+
+
 def test_similarity_is_to_the_vertex_pinned_last(document: Document) -> None:
     document.similar()
     assert document.display.kind != "similarity", "to which vertex nobody has said"

@@ -1,6 +1,9 @@
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +16,7 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model import process
 from meshmash_viewer.model.jobs import DecomposeJob, InspectJob, Job
-from meshmash_viewer.model.process import child_command
+from meshmash_viewer.model.process import child_command, end_group
 from meshmash_viewer.model.transport import Wire
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.weyl import Target
@@ -56,6 +59,49 @@ def test_a_mesh_of_the_same_name_is_not_taken_for_the_one_before(wire: Wire, sph
         assert ready.health.area == pytest.approx(mesh.area)
     grew = done(wire, DecomposeJob(other, OperatorOptions(), Target("count", 4)))
     np.testing.assert_allclose(grew.eigenvalues[1:], 0.5, rtol=0.02)
+
+
+_CLEANS_UP = """
+import pathlib, signal, sys, time
+def clean(*_):
+    time.sleep(0.2)
+    pathlib.Path(sys.argv[1]).touch()
+    sys.exit()
+signal.signal(signal.SIGTERM, clean)
+print("ready", flush=True)
+time.sleep(60)
+"""
+_STUBBORN = """
+import signal, time
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+print("ready", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="groups of processes")
+@pytest.mark.parametrize("patience", [0.0, 20.0])
+def test_a_process_that_is_ended_may_clean_up(patience: float, tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", _CLEANS_UP, str(tmp_path / "cleaned")],
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+    ) as child:
+        assert child.stdout is not None
+        child.stdout.readline()
+        end_group(child.pid, patience)
+    assert (tmp_path / "cleaned").exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="groups of processes")
+def test_a_process_that_does_not_listen_is_killed() -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", _STUBBORN], stdout=subprocess.PIPE, start_new_session=True
+    ) as child:
+        assert child.stdout is not None
+        child.stdout.readline()
+        end_group(child.pid, 0.1)
+    assert child.returncode == -signal.SIGKILL
 
 
 class Kept:
