@@ -173,6 +173,11 @@ def test_every_sparse_kind_and_a_mass_vector_are_taken() -> None:
     reference = solve(stiffness, mass, 10).eigenvalues
     for kind in (sp.csr_matrix, sp.coo_matrix, sp.csc_array, sp.lil_array):
         np.testing.assert_array_equal(solve(kind(stiffness), kind(mass), 10).eigenvalues, reference)
+    # Entries in two parts, as they are put together face by face.
+    csr = sp.csr_array(stiffness)
+    halves = np.repeat(0.5 * csr.data, 2), np.repeat(csr.indices, 2), 2 * csr.indptr
+    in_parts = solve(sp.csr_array(halves, shape=csr.shape), mass, 10).eigenvalues
+    np.testing.assert_array_equal(in_parts, reference)
     vector = solve(stiffness, mass.diagonal(), 10).eigenvalues
     np.testing.assert_array_equal(vector, reference)
 
@@ -348,6 +353,8 @@ def test_nonsense_is_refused_in_a_sentence() -> None:
         solve(stiffness, np.zeros(N_POINTS), 5)
     with pytest.raises(InputError, match="no face"):
         solve(stiffness * 0.0, np.zeros(N_POINTS), 5)
+    with pytest.raises(InputError, match=r"no area \(first: \[0, 1, 2\]\)"):
+        solve(stiffness, np.where(np.arange(N_POINTS) < 9, 0.0, 1.0), 5)
     with pytest.raises(InputError, match="symmetric"):
         solve(stiffness + sp.coo_array(([1e9], ([0], [1])), shape=(N_POINTS, N_POINTS)), mass, 5)
 

@@ -48,6 +48,35 @@ def test_a_stage_that_says_nothing_makes_nobody_expect_more(
     assert left[2:] == pytest.approx([left[1] - 2.0, left[1] - 4.0])
 
 
+def after_steps(monkeypatch: pytest.MonkeyPatch, seconds: float, lean: bool = False) -> Progress:
+    """What is told after some steps of so many seconds each, where the stages before took ten."""
+    now = [0.0]
+    monkeypatch.setattr("time.perf_counter", lambda: now[0])
+    told: list[Progress] = []
+    pace = Pace(told.append, 300, lean)
+    pace.stage("matrices")
+    now[0] = 10.0
+    pace.begin_slices(300)
+    for steps in range(1, 31):
+        now[0] += seconds
+        pace.pairs(1, 301, steps)
+    return told[-1]
+
+
+def test_what_is_left_follows_the_pace_of_the_slices(monkeypatch: pytest.MonkeyPatch) -> None:
+    fast, slow = (after_steps(monkeypatch, seconds).remaining for seconds in (1.0, 10.0))
+    assert fast is not None
+    assert slow is not None
+    assert slow == pytest.approx(10.0 * fast)
+
+
+def test_small_slices_take_more_steps_in_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    wide, lean = (after_steps(monkeypatch, 1.0, lean).remaining for lean in (False, True))
+    assert wide is not None
+    assert lean is not None
+    assert lean > 1.2 * wide
+
+
 def test_a_run_tells_of_a_share_that_only_grows_and_ends_at_one() -> None:
     n = 60
     path = sp.diags([-np.ones(n - 1), 2 * np.ones(n), -np.ones(n - 1)], [-1, 0, 1])

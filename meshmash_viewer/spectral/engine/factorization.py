@@ -299,7 +299,7 @@ class Factor:
         # A useless factor may overflow here; its error is then no number, and below no bound.
         with np.errstate(over="ignore", invalid="ignore"):
             self.solve(block)
-            answer = block[:, 0].copy()
+            answer = block[:, 0]
             pencil.remove_null(answer)
             defect = pencil.matrix @ answer - self.shift * answer - probe
             size = abs(answer)

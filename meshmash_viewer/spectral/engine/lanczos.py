@@ -309,7 +309,7 @@ def _fit_in(rows: FloatArray, some: npt.NDArray[np.int64]) -> float:
     rows[some] = 0.0
     shared = project_out(rows, pure)
     rows[some] = pure
-    if np.abs(shared).max(initial=0.0) > _SEEN:
+    if np.abs(shared).max() > _SEEN:
         return orthonormalise(rows)
     overlap = pure @ rows.T
     overlap[np.arange(len(some)), some] -= 1.0

@@ -256,16 +256,16 @@ def _null_space(
     Each row is held against what rounding can make of its own sum, so that one stiff edge does
     not hide a spring elsewhere.
     """
-    count, component = connected_components(laplacian, directed=False)
+    _, component = connected_components(laplacian, directed=False)
     # In more digits, where the platform has them: sums of 0 in float64 need not be zeros.
     sums = np.asarray(laplacian.astype(np.longdouble).sum(axis=1), dtype=np.float64).ravel()
     size = np.asarray(abs(laplacian).sum(axis=1)).ravel()
     rounding = 2.0 * _EPSILON * np.diff(laplacian.indptr) * size
-    loose = np.bincount(component, weights=np.abs(sums) > rounding, minlength=count)
+    loose = np.bincount(component, weights=np.abs(sums) > rounding)
     # Scaled by the largest, so that squares neither overflow nor vanish.
     largest_sum, largest_mass = max(float(np.abs(sums).max()), 1e-300), float(masses.max())
-    forces = np.bincount(component, weights=(sums / largest_sum) ** 2, minlength=count)
-    weights = np.bincount(component, weights=(masses / largest_mass) ** 2, minlength=count)
+    forces = np.bincount(component, weights=(sums / largest_sum) ** 2)
+    weights = np.bincount(component, weights=(masses / largest_mass) ** 2)
     is_null = loose == 0
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         residuals = np.sqrt(forces / weights)[is_null] * (largest_sum / largest_mass / unit)

@@ -41,7 +41,7 @@ def allocate(size: int) -> FloatArray:
     # refuses the hint, and the memory is as good.
     with suppress(OSError):
         pages.madvise(mmap.MADV_HUGEPAGE)
-    return np.frombuffer(pages, dtype=np.float64)
+    return np.frombuffer(pages)
 
 
 def let_go(rows: FloatArray) -> None:
