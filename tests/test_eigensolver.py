@@ -325,6 +325,25 @@ def test_given_inverse_is_used() -> None:
     assert calls > 0
 
 
+def test_where_pairs_of_a_given_inverse_begin_is_said_in_the_unit_of_the_mesh() -> None:
+    from scipy.sparse.linalg import LinearOperator, splu
+
+    stiffness, mass = random_mesh(14)
+    mass = 1e6 * mass
+    exact = dense((stiffness, mass))
+    sigma = 0.5 * float(exact[20] + exact[21])
+    solver = splu(sp.csc_matrix(stiffness - sigma * mass)).solve
+    inverse = LinearOperator(stiffness.shape, matvec=solver, dtype=np.float64)
+    decomposition = solve(stiffness, mass, 8, sigma=sigma, op_inv=inverse)
+    first = int(np.argsort(np.abs(exact - sigma))[:8].min())
+    np.testing.assert_allclose(decomposition.eigenvalues, exact[first : first + 8], rtol=1e-8)
+    low, bound = decomposition.certificate.low, decomposition.certificate.bound
+    assert low is not None
+    assert bound is not None
+    assert exact[first - 1] < low < exact[first]
+    assert exact[first + 7] < bound < exact[first + 8]
+
+
 def test_nonsense_is_refused_in_a_sentence() -> None:
     stiffness, mass = random_mesh(15)
     with pytest.raises(InputError, match="either"):
@@ -364,6 +383,10 @@ def test_proof_is_one_line_and_memory_grows_with_pairs() -> None:
     assert "30 pairs · complete (" in proof
     assert "\n" not in proof
     assert estimate_memory(10_000, 70_000, 300) > estimate_memory(10_000, 70_000, 100) > 0
+    # All pairs of few vertices come from a dense matrix and its eigenvectors, those of many
+    # small components from dense matrices of their own.
+    assert estimate_memory(650, 4_500, 10) > 2 * 8 * 650**2
+    assert estimate_memory(100_000, 700_000, 100_000, n_null=99_900) < 100_000**2 * 8.1
     many = estimate_memory(10_000, 70_000, 100, n_null=64)
     assert estimate_memory(10_000, 70_000, 64, n_null=64) < many
     assert many < estimate_memory(10_000, 70_000, 100)

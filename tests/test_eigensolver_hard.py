@@ -85,6 +85,9 @@ def test_threshold_exactly_on_an_eigenvalue_keeps_all_its_copies() -> None:
         decomposition = solve(*matrices, max_eigenvalue=float(values[last]))
         assert decomposition.n_components == last + 1
         assert decomposition.complete
+        copies = np.count_nonzero(np.isclose(values, values[last], rtol=1e-9, atol=0.0))
+        said = "which is included" if copies == 1 else f"whose {copies} copies are included"
+        assert said in decomposition.certificate.remark
 
 
 @pytest.mark.parametrize("off", [0.0, 1e-13, 1e-9, 1e-6])

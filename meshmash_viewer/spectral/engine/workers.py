@@ -108,7 +108,8 @@ def memory_of_run(
         entries = _FACTOR_DENSITY * n * float(np.log2(max(n, 4)))
     k, n_null = min(k, n), min(k, n_null)
     if is_dense(n, n_null, k):
-        return 40.0 * n * n + 8.0 * n * k + _KEPT_BYTES / 11.0
+        # A component is no larger than what is free in all of them, and its constant.
+        return 40.0 * (n - n_null + 1) ** 2 + 8.0 * n * k + _KEPT_BYTES / 11.0
     slices = slice_count(k - n_null, lean)
     pairs, at_once = (k - n_null) / slices, min(workers, slices) if k > n_null else 0
     rows_of_basis = _LEAN_BASIS_ROWS if lean else _BASIS_ROWS
