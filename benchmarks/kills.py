@@ -1,11 +1,12 @@
 """Processes killed while they compute: what was proven or published stays, and nothing else.
 
-    python benchmarks/kills.py [--kills 50] [--disk-full 0] [--seed 0]
+    python benchmarks/kills.py [--kills 50] [--kinds window] [--disk-full 0] [--seed 0]
 
-The command line and the worker process of a window are killed at random moments with SIGKILL,
-SIGTERM and SIGINT, from an empty store and from 60 proven pairs; see `tests/fuzz/kills.py` for what
-must hold. `--disk-full` fills the disk of the cache, of the result or of temporary files at random
-moments instead; it mounts a tmpfs of its own, for which it has to be root.
+The command line, the worker process of a window or a window itself are killed at random moments
+with SIGKILL, SIGTERM and SIGINT, from an empty store and from 60 proven pairs; see
+`tests/fuzz/kills.py` for what must hold. `--disk-full` fills the disk of the cache, of the result
+or of temporary files at random moments instead; it mounts a tmpfs of its own, for which it has to
+be root.
 """
 
 from __future__ import annotations
@@ -30,12 +31,15 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--disk-full", type=int, default=0)
     parser.add_argument("--vertices", type=int, default=4000)
+    parser.add_argument(
+        "--kinds", nargs="+", default=["command line", "worker"], help="also: window"
+    )
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     rng = np.random.default_rng(options.seed)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        undisturbed = prepare(folder, options.vertices)
+        undisturbed = prepare(folder, options.vertices, options.kinds)
         print("undisturbed:", {k: f"{v:.1f} s" for k, v in undisturbed.seconds.items()}, flush=True)
         lost = 0
         for title, trial, count in (

@@ -86,8 +86,9 @@ def run_app(path: Path | None = None, unit: str = "", *, fresh: bool = False) ->
         Exit status.
     """
     app = application()
-    # Ctrl+C in the terminal closes the window as its cross does
-    signal.signal(signal.SIGINT, lambda *_: QApplication.closeAllWindows())
+    # Ctrl+C in the terminal, or the end of the desktop's session, closes the window as its cross
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: QApplication.closeAllWindows())
     pulse = QTimer(interval=200)
     pulse.timeout.connect(lambda: None)
     pulse.start()

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +23,9 @@ from unittest import mock
 
 import numpy as np
 import numpy.typing as npt
+import psutil
 
+from meshmash_viewer.io.scratch import remove_abandoned
 from meshmash_viewer.io.spectrum import find_eigenpairs, obtain_eigenpairs
 from meshmash_viewer.io.stored_spectrum import ROWS
 from meshmash_viewer.mesh import Mesh, mesh_to_poly
@@ -40,6 +42,34 @@ SIGNALS = tuple(
 )
 #: Pairs that were proven before, and that are asked for.
 PROVEN, WANTED = 60, 300
+#: A window that opens a mesh, computes its pairs, and closes when they are there.
+_WINDOW = f"""
+import sys
+from pathlib import Path
+from PySide6.QtCore import QTimer
+from PySide6.QtWidgets import QApplication
+from meshmash_viewer.app.run import application, run_app
+from meshmash_viewer.spectral.weyl import Target
+
+def look():
+    for window in QApplication.topLevelWidgets():
+        document = getattr(window, "document", None)
+        if document is None or document.ready is None:
+            continue
+        if document.target != Target("count", {WANTED}):
+            document.target = Target("count", {WANTED})
+            document.compute()
+        elif document.spectrum is not None and document.spectrum.complete:
+            if len(document.spectrum) >= {WANTED}:
+                window.close()
+
+if __name__ == "__main__":
+    application()
+    timer = QTimer(interval=20)
+    timer.timeout.connect(look)
+    timer.start()
+    sys.exit(run_app(Path(sys.argv[1]), fresh=True))
+"""
 #: All that a cache folder may hold when nobody writes into it.
 _BELONGS = re.compile(
     r"eigenpairs(/locks(/[0-9a-f]{32}\.lock)?"
@@ -74,8 +104,10 @@ class Undisturbed:
     seconds: dict[str, float]
 
 
-def prepare(folder: Path, n_vertices: int = 4000) -> Undisturbed:
-    """Make a mesh, and run everything once without a kill."""
+def prepare(
+    folder: Path, n_vertices: int = 4000, kinds: Sequence[str] = ("command line", "worker")
+) -> Undisturbed:
+    """Make a mesh, and run everything once without a kill; "window" is a kind too."""
     mesh = blanket(n_vertices)
     path = folder / "blanket.npz"
     np.savez(path, vertices=mesh.vertices, faces=mesh.faces)
@@ -85,7 +117,7 @@ def prepare(folder: Path, n_vertices: int = 4000) -> Undisturbed:
     with cache_at(folder / "proven"):
         first = obtain_eigenpairs(mesh, OPERATOR, Target("count", PROVEN)).decomposition
     seconds = {}
-    for kind in ("command line", "worker"):
+    for kind in kinds:
         began = time.perf_counter()
         with _running(kind, mesh, path, folder / f"timed {kind}") as process:
             process.wait()
@@ -129,11 +161,18 @@ def kill_once(undisturbed: Undisturbed, folder: Path, rng: np.random.Generator) 
     with _running(kind, undisturbed.mesh, undisturbed.path, folder) as process:
         time.sleep(delay)
         ended = process.poll() is not None
+        family = [] if ended else psutil.Process(process.pid).children(recursive=True)
         process.send_signal(how)
-        if kind == "command line":
+        if kind != "worker":
             process.wait(60)
+            # What a window has started ends with it, however it ended.
+            _, alive = psutil.wait_procs(family, timeout=20)
+            assert not alive, (what, alive)
     with cache_at(folder / "cache"):
         _see_that_nothing_is_lost(undisturbed, folder / "cache", from_proven, what)
+    # The next window that starts clears up after one that could not.
+    with mock.patch("tempfile.tempdir", str(folder / "tmp")):
+        remove_abandoned()
     remaining = {path.name for path in (folder / "tmp").iterdir()}
     assert not {name for name in remaining if "meshmash" in name}, (what, remaining)
     shutil.rmtree(folder)
@@ -189,15 +228,20 @@ def cache_at(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _running(kind: str, mesh: Mesh, path: Path, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """A process that computes the pairs, on its command line or as a window's worker."""
+    """A process that computes the pairs: a command line, a window, or the worker of one."""
     (folder / "tmp").mkdir(parents=True)
     environment = os.environ | {
         "XDG_CACHE_HOME": str(folder / "cache"),
         "TMPDIR": str(folder / "tmp"),
     }
-    if kind == "command line":
+    if kind != "worker":
         command = [sys.executable, "-m", "meshmash_viewer", "features", str(path)]
         command += ["--kind", "hks", "--count", str(WANTED), "-o", str(folder / "hks.npz")]
+        if kind == "window":
+            # Its worker is spawned, and imports the script that the window is.
+            script = folder / "window.py"
+            script.write_text(_WINDOW)
+            command = [sys.executable, str(script), str(path)]
         with subprocess.Popen(
             command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         ) as process:
