@@ -9,7 +9,7 @@ import pytest
 from closed_form import give, rectangle_document, rectangle_spectrum, turn_wheel
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QApplication, QWidget
 from scipy.linalg import eigh
 
 from meshmash_viewer.app.panels.field_panel import FieldPanel
@@ -194,15 +194,42 @@ def test_short_times_are_hatched_and_what_they_need_is_said(panel: FieldPanel, d
     assert display[HeatKernelSignature].automatic
 
 
-def test_a_range_in_the_wrong_order_is_refused_with_a_sentence(panel: FieldPanel, document) -> None:
+@pytest.mark.parametrize("upwards", [True, False])
+def test_a_whole_new_range_is_typed_in_either_order(
+    panel: FieldPanel, document, qtbot, upwards: bool
+) -> None:
     choose(panel, 1)
-    field = part(panel, "hks_t_max_field")
-    before = field.text()
-    give(field, "1e5")
+    panel.activateWindow()
+    qtbot.waitUntil(panel.isActiveWindow)
+    low, high = part(panel, "hks_t_min_field"), part(panel, "hks_t_max_field")
+    was = low.value, high.value
+    new = (2.0 * was[1], 3.0 * was[1]) if upwards else (was[0] / 3.0, was[0] / 2.0)
+    first, second = (low, high) if upwards else (high, low)
+    give(first, f"{new[0 if upwards else 1]:.6g}")
+    assert document.display[HeatKernelSignature].automatic, "one end is no range"
+    said = part(panel, "hks_t_min_field_fault")
+    assert said.text() == "The shortest time has to be below the longest."
+    assert QApplication.focusWidget() is second
+    assert second.selectedText() == second.text()
+    give(second, f"{new[1 if upwards else 0]:.6g}")
+    assert said.isHidden()
+    display = document.display[HeatKernelSignature]
+    assert not display.automatic
+    assert (display.t_min, display.t_max) == pytest.approx(new, rel=1e-5)
+
+
+def test_an_end_beyond_the_other_does_not_stay_alone(panel: FieldPanel, document, qtbot) -> None:
+    choose(panel, 1)
+    panel.activateWindow()
+    qtbot.waitUntil(panel.isActiveWindow)
+    low, high = part(panel, "hks_t_min_field"), part(panel, "hks_t_max_field")
+    before = low.text(), high.text()
+    give(low, f"{2.0 * high.value:.6g}")
+    document.display.change(HeatKernelSignature, scales=20)
+    assert low.text() != before[0], "somebody is at it"
+    part(panel, "hks_scales_spin").setFocus()
+    qtbot.waitUntil(lambda: (low.text(), high.text()) == before)
     assert document.display[HeatKernelSignature].automatic
-    said = part(panel, "hks_t_min_field_fault").text()
-    assert said == "The shortest time has to be below the longest."
-    assert field.text() == before, "what is not in force does not stay"
 
 
 @pytest.mark.parametrize(

@@ -29,6 +29,9 @@ class NumberField(QLineEdit):
         Least and largest number that is taken.
     fault : callable
         What else is wrong with a number, in one sentence; empty if it is taken.
+    waits : callable
+        Why a number has to wait for another one to be given too, in one sentence; it stays, as
+        `value`, and `waiting` is emitted in the place of `edited`.
 
     Signals
     -------
@@ -36,15 +39,22 @@ class NumberField(QLineEdit):
         A person gave a new number that is allowed.
     refused(str)
         One sentence: what was wrong with what they gave; empty once it is mended.
+    waiting(str)
+        One sentence: what they gave needs another number; see `waits`.
+    left()
+        The focus has gone elsewhere.
     """
 
     edited = Signal(float)
     refused = Signal(str)
+    waiting = Signal(str)
+    left = Signal()
 
     def __init__(self, name: str, accessible_name: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.bounds = -math.inf, math.inf
         self.fault: Callable[[float], str] = lambda _value: ""
+        self.waits: Callable[[float], str] = lambda _value: ""
         theme.named(self, name, accessible_name)
         self.setAlignment(Qt.AlignmentFlag.AlignRight)
         self.setMinimumWidth(self.fontMetrics().horizontalAdvance("-0.0000e+00") + 16)
@@ -77,6 +87,7 @@ class NumberField(QLineEdit):
         self._commit()
         self._write()
         super().focusOutEvent(event)
+        self.left.emit()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Escape goes back to what was."""
@@ -128,7 +139,11 @@ class NumberField(QLineEdit):
         self._value = self._given = value
         self._quiet = False
         self.setModified(False)
-        self.edited.emit(value)
+        if sentence := self.waits(value):
+            self._refused = True
+            self.waiting.emit(sentence)
+        else:
+            self.edited.emit(value)
 
     def _refuse(self, sentence: str) -> None:
         """Go back to what was, and say why until something else is typed."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QSignalBlocker, Signal
+from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtWidgets import QCheckBox, QGridLayout, QHBoxLayout, QLabel, QWidget
 
 from meshmash_viewer.app import theme
@@ -42,6 +42,7 @@ class RangeBox(QWidget):
         parent: QWidget | None = None,
     ) -> None:
         super().__init__(parent)
+        self._unit = ""
         self._disorder = f"The {texts[1].lower()} {noun} has to be below the {texts[2].lower()}."
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
@@ -55,8 +56,12 @@ class RangeBox(QWidget):
         grid.addWidget(self.check, 0, 0, 1, 2)
         self.low = NumberField(names[1], f"{texts[1]} {noun}", self)
         self.high = NumberField(names[2], f"{texts[2]} {noun}", self)
-        self.low.fault = lambda low: self._fault(low, self.high.value)
-        self.high.fault = lambda high: self._fault(self.low.value, high)
+        # A whole new range is typed in either order: an end beyond the other waits for it.
+        self.low.waits = lambda low: self._fault(low, self.high.value)
+        self.high.waits = lambda high: self._fault(self.low.value, high)
+        self.low.waiting.connect(lambda sentence: self._wait(sentence, self.high))
+        self.high.waiting.connect(lambda sentence: self._wait(sentence, self.low))
+        self._between: tuple[float | None, float | None] = None, None
         self._units: list[QLabel] = []
         for row, (text, field) in enumerate(((texts[1], self.low), (texts[2], self.high)), 1):
             name, unit = (theme.with_role(QLabel(part, self), "muted") for part in (text, ""))
@@ -71,6 +76,7 @@ class RangeBox(QWidget):
             grid.addLayout(line, row, 1)
             field.edited.connect(self._give)
             field.refused.connect(self._complain)
+            field.left.connect(self._settle)
         self.fault = note(f"{names[1]}_fault", "warning", self)
         grid.addWidget(self.fault, 3, 0, 1, 2)
 
@@ -83,9 +89,10 @@ class RangeBox(QWidget):
         for label in self._units:
             label.setText(unit)
             label.setVisible(bool(unit))
-        low, high = between if between is not None else (None, None)
-        self.low.show_value(low, unit)
-        self.high.show_value(high, unit)
+        self._between = between if between is not None else (None, None)
+        self._unit = unit
+        if not self._is_waiting():
+            self._show()
 
     def set_bounds(self, low: tuple[float, float], high: tuple[float, float]) -> None:
         """Say what the mesh can have: the least and the largest for each end."""
@@ -93,6 +100,26 @@ class RangeBox(QWidget):
 
     def _fault(self, low: float | None, high: float | None) -> str:
         return self._disorder if low is not None and high is not None and low >= high else ""
+
+    def _show(self) -> None:
+        low, high = self._between
+        self.low.show_value(low, self._unit)
+        self.high.show_value(high, self._unit)
+
+    def _is_waiting(self) -> bool:
+        here = self.low.hasFocus() or self.high.hasFocus()
+        return here and bool(self._fault(self.low.value, self.high.value))
+
+    def _wait(self, sentence: str, other: NumberField) -> None:
+        """One end is given, beyond the other: that one is to be given next."""
+        self._complain(sentence)
+        if not other.hasFocus():
+            other.setFocus(Qt.FocusReason.OtherFocusReason)
+            other.selectAll()
+
+    def _settle(self) -> None:
+        """Who goes elsewhere before both ends are given finds the range that is in force."""
+        QTimer.singleShot(0, self, lambda: None if self._is_waiting() else self._show())
 
     def _give(self, _value: float) -> None:
         low, high = self.low.value, self.high.value
