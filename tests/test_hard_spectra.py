@@ -52,6 +52,8 @@ def test_problems_from_seeds(first: int) -> None:
         pytest.param(12271, id="signs after slices were made orthogonal"),
         pytest.param(16434, id="orthonormality after rows gave way to a refined one"),
         pytest.param(12930, id="an eigenvalue next to what counts as zero"),
+        pytest.param(8697, id="copies told apart by their residuals alone, verified"),
+        pytest.param(9332, id="nothing below 0 where rounding is more, verified"),
         pytest.param(1598, id="nearly all of one component among thousands of vertices"),
         pytest.param(9159, id="zeros left out around a shift, verified"),
         pytest.param(10784, id="several slices within a millionth of an eigenvalue"),

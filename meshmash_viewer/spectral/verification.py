@@ -50,11 +50,11 @@ def verify_pairs(
     matrix, diagonal = sp.csr_array(matrix[used][:, used]), diagonal[used]
     # To a power of two, as the solver has it: both know the same eigenvalues for next to zero.
     spacing = float(np.exp2(np.round(np.log2(4.0 * np.pi / float(diagonal.sum())))))
-    residuals = _residuals(values, rows, matrix, diagonal, used)
-    residuals /= np.where(values > 1e-9 * spacing, values, spacing)
+    defects = _residuals(values, rows, matrix, diagonal, used)
+    residuals = defects / np.where(values > 1e-9 * spacing, values, spacing)
     worst = int(np.argmax(residuals)) if len(residuals) else 0
     single = rows.dtype == np.float32
-    counted, found, bound, low = _count(values, given, matrix, diagonal, spacing)
+    counted, found, bound, low = _count(values, defects, given, matrix, diagonal, spacing)
     return Certificate(
         "dense" if bound is None else "inertia",
         counted,
@@ -116,13 +116,21 @@ def _orthonormality(rows: Rows, diagonal: FloatArray, used: npt.NDArray[np.intp]
 
 
 def _count(
-    values: FloatArray, given: Certificate, matrix: Any, diagonal: FloatArray, spacing: float
+    values: FloatArray,
+    defects: FloatArray,
+    given: Certificate,
+    matrix: Any,
+    diagonal: FloatArray,
+    spacing: float,
 ) -> tuple[int, int, float | None, float | None]:
     """Eigenvalues that there are and that were found, up to a bound, from another."""
     if len(values) == len(diagonal):
         return len(diagonal), len(values), None, None
-    gap = _GAP * np.maximum(np.abs(values), spacing)
-    wide = np.flatnonzero(np.diff(values) > 2.0 * gap[1:])
+    # An eigenvalue is known no better than its residual.
+    gap = np.maximum(_GAP * np.maximum(np.abs(values), spacing), defects)
+    wide = np.flatnonzero(np.diff(values) > 2.0 * np.maximum(gap[1:], gap[:-1]))
+    norm = float((abs(matrix).sum(axis=1) / diagonal).max(initial=0.0))
+    noise = 64.0 * np.finfo(np.float64).eps * norm
     low, first = None, 0
     if given.low is not None:
         if not len(wide):
@@ -150,12 +158,12 @@ def _count(
             within = wide[-1:]
         if not len(within):
             # Below all of them, by more than what rounding makes of zeros.
-            norm = float((abs(matrix).sum(axis=1) / diagonal).max(initial=0.0))
-            noise = 64.0 * np.finfo(np.float64).eps * norm
             bound, last = float(values[0] - max(gap[0], noise)) if len(values) else -noise, 0
         else:
             last = int(within[-1]) + 1
             bound = 0.5 * float(values[last - 1] + values[last])
+    elif not len(values) and bound <= noise:
+        bound = -noise
     below = 0 if low is None else _below(matrix, diagonal, low, spacing)
     return _below(matrix, diagonal, bound, spacing) - below, last - first, bound, low
 

@@ -12,9 +12,9 @@ from meshmash_viewer.model.document import Notice, Severity
 
 __all__ = ["MessageBar"]
 
-#: How long good news stays, in milliseconds, and what can be undone; warnings and errors stay
-#: until dismissed.
-_STAY, _STAY_UNDO = 7000, 20_000
+#: How long good news stays, in milliseconds; warnings, errors and what can be undone stay until
+#: dismissed, or until another mesh makes them past.
+_STAY = 7000
 _WIDEST = 620
 _NARROWEST = 360
 #: With fewer pixels than this it rather covers the colour bar.
@@ -82,8 +82,8 @@ class MessageBar(QFrame):
         self._place()
         self.raise_()
         self._timer.stop()
-        if notice.severity is Severity.INFORMATION:
-            self._timer.start(_STAY if notice.undo is None else _STAY_UNDO)
+        if notice.severity is Severity.INFORMATION and notice.undo is None:
+            self._timer.start(_STAY)
 
     def dismiss(self) -> None:
         """Take the bar away."""
