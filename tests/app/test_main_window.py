@@ -443,6 +443,23 @@ def test_errors_stay_until_dismissed_and_their_details_are_copied(window: MainWi
     assert not bar.isVisible()
 
 
+def test_good_news_goes_and_what_can_be_undone_stays(
+    window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bar = window.stage.message_bar
+    monkeypatch.setattr("meshmash_viewer.app.controls.message_bar._STAY", 50)
+    undone: list[bool] = []
+    window.document.notify(Notice("Unit changed.", undo=lambda: undone.append(True)))
+    QTest.qWait(300)
+    assert bar.isVisible()
+    QTest.mouseClick(bar.findChild(QAbstractButton, "undo_message"), LEFT)
+    assert undone
+    assert not bar.isVisible()
+    window.document.notify(Notice("Saved."))
+    assert bar.isVisible()
+    qtbot.waitUntil(lambda: not bar.isVisible(), timeout=5000)
+
+
 @pytest.mark.parametrize("width", [1440, 1000, 700])
 def test_a_message_leaves_the_title_of_the_field_alone(ball: MainWindow, width: int) -> None:
     ball.resize(width, 800)
