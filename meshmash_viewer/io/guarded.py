@@ -150,6 +150,8 @@ def convert(reader: str, source: str, result: str, memory: str) -> None:
         said = fault if isinstance(fault, InputError) else unreadable(fault)
         sys.stdout.buffer.write(str(said).encode("utf-8", "replace"))
         sys.exit(_FAULT)
+    finally:
+        _watched = False
 
 
 def _refuse_memory_beyond(limit: float) -> None:

@@ -14,7 +14,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.faults import printable
 from meshmash_viewer.io.formats import vtk
 from meshmash_viewer.io.formats.vtk import vtk_legacy_surface
-from meshmash_viewer.io.guarded import convert
+from meshmash_viewer.io.guarded import convert, read_guarded
 from meshmash_viewer.io.limits import ReadLimits
 from meshmash_viewer.io.read import read_mesh
 
@@ -118,6 +118,10 @@ def test_a_reader_without_memory_says_so_by_its_status(
     sys.stdout.flush()
     assert capfdbinary.readouterr().out == b"holds no vertices"
     assert len({0, *statuses}) == 3
+    # What comes next is read in a process of its own again.
+    monkeypatch.setattr("meshmash_viewer.io.guarded._CHILD", "import os; os.kill(os.getpid(), 9)")
+    with pytest.raises(InputError, match="ends on it"):
+        read_guarded(vtk_legacy_surface, saved(tmp_path, VERTICES, FACES))
 
 
 @pytest.mark.parametrize("ending", ["vtp", "vtk"])
