@@ -108,7 +108,7 @@ COMMANDS: tuple[Command, ...] = (
     Command("quit", "Quit", "File", "Close the window and stop what runs", ("Ctrl+Q",),
             separated=True),
     # -- Edit
-    Command("undo_repair", "Undo repair", "Edit", "Go back to the mesh before the last repair",
+    Command("undo", "Undo", "Edit", "Take back the last change of the unit, or the last repair",
             ("Ctrl+Z",)),
     Command("compute", "Compute eigenpairs", "Edit", "Decompose the mesh as the Mesh panel says",
             ("Ctrl+Return",), separated=True, needs="mesh"),

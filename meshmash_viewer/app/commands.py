@@ -129,7 +129,8 @@ class Commands:
         running = document.job is not None
         actions["compute"].setEnabled(document.can_compute)
         actions["cancel"].setEnabled(running)
-        actions["undo_repair"].setEnabled(document.can_undo and not running)
+        actions["undo"].setEnabled(bool(document.last_change))
+        actions["undo"].setText(f"Undo {document.last_change}".rstrip())
         actions["clear_pins"].setEnabled(bool(document.pins))
         actions["similar"].setEnabled(bool(document.pins) and document.spectrum is not None)
         if not display.family.signed:

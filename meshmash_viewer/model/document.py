@@ -106,6 +106,8 @@ class Document:
         self._operator = OperatorOptions()
         self._target = _DEFAULT_TARGET
         self._undo: list[tuple[MeshReady, Spectrum | None]] = []
+        #: Units before each change of it since the last repair, as `set_unit` takes them.
+        self._units: list[str] = []
 
     # -- mesh -------------------------------------------------------------------------------
 
@@ -160,6 +162,7 @@ class Document:
         if voxel == self.ready.mesh.voxel:
             before = self.unit_text
             self.ready = _in_unit(self.ready, unit)
+            self._remember_unit(before, self.unit_text)
             self.mesh_changed.emit()
             self.pins_changed.emit()
             self.spectrum_changed.emit()
@@ -172,11 +175,19 @@ class Document:
         """The unit as `open_mesh` takes it: "nm", "none", or "8 nm" for a file in voxels."""
         return "" if self.mesh is None else written_unit(self.mesh.unit, self.mesh.voxel)
 
+    def _remember_unit(self, before: str, now: str) -> None:
+        """Note what to go back to; to say the unit before once more is to have gone back."""
+        if self._units and self._units[-1] == now:
+            self._units.pop()
+        elif now != before:
+            self._units.append(before)
+
     def _announce_unit(self, before: str, what: str) -> None:
-        """Say that lengths mean something else than before, and offer to take it back."""
+        """Say that lengths mean something else than before, and offer to take that back."""
         if self.unit_text != before:
             text = f"Unit changed from {before} to {self.unit_text}: {what}."
-            self.notify(Notice(text, undo=lambda: self.set_unit(before)))
+            taken_back = not self._units or self._units[-1] != before
+            self.notify(Notice(text, undo=None if taken_back else self.undo))
 
     def _rescale(self, ready: MeshReady, voxel: Voxel, unit: str) -> None:
         job = ScaleJob(ready.mesh, voxel, unit, ready.path, self.operator, ready.repairs)
@@ -188,6 +199,20 @@ class Document:
             ready = self.ready
             self._request(RepairJob(ready.mesh, name, ready.path, self.operator, ready.repairs))
 
+    @property
+    def last_change(self) -> str:
+        """What `undo` takes back: "change of unit", "repair", or nothing."""
+        if self._units:
+            return "change of unit"
+        return "repair" if self._undo else ""
+
+    def undo(self) -> None:
+        """Take back the last change of the unit, or the last repair if none came after it."""
+        if self._units:
+            self.set_unit(self._units[-1])
+        else:
+            self.undo_repair()
+
     def undo_repair(self) -> None:
         """Go back to the mesh before the last repair, in the unit that has been given since."""
         if not self._undo or self.mesh is None:
@@ -195,12 +220,13 @@ class Document:
         (before, spectrum), now = self._undo[-1], self.mesh
         if before.mesh.voxel == now.voxel:
             self._undo.pop()
+            self._units.clear()
             self._show(_in_unit(before, now.unit), spectrum, self._pins_kept_on(before.mesh))
         else:
             self._rescale(before, now.voxel, now.unit)
 
     @property
-    def can_undo(self) -> bool:
+    def can_undo_repair(self) -> bool:
         """Whether a repair can be undone."""
         return bool(self._undo)
 
@@ -214,6 +240,10 @@ class Document:
             self.target = _DEFAULT_TARGET
         pins = self._pins_kept_on(ready.mesh) if ready.derived else ()
         before = self.unit_text if ready.derived else ""
+        if not ready.derived or ready.repairs != self.repairs:
+            self._units.clear()
+        else:
+            self._remember_unit(before, written_unit(ready.mesh.unit, ready.mesh.voxel))
         self._show(ready, ready.known.spectrum if ready.known is not None else None, pins)
         if before:
             self._announce_unit(before, "lengths are scaled, and eigenpairs are other ones")

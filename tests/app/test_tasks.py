@@ -228,13 +228,13 @@ def test_a_voxel_size_after_a_repair_keeps_the_repair_and_its_undo(
     document.set_unit("4 x 4 x 40 nm")
     session.wait_until_idle()
     assert document.repairs == ("keep_largest_component",)
-    assert document.can_undo
+    assert document.can_undo_repair
     np.testing.assert_allclose(document.mesh.vertices, before.vertices * (4.0, 4.0, 40.0))
     assert document.ready.health.area == pytest.approx(document.mesh.area)
     document.undo_repair()
     session.wait_until_idle()
     assert document.repairs == ()
-    assert not document.can_undo
+    assert not document.can_undo_repair
     assert document.unit_text == "4 × 4 × 40 nm"
     np.testing.assert_allclose(document.mesh.vertices, neuron.vertices * (4.0, 4.0, 40.0))
     assert document.ready.health.area == pytest.approx(document.mesh.area)

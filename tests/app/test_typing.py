@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import shapes
 from PySide6.QtCore import QPoint, Qt
+from PySide6.QtGui import QAction
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QAbstractSpinBox,
@@ -218,6 +219,44 @@ def test_a_change_of_coordinates_is_announced_and_undone(
     rested(qtbot, window, lambda: window.document.unit_text == "none")
     assert window.document.ready.health.area == pytest.approx(area)
     assert len(window.document.spectrum) == 12, "they are in the store"
+
+
+@pytest.mark.parametrize("dismissed", [False, True])
+def test_ctrl_z_takes_back_what_the_message_offers_to(
+    qtbot: QtBot, window: MainWindow, open_file: Open, dismissed: bool
+) -> None:
+    open_file("ball")
+    action = window.findChild(QAction, "undo")
+    assert not action.isEnabled()
+    type_in(window, "unit_combo", "nm")
+    rested(qtbot, window, lambda: window.document.unit_text == "nm")
+    undo = part(window, "undo_message")
+    assert undo.isVisible()
+    assert action.isEnabled()
+    assert action.text() == "Undo change of unit"
+    if dismissed:
+        QTest.mouseClick(part(window, "dismiss_message"), LEFT)
+    QTest.keyClick(QApplication.focusWidget(), Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    assert window.document.unit_text == "none"
+    catch_up()
+    assert not undo.isVisible(), "there is nothing left to undo"
+    assert not action.isEnabled()
+
+
+def test_ctrl_z_in_a_field_is_for_what_is_typed_there(
+    qtbot: QtBot, window: MainWindow, open_file: Open
+) -> None:
+    open_file("ball")
+    type_in(window, "unit_combo", "nm")
+    rested(qtbot, window, lambda: window.document.unit_text == "nm")
+    combo = part(window, "unit_combo")
+    assert isinstance(combo, QComboBox)
+    combo.setFocus()
+    QTest.keyClicks(combo, "x")
+    assert combo.currentText() != "nm"
+    QTest.keyClick(combo, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    assert combo.currentText() == "nm"
+    assert window.document.unit_text == "nm", "the command waits until the field is as it was"
 
 
 def test_a_unit_that_begins_like_another_is_taken_as_typed(

@@ -67,7 +67,7 @@ def test_another_mesh_starts_without_what_was_chosen_on_the_last(
     assert display[Similarity].vertex is None
     assert display.kind == "eigenfunction"
     assert document.pins == ()
-    assert not document.can_undo
+    assert not document.can_undo_repair
 
 
 def test_a_second_flip_takes_the_first_back(document: Document) -> None:
@@ -101,9 +101,59 @@ def test_undo_goes_back_a_repair_at_a_time_in_the_unit_given_since(
     assert document.mesh.content_hash == sphere.content_hash
     assert document.mesh.unit == "µm"
     assert document.spectrum is spectrum
-    assert not document.can_undo
+    assert not document.can_undo_repair
     document.undo_repair()
     assert document.mesh.n_faces == sphere.n_faces
+
+
+def test_undo_takes_back_units_and_then_repairs(document: Document, sphere: Mesh) -> None:
+    notices: list[Notice] = []
+    document.noticed.connect(notices.append)
+    assert document.last_change == ""
+    document.undo()  # of nothing, quietly
+    document.accept_mesh(ready(Mesh(sphere.vertices, sphere.faces[1:]), "one", derived=True))
+    for unit in ("nm", "mm"):
+        document.set_unit(unit)
+        assert notices[-1].undo is not None
+    assert document.last_change == "change of unit"
+    document.undo()
+    assert document.unit_text == "nm"
+    assert notices[-1].undo is None, "what was taken back is not offered to be taken back"
+    document.set_unit("none")  # by hand is the same
+    assert document.last_change == "repair"
+    document.undo()
+    assert document.last_change == ""
+    assert document.mesh is not None
+    assert document.mesh.n_faces == sphere.n_faces
+
+
+def test_a_repair_or_another_mesh_ends_what_can_be_taken_back_of_units(
+    document: Document, sphere: Mesh, requested: list[Job]
+) -> None:
+    document.set_unit("8 nm")
+    scaled = requested.pop()
+    assert isinstance(scaled, ScaleJob)
+    before = document.unit_text
+    document.accept_mesh(ready(scaled.mesh.in_voxels(scaled.voxel, scaled.unit), derived=True))
+    assert document.last_change == "change of unit"
+    document.undo()
+    back = requested.pop()
+    assert isinstance(back, ScaleJob)
+    assert document.last_change == "change of unit", "it may fail, or be cancelled"
+    document.accept_mesh(ready(back.mesh.in_voxels(back.voxel, back.unit), derived=True))
+    assert (document.unit_text, document.last_change) == (before, "")
+
+    document.set_unit("mm")
+    document.accept_mesh(
+        ready(Mesh(sphere.vertices, sphere.faces[1:], unit="mm"), "one", derived=True)
+    )
+    assert document.last_change == "repair"
+    document.set_unit("nm")
+    document.undo_repair()
+    assert document.last_change == ""
+    document.set_unit("mm")
+    document.accept_mesh(ready(sphere))
+    assert document.last_change == ""
 
 
 def test_undo_after_other_voxels_asks_for_the_mesh_before_in_those(
@@ -116,7 +166,7 @@ def test_undo_after_other_voxels_asks_for_the_mesh_before_in_those(
     assert scaled.repairs == ("one",)
     larger = scaled.mesh.in_voxels(scaled.voxel, scaled.unit)
     document.accept_mesh(ready(larger, "one", derived=True))
-    assert document.can_undo
+    assert document.can_undo_repair
 
     document.undo_repair()
     # What lies in memory counts voxels of another size.
@@ -127,7 +177,7 @@ def test_undo_after_other_voxels_asks_for_the_mesh_before_in_those(
     assert document.mesh is not None
     np.testing.assert_allclose(document.mesh.vertices, 8.0 * sphere.vertices)
     assert document.mesh.n_faces == sphere.n_faces
-    assert not document.can_undo
+    assert not document.can_undo_repair
 
 
 def test_pins_stay_where_a_repair_left_their_vertex(document: Document, sphere: Mesh) -> None:
@@ -186,7 +236,7 @@ def test_a_mesh_that_comes_repaired_has_nothing_before_it(sphere: Mesh) -> None:
     document = Document()
     document.undo_repair()  # of nothing, quietly
     document.accept_mesh(ready(sphere, "one"))
-    assert not document.can_undo
+    assert not document.can_undo_repair
     document.undo_repair()
     assert document.mesh is sphere
 

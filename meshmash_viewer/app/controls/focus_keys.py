@@ -4,16 +4,28 @@ from __future__ import annotations
 
 import shiboken6
 from PySide6.QtCore import QEvent, QObject, Qt
-from PySide6.QtGui import QKeyEvent
-from PySide6.QtWidgets import QAbstractButton, QApplication, QComboBox, QTabBar, QWidget
+from PySide6.QtGui import QKeyEvent, QKeySequence
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QAbstractSpinBox,
+    QApplication,
+    QComboBox,
+    QLineEdit,
+    QTabBar,
+    QWidget,
+)
 
 __all__ = ["FocusKeys"]
 
+_WATCHED = (QAbstractButton, QComboBox, QTabBar, QLineEdit, QAbstractSpinBox)
 _ARROWS = (Qt.Key.Key_Left, Qt.Key.Key_Right, Qt.Key.Key_Home, Qt.Key.Key_End)
 
 
 class FocusKeys(QObject):
     """Keeps Space from being a command while a button or a list has the focus, and so on.
+
+    The other way round, a field in which nothing is typed leaves Undo to the command: Qt's fields
+    take that key even where they have nothing to undo.
 
     It watches the one widget that has the focus: to watch the whole application would call
     Python for each of its events, some fifty at every tick of a slider.
@@ -35,8 +47,7 @@ class FocusKeys(QObject):
         if self._watched is not None and shiboken6.isValid(self._watched):
             self._watched.removeEventFilter(self)
             self._watched.destroyed.disconnect(self._forget)
-        takes_keys = isinstance(now, (QAbstractButton, QComboBox, QTabBar))
-        self._watched = now if takes_keys else None
+        self._watched = now if isinstance(now, _WATCHED) else None
         if self._watched is not None:
             self._watched.installEventFilter(self)
             self._watched.destroyed.connect(self._forget)
@@ -45,10 +56,20 @@ class FocusKeys(QObject):
         self._watched = None
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Leave Space and the arrows to the control."""
+        """Leave Space and the arrows to the control, and Undo to the command."""
         if isinstance(event, QKeyEvent) and event.type() == QEvent.Type.ShortcutOverride:
+            if event.matches(QKeySequence.StandardKey.Undo) and not _can_undo(watched):
+                event.ignore()
+                return True
+            if isinstance(watched, (QLineEdit, QAbstractSpinBox)):
+                return False
             taken = _ARROWS if isinstance(watched, QTabBar) else (Qt.Key.Key_Space,)
             if event.key() in taken:
                 event.accept()
                 return True
         return False
+
+
+def _can_undo(widget: QObject) -> bool:
+    edit = widget if isinstance(widget, QLineEdit) else widget.findChild(QLineEdit)
+    return edit is not None and edit.isUndoAvailable()

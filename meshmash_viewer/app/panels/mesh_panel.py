@@ -177,7 +177,7 @@ class MeshPanel(QWidget):
     def _refresh_facts(self) -> None:
         ready = self._document.ready
         self.unit_combo.setEnabled(ready is not None)
-        self.undo_button.setVisible(self._document.can_undo)
+        self.undo_button.setVisible(self._document.can_undo_repair)
         if ready is None:
             self.name_label.setText("No mesh open")
             self.path_label.setText("Drop one on the window, or press Ctrl+O.")
