@@ -147,7 +147,7 @@ def test_bits_do_not_depend_on_the_number_of_workers() -> None:
 def slice_of(matrices: Matrices, low: int, high: int) -> tuple[Any, list[Interval]]:
     """The problem in elimination order, and its slices between two counts."""
     ordered = order_pencil(reduce_pencil(*matrices))
-    plan = SpectrumPlan(ordered, np.zeros(1, dtype=np.uint8))
+    plan = SpectrumPlan(ordered, np.zeros(1, dtype=np.uint8), lambda pairs: [pairs / 2] * 2)
     ends = plan.find(low, low + 5), plan.find(high, high + 5)
     return ordered, list(plan.slices(*ends))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,11 +12,12 @@ import scipy.sparse as sp
 import meshmash_viewer as mv
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.engine.pace import Pace
+from meshmash_viewer.spectral.engine.workers import slice_sizes
 
 
 def test_steps_count_before_the_first_pairs_are_there() -> None:
     told: list[Progress] = []
-    pace = Pace(told.append, 100, lean=False)
+    pace = Pace(told.append, 100, partial(slice_sizes, 5000))
     pace.stage("matrices")
     pace.stage("order")
     pace.begin_slices(100)
@@ -38,7 +40,7 @@ def test_a_stage_that_says_nothing_makes_nobody_expect_more(
     clock = iter([0.0, 1.0, 2.0, 4.0, 6.0])
     monkeypatch.setattr("time.perf_counter", lambda: next(clock))
     told: list[Progress] = []
-    pace = Pace(told.append, 100, lean=False)
+    pace = Pace(told.append, 100, partial(slice_sizes, 5000))
     for stage in ("matrices", "order", "order", "order"):
         pace.stage(stage)
     left = [report.remaining for report in told]
@@ -53,7 +55,7 @@ def after_steps(monkeypatch: pytest.MonkeyPatch, seconds: float, lean: bool = Fa
     now = [0.0]
     monkeypatch.setattr("time.perf_counter", lambda: now[0])
     told: list[Progress] = []
-    pace = Pace(told.append, 300, lean)
+    pace = Pace(told.append, 300, partial(slice_sizes, 5000, lean=lean))
     pace.stage("matrices")
     now[0] = 10.0
     pace.begin_slices(300)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,10 +11,12 @@ import pytest
 from test_eigensolver import torus
 
 from meshmash_viewer.spectral.eigensolver import solve
-from meshmash_viewer.spectral.engine import factorization
+from meshmash_viewer.spectral.engine import factorization, workers
 from meshmash_viewer.spectral.engine.plan import SpectrumPlan
+from meshmash_viewer.spectral.engine.workers import slice_sizes
 
 STOP = np.zeros(1, dtype=np.uint8)
+SIZES = partial(slice_sizes, 100_000)
 
 
 class Spectrum:
@@ -37,7 +40,7 @@ class Spectrum:
 @pytest.mark.parametrize("wanted", [60, 100, 300, 1000])
 def test_a_few_counts_find_the_top(power: float, scale: float, wanted: int) -> None:
     spectrum = Spectrum(30, scale * 100.0 ** (1.0 - power), power)
-    plan = SpectrumPlan(spectrum, STOP)  # type: ignore[arg-type]
+    plan = SpectrumPlan(spectrum, STOP, SIZES)  # type: ignore[arg-type]
     most = wanted + max(4, wanted // 40)
     top = plan.find_top(wanted, most)
     assert wanted <= plan.count(top) <= most
@@ -46,7 +49,7 @@ def test_a_few_counts_find_the_top(power: float, scale: float, wanted: int) -> N
 
 def test_slices_have_their_shifts_where_was_counted() -> None:
     spectrum = Spectrum(1, 0.95, 1.0)
-    plan = SpectrumPlan(spectrum, STOP, n_jobs=2)  # type: ignore[arg-type]
+    plan = SpectrumPlan(spectrum, STOP, SIZES, n_jobs=2)  # type: ignore[arg-type]
     top = plan.find_top(200, 205)
     assert len(spectrum.kept) == 2
     n_counted = len(spectrum.counted)
@@ -59,8 +62,42 @@ def test_slices_have_their_shifts_where_was_counted() -> None:
     assert set(spectrum.kept) == {interval.shift for interval in slices}
 
 
+def test_a_long_run_begins_with_a_small_slice() -> None:
+    spectrum = Spectrum(1, 0.95, 1.0)
+    sizes = partial(slice_sizes, 1_000_000, early=True)
+    plan = SpectrumPlan(spectrum, STOP, sizes, n_jobs=2)  # type: ignore[arg-type]
+    top = plan.find_top(300, 305)
+    small, first, second = plan.slices(0.0, top)
+    assert 8 <= small.owed <= 25
+    assert small.shift == small.high, "its border was counted, and that factor serves it"
+    assert small.shift in spectrum.kept
+    assert first.shift in spectrum.kept
+    assert first.owed == pytest.approx(second.owed, rel=0.3)
+    assert len(spectrum.counted) == len(set(spectrum.counted)) <= 5
+
+
+@pytest.mark.parametrize("n_jobs", [1, 2])
+def test_the_lowest_pairs_come_first_where_they_are_waited_for(
+    monkeypatch: pytest.MonkeyPatch, n_jobs: int
+) -> None:
+    monkeypatch.setattr(workers, "_LONG_RUN", 0.0)
+    matrices, exact = torus(60, 40, 3.0, 2.0)
+    places: list[tuple[int, int]] = []
+    found = solve(
+        *matrices,
+        120,
+        n_jobs=n_jobs,
+        early=True,
+        on_pairs=lambda start, values, _: places.append((start, len(values))),
+    )
+    np.testing.assert_allclose(found.eigenvalues, exact[:120], rtol=1e-9, atol=1e-9)
+    assert found.verify(*matrices).complete
+    assert places[0] == (0, 1), "the constant"
+    assert places[1][1] < 40 < places[2][1]
+
+
 def test_a_slice_is_shifted_to_the_count_nearest_its_middle() -> None:
-    plan = SpectrumPlan(Spectrum(1, 0.95, 1.0), STOP)  # type: ignore[arg-type]
+    plan = SpectrumPlan(Spectrum(1, 0.95, 1.0), STOP, SIZES)  # type: ignore[arg-type]
     knots = [plan.find(count, count + 2) for count in (20, 48, 75, 100)]
     slices = plan.interval(0.0, knots[-1])
     assert slices.shift == knots[1]

@@ -237,6 +237,7 @@ def _computed(
         allocate=lambda k, n: extend(k, n, np.zeros(0, dtype=np.int64)),
         extend=extend,
         on_pairs=publish,
+        early=follower is not None,
         progress=progress,
         cancel=cancel,
         n_jobs=n_jobs,

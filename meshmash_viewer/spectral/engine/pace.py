@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 from meshmash_viewer.progress import Progress, ProgressCallback
 from meshmash_viewer.spectral.engine.basis import BLOCK
 from meshmash_viewer.spectral.engine.lanczos import usual_rows
-from meshmash_viewer.spectral.engine.workers import slice_count
 
 __all__ = ["Pace"]
 
@@ -36,23 +36,25 @@ class Pace:
     progress : callable, optional
         Takes the reports.
     pairs : int
-        How many pairs are expected, until it is known.
-    lean : bool
-        Whether slices are those of float32.
+        How many are expected, until it is known.
+    sizes : callable
+        Gives, for a number of pairs, how many each slice is to hold.
     """
 
-    def __init__(self, progress: ProgressCallback | None, pairs: int, lean: bool) -> None:
+    def __init__(
+        self, progress: ProgressCallback | None, pairs: int, sizes: Callable[[int], list[float]]
+    ) -> None:
         self.began = time.perf_counter()
         self._progress = progress
-        self._lean = lean
+        self._sizes = sizes
         self._pairs, self._expected = pairs, self._steps_for(pairs)
         self._before = self._done = self._taken = self._fraction = 0.0
         self._last: Progress | None = None
         self._heard = self._slices_began = self._end = self.began
 
     def _steps_for(self, pairs: int) -> float:
-        count = slice_count(pairs, self._lean)
-        return count * (_FACTOR + usual_rows(pairs / count) / BLOCK * (1.0 + _END))
+        rows = [usual_rows(size) for size in self._sizes(pairs)]
+        return sum(_FACTOR + each / BLOCK * (1.0 + _END) for each in rows)
 
     def begin_slices(self, pairs: int) -> None:
         """What is left are slices with so many pairs."""

@@ -10,8 +10,9 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right, insort
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import accumulate
 from math import log
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from meshmash_viewer.spectral.engine.factorization import (
     FactorizationError,
@@ -20,7 +21,6 @@ from meshmash_viewer.spectral.engine.factorization import (
 )
 from meshmash_viewer.spectral.engine.lanczos import Interval
 from meshmash_viewer.spectral.engine.waiting import wait_for
-from meshmash_viewer.spectral.engine.workers import slice_count
 
 __all__ = ["SpectrumPlan"]
 
@@ -29,6 +29,8 @@ T = TypeVar("T")
 #: A border may lie this far, in parts of a slice, from where it was meant to be: where counting
 #: again would be waited for, and where it goes on beside another count.
 _SLACK, _SLACK_BESIDE = 0.2, 0.05
+#: The border of a small first slice may lie anywhere near: no count is made for it alone.
+_SLACK_FIRST = 0.5
 #: A shift may lie this far from the middle of its slice, in parts of what it holds: farther out
 #: more steps are needed than a factor costs. In the lowest slice, whose far end is sparse, it
 #: matters less.
@@ -55,10 +57,10 @@ class SpectrumPlan:
         Set from outside, or here when `poll` raises, to end a running factorization.
     poll : callable, optional
         Called several times a second while factoring; what it raises ends that.
+    sizes : callable
+        Gives, for a number of pairs, how many each slice is to hold.
     n_jobs : int
         Counts at a time, where several are known to be needed.
-    lean : bool
-        Small slices.
 
     Attributes
     ----------
@@ -70,12 +72,12 @@ class SpectrumPlan:
         self,
         ordered: OrderedPencil,
         stop: StopFlag,
+        sizes: Callable[[int], list[float]],
         poll: Callable[[], None] | None = None,
         n_jobs: int = 1,
-        lean: bool = False,
     ) -> None:
         self._ordered = ordered
-        self._lean = lean
+        self._sizes = sizes
         self._poll = poll
         self._stop = stop
         self._n_jobs = n_jobs
@@ -202,18 +204,16 @@ class SpectrumPlan:
         they say how dense the spectrum is, and the next counts find its top and the borders below
         that, side by side. How many does not depend on `n_jobs`, nor does what is found.
         """
-        first = self._counts[0.0]
-        parts = slice_count(most - first, self._lean)
-        ahead = range(min(parts, 2))
-        middles = [_window(first, most, part + 0.5, parts) for part in ahead]
-        borders = [_window(first, most, part + 1, parts, _SLACK_BESIDE) for part in ahead]
-        values = [self._step(*window, 0)[0] for window in middles]
+        cuts = self._cuts(self._counts[0.0], most)
+        ahead = cuts[:2]
+        values = [self._step(*_window(cut.shift, cut.slack), 0)[0] for cut in ahead]
         self._shifts = set(sorted(values)[: self._n_jobs])
-        if parts > len(middles):
+        if len(cuts) > len(ahead):
             values.append(self._step(least, most, 0)[0])
+        borders = [_window(cut.border, cut.slack_beside) for cut in ahead[: len(cuts) - 1]]
         self._count_all(values)
         for turn in range(3):
-            steps = [self._step(*window, turn) for window in ((least, most), *borders[: parts - 1])]
+            steps = [self._step(*window, turn) for window in ((least, most), *borders)]
             values = [value for value, found in steps if not found]
             if steps[0][1]:
                 break
@@ -316,14 +316,16 @@ class SpectrumPlan:
             slice has shown that one lies on an eigenvalue.
         """
         first, last = self.count(low), self.count(high)
-        parts = slice_count(last - first, self._lean)
+        cuts = self._cuts(first, last)
+        if low > 0.0 or settled:
+            cuts = [cut for cut in cuts if cut.border != cut.shift]
         for knot in [knot for knot in self._ordered.kept if not low < knot < high]:
             del self._ordered.kept[knot]
         start, index = low, 0
-        for part in range(1, parts + 1):
+        for cut in cuts:
             end = high
-            if part < parts:
-                end = self.find(*_window(first, last, part, parts))
+            if cut is not cuts[-1]:
+                end = self.find(*_window(cut.border, cut.slack))
                 end = min(self.settle(end, wide=True) if settled else end, high)
             if self.count(end) > self.count(start):
                 yield self.interval(start, end, index)
@@ -338,10 +340,24 @@ class SpectrumPlan:
         owed = self.count(end) - first
         return Interval(index, inner, end, first, owed, shift, self._clearance[end])
 
+    def _cuts(self, first: int, last: int) -> list[_Cut]:
+        """Where slices of so many eigenvalues are cut; `first` of them lie below the lowest."""
+        sizes = self._sizes(last - first)
+        cuts = []
+        for size, border in zip(sizes, accumulate(sizes, initial=first), strict=False):
+            border += size
+            if size < sizes[-1]:
+                cuts.append(_Cut(border, border, _SLACK_FIRST * size, _SLACK_FIRST * size))
+            else:
+                cuts.append(_Cut(border - 0.5 * size, border, _SLACK * size, _SLACK_BESIDE * size))
+        return cuts
+
     def _shift(self, start: float, end: float, inner: float) -> float:
         """A knot with about as many eigenvalues of a slice on either side, or its middle."""
         below, above = self._counts[start], self._counts[end]
         inside = [knot for knot in self._knots if start < knot < end]
+        if not inside and end in self._ordered.kept:  # a small first slice
+            return end
         aside = {knot: abs(self._counts[knot] - 0.5 * (below + above)) for knot in inside}
         shift = min(inside, key=aside.__getitem__, default=start)
         allowed = _ASIDE if start > 0.0 else _ASIDE_LOWEST
@@ -353,10 +369,18 @@ class SpectrumPlan:
         return shift
 
 
-def _window(
-    first: int, last: int, part: float, parts: int, slack: float = _SLACK
-) -> tuple[int, int]:
-    """Least and most eigenvalues below the border after a part."""
-    middle = first + part * (last - first) / parts
-    slack *= (last - first) / parts
-    return int(middle - slack), int(middle + slack) + 1
+class _Cut(NamedTuple):
+    """Of one slice, how many eigenvalues are to be below its shift and its upper border.
+
+    What both may be off; and the border where it is counted beside other values.
+    """
+
+    shift: float
+    border: float
+    slack: float
+    slack_beside: float
+
+
+def _window(place: float, slack: float) -> tuple[int, int]:
+    """Least and most eigenvalues below a value that may be off by so many."""
+    return int(place - slack), int(place + slack) + 1

@@ -36,6 +36,7 @@ class Request:
     allocate: Allocate | None = None
     extend: Extend | None = None
     on_pairs: PairsCallback | None = None
+    early: bool = False
     progress: ProgressCallback | None = None
     cancel: CancelCallback | None = None
     op_inv: Any = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 from typing import Any
 
@@ -32,7 +33,12 @@ from meshmash_viewer.spectral.engine.pencil import reduce_pencil
 from meshmash_viewer.spectral.engine.plan import SpectrumPlan
 from meshmash_viewer.spectral.engine.request import Request
 from meshmash_viewer.spectral.engine.slices import run_slices
-from meshmash_viewer.spectral.engine.workers import can_be_dense, is_dense, worker_count
+from meshmash_viewer.spectral.engine.workers import (
+    can_be_dense,
+    is_dense,
+    slice_sizes,
+    worker_count,
+)
 
 __all__ = ["Run"]
 
@@ -66,9 +72,11 @@ class Run:
 
     def __init__(self, stiffness: Any, mass: Any, request: Request) -> None:
         self.request = request
-        self.pace = Pace(request.progress, request.n_components or _LAST_SLICE, request.lean)
+        n = max(np.shape(stiffness), default=0)
+        self._sizes = partial(slice_sizes, n, lean=request.lean, early=request.early)
+        self.pace = Pace(request.progress, request.n_components or _LAST_SLICE, self._sizes)
         # What is wrong with the matrices is said where they are reduced.
-        crew = DissectionCrew(max(np.shape(stiffness), default=0))
+        crew = DissectionCrew(n)
         self.pencil = reduce_pencil(stiffness, mass)
         self._crew = crew
         self._count, self._remark = Certificate("none"), ""
@@ -152,7 +160,7 @@ class Run:
     def _sliced(self, ordered: OrderedPencil) -> Iterator[slice]:
         pencil, request = self.pencil, self.request
         self._jobs = self._workers(ordered, request.n_components or 0)
-        plan = SpectrumPlan(ordered, self._stop, self._poll, self._jobs, request.lean)
+        plan = SpectrumPlan(ordered, self._stop, self._sizes, self._poll, self._jobs)
         self._plan = plan
         started = time.perf_counter()
         if request.target is not None:
@@ -439,7 +447,7 @@ class Run:
         found = pairs_around(self.pencil, self.request, self._poll)
         if found is None:
             return None
-        plan = SpectrumPlan(ordered, self._stop, self._poll)
+        plan = SpectrumPlan(ordered, self._stop, self._sizes, self._poll)
         low = plan.settle(found.low) if found.low > 0.0 else 0.0
         high = plan.settle(found.high)
         counted = plan.count(high) - (plan.count(low) if low > 0.0 else 0)

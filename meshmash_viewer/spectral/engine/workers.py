@@ -8,13 +8,23 @@ from meshmash_viewer.spectral.engine.cores import core_count
 from meshmash_viewer.spectral.engine.factorization import OrderedPencil
 from meshmash_viewer.spectral.engine.row_memory import CAN_LET_GO
 
-__all__ = ["can_be_dense", "is_dense", "memory_of_run", "slice_count", "worker_count"]
+__all__ = [
+    "can_be_dense",
+    "is_dense",
+    "memory_of_run",
+    "slice_count",
+    "slice_sizes",
+    "worker_count",
+]
 
 #: Pairs a slice should hold: more make its basis dear, fewer its factor and its ends. In float32
 #: pairs converge in fewer steps, and small slices take a third less memory in the same time.
 _SLICE_PAIRS, _LEAN_SLICE_PAIRS = 140, 50
 #: Fewer pairs than this are one slice.
 _INDIVISIBLE = 48
+#: A run that has more numbers to find than this takes some seven seconds or more: where somebody
+#: waits for something to look at, so many of the lowest pairs come first, in their own slice.
+_LONG_RUN, _FIRST_PAIRS = 3e7, 16
 
 #: Up to this many vertices all pairs are computed at once, by dense `eigh`.
 _DENSE_VERTICES = 700
@@ -45,6 +55,23 @@ def slice_count(pairs: int, lean: bool = False) -> int:
     if pairs < _INDIVISIBLE:
         return 1
     return 2 * max(1, round(pairs / (2 * (_LEAN_SLICE_PAIRS if lean else _SLICE_PAIRS))))
+
+
+def slice_sizes(n: int, pairs: int, lean: bool = False, early: bool = False) -> list[float]:
+    """About how many pairs each slice holds, from the lowest on.
+
+    Parameters
+    ----------
+    n, pairs : int
+        Vertices, and pairs to find.
+    lean : bool
+        Whether slices are those of float32.
+    early : bool
+        Whether a long run begins with a small one.
+    """
+    count = slice_count(pairs, lean)
+    first = [float(_FIRST_PAIRS)] if early and count > 1 and n * pairs > _LONG_RUN else []
+    return first + [(pairs - sum(first)) / count] * count
 
 
 def is_dense(n: int, n_null: int, wanted: int) -> bool:
