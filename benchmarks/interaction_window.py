@@ -178,7 +178,8 @@ class Session:
             yield 0.016
         yield self.at_rest
         yield 0.1
-        paced = self.wheel_fault(min(1 + 200, self.order["pairs"] - 1))
+        reached = min(1 + 200, self.order["pairs"] - 1)
+        paced = self.wheel_fault(reached)
         self.phase("200 notches at once")
         for number in range(200):
             self.wheel(canvas, 1, control)
@@ -186,7 +187,7 @@ class Session:
                 yield 0.0  # it is the window that is measured, not this loop
         yield self.at_rest
         yield 0.1
-        self.result["wheel"] = paced or self.wheel_fault(1) or "ok"
+        self.result["wheel"] = paced or self.wheel_fault(max(reached - 200, 0)) or "ok"
         self.phase("hover")
         for turn in range(60):
             centre = canvas.rect().center()

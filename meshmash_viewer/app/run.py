@@ -6,6 +6,7 @@ import atexit
 import gc
 import importlib
 import os
+import shutil
 import signal
 import sys
 from contextlib import nullcontext
@@ -13,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import platformdirs
 from PySide6.QtCore import QEventLoop, QObject, QThread, QThreadPool, QTimer, Signal
 from PySide6.QtGui import QFont, QSurfaceFormat
 from PySide6.QtWidgets import QApplication
@@ -33,6 +35,8 @@ _LIBRARIES = (
     ("meshmash_viewer.app.panels.profile_panel", "Loading the plots …"),
     ("meshmash_viewer.app.panels.field_panel", "Loading the controls …"),
 )
+#: Bytes free on a disk that is not about to be full.
+_ROOM_FOR_SHADERS = 100e6
 #: The application, if it was made here: Qt ends it with the last that knows it.
 _made: list[QApplication] = []
 #: What collects garbage in place of Python: its timer runs as long as the process.
@@ -49,6 +53,7 @@ def application() -> QApplication:
     if sys.platform.startswith("linux") and os.environ.get("DISPLAY"):
         # VTK draws into windows of X11 alone; desktops with Wayland bring both.
         os.environ.setdefault("QT_QPA_PLATFORM", "xcb")
+    _draw_without_a_full_disk()
     # what VTK draws with, in every part of the window: parts share what the card holds
     core = QSurfaceFormat()
     core.setProfile(QSurfaceFormat.OpenGLContextProfile.CoreProfile)
@@ -66,6 +71,17 @@ def application() -> QApplication:
     theme.apply(made)
     _made.append(made)
     return made
+
+
+def _draw_without_a_full_disk() -> None:
+    """Keep no shaders where there is hardly room: Mesa maps that file, and the process would end.
+
+    Elsewhere they are kept, since to compile them again takes a third of a second.
+    """
+    caches = Path(platformdirs.user_cache_dir())
+    place = next(folder for folder in (caches, *caches.parents) if folder.exists())
+    if shutil.disk_usage(place).free < _ROOM_FOR_SHADERS:
+        os.environ.setdefault("MESA_SHADER_CACHE_DISABLE", "true")
 
 
 def run_app(path: Path | None = None, unit: str = "", *, fresh: bool = False) -> int:
@@ -98,13 +114,14 @@ def run_app(path: Path | None = None, unit: str = "", *, fresh: bool = False) ->
 
     window = MainWindow(fresh=fresh, deferred=True)
     window.show()
-    _Loader(window)
+    loader = _Loader(window)
     with FaultBoundary(window.document.notify):
         if path is not None and unit:
             window.open_mesh(path, unit)
         elif path is not None:
             window.commands.open_path(path)
         status = app.exec()
+    loader.wait()
     pulse.stop()
     return status
 
@@ -208,12 +225,16 @@ class _Loader(QObject):
     _ended = Signal(object)
 
     def __init__(self, window: MainWindow) -> None:
-        super().__init__(window)
+        super().__init__()
         self._window = window
         self._began.connect(window.stage.welcome.set_loading)
         self._ended.connect(self._complete)
         # the first picture of the window goes first
         QTimer.singleShot(0, lambda: QThreadPool.globalInstance().start(self._import))
+
+    def wait(self) -> None:
+        """Return when nothing is imported any more: a thread must not tell what has gone."""
+        QThreadPool.globalInstance().waitForDone()
 
     def _import(self) -> None:
         try:

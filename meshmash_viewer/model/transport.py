@@ -77,9 +77,12 @@ class Wire:
             if raw.nbytes < _FILE_BYTES:
                 return True
             name = uuid.uuid4().hex
-            with open(self._folder / name, "xb") as file:
-                file.write(raw)
             files.append((name, raw.nbytes))
+            try:
+                (self._folder / name).write_bytes(raw)
+            except OSError as fault:
+                # A full disk is told without saying which.
+                raise OSError(fault.errno, fault.strerror, str(self._folder)) from fault
             return False
 
         try:

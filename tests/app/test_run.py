@@ -112,6 +112,37 @@ def test_garbage_is_collected_in_the_interface_thread(tmp_path: Path) -> None:
     assert done.stdout == "ended\n", done.stderr
 
 
+CLOSED_AT_ONCE = """
+import os
+import shutil
+from collections import namedtuple
+from PySide6.QtCore import QTimer
+from PySide6.QtWidgets import QApplication
+from meshmash_viewer.app import run
+
+shutil.disk_usage = lambda place: namedtuple("Usage", "free")(FREE)
+run.application()
+print(os.environ.get("MESA_SHADER_CACHE_DISABLE"))
+QTimer.singleShot(20, QApplication.closeAllWindows)
+assert run.run_app(fresh=True) == 0
+"""
+
+
+@pytest.mark.parametrize(("free", "disabled"), [(1e6, "true"), (1e12, None)])
+def test_a_window_closed_while_it_loads_ends_without_a_word(
+    tmp_path: Path, free: float, disabled: str | None
+) -> None:
+    script = tmp_path / "closed.py"
+    script.write_text(CLOSED_AT_ONCE.replace("FREE", str(free)))
+    done = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.stderr == ""
+    assert done.returncode == 0
+    # Mesa would map its cache of shaders on a disk that is about to be full.
+    assert done.stdout == f"{disabled}\n"
+
+
 def test_a_mesh_in_memory_is_viewed_from_a_script(qtbot: QtBot) -> None:
     ball = shapes.icosphere(2)
     window = meshmash_viewer.view((ball.vertices, ball.faces), unit="µm", name="ball", block=False)

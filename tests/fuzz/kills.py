@@ -42,25 +42,46 @@ SIGNALS = tuple(
 )
 #: Pairs that were proven before, and that are asked for.
 PROVEN, WANTED = 60, 300
-#: A window that opens a mesh, computes its pairs, and closes when they are there.
+#: A window that opens a mesh, computes its pairs, writes their HKS, and closes when all is done or
+#: it has said why not.
 _WINDOW = f"""
 import sys
 from pathlib import Path
 from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QApplication
 from meshmash_viewer.app.run import application, run_app
+from meshmash_viewer.fields import EXPORTS
+from meshmash_viewer.model.jobs import ExportJob
 from meshmash_viewer.spectral.weyl import Target
+
+said, done = [], set()
+
+def tell(notice):
+    said.append(notice)
+    print(notice.severity.name, notice.text, file=sys.stderr, flush=True)
 
 def look():
     for window in QApplication.topLevelWidgets():
         document = getattr(window, "document", None)
-        if document is None or document.ready is None:
+        if document is None:
             continue
-        if document.target != Target("count", {WANTED}):
+        if "listening" not in done:
+            done.add("listening")
+            document.noticed.connect(tell)
+        spectrum = document.spectrum
+        if document.ready is None:
+            if said and document.job is None:
+                window.close()
+        elif document.target != Target("count", {WANTED}):
             document.target = Target("count", {WANTED})
             document.compute()
-        elif document.spectrum is not None and document.spectrum.complete:
-            if len(document.spectrum) >= {WANTED}:
+        elif document.job is None:
+            complete = spectrum is not None and spectrum.complete and len(spectrum) >= {WANTED}
+            if complete and "exported" not in done:
+                done.add("exported")
+                out, family = Path(sys.argv[2]), EXPORTS["hks"].exported(32)
+                document.export(ExportJob(document.mesh, document.operator, out, family, {WANTED}))
+            else:
                 window.close()
 
 if __name__ == "__main__":
@@ -235,13 +256,7 @@ def _running(kind: str, mesh: Mesh, path: Path, folder: Path) -> Iterator[subpro
         "TMPDIR": str(folder / "tmp"),
     }
     if kind != "worker":
-        command = [sys.executable, "-m", "meshmash_viewer", "features", str(path)]
-        command += ["--kind", "hks", "--count", str(WANTED), "-o", str(folder / "hks.npz")]
-        if kind == "window":
-            # Its worker is spawned, and imports the script that the window is.
-            script = folder / "window.py"
-            script.write_text(_WINDOW)
-            command = [sys.executable, str(script), str(path)]
+        command = _command(kind, path, folder / "hks.npz", folder)
         with subprocess.Popen(
             command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         ) as process:
@@ -271,6 +286,17 @@ def _running(kind: str, mesh: Mesh, path: Path, folder: Path) -> Iterator[subpro
             listener.join()
 
 
+def _command(kind: str, path: Path, out: Path, folder: Path) -> list[str]:
+    """What computes the pairs of a mesh and writes their HKS."""
+    if kind == "window":
+        # Its worker is spawned, and imports the script that the window is.
+        script = folder / "window.py"
+        script.write_text(_WINDOW)
+        return [sys.executable, str(script), str(path), str(out)]
+    command = [sys.executable, "-m", "meshmash_viewer", "features", str(path)]
+    return [*command, "--kind", "hks", "--count", str(WANTED), "-o", str(out)]
+
+
 def _listen(wire: Wire, process: subprocess.Popen[bytes]) -> None:
     """Take what the worker sends; end it when it has finished."""
     with suppress(EOFError, OSError, ValueError):
@@ -287,7 +313,7 @@ def _heat_kernel(eigenvalues: FloatArray, rows: FloatArray) -> FloatArray:
 
 
 def fill_once(undisturbed: Undisturbed, folder: Path, rng: np.random.Generator) -> str:
-    """Fill a disk at a random moment of a run on the command line.
+    """Fill a disk at a random moment of a run on the command line, or of a window.
 
     It is that of the cache, where the run goes on without one; that of the result, where a sentence
     says so and the file that was there before stays whole; or that of temporary files, through
@@ -300,13 +326,14 @@ def fill_once(undisturbed: Undisturbed, folder: Path, rng: np.random.Generator) 
     AssertionError
         If the run ended by a signal, without a sentence, or with another result.
     """
+    kind = str(rng.choice([kind for kind in undisturbed.seconds if kind != "worker"]))
     what = str(rng.choice(["cache", "result", "temporary files"]))
     needed = {"cache": 8 * WANTED, "result": 4 * 32 + 36, "temporary files": 36}[what]
     needed *= undisturbed.mesh.n_vertices
     size = int(needed * rng.uniform(0.05, 2.0)) + (1 << 16)
     # A mesh is read at the beginning, and a result written at the end.
     first, last = {"cache": (0.0, 1.0), "result": (0.5, 1.1), "temporary files": (0.0, 0.5)}[what]
-    delay = float(rng.uniform(first, last)) * undisturbed.seconds["command line"]
+    delay = float(rng.uniform(first, last)) * undisturbed.seconds[kind]
     disk, out = folder / "disk", folder / "hks.npz"
     disk.mkdir(parents=True)
     subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(disk)], check=True)
@@ -326,8 +353,7 @@ def fill_once(undisturbed: Undisturbed, folder: Path, rng: np.random.Generator) 
             path = folder / "blanket.vtp"
             mesh_to_poly(undisturbed.mesh).save(path)
         before = out.read_bytes() if out.exists() else b""
-        command = [sys.executable, "-m", "meshmash_viewer", "features", str(path)]
-        command += ["--kind", "hks", "--count", str(WANTED), "-o", str(out)]
+        command = _command(kind, path, out, folder)
         with subprocess.Popen(
             command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
         ) as process:
@@ -336,20 +362,30 @@ def fill_once(undisturbed: Undisturbed, folder: Path, rng: np.random.Generator) 
                 while process.poll() is None:
                     file.write(bytes(1 << 14))
             said = process.communicate()[1].decode()
-        done = f"{what}: exit {process.returncode}, {'a remark' if said.strip() else 'silent'}"
-        about = (done, f"{size / needed:.2f} of the room", f"{delay:.2f} s", said)
+        after = out.read_bytes() if out.exists() else b""
+        result = "no result" if after == before else "a result"
+        done = f"{kind}, {what}: {result}, {'a remark' if said.strip() else 'silent'}"
+        about = (
+            done,
+            process.returncode,
+            f"{size / needed:.2f} of the room",
+            f"{delay:.2f} s",
+            said,
+        )
         assert "Traceback" not in said, about
-        if process.returncode == 0:
+        assert "defect" not in said, about
+        if after != before:
+            assert process.returncode == 0, about
             with np.load(out) as written:
                 assert len(written["eigenvalues"]) == WANTED
                 np.testing.assert_allclose(
                     written["eigenvalues"], undisturbed.eigenvalues, rtol=1e-9, atol=1e-12
                 )
         else:
+            # The command line has failed then; a window goes on until somebody closes it.
             assert what != "cache", about
-            assert process.returncode == 2, about
+            assert process.returncode == (0 if kind == "window" else 2), about
             assert said.strip(), about
-            assert (out.read_bytes() if out.exists() else b"") == before, about
         (disk / "filling").unlink()
         if what == "cache":
             with cache_at(disk):

@@ -62,6 +62,16 @@ def test_nothing_is_left_of_what_cannot_be_sent(wire: Wire, tmp_path: Path) -> N
     assert not any(tmp_path.iterdir())
 
 
+def test_a_folder_that_takes_nothing_is_named(tmp_path: Path) -> None:
+    source, sink = os.pipe()
+    folder = tmp_path / "gone"
+    wire = Wire(os.fdopen(source, "rb"), os.fdopen(sink, "wb"), folder)
+    with pytest.raises(OSError, match=r"gone") as caught:
+        wire.send(np.zeros(100_000))
+    assert caught.value.filename == str(folder)
+    wire.close()
+
+
 def test_end_of_the_other_side_is_an_end(tmp_path: Path) -> None:
     source, sink = os.pipe()
     wire = Wire(os.fdopen(source, "rb"), os.fdopen(sink, "wb"), tmp_path)
