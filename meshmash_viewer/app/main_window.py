@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,9 +40,8 @@ from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model import cost
 from meshmash_viewer.model.document import Document, Notice, Severity
-from meshmash_viewer.model.jobs import DecomposeJob, ReadJob
+from meshmash_viewer.model.jobs import ReadJob
 from meshmash_viewer.units import counted, format_quantity, named_vertex
 
 if TYPE_CHECKING:
@@ -88,11 +86,10 @@ class MainWindow(QMainWindow):
 
         self.loaded = False
         self._closed = False
-        self._started_at: tuple[float, int] = (0.0, 0)
         self.stage = Stage()
         self.setCentralWidget(self.stage)
         self.mesh_panel = MeshPanel(self.document)
-        self.mesh_panel.seconds_rate = self.settings.seconds_rate
+        self.document.seconds_rate = self.settings.seconds_rate
         self.actions_ = Actions(self)
         self.menus = self.actions_.fill_menus(self)
         recent_menu = QMenu("Recent meshes", self)
@@ -343,18 +340,10 @@ class MainWindow(QMainWindow):
         self.stage.message_bar.show_notice(notice)
 
     def _on_job_changed(self) -> None:
-        """Learn how fast this machine solves, and follow what may be done now."""
-        state, spectrum = self.document.job, self.document.spectrum
-        if state is not None and isinstance(state.job, DecomposeJob):
-            if self._started_at[1] != id(state.job):
-                self._started_at = (time.monotonic(), id(state.job))
-        elif state is None and self._started_at[1]:
-            took = time.monotonic() - self._started_at[0]
-            self._started_at = (0.0, 0)
-            if spectrum is not None and spectrum.complete:
-                rate = cost.measured_rate(spectrum.rows.shape[1], len(spectrum.exact), took)
-                if rate is not None:
-                    self.settings.seconds_rate = self.mesh_panel.seconds_rate = rate
+        """Remember how fast this machine solves, and follow what may be done now."""
+        state = self.document.job
+        if state is None and self.document.seconds_rate is not None:
+            self.settings.seconds_rate = self.document.seconds_rate
         if state is not None and isinstance(state.job, ReadJob):
             self.stage.welcome.set_loading(f"Reading {state.job.path.name} …")
         elif self.loaded:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -17,6 +18,7 @@ from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.cost import decomposition_seconds, measured_rate
 from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.jobs import (
     DecomposeJob,
@@ -105,6 +107,8 @@ class Document:
         self.job: JobState | None = None
         self._operator = OperatorOptions()
         self._target = _DEFAULT_TARGET
+        #: Seconds a vertex and pair of the last decomposition on this machine, if any.
+        self.seconds_rate: float | None = None
         self._undo: list[tuple[MeshReady, Spectrum | None]] = []
         #: Units before each change of it since the last repair, as `set_unit` takes them.
         self._units: list[str] = []
@@ -437,21 +441,39 @@ class Document:
 
     def job_started(self, job: Job) -> None:
         """Note that a job runs now."""
-        self.job = JobState(job, Progress(stage="starting"))
+        expected = self.expected_seconds(job.target) if isinstance(job, DecomposeJob) else None
+        self.job = JobState(job, Progress("starting"), began=time.monotonic(), expected=expected)
         self.job_changed.emit()
 
     def job_progressed(self, progress: Progress) -> None:
         """Note how far it is."""
         if self.job is not None:
-            self.job = replace(self.job, progress=progress)
+            self.job = self.job.progressed(progress)
             self.job_changed.emit()
 
     def job_ended(self, notice: Notice | None = None) -> None:
-        """Note that the job is over, with what there is to say about it."""
+        """Note that the job is over, with what there is to say; learn how fast this machine is."""
+        job, spectrum = self.job, self.spectrum
+        if (
+            job is not None
+            and isinstance(job.job, DecomposeJob)
+            and not job.cancelling
+            and spectrum is not None
+            and spectrum.complete
+        ):
+            took = time.monotonic() - job.began
+            rate = measured_rate(spectrum.rows.shape[1], len(spectrum.exact), took)
+            self.seconds_rate = rate or self.seconds_rate
         self.job = None
         self.job_changed.emit()
         if notice is not None:
             self.notify(notice)
+
+    def expected_seconds(self, target: Target) -> float:
+        """What a decomposition of the open mesh is expected to take."""
+        assert self.ready is not None
+        pairs = self.translation().count(target)[0]
+        return decomposition_seconds(self.ready.health.n_vertices, pairs, self.seconds_rate)
 
     def notify(self, notice: Notice) -> None:
         """Say a sentence in the message bar."""

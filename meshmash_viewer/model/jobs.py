@@ -7,6 +7,7 @@ without harm.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar, Protocol
@@ -194,11 +195,20 @@ class DecomposeJob(_OnMesh):
 
 @dataclass(frozen=True)
 class JobState:
-    """The job that runs now."""
+    """The job that runs now, since when, and how many seconds it was expected to take."""
 
     job: Job
     progress: Progress
     cancelling: bool = False
+    began: float = 0.0
+    expected: float | None = None
+
+    def progressed(self, progress: Progress) -> JobState:
+        """The job farther on; as long as it does not know what is left, the expectation says so."""
+        if progress.remaining is None and self.expected is not None:
+            left = self.began + self.expected - time.monotonic()
+            progress = replace(progress, remaining=left if left > 0.0 else None)
+        return replace(self, progress=progress)
 
 
 def _inspect(

@@ -313,3 +313,39 @@ def test_a_new_document_plays_nothing_and_takes_ranges_from_the_spectrum() -> No
     assert display[GeometryVectors].automatic
     assert display[Eigenfunctions].index == 1
     assert display[Eigenfunctions].flipped == frozenset()
+
+
+def test_what_is_left_is_told_before_the_work_itself_can_and_learned_from(
+    document: Document, sphere: Mesh, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    document.seconds_rate = 10.0 / (sphere.n_vertices * (40 + 15))
+    target = Target("count", 40)
+    assert document.expected_seconds(target) == pytest.approx(10.0)
+    job = DecomposeJob(sphere, OperatorOptions(), target)
+
+    def left(progress: Progress) -> float | None:
+        document.job_progressed(progress)
+        assert document.job is not None
+        return document.job.progress.remaining
+
+    document.job_started(job)
+    now[0] += 4.0
+    assert left(Progress("operator")) == pytest.approx(6.0)
+    assert left(Progress("eigenpairs", 0.5, 4.0)) == 4.0, "the work knows better"
+    now[0] += 16.0
+    assert left(Progress("operator")) is None, "longer than was expected: nobody knows"
+
+    document.accept_spectrum(spectrum_of(sphere, 40))
+    document.cancel()
+    document.job_ended()
+    assert document.expected_seconds(target) == pytest.approx(10.0), (
+        "what was stopped tells nothing"
+    )
+    document.job_started(job)
+    now[0] += 30.0
+    document.job_ended()
+    assert document.expected_seconds(target) == pytest.approx(30.0)
+    document.job_started(PreviewJob(sphere))
+    assert left(Progress("preview")) is None

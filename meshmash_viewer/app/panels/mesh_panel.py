@@ -50,7 +50,6 @@ class MeshPanel(QWidget):
         super().__init__(parent)
         theme.named(self, "mesh_panel", "Mesh")
         self._document = document
-        self.seconds_rate: float | None = None
 
         content = theme.named(QWidget(), "panel_content")
         column = QVBoxLayout(content)
@@ -271,7 +270,7 @@ class MeshPanel(QWidget):
             return
         pairs = min(translation.count(target)[0], n)
         memory = cost.written_bytes(cost.decomposition_bytes(n, pairs, ready.health.n_components))
-        time = cost.written_duration(cost.decomposition_seconds(n, pairs, self.seconds_rate))
+        time = cost.written_duration(self._document.expected_seconds(target))
         columns = sum(each.table_columns for each in self._document.display.fields.values())
         window = cost.written_bytes(expected_bytes(n, columns))
         self.cost_label.setText(
