@@ -51,15 +51,12 @@ class HeatResponse:
     times: FloatArray
 
     def __call__(self, eigenvalues: FloatArray) -> FloatArray:
-        """See `TailedResponse`."""
         return np.asarray(np.exp(-np.outer(self.times, eigenvalues)))
 
     def supremum(self, start: float) -> FloatArray:
-        """See `TailedResponse`."""
         return np.asarray(np.exp(-self.times * max(start, 0.0)))
 
     def integral(self, start: float, ends: FloatArray) -> FloatArray:
-        """See `TailedResponse`."""
         start = max(start, 0.0)
         width = np.maximum(ends - start, 0.0)
         # At t = 0 the filter is 1 everywhere, and its integral the length of the interval.
@@ -77,19 +74,16 @@ class LogGaussianResponse:
     floor: float
 
     def __call__(self, eigenvalues: FloatArray) -> FloatArray:
-        """See `TailedResponse`."""
         bands = np.zeros((len(self.energies), len(eigenvalues)))
         positive = eigenvalues > self.floor
         bands[:, positive] = self._gaussians(eigenvalues[positive])
         return bands
 
     def supremum(self, start: float) -> FloatArray:
-        """See `TailedResponse`."""
         start = max(start, self.floor)
         return np.where(np.log(start) < self.energies, 1.0, self._gaussians(start)[:, 0])
 
     def integral(self, start: float, ends: FloatArray) -> FloatArray:
-        """See `TailedResponse`."""
         from scipy.special import ndtr
 
         start = max(start, self.floor)
@@ -115,11 +109,9 @@ class SplineResponse:
     high: float
 
     def __call__(self, eigenvalues: FloatArray) -> FloatArray:
-        """See `TailedResponse`."""
         return np.stack([np.asarray(basis(eigenvalues)) for basis in self.bases])
 
     def supremum(self, start: float) -> FloatArray:
-        """See `TailedResponse`."""
         if start >= self.high:
             return np.zeros(len(self.bases))
         start = max(start, self.low)
@@ -132,7 +124,6 @@ class SplineResponse:
         return np.array(largest)
 
     def integral(self, start: float, ends: FloatArray) -> FloatArray:
-        """See `TailedResponse`."""
         start = min(max(start, self.low), self.high)
         ends = np.clip(ends, start, self.high)
         columns = []
@@ -151,16 +142,13 @@ class StepResponse:
     closed: bool
 
     def __call__(self, eigenvalues: FloatArray) -> FloatArray:
-        """See `TailedResponse`."""
         below = eigenvalues <= self.high if self.closed else eigenvalues < self.high
         return ((eigenvalues >= self.low) & below).astype(np.float64)[np.newaxis]
 
     def supremum(self, start: float) -> FloatArray:
-        """See `TailedResponse`."""
         return np.array([1.0 if start < self.high else 0.0])
 
     def integral(self, start: float, ends: FloatArray) -> FloatArray:
-        """See `TailedResponse`."""
         start = max(start, self.low)
         return np.maximum(np.minimum(ends, self.high) - start, 0.0)[:, np.newaxis]
 

@@ -44,23 +44,18 @@ class BankColumns(Family):
 
     @property
     def table_columns(self) -> int:
-        """See `Family.table_columns`."""
         return self.count
 
     def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
-        """See `Family.resolved`."""
         return self.within(spectrum)
 
     def within(self, spectrum: Spectrum) -> Self:
-        """See `Family.within`."""
         return replace(self, index=self.column)
 
     def step(self, spectrum: Spectrum, steps: int) -> Self:
-        """See `Family.step`."""
         return replace(self, index=min(max(self.index + steps, 0), self.count - 1))
 
     def compute(self, spectrum: Spectrum, table: Table | None) -> Answer:
-        """See `Family.compute`."""
         if self.prepared(spectrum, table):
             assert table is not None
             table.spectrum = spectrum  # next time it is the very same
@@ -70,7 +65,6 @@ class BankColumns(Family):
         return Answer(np.asarray(sum_squares(spectrum.rows, one)[0]))
 
     def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
-        """See `Family.prepared`."""
         return (
             table is not None
             and table.family == self.at_rest()
@@ -78,13 +72,11 @@ class BankColumns(Family):
         )
 
     def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
-        """See `Family.prepare`."""
         weights = self.bank(spectrum.eigenvalues)(spectrum.eigenvalues)
         columns = sum_squares(spectrum.rows, weights, cancel=cancel)
         return Table(spectrum, self.at_rest(), np.asarray(columns))
 
     def profile(self, spectrum: Spectrum) -> Profile | None:
-        """See `Family.profile`."""
         if first_nonzero(spectrum) >= len(spectrum):
             return None
         bank = self.bank(spectrum.eigenvalues)
@@ -96,15 +88,12 @@ class BankColumns(Family):
         return np.arange(self.count, dtype=np.float64)
 
     def place(self, spectrum: Spectrum) -> float:
-        """See `Family.place`."""
         return float(self.places(spectrum)[self.column])
 
     def at_place(self, spectrum: Spectrum, place: float) -> Self:
-        """See `Family.at_place`."""
         return replace(self, index=int(np.argmin(np.abs(self.places(spectrum) - place))))
 
     def script(self, spectrum: Spectrum) -> list[str]:
-        """See `Family.script`."""
         return [
             f"features = mv.compute_features(decomposition, {self.bank_script()}, unit=mesh.unit)",
             f"values = features.values[:, {self.column}]",

@@ -53,7 +53,6 @@ class Eigenfunctions(Family):
     flipped: frozenset[int] = parameter(frozenset(), type="indices", least=0, most=2**31 - 1)
 
     def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
-        """See `Family.resolved`."""
         index = self.within(spectrum).index
         return replace(self, index=index, flipped=self.flipped & {index})
 
@@ -62,11 +61,9 @@ class Eigenfunctions(Family):
         return replace(self, index=n_components, flipped=frozenset())
 
     def within(self, spectrum: Spectrum) -> Self:
-        """See `Family.within`."""
         return replace(self, index=min(max(self.index, 0), max(len(spectrum) - 1, 0)))
 
     def step(self, spectrum: Spectrum, steps: int) -> Self:
-        """See `Family.step`."""
         return replace(self, index=min(max(self.index + steps, 0), len(spectrum) - 1))
 
     def likely_next(self, before: Family | None, chosen: Self, spectrum: Spectrum) -> Self | None:
@@ -78,11 +75,9 @@ class Eigenfunctions(Family):
         return replace(chosen, index=index).resolved(spectrum, {})
 
     def title(self) -> str:
-        """See `Family.title`."""
         return f"Eigenfunction {self.index}"
 
     def quantity(self, spectrum: Spectrum, unit: str) -> str:
-        """See `Family.quantity`."""
         name = f"λ{subscript(self.index)}"
         written = format_quantity(float(spectrum.eigenvalues[self.index]), unit, -2)
         if spectrum.is_exact(self.index):
@@ -91,7 +86,6 @@ class Eigenfunctions(Family):
         return f"{name} ≈ {written} · preview, within about {100.0 * spectrum.error:.0f} %"
 
     def unit(self, length: str) -> str:
-        """See `Family.unit`."""
         return power_unit(length, -1)
 
     def compute(self, spectrum: Spectrum, table: Table | None) -> Answer:
@@ -109,25 +103,20 @@ class Eigenfunctions(Family):
         return Profile(both, both)
 
     def axes(self, unit: str) -> tuple[str, str]:
-        """See `Family.axes`."""
         return "Index", named_quantity("φ at the vertex", unit, -1)
 
     def place(self, spectrum: Spectrum) -> float:
-        """See `Family.place`."""
         return float(self.within(spectrum).index)
 
     def at_place(self, spectrum: Spectrum, place: float) -> Self:
-        """See `Family.at_place`."""
         return replace(self, index=round(place)).within(spectrum)
 
     def contents(self, spectrum: Spectrum, unit: str) -> str:
-        """See `Family.contents`."""
         about = f"Eigenvalues up to {format_quantity(float(spectrum.eigenvalues[-1]), unit, -2)}"
         values = power_unit(unit, -1)
         return f"{about}, eigenvectors{f' in {values}' if values else ''}, M-orthonormal."
 
     def script(self, spectrum: Spectrum) -> list[str]:
-        """See `Family.script`."""
         shown = spectrum.shown
         turned = 1.0 if shown is None else shown.alignment.sign(self.index)
         sign = "-" if (self.index in self.flipped) != (turned == -1.0) else ""

@@ -70,20 +70,16 @@ class GeometryVectors(BankColumns):
         return (low, high) if low < high else (low, low + 1.0)
 
     def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
-        """See `Family.resolved`."""
         low, high = self.range(spectrum)
         return replace(self, index=self.column, low=low, high=high, automatic=False)
 
     def between(self, low: float, high: float) -> Self:
-        """See `Family.between`."""
         return replace(self, low=low, high=high, automatic=False)
 
     def title(self) -> str:
-        """See `Family.title`."""
         return f"Geometry vector {self.index}"
 
     def quantity(self, spectrum: Spectrum, unit: str) -> str:
-        """See `Family.quantity`."""
         low, high = self.support(spectrum)
         return f"λ from {format_range(low, high, unit, -2, word='to')}"
 
@@ -101,7 +97,6 @@ class GeometryVectors(BankColumns):
         return low + (high - low) * first, low + (high - low) * last
 
     def response(self, spectrum: Spectrum, along: FloatArray) -> Response:
-        """See `Family.response`."""
         low, high = self.range(spectrum)
         curves = tuple(
             (low + (high - low) * places, heights) for places, heights in _unit_curves(self.count)
@@ -110,11 +105,9 @@ class GeometryVectors(BankColumns):
         return Response(curves[self.column], handle, f"band {self.column}", curves, (low, high))
 
     def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
-        """See `Family.at_eigenvalue`."""
         return replace(self, index=int(np.argmin(np.abs(self.centers(spectrum) - value))))
 
     def axes(self, unit: str) -> tuple[str, str]:
-        """See `Family.axes`."""
         return "Band", named_quantity("Geometry vector", unit, -2)
 
     # -- files --------------------------------------------------------------------------------
@@ -131,12 +124,10 @@ class GeometryVectors(BankColumns):
         return bspline_bank(*self._ends(top), self.count)
 
     def contents(self, spectrum: Spectrum, unit: str) -> str:
-        """See `Family.contents`."""
         low, high = self.range(spectrum)
         return f"Bands of λ from {format_range(low, high, unit, -2, word='to')}."
 
     def bank_script(self) -> str:
-        """See `Family.bank_script`."""
         return f"mv.bspline_bank({self.low!r}, {self.high!r}, {self.count})"
 
 

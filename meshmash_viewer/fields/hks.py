@@ -100,13 +100,11 @@ class HeatKernelSignature(Family):
         return math.sqrt(t_min) * math.sqrt(t_max)
 
     def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
-        """See `Family.resolved`."""
         t_min, t_max = self.range(spectrum)
         time = self.time_in(spectrum)
         return replace(self, time=time, t_min=t_min, t_max=t_max, automatic=False)
 
     def within(self, spectrum: Spectrum) -> Self:
-        """See `Family.within`."""
         low, high = self.range(spectrum)
         inside = self.time is not None and low <= self.time <= high
         return self if inside else replace(self, time=None)
@@ -122,11 +120,9 @@ class HeatKernelSignature(Family):
         return replace(self, time=math.exp(moved)) if abs(moved - before) > 1e-9 else self
 
     def title(self) -> str:
-        """See `Family.title`."""
         return self.label
 
     def quantity(self, spectrum: Spectrum, unit: str) -> str:
-        """See `Family.quantity`."""
         time = self.time_in(spectrum)
         length = format_quantity(time**0.5, unit)
         return f"t = {format_quantity(time, unit, 2)} (√t = {length})"
@@ -134,7 +130,6 @@ class HeatKernelSignature(Family):
     # -- values -------------------------------------------------------------------------------
 
     def compute(self, spectrum: Spectrum, table: Table | None) -> Answer:
-        """See `Family.compute`."""
         time = self.time_in(spectrum)
         if table is not None and table.content.covers(time):
             if table.spectrum is spectrum:
@@ -145,23 +140,19 @@ class HeatKernelSignature(Family):
         return Answer(np.asarray(sum_squares(spectrum.rows, decay[None])[0]))
 
     def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
-        """See `Family.prepared`."""
         covers = table is not None and table.content.covers(*self.range(spectrum))
         return covers and table is not None and table.spectrum is spectrum
 
     def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
-        """See `Family.prepare`."""
         content = build_heat_table(spectrum, self.range(spectrum), cancel)
         return Table(spectrum, self.at_rest(), content)
 
     def serves(self, spectrum: Spectrum, table: Table) -> bool:
-        """See `Family.serves`."""
         return grew(table.spectrum, spectrum)
 
     # -- plots --------------------------------------------------------------------------------
 
     def response(self, spectrum: Spectrum, along: FloatArray) -> Response:
-        """See `Family.response`."""
         time = self.time_in(spectrum)
         return Response((along, np.exp(-along * time)), 1.0 / time, "exp(−λt), ╌ λ = 1/t")
 
@@ -173,7 +164,6 @@ class HeatKernelSignature(Family):
         return replace(self, time=min(max(1.0 / value, low), high))
 
     def profile(self, spectrum: Spectrum) -> Profile:
-        """See `Family.profile`."""
         return Profile(self._samples(spectrum, _FINE), self._samples(spectrum, self.scales))
 
     def _samples(self, spectrum: Spectrum, count: int) -> Samples:
@@ -182,22 +172,18 @@ class HeatKernelSignature(Family):
         return Samples(np.log10(times), decay, logarithmic=True)
 
     def axes(self, unit: str) -> tuple[str, str]:
-        """See `Family.axes`."""
         return named_quantity("Time t", unit, 2), named_quantity("HKS", unit, -2)
 
     def place(self, spectrum: Spectrum) -> float:
-        """See `Family.place`."""
         return math.log10(self.time_in(spectrum))
 
     def at_place(self, spectrum: Spectrum, place: float) -> Self:
-        """See `Family.at_place`."""
         if first_nonzero(spectrum) >= len(spectrum):
             return self
         low, high = self.range(spectrum)
         return replace(self, time=min(max(10.0**place, low), high))
 
     def unresolved(self, spectrum: Spectrum) -> tuple[float, float] | None:
-        """See `Family.unresolved`."""
         low, high = self.range(spectrum)
         resolved = resolved_from(spectrum)
         if resolved <= low * (1.0 + 1e-9):
@@ -209,13 +195,11 @@ class HeatKernelSignature(Family):
     def bank(
         self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None
     ) -> FilterBank:
-        """See `Family.bank`."""
         from meshmash_viewer.features.filters import heat_kernel_bank, hks_times
 
         return heat_kernel_bank(hks_times(eigenvalues, self.t_min, self.t_max, self.scales, area))
 
     def contents(self, spectrum: Spectrum, unit: str) -> str:
-        """See `Family.contents`."""
         low, high = self.range(spectrum)
         return (
             f"Times from {format_quantity(low, unit, 2)} to {format_quantity(high, unit, 2)},"
@@ -224,11 +208,9 @@ class HeatKernelSignature(Family):
         )
 
     def bank_script(self) -> str:
-        """See `Family.bank_script`."""
         return f"mv.heat_kernel_bank(np.geomspace({self.t_min!r}, {self.t_max!r}, {self.scales}))"
 
     def script(self, spectrum: Spectrum) -> list[str]:
-        """See `Family.script`."""
         return [
             f"features = mv.compute_features(decomposition, mv.heat_kernel_bank([{self.time!r}]), "
             "unit=mesh.unit)",

@@ -54,28 +54,22 @@ class Similarity(Family):
 
     @property
     def usable(self) -> bool:
-        """See `Family.usable`."""
         return self.vertex is not None
 
     def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
-        """See `Family.resolved`."""
         features = chosen[self.basis].resolved(spectrum, chosen).at_rest()
         return replace(self, features=features)
 
     def for_other_mesh(self, n_components: int) -> Self:
-        """See `Family.for_other_mesh`."""
         return replace(self, vertex=None)
 
     def behind(self, chosen: Mapping[str, Family]) -> Family:
-        """See `Family.behind`."""
         return chosen[self.basis]
 
     def title(self) -> str:
-        """See `Family.title`."""
         return f"Distance in {self._features().label.lower()}"
 
     def quantity(self, spectrum: Spectrum, unit: str) -> str:
-        """See `Family.quantity`."""
         return "" if self.vertex is None else f"from {named_vertex(self.vertex)}"
 
     def unit(self, length: str) -> str:
@@ -92,7 +86,6 @@ class Similarity(Family):
         return Answer(table.content.from_vertex(self.vertex), draft)
 
     def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
-        """See `Family.prepared`."""
         return (
             table is not None
             and table.family == self._features()
@@ -100,19 +93,16 @@ class Similarity(Family):
         )
 
     def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
-        """See `Family.prepare`."""
         features = self._features()
         bank = features.bank(spectrum.eigenvalues)
         return Table(spectrum, features, build_similarity_table(spectrum, bank, cancel))
 
     def serves(self, spectrum: Spectrum, table: Table) -> bool:
-        """See `Family.serves`."""
         if table.family.name != self.basis:
             return False
         return self.prepared(spectrum, table) or grew(table.spectrum, spectrum)
 
     def script(self, spectrum: Spectrum) -> list[str]:
-        """See `Family.script`."""
         bank = self._features().bank_script()
         return [
             f"features = mv.compute_features(decomposition, {bank}, unit=mesh.unit)",

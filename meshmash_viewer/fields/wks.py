@@ -39,11 +39,9 @@ class WaveKernelSignature(BankColumns):
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (False, False, True)
 
     def title(self) -> str:
-        """See `Family.title`."""
         return self.label
 
     def quantity(self, spectrum: Spectrum, unit: str) -> str:
-        """See `Family.quantity`."""
         energy = self.place(spectrum)
         return f"ln λ = {energy:.4g} (λ = {format_quantity(np.exp(energy), unit, -2)})"
 
@@ -54,11 +52,9 @@ class WaveKernelSignature(BankColumns):
         return wave_response(spectrum.eigenvalues, self.count)
 
     def places(self, spectrum: Spectrum) -> FloatArray:
-        """See `BankColumns.places`."""
         return self.bands(spectrum).energies
 
     def response(self, spectrum: Spectrum, along: FloatArray) -> Response:
-        """See `Family.response`."""
         bands = self.bands(spectrum)
         others = tuple((along, each) for each in bands(along))
         energy = float(bands.energies[self.column])
@@ -66,11 +62,9 @@ class WaveKernelSignature(BankColumns):
         return Response(others[self.column], float(np.exp(energy)), legend, others)
 
     def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
-        """See `Family.at_eigenvalue`."""
         return self.at_place(spectrum, np.log(value)) if value > 0.0 else replace(self, index=0)
 
     def axes(self, unit: str) -> tuple[str, str]:
-        """See `Family.axes`."""
         return named_quantity("Energy ln λ, λ", unit, -2), named_quantity("WKS", unit, -2)
 
     # -- files --------------------------------------------------------------------------------
@@ -78,16 +72,13 @@ class WaveKernelSignature(BankColumns):
     def bank(
         self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None
     ) -> FilterBank:
-        """See `Family.bank`."""
         from meshmash_viewer.features.filters import wave_kernel_bank
 
         return wave_kernel_bank(eigenvalues, self.count)
 
     def contents(self, spectrum: Spectrum, unit: str) -> str:
-        """See `Family.contents`."""
         low, high = np.exp(self.places(spectrum)[[0, -1]])
         return f"Energies λ from {format_range(low, high, unit, -2, word='to')}."
 
     def bank_script(self) -> str:
-        """See `Family.bank_script`."""
         return f"mv.wave_kernel_bank(decomposition.eigenvalues, {self.count})"

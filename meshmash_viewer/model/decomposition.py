@@ -163,7 +163,6 @@ class _Growth:
         self._residuals = np.zeros(0)
 
     def begin(self, known: Eigenpairs | None, mass: npt.NDArray[np.float64]) -> None:
-        """See `Follower.begin`."""
         self._mass = mass
         if known is not None:
             # A solve that goes on from known pairs reports these again.
@@ -181,7 +180,6 @@ class _Growth:
         values: npt.NDArray[np.float64],
         residuals: npt.NDArray[np.float64],
     ) -> None:
-        """See `Follower.grow`."""
         self._stored, self._rows = stored, rows
         self._eigenvalues, self._residuals = values, residuals
         if time.monotonic() - self._time >= _GROWTH_SECONDS:

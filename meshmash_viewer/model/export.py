@@ -49,11 +49,9 @@ class ExportJob:
 
     @property
     def label(self) -> str:
-        """See `Job.label`."""
         return f"Writing {self.path.name}"
 
     def run(self, channel: Channel) -> Written:
-        """See `Job.run`."""
         return export(self, channel)
 
 

@@ -70,11 +70,9 @@ class ReadJob:
 
     @property
     def label(self) -> str:
-        """See `Job.label`."""
         return f"Reading {self.path.name}"
 
     def run(self, channel: Channel) -> MeshReady:
-        """See `Job.run`."""
         from meshmash_viewer.io.read import read_mesh
 
         channel.report(Progress("reading", message=f"Reading {self.path.name}"))
@@ -91,7 +89,6 @@ class _OnMesh:
 
     @property
     def label(self) -> str:
-        """See `Job.label`."""
         return f"{self.doing} {self.mesh.name or 'the mesh'}"
 
 
@@ -104,7 +101,6 @@ class InspectJob(_OnMesh):
     doing: ClassVar[str] = "Inspecting"
 
     def run(self, channel: Channel) -> MeshReady:
-        """See `Job.run`."""
         return _inspect(self.mesh, self.operator, channel)
 
 
@@ -133,7 +129,6 @@ class ScaleJob(_OnMesh):
     doing: ClassVar[str] = "Scaling"
 
     def run(self, channel: Channel) -> MeshReady:
-        """See `Job.run`."""
         scaled = self.mesh.in_voxels(self.voxel, self.unit)
         ready = _inspect(scaled, self.operator, channel, path=self.path)
         return replace(ready, repairs=self.repairs, derived=True)
@@ -151,7 +146,6 @@ class RepairJob(_OnMesh):
     doing: ClassVar[str] = "Repairing"
 
     def run(self, channel: Channel) -> MeshReady:
-        """See `Job.run`."""
         from meshmash_viewer.health import REPAIRS
 
         repair = REPAIRS[self.repair]
@@ -170,7 +164,6 @@ class PreviewJob(_OnMesh):
     doing: ClassVar[str] = "Previewing"
 
     def run(self, channel: Channel) -> SpectrumGrew | None:
-        """See `Job.run`."""
         from meshmash_viewer.model.previews import open_preview
 
         preview = open_preview(self.mesh, channel)
@@ -187,7 +180,6 @@ class DecomposeJob(_OnMesh):
     doing: ClassVar[str] = "Decomposing"
 
     def run(self, channel: Channel) -> SpectrumGrew:
-        """See `Job.run`."""
         from meshmash_viewer.model.decomposition import decompose
 
         return decompose(self.mesh, self.operator, self.target, channel)

@@ -72,7 +72,6 @@ class SymmetricLimits:
     """Symmetric about zero: for signed fields, so that the middle colour is the nodal line."""
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
-        """See `LimitPolicy.limits`."""
         low, high = _extremes(values)
         bound = max(abs(low), abs(high)) or 1.0
         return -bound, bound
@@ -83,7 +82,6 @@ class MinMaxLimits:
     """From the smallest value to the largest."""
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
-        """See `LimitPolicy.limits`."""
         return _opened(*_extremes(values))
 
 
@@ -99,7 +97,6 @@ class PercentileLimits:
     high: float = 99.0
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
-        """See `LimitPolicy.limits`."""
         step = max(len(values) // _SAMPLE, 1)
         looked_at = _finite(values[::step] if sample is None else values[sample])
         low, high = np.percentile(looked_at, (self.low, self.high))
@@ -114,7 +111,6 @@ class LockedLimits:
     high: float
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
-        """See `LimitPolicy.limits`."""
         return _opened(self.low, self.high)
 
 

@@ -70,7 +70,6 @@ class StoredPreview:
         mass: npt.NDArray[np.float64],
         before: Alignment | None,
     ) -> Alignment:
-        """See `meshmash_viewer.spectral.alignment.align`."""
         shown = np.load(self.path, mmap_mode="r")
         return align(shown, rows, eigenvalues, mass, before)
 
