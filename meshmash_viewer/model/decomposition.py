@@ -191,24 +191,14 @@ class _Growth:
         if converged <= self._told or not self._eigenvalues.any():
             return  # a null space alone is nothing to look at
         self._told, self._time = converged, time.monotonic()
-        eigenvalues, residuals = self._eigenvalues.copy(), self._residuals.copy()
-        alignment = self.align(self._rows, eigenvalues)
-        preview = self._preview
-        if preview is not None and len(preview.eigenvalues) <= converged:
-            preview = None  # nothing of it is needed any more
-        if preview is not None:
-            eigenvalues, residuals = preview.before(eigenvalues, residuals)
         self._channel.send(
             SpectrumGrew(
                 self._stored,
-                eigenvalues,
-                residuals,
+                self._eigenvalues.copy(),
+                self._residuals.copy(),
                 total=len(self._rows),
                 operator=self._operator,
-                preview_path=None if preview is None else preview.path,
-                n_exact=converged,
-                error=0.0 if preview is None else preview.error,
-                alignment=alignment,
+                alignment=self.align(self._rows, self._eigenvalues),
             )
         )
 
@@ -237,7 +227,6 @@ def _grown(
         total=decomposition.n_components if ended else 0,
         certificate=decomposition.certificate if ended else None,
         operator=operator,
-        n_exact=decomposition.n_components,
         alignment=alignment,
         known_to=known_to if ended and decomposition.complete else 0.0,
         remark=found.remark,

@@ -55,14 +55,6 @@ class StoredPreview:
             error=self.error,
         )
 
-    def before(
-        self, eigenvalues: npt.NDArray[np.float64], residuals: npt.NDArray[np.float64]
-    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Exact eigenvalues and residuals, then those that are still approximate."""
-        rest = self.eigenvalues[len(eigenvalues) :]
-        values = np.maximum.accumulate(np.concatenate([eigenvalues, rest]))
-        return values, np.concatenate([residuals, np.full(len(rest), np.nan)])
-
     def align(
         self,
         rows: npt.NDArray[np.floating],

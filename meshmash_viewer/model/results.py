@@ -28,19 +28,17 @@ class SpectrumGrew:
     Parameters
     ----------
     stored : StoredRows, optional
-        Where the exact rows are; only the first `n_exact` are to be read.
+        Where the rows are, of which the first k are to be read.
     eigenvalues, residuals : ndarray of float64, shape (k,)
-        Approximate ones included, whose residuals are NaN.
+        The residuals of approximate ones are NaN.
     total, certificate, operator, known_to
         See `Spectrum`.
     preview_path : Path, optional
-        ``.npy`` file with approximate rows, of which those after the exact ones count.
-    n_exact : int
-        How many are exact.
+        ``.npy`` file with approximate rows, where these pairs are.
     error : float
         Expected relative error of the approximate eigenvalues.
     alignment : Alignment, optional
-        Signs and rotations of the exact rows on the render.
+        Signs and rotations of the rows on the render.
     remark : str
         A sentence for the message bar, where there is something to say.
     """
@@ -52,7 +50,6 @@ class SpectrumGrew:
     certificate: Certificate | None = None
     operator: OperatorOptions | None = None
     preview_path: Path | None = None
-    n_exact: int = 0
     error: float = 0.0
     alignment: Alignment | None = None
     remark: str = ""
@@ -61,31 +58,24 @@ class SpectrumGrew:
     @cached_property
     def spectrum(self) -> Spectrum:
         """The same as the views read it; the first access opens the files."""
-        path = self.preview_path
-        preview = None if path is None else np.load(path, mmap_mode="r")
-        exact = None
-        if self.stored is not None and self.n_exact:
-            exact = self.stored.map(self.n_exact)
-        rows: npt.NDArray[np.floating[Any]] | ShownRows
-        shown = None
-        if exact is None:
-            assert preview is not None
-            rows = preview
-        elif preview is not None:
-            rows = ShownRows(exact, self.n_exact, preview, self.alignment or Alignment())
+        count, preview, shown = len(self.eigenvalues), self.preview_path is not None, None
+        rows: npt.NDArray[np.floating[Any]]
+        if self.preview_path is not None:
+            rows = np.load(self.preview_path, mmap_mode="r")
         else:
-            rows = exact
+            assert self.stored is not None
+            rows = self.stored.map(count)
             if self.alignment is not None:
-                shown = ShownRows(exact, len(self.eigenvalues), None, self.alignment)
+                shown = ShownRows(rows, count, None, self.alignment)
         return Spectrum(
             self.eigenvalues,
             rows,
             self.residuals,
             total=self.total,
             certificate=self.certificate,
-            preview=preview is not None,
+            preview=preview,
             operator=self.operator,
-            n_exact=self.n_exact,
+            n_exact=0 if preview else count,
             error=self.error,
             shown=shown,
             known_to=self.known_to,

@@ -106,7 +106,7 @@ def test_a_preview_is_made_of_large_meshes_alone(
     assert grew is not None
     assert grew.spectrum.preview
     assert grew.spectrum.operator == PLAIN
-    assert grew.n_exact == 0
+    assert grew.spectrum.n_exact == 0
     assert not grew.spectrum.complete
 
 
