@@ -10,6 +10,7 @@ import shapes
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.weyl import (
     Target,
+    Translation,
     wavelength,
     wavelength_eigenvalue,
     weyl_count,
@@ -33,12 +34,13 @@ def test_each_function_undoes_the_other():
 def test_targets_translate_into_each_other():
     area = 5.0
     count = Target("count", 60)
-    value = Target("max_eigenvalue", count.estimated_eigenvalue(area))
-    length = Target("wavelength", count.estimated_wavelength(area))
+    translation = Translation(area)
+    value = Target("max_eigenvalue", translation.eigenvalue(count)[0])
+    length = Target("wavelength", translation.wavelength(count)[0])
     for target in (count, value, length):
-        assert target.estimated_count(area) == pytest.approx(60)
-        assert target.estimated_eigenvalue(area) == pytest.approx(48 * math.pi)
-        assert target.estimated_wavelength(area) == pytest.approx(length.value)
+        assert translation.count(target)[0] == 60
+        assert translation.eigenvalue(target)[0] == pytest.approx(48 * math.pi)
+        assert translation.wavelength(target)[0] == pytest.approx(length.value)
     assert (count.n_components, count.max_eigenvalue) == (60, None)
     assert (length.n_components, length.max_eigenvalue) == (
         None,

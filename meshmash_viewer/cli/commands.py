@@ -19,7 +19,7 @@ import numpy as np
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.spectral.weyl import Target, required_eigenvalue, wavelength
+from meshmash_viewer.spectral.weyl import Target, Translation, required_eigenvalue, wavelength
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.sums import Features
@@ -102,7 +102,6 @@ def describe(mesh: Mesh, target: Target) -> dict[str, Any]:
     """
     from meshmash_viewer.health import median_edge_length, mesh_health
     from meshmash_viewer.io.spectrum import find_eigenpairs
-    from meshmash_viewer.model.translation import Translation
 
     health = mesh_health(mesh)
     low, high = mesh.bounds

@@ -32,9 +32,8 @@ from meshmash_viewer.model.jobs import (
     RepairJob,
     ScaleJob,
 )
-from meshmash_viewer.model.translation import Translation
 from meshmash_viewer.progress import Progress
-from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.spectral.weyl import Target, Translation
 from meshmash_viewer.units import Voxel, parse_unit, written_unit
 
 __all__ = ["PIN_COLORS", "Document", "Notice", "Pin", "Severity"]

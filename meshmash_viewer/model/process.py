@@ -16,15 +16,14 @@ import signal
 import sys
 import threading
 import time
-from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.failure import failure_of
-from meshmash_viewer.model.jobs import Channel, Job, MeshReady
+from meshmash_viewer.model.jobs import Channel, Job
 from meshmash_viewer.model.transport import Wire
 from meshmash_viewer.progress import Cancelled, Progress
 
@@ -94,35 +93,13 @@ def _run(job: Job, channel: Channel, wire: Wire) -> None:
     """Do a job and send how it ended."""
     message: tuple[str, object]
     try:
-        result = _known_mesh.recognised(job).run(channel)
-        if isinstance(result, MeshReady):
-            _known_mesh.mesh = result.mesh
-        wire.send(("finished", result))
+        wire.send(("finished", job.run(channel)))
         return
     except Cancelled:
         message = ("cancelled", None)
     except Exception as error:  # noqa: BLE001  whatever it is, the window must hear of it
         message = ("failed", failure_of(error, job.label))
     wire.send(message)
-
-
-class _KnownMesh:
-    """The mesh of the last job: what was derived from it need not be derived again."""
-
-    def __init__(self) -> None:
-        self.mesh: Mesh | None = None
-
-    def recognised(self, job: Job) -> Job:
-        """The job with the mesh that is known, if it is the one that has arrived."""
-        arrived, known = getattr(job, "mesh", None), self.mesh
-        if known is None or arrived is None or arrived.content_hash != known.content_hash:
-            return job
-        if (known.name, known.voxel) != (arrived.name, arrived.voxel):
-            return job
-        return cast(Job, replace(cast(Any, job), mesh=known.in_unit(arrived.unit)))
-
-
-_known_mesh = _KnownMesh()
 
 
 class _PipeChannel:

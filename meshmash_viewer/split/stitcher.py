@@ -91,6 +91,8 @@ class MeshStitcher:
             If the threshold is too small for a vertex and its neighbours, or the overlap is
             negative or not finite.
         """
+        from scipy import sparse
+
         threshold = int(max_vertex_threshold)
         if threshold < 3:
             raise InputError(
@@ -109,11 +111,17 @@ class MeshStitcher:
 
         piece_of = np.full(mesh.n_vertices, -1)
         deepest = np.full(mesh.n_vertices, -1.0)
-        faces_of = _FacesOfVertices(mesh)
+        faces_of_mesh = mesh.faces[mesh.distinct_corners]
+        face = np.repeat(np.arange(len(faces_of_mesh)), 3)
+        faces_at = sparse.csc_array(
+            (np.ones(face.size, dtype=np.int8), (face, faces_of_mesh.ravel())),
+            shape=(len(faces_of_mesh), mesh.n_vertices),
+        )
         kept = []
         for number, piece in enumerate(pieces):
             depth = interior_depth(graph, piece)
-            faces = faces_of.inside(piece)
+            met, n_corners = np.unique(faces_at[:, piece].indices, return_counts=True)
+            faces = np.searchsorted(piece, faces_of_mesh[met[n_corners == 3]])
             # A vertex whose faces were all cut off has no place in a mesh of the others.
             used = np.zeros(len(piece), dtype=np.bool_)
             used[faces] = True
@@ -279,29 +287,6 @@ class MeshStitcher:
             own = self._piece_of[piece] == number
             whole[piece[own]] = array[own]
         return whole
-
-
-class _FacesOfVertices:
-    """Finds the faces that lie inside a set of vertices, in time proportional to the set."""
-
-    def __init__(self, mesh: Mesh) -> None:
-        self.faces = mesh.faces[mesh.distinct_corners]
-        # Faces in the order of their lowest vertex, and where each vertex's faces start.
-        lowest = self.faces.min(axis=1)
-        self.order = np.argsort(lowest, kind="stable")
-        counts = np.bincount(lowest, minlength=mesh.n_vertices)
-        self.start = np.concatenate([[0], np.cumsum(counts)])
-        self.position = np.full(mesh.n_vertices, -1)
-
-    def inside(self, members: IntArray) -> IntArray:
-        """Faces with all corners in `members`, as positions in it, in the order of the mesh."""
-        first, counts = self.start[members], self.start[members + 1] - self.start[members]
-        offsets = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-        candidates = np.sort(self.order[np.repeat(first, counts) + offsets])
-        self.position[members] = np.arange(len(members))
-        local = self.position[self.faces[candidates]]
-        self.position[members] = -1
-        return np.asarray(local[(local >= 0).all(axis=1)])
 
 
 def _call(function: Callable[[PieceMesh], Any], piece: PieceMesh, name: str, alone: bool) -> Any:

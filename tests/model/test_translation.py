@@ -6,9 +6,9 @@ import shapes
 from scipy.linalg import eigh
 
 from meshmash_viewer.laplacian import cotangent_laplacian
-from meshmash_viewer.model.translation import Translation
 from meshmash_viewer.spectral.weyl import (
     Target,
+    Translation,
     resolved_time,
     wavelength,
     weyl_count,

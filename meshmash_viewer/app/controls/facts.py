@@ -9,8 +9,7 @@ from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.fields.spectrum import Spectrum
-from meshmash_viewer.model.translation import Translation
-from meshmash_viewer.spectral.weyl import Target, wavelength
+from meshmash_viewer.spectral.weyl import Target, Translation, wavelength
 from meshmash_viewer.units import counted, format_quantity
 
 __all__ = [

@@ -21,7 +21,7 @@ from meshmash_viewer.app.controls.number_box import CountBox, QuantityBox, dress
 from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.spectral.weyl import Target, resolved_time, wavelength
+from meshmash_viewer.spectral.weyl import Target, Translation, resolved_time, wavelength
 from meshmash_viewer.units import format_range, power_unit
 
 __all__ = ["TargetBox"]
@@ -121,7 +121,7 @@ class TargetBox(QWidget):
             written = power_unit(unit, power)
             dress(box, box.prefix(), f" {written}" if written else "")
         if ready is None or not ready.health.area > 0.0:
-            self._show_count(target.estimated_count(1.0))
+            self._show_count(Translation(1.0).count(target)[0])
             for box, _ in powers:
                 box.show_nothing()
             self.note.setText("All four say the same thing: each is translated into the others.")
