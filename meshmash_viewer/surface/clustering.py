@@ -61,23 +61,12 @@ def cluster_vertices(
         met = len(np.unique(_keys(points[:: max(1, len(points) // 200_000)], size, cells_per_side)))
         cells_per_side = float(np.clip(cells_per_side * np.sqrt(count / max(met, 1)), 1.0, 2e6))
     keys = _keys(points, size, cells_per_side)
-    order = np.argsort(keys, kind="stable")
-    ordered = keys[order]
-    first = np.flatnonzero(np.r_[True, ordered[1:] != ordered[:-1]])
-    cluster = np.empty(len(points), dtype=np.int64)
-    sizes = np.diff(np.r_[first, len(points)])
-    cluster[order] = np.repeat(np.arange(len(first)), sizes)
+    _, cluster, sizes = np.unique(keys, return_inverse=True, return_counts=True)
     sums = np.stack([np.bincount(cluster, points[:, axis]) for axis in range(3)], axis=1)
-    means = sums / sizes[:, None]
-    points -= means[cluster]
-    distance = np.einsum("ij,ij->i", points, points)[order]
-    # The first member of each cell that is as near to the mean as any other.
-    hits = np.flatnonzero(distance == np.repeat(np.minimum.reduceat(distance, first), sizes))
-    chosen = members[order[hits[np.searchsorted(hits, first)]]]
+    points -= (sums / sizes[:, None])[cluster]
+    nearest_first = np.lexsort((np.einsum("ij,ij->i", points, points), cluster))
     # Rising order of representatives keeps picking a field's values kind to the memory.
-    rank = np.empty(len(chosen), dtype=np.int64)
-    rising = np.argsort(chosen, kind="stable")
-    rank[rising] = np.arange(len(chosen))
+    chosen, rank = np.unique(members[nearest_first[np.cumsum(sizes) - sizes]], return_inverse=True)
     coarse_of = np.full(len(vertices), -1, dtype=np.int64)
     coarse_of[members] = rank[cluster]
     corners = coarse_of[faces]
@@ -87,9 +76,9 @@ def cluster_vertices(
     turn = np.argmin(corners, axis=1)
     row = np.arange(len(corners))[:, None]
     corners = corners[row, (turn[:, None] + np.arange(3)) % 3]
-    _, unique = np.unique(corners @ _strides(len(chosen)), return_index=True)
-    corners = corners[unique]
-    return CoarseMesh(chosen[rising], corners)
+    # One integer of each, which three indices below two million fit into.
+    keys = corners @ np.array([len(chosen) ** 2, len(chosen), 1], dtype=np.int64)
+    return CoarseMesh(chosen, corners[np.unique(keys, return_index=True)[1]])
 
 
 def scatter(faces: npt.NDArray[np.integer], count: int) -> CoarseMesh:
@@ -120,8 +109,3 @@ def _keys(points: npt.NDArray[np.float64], size: float, per_side: float) -> IntA
     cells = np.minimum((points * (per_side / size)).astype(np.int64), int(per_side))
     side = int(per_side) + 1
     return np.asarray((cells[:, 0] * side + cells[:, 1]) * side + cells[:, 2])
-
-
-def _strides(count: int) -> IntArray:
-    """Weights that make one integer of three indices below `count` (at most two million)."""
-    return np.array([count * count, count, 1], dtype=np.int64)
