@@ -363,22 +363,12 @@ def _values(features: FeaturesLike) -> FloatArray:
 
 
 def column_spread(values: FloatArray) -> FloatArray:
-    """Half of what lies between the 15.9th and the 84.1th percentile of each column.
+    """Half of what lies between the 15.9th and the 84.1th percentile of each finite column.
 
     For normal values that is their standard deviation. Unlike it, it does not follow the few
     vertices of a neuron's specks, whose features are thousands of times larger than the rest and
-    would leave all other distances near zero.
-
-    Parameters
-    ----------
-    values : ndarray of float64, shape (n, f)
-        Finite numbers.
-
-    Returns
-    -------
-    ndarray of float64, shape (f,)
-        The standard deviation where two thirds of a column are one number; 1 for a constant
-        column, which tells nothing apart.
+    would leave all other distances near zero. Where two thirds of a column are one number it is
+    the standard deviation; of a constant column, which tells nothing apart, 1.
     """
     spread = np.ones(values.shape[1])
     for at, column in enumerate(values.T):

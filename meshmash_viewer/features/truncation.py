@@ -307,29 +307,12 @@ def mean_shares(
     n_vertices: int,
     known_to: float | None = None,
 ) -> FloatArray:
-    """Estimate what is missing of each column from the eigenvalues alone.
+    """Estimate what is missing of each column from the lowest k eigenvalues alone, shape (f,).
 
     The mean of ``φ_k²`` over the surface is one over its area, so the mean of a column needs no
     eigenvectors, nor does what the law expects beyond: for a display that changes while times or
-    bands are chosen.
-
-    Parameters
-    ----------
-    bank : FilterBank
-        With a tail.
-    eigenvalues : ndarray of float64, shape (k,)
-        The lowest k.
-    area : float
-        In squared unit.
-    n_vertices : int
-        Number of pairs that the mesh has.
-    known_to : float, optional
-        See `measure_truncation`.
-
-    Returns
-    -------
-    ndarray of float64, shape (f,)
-        Share of the mean that is missing; of normalised filters, of the weight of each.
+    bands are chosen. Of normalised filters it is the share of the weight of each. `known_to` is
+    that of `measure_truncation`.
     """
     tail = bank.tail
     n_left = n_vertices - len(eigenvalues)
@@ -344,21 +327,9 @@ def mean_shares(
 
 
 def sufficient_target(time: float, area: float, n_vertices: int) -> Target:
-    """How much of a spectrum the HKS from a time on takes.
+    """How much of a spectrum the HKS from a time on takes, in the units of the mesh.
 
-    Parameters
-    ----------
-    time : float
-        The shortest, in squared unit.
-    area : float
-        Of the surface, in squared unit.
-    n_vertices : int
-        Number of pairs that the mesh has.
-
-    Returns
-    -------
-    Target
-        Up to `required_eigenvalue`, or all pairs where Weyl's law expects that many.
+    That is up to `required_eigenvalue`, or all pairs where Weyl's law expects that many.
     """
     eigenvalue = required_eigenvalue(time)
     if weyl_count(area, eigenvalue) >= n_vertices:
@@ -377,24 +348,10 @@ def farther_target(target: Target, area: float, n_vertices: int) -> Target:
 def mesh_limit(
     time: float, area: float, n_vertices: int, unit: str = "", median_edge: float | None = None
 ) -> str:
-    """Say what a time needs beside what a mesh can resolve at all.
+    """Say in a sentence what a time needs beside what a mesh of `n_vertices` can resolve at all.
 
-    Parameters
-    ----------
-    time, area : float
-        In squared unit.
-    n_vertices : int
-        Number of pairs that the mesh has.
-    unit : str
-        Length unit of the mesh; "" where it has none.
-    median_edge : float, optional
-        Median length of its edges, in unit; two of them are its shortest wave. None: that of
-        Weyl's law for `n_vertices` pairs.
-
-    Returns
-    -------
-    str
-        A sentence with its full stop.
+    Two median edges are its shortest wave; where their length is not given, that of Weyl's law
+    for all its pairs.
     """
     eigenvalue, has = required_eigenvalue(time), f"this mesh has {n_vertices:,} in all"
     if median_edge is None:

@@ -69,14 +69,7 @@ def flag(default: bool) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Values of a field at every vertex.
-
-    Parameters
-    ----------
-    values : ndarray of float32, shape (n,)
-    draft : bool
-        Whether a better answer is on its way.
-    """
+    """Values of a field at every vertex, shape (n,); a draft where a better answer will follow."""
 
     values: ColumnArray
     draft: bool = False
@@ -228,12 +221,7 @@ class Family:
     def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
         """The same with what was left open filled in; equal ones have equal values.
 
-        Parameters
-        ----------
-        spectrum : Spectrum
-            With at least one pair.
-        chosen : mapping of str to Family
-            What is chosen of every family: one may build on another.
+        The spectrum has a pair or more; `chosen` is every family, for one may build on another.
         """
         raise NotImplementedError
 
@@ -260,13 +248,7 @@ class Family:
     def likely_next(self, before: Family | None, chosen: Self, spectrum: Spectrum) -> Self | None:
         """What is probably asked for after this one, if it takes long to have; resolved.
 
-        Parameters
-        ----------
-        before : Family or None
-            What was asked for before this one.
-        chosen : Family
-            As it was chosen, before it was resolved.
-        spectrum : Spectrum
+        `before` is what was asked for before, `chosen` this one as it was before it was resolved.
         """
         return None
 
@@ -344,20 +326,10 @@ class Family:
     def bank(
         self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None
     ) -> FilterBank:
-        """Filters of the exported columns.
+        """Filters of the exported columns, for eigenvalues of shape (k,).
 
-        Parameters
-        ----------
-        eigenvalues : ndarray of float64, shape (k,)
-        area : float, optional
-            Of the mesh: gives a range where all eigenvalues are zero.
-        bound : float, optional
-            Threshold that the eigenvalues were computed to.
-
-        Raises
-        ------
-        InputError
-            If the eigenvalues do not suffice.
+        `area` gives a range where all eigenvalues are zero, `bound` is the threshold that they were
+        computed to. `InputError` is raised if they do not suffice.
         """
         raise NotImplementedError
 

@@ -79,16 +79,7 @@ class HeatTable:
 def build_heat_table(
     spectrum: Spectrum, times: tuple[float, float], cancel: CancelCallback | None = None
 ) -> HeatTable:
-    """Compute a table for a range of times.
-
-    Parameters
-    ----------
-    spectrum : Spectrum
-    times : tuple of float
-        Shortest and longest time, in squared length units.
-    cancel : callable, optional
-        `Cancelled` is raised after it returns True.
-    """
+    """Compute a table for a range of times, in squared length units."""
     n_zero = first_nonzero(spectrum)
     rates = spectrum.eigenvalues[n_zero:]
     n_fits = max(math.ceil(math.log(times[1] / times[0]) / _STEP), 1)

@@ -118,13 +118,8 @@ class Similarity(Family):
 class SimilarityTable:
     """Features in which the plain distance is the one of `shape.feature_distance`.
 
-    Parameters
-    ----------
-    coordinates : ndarray of float32, shape (r, n)
-        Along the principal directions.
-    error : float
-        Root of the share of the variance that was left out: the error of a typical distance,
-        relative to a typical distance.
+    `coordinates`, shape (r, n), run along the principal directions. `error` is that of a typical
+    distance, relative to it: the root of the share of the variance that was left out.
     """
 
     coordinates: npt.NDArray[np.float32]
@@ -154,13 +149,7 @@ def build_similarity_table(
 ) -> SimilarityTable:
     """Compute features, standardise them, and turn them to their principal directions.
 
-    Parameters
-    ----------
-    spectrum : Spectrum
-    response : callable
-        Of a filter bank, ``(k,) -> (f, k)``.
-    cancel : callable, optional
-        `Cancelled` is raised after it returns True.
+    `response` is that of a filter bank, ``(k,) -> (f, k)``.
     """
     from meshmash_viewer.features.shape import column_spread  # which loads SciPy
 

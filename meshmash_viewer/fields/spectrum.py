@@ -113,14 +113,7 @@ class Spectrum:
         return float(t_min), float(t_max)
 
     def missing_shares(self, bank: FilterBank, area: float) -> npt.NDArray[np.float64]:
-        """Estimate what is missing of each column for want of eigenpairs, shape (f,).
-
-        Parameters
-        ----------
-        bank : FilterBank
-        area : float
-            Of the surface, in squared length units.
-        """
+        """Estimate what is missing of each column for want of eigenpairs, shape (f,)."""
         known_to = self.known_to or None
         return mean_shares(bank, self.eigenvalues, area, self.n_vertices, known_to)
 
@@ -169,14 +162,7 @@ class Spectrum:
         )
 
     def multiplet(self, index: int, gap: float = 1e-6) -> Multiplet | None:
-        """The run of near-equal eigenvalues that an index belongs to, or None.
-
-        Parameters
-        ----------
-        index : int
-        gap : float
-            Largest relative distance of neighbours within a multiplet.
-        """
+        """The run of near-equal eigenvalues that an index belongs to, by relative gaps, or None."""
         values = self.eigenvalues
         if not 0 <= index < len(values):
             return None

@@ -19,31 +19,14 @@ _FIXED_PAIRS = 15
 
 
 def decomposition_bytes(n_vertices: int, n_pairs: float, n_components: int = 1) -> int:
-    """Predict the bytes of memory that a decomposition takes beyond the mesh.
-
-    Parameters
-    ----------
-    n_vertices : int
-    n_pairs : float
-        Number of eigenpairs, estimated where a threshold is asked for.
-    n_components : int
-        Components of the mesh.
-    """
+    """Predict the bytes of memory that a decomposition takes beyond the mesh."""
     n_pairs = max(1, min(round(n_pairs), n_vertices))
     # a closed surface has 3 edges a vertex, so 7 entries a row
     return estimate_memory(n_vertices, 7 * n_vertices, n_pairs, n_null=n_components)
 
 
 def decomposition_seconds(n_vertices: int, n_pairs: float, rate: float | None = None) -> float:
-    """Predict the seconds that a decomposition takes.
-
-    Parameters
-    ----------
-    n_vertices : int
-    n_pairs : float
-    rate : float, optional
-        Seconds a vertex and pair of the last run on this machine.
-    """
+    """Predict the seconds that a decomposition takes, from a `measured_rate` if there is one."""
     pairs = min(n_pairs, n_vertices) + _FIXED_PAIRS
     return n_vertices * pairs * (rate or _SECONDS)
 

@@ -43,12 +43,7 @@ _SHARE = 0.9
 def find_known(mesh: Mesh, operator: OperatorOptions) -> tuple[SpectrumGrew | None, str]:
     """Look for eigenpairs in the store, without computing or checking any.
 
-    Returns
-    -------
-    known : SpectrumGrew or None
-        The leading pairs.
-    remark : str
-        A sentence for the message bar if something of what was there is damaged, else empty.
+    What comes with them is a sentence for the message bar if something there is damaged, or "".
     """
     stored = find_eigenpairs(mesh, operator)
     if stored is None:
@@ -67,18 +62,8 @@ def decompose(
 ) -> SpectrumGrew:
     """Compute eigenpairs into the store of a mesh, or take what is there.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    operator : OperatorOptions
-    target : Target
-    channel : Channel
-        Gets a `SpectrumGrew` whenever pairs have become final.
-
-    Returns
-    -------
-    SpectrumGrew
-        All that were asked for, with their proof.
+    The channel gets a `SpectrumGrew` whenever pairs have become final; the one that is returned
+    has all that were asked for, with their proof.
 
     Raises
     ------
@@ -116,16 +101,9 @@ def free_memory() -> int:
 
 
 def refuse_what_cannot_fit(n: int, nnz: int, k: int, free: int, n_null: int = 1) -> None:
-    """Raise an `InputError` if k pairs of n vertices take more than the free memory.
+    """Raise an `InputError` if k pairs take more than the bytes that are free.
 
-    Parameters
-    ----------
-    n, nnz, k : int
-        Vertices, entries of L, pairs.
-    free : int
-        Bytes that are free.
-    n_null : int
-        Components of the mesh.
+    Of a mesh of n vertices and `n_null` components, whose Laplacian has nnz entries.
     """
 
     def need(count: int) -> int:

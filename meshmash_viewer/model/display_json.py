@@ -77,11 +77,7 @@ def display_from_json(display: Display, content: dict[str, Any]) -> None:
 def drop_vertices(content: dict[str, Any], n_vertices: int) -> Iterator[tuple[str, int]]:
     """Leave out of what `read_display` has read the vertices that a mesh does not have.
 
-    Yields
-    ------
-    place : str
-        Where it was in the display.
-    vertex : int
+    Yields where each was in the display, and its index.
     """
     for family, chosen in content.get("fields", {}).items():
         for each in _kept(FAMILIES[family]):

@@ -36,14 +36,7 @@ class Failure:
 
 
 def failure_of(fault: BaseException, doing: str = "") -> Failure:
-    """What to say of an exception.
-
-    Parameters
-    ----------
-    fault : BaseException
-    doing : str
-        What was being done, where that is known: "Writing bunny.npz".
-    """
+    """What to say of an exception, and of what was being done: "Writing bunny.npz"."""
     while isinstance(fault, EmitLoopError) and fault.__cause__ is not None:
         fault = fault.__cause__  # what a listener of the model raised
     if isinstance(fault, InputError):

@@ -81,13 +81,7 @@ class Field:
     _limits: dict[LimitPolicy, tuple[float, float]] = field(default_factory=dict, repr=False)
 
     def limits(self, policy: LimitPolicy | None) -> tuple[float, float]:
-        """Limits of the colours under a policy, computed once.
-
-        Parameters
-        ----------
-        policy : LimitPolicy or None
-            None takes the one that suits the field.
-        """
+        """Limits of the colours under a policy, or that which suits the field; computed once."""
         policy = policy or automatic_limits(signed=self.signed)
         known = self._limits.get(policy)
         if known is None:
@@ -203,19 +197,7 @@ def request_of(document: Document) -> FieldRequest | None:
 
 
 def compute_field(request: FieldRequest, live: LiveFeatures) -> Field | None:
-    """Compute the values a request asks for.
-
-    Parameters
-    ----------
-    request : FieldRequest
-    live : LiveFeatures
-        Tables that make features cheap; where it has none yet, the pairs are summed directly.
-
-    Returns
-    -------
-    Field or None
-        None if `live` has to be prepared first.
-    """
+    """The field that a request asks for; None if `live` has to be prepared first."""
     answer = live.compute(request)
     if answer is None:
         return None

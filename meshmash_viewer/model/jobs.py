@@ -53,15 +53,9 @@ class Job(Protocol):
 
 @dataclass(frozen=True)
 class ReadJob:
-    """Read a mesh file; returns `MeshReady`.
+    """Read a mesh file; returns `MeshReady`, with the stored eigenpairs of the operator.
 
-    Parameters
-    ----------
-    path : Path
-    unit : str
-        Of its coordinates, as `units.parse_unit` takes it; empty for what the format states.
-    operator : OperatorOptions
-        The Laplacian whose stored eigenpairs are looked for.
+    `unit` is as `units.parse_unit` takes it; empty for what the format states.
     """
 
     path: Path
@@ -106,18 +100,9 @@ class InspectJob(_OnMesh):
 
 @dataclass(frozen=True, eq=False)
 class ScaleJob(_OnMesh):
-    """Give the voxels another size; returns `MeshReady`.
+    """Give the voxels another size, as `Mesh.in_voxels`; returns `MeshReady`.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    voxel, unit : tuple of three floats and str
-        See `Mesh.in_voxels`.
-    path : Path, optional
-        The file it came from.
-    operator : OperatorOptions
-    repairs : tuple of str
-        What has been repaired on `mesh`.
+    `repairs` are those that have been made on `mesh`.
     """
 
     voxel: Voxel

@@ -29,19 +29,10 @@ class LimitPolicy(Protocol):
     """What every policy can do; policies are frozen and compare by value."""
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
-        """Limits for these values; NaN entries do not count.
+        """Limits ``low < high`` for values of shape (n,), also for constant ones; NaN is left out.
 
-        Parameters
-        ----------
-        values : ndarray, shape (n,)
-        sample : ndarray of int64, optional
-            Vertices that stand for the surface in statistics (`Mesh.area_sample`); None counts
-            every vertex once.
-
-        Returns
-        -------
-        low, high : float
-            ``low < high`` always, also for a constant field.
+        A sample stands for the surface in statistics (`Mesh.area_sample`); without one every vertex
+        counts once.
         """
         ...
 

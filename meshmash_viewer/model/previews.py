@@ -29,15 +29,9 @@ _MOST_COMPONENTS = 150
 
 @dataclass(frozen=True, eq=False)
 class StoredPreview:
-    """A preview in the session's folder.
+    """A preview in the session's folder: a ``.npy`` file of its rows, float32, shape (k, n).
 
-    Parameters
-    ----------
-    path : Path
-        ``.npy`` file of its rows, float32, shape (k, n).
-    eigenvalues : ndarray of float64, shape (k,)
-    error : float
-        See `meshmash_viewer.spectral.preview.Preview`.
+    Eigenvalues and error are those of `meshmash_viewer.spectral.preview.Preview`.
     """
 
     path: Path
@@ -82,10 +76,7 @@ def _pairs(mesh: Mesh) -> int:
 def open_preview(mesh: Mesh, channel: Channel) -> StoredPreview | None:
     """Compute the preview of a mesh, or find it in the session's folder.
 
-    Returns
-    -------
-    StoredPreview or None
-        None for a mesh that is small, or of too many components to be worth it.
+    None for a mesh that is small, or of too many components to be worth it.
     """
     if mesh.n_vertices < FROM_VERTICES:
         return None

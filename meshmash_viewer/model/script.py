@@ -11,15 +11,8 @@ __all__ = ["reproduction_script"]
 def reproduction_script(document: Document) -> str:
     """Write the script: read, repair, decompose, compute the field, write it.
 
-    Parameters
-    ----------
-    document : Document
-
-    Returns
-    -------
-    str
-        A whole Python program that uses nothing but this package and NumPy. A mesh without a file
-        gets a line for its owner to fill in.
+    A whole Python program that uses nothing but this package and NumPy. A mesh without a file gets
+    a line for its owner to fill in.
     """
     request = request_of(document)
     lines = _reading(document)

@@ -13,16 +13,7 @@ _FAR = 1_000_000_000
 def step(document: Document, steps: int) -> bool:
     """Move on by some steps, or back by a negative number; stops at the ends.
 
-    Parameters
-    ----------
-    document : Document
-    steps : int
-        See `Family.step` of the family on the render.
-
-    Returns
-    -------
-    bool
-        Whether it moved: not at the end already, nor with nothing to step through.
+    Says whether it moved: not at the end already, nor with nothing to step through.
     """
     spectrum, display = document.spectrum, document.display
     if spectrum is None or len(spectrum) == 0:

@@ -60,24 +60,19 @@ def align(
 ) -> Alignment:
     """Find signs and rotations that bring exact rows closest to those shown.
 
+    The nearest orthogonal matrix (Procrustes) of each multiplet, among the first min(s, k) rows.
+
     Parameters
     ----------
     shown : ndarray, shape (s, n)
         Approximate rows, NaN where unreferenced.
-    rows : ndarray, shape (>= k, n)
-        Exact rows; the first min(s, k) are looked at.
-    eigenvalues : ndarray of float64, shape (k,)
-        Of the exact rows.
+    rows, eigenvalues : ndarray, shapes (>= k, n) and (k,)
+        The exact pairs.
     mass : ndarray of float64, shape (n,)
         Vertex areas.
     before : Alignment, optional
         Found when there were fewer exact rows; its blocks are kept, but for the last one, whose
         multiplet may have grown.
-
-    Returns
-    -------
-    Alignment
-        The nearest orthogonal matrix (Procrustes) of each multiplet.
     """
     blocks = list(before.blocks[:-1]) if before is not None else []
     start = blocks[-1][0] + len(blocks[-1][1]) if blocks else 0
@@ -114,15 +109,7 @@ class ShownRows:
     """Eigenfunctions as they are drawn: exact ones aligned, then approximate ones.
 
     Reads like an array of shape (k, n): by a row, a slice or an array of rows, and within them
-    by vertex, slice or array.
-
-    Parameters
-    ----------
-    exact : ndarray, shape (>= n_exact, n)
-    n_exact : int
-    preview : ndarray, shape (s, n), optional
-        Its rows from `n_exact` on come after the exact ones.
-    alignment : Alignment
+    by vertex, slice or array. Of `preview` the rows from `n_exact` on come after the exact ones.
     """
 
     def __init__(

@@ -85,13 +85,7 @@ class Certificate:
         return not self.lacks
 
     def count_sentence(self, unit: str = "") -> str:
-        """How many eigenvalues there are, and how that is known.
-
-        Parameters
-        ----------
-        unit : str
-            Length unit of the mesh; "" where it has none.
-        """
+        """How many eigenvalues there are, and how that is known; lengths are in `unit`."""
         if self.method == "none":
             return "no count"
         if self.method == "dense":
@@ -132,13 +126,7 @@ class Certificate:
         return " · ".join([*parts, *([self.remark] if self.remark else [])])
 
     def as_dict(self, unit: str = "") -> dict[str, Any]:
-        """The certificate with its verdict, for JSON.
-
-        Parameters
-        ----------
-        unit : str
-            Length unit of the mesh; "" where it has none.
-        """
+        """The certificate with its verdict, for JSON; lengths are in `unit`."""
         verdict = {"complete": self.complete, "lacks": list(self.lacks)}
         return {**asdict(self), "unit": power_unit(unit, -2), **verdict}
 

@@ -48,22 +48,11 @@ def find_eigenpairs(
     progress: ProgressCallback | None = None,
     **options: Any,
 ) -> Decomposition:
-    """Call `meshmash_viewer.spectral.eigensolver.solve`.
+    """Call `meshmash_viewer.spectral.eigensolver.solve` as a documented function does.
 
-    Parameters
-    ----------
-    stiffness, mass : sparse matrix or array, shape (n, n)
-        L and M; of a float32 Laplacian, the null space that rounding cost it is restored.
-    dtype : dtype, optional
-        Of the eigenvectors; None is that of `stiffness`.
-    verbose : int
-        1 draws a progress bar on stderr, and ends it with the proof of completeness.
-    unit : str
-        Length unit of the mesh, for the proof.
-    progress : callable, optional
-        Gets every report, bar or not.
-    **options
-        All others of `solve`.
+    Of a float32 Laplacian, the null space that rounding cost it is restored. `dtype` is that of the
+    eigenvectors, None that of `stiffness`; `verbose` draws a progress bar on stderr, and ends it
+    with the proof of completeness in the mesh's `unit`; `progress` gets every report, bar or not.
 
     Warns
     -----
@@ -116,10 +105,7 @@ def chosen_extent(
 ) -> tuple[int | None, float | None]:
     """Number of pairs or threshold, whichever is asked for.
 
-    Raises
-    ------
-    InputError
-        If more than one of the three is given, or a value makes no sense.
+    `InputError` is raised if more than one of the three is given, or a value makes no sense.
     """
     refuse_two_extents(max_eigenvalue, count, wavelength)
     if count is not None:

@@ -291,12 +291,8 @@ def estimate_memory(
 
     Parameters
     ----------
-    n : int
-        Number of vertices.
-    nnz : int
-        Number of stored entries of L.
-    k : int
-        Number of pairs.
+    n, nnz, k : int
+        Vertices, stored entries of L, pairs.
     n_jobs : int, optional
         Slices at a time; None for as many as there are cores.
     n_null : int

@@ -81,24 +81,11 @@ def preview_eigenpairs(
     allocate: Callable[[int, int], npt.NDArray[np.float32]] | None = None,
     cancel: CancelCallback | None = None,
 ) -> Preview:
-    """Approximate the lowest eigenpairs of a mesh.
+    """Approximate the lowest pairs of a mesh, one zero eigenvalue a component included.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    n_pairs : int
-        How many, one zero eigenvalue a component included.
-    n_cells : int, optional
-        About how many cells; None for 100 a pair, but 2500 to 8000.
-    allocate : callable, optional
-        Called with (k, n), returns where the rows are written, float32 of that shape.
-    cancel : callable, optional
-        Asked between the steps; `Cancelled` is raised after it returns True.
-
-    Returns
-    -------
-    Preview
-        Fewer pairs than asked for if the cells have no more.
+    Fewer than asked for if the cells have no more. There are about 100 cells a pair, but 2500 to
+    8000, unless given. ``allocate(k, n)`` returns where the rows are written, float32;
+    `cancel` is asked between the steps, and `Cancelled` raised after it returns True.
     """
     if n_cells is None:
         n_cells = min(max(_CELLS_PER_PAIR * n_pairs, _FEWEST), _MOST)

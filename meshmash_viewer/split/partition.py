@@ -72,16 +72,12 @@ def interior_depth(graph: Graph, members: IntArray) -> FloatArray:
 def overlapping_pieces(
     graph: Graph, labels: IntArray, max_size: int, width: float
 ) -> list[IntArray]:
-    """Cut a graph into overlapping pieces of at most `max_size` vertices.
+    """Cut a graph from `edge_graph` into overlapping pieces of at most `max_size` vertices.
 
     Parameters
     ----------
-    graph : csr_array, shape (n, n)
-        From `edge_graph`.
     labels : ndarray of int, shape (n,)
         Connected component of each vertex, -1 for those that belong to no piece.
-    max_size : int
-        Vertices that a piece may have.
     width : float
         How far a piece reaches beyond its core, in the unit of the graph; less where the piece
         would be too large for it, but always at least all neighbours of the core.

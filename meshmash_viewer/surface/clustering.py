@@ -33,21 +33,9 @@ def cluster_vertices(
 ) -> CoarseMesh:
     """Merge the vertices that share a cell of a regular grid (Rossignac & Borrel 1993).
 
-    Each cell is represented by its vertex nearest to the cell's mean; faces that no longer span
-    three cells go, and so do copies. Time is that of one sort of the vertices and one of the
-    faces left.
-
-    Parameters
-    ----------
-    vertices : ndarray, shape (n, 3)
-    faces : ndarray of int, shape (m, 3)
-    count : int
-        About how many cells the surface should meet.
-
-    Returns
-    -------
-    CoarseMesh
-        With representatives in rising order.
+    Each cell is represented by its vertex nearest to the cell's mean, in rising order; faces that
+    no longer span three cells go, and so do copies. Time is that of two sorts of the vertices
+    and one of the faces left. `count` is about how many cells the surface should meet.
     """
     used = np.zeros(len(vertices), dtype=bool)
     used[faces.ravel()] = True
@@ -84,16 +72,8 @@ def cluster_vertices(
 def scatter(faces: npt.NDArray[np.integer], count: int) -> CoarseMesh:
     """Vertices from all over the mesh, to be drawn as dots: at once, where clusters take a second.
 
-    Parameters
-    ----------
-    faces : ndarray of int, shape (m, 3)
-    count : int
-        How many at most: one of each of so many faces.
-
-    Returns
-    -------
-    CoarseMesh
-        Its faces mean nothing, but that each vertex is in one.
+    At most `count`, one of each of so many faces; those of what is returned mean nothing, but
+    that each vertex is in one.
     """
     count = min(count, len(faces)) // 3 * 3
     # One of each stretch, at random: every n-th may be the same corner of a subdivided mesh, and

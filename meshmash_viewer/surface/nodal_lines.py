@@ -58,19 +58,9 @@ def nodal_lines(
 
 
 def line_lengths(segments: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
-    """Length of the line that each segment belongs to: segments that share an end are one line.
+    """Length of the line that each segment belongs to, shape (s,): those that share an end are one.
 
     A nodal line around a branch is as long as the branch is wide times π.
-
-    Parameters
-    ----------
-    segments : ndarray, shape (s, 2, 3)
-        As `nodal_lines` gives them.
-
-    Returns
-    -------
-    ndarray of float64, shape (s,)
-        In the unit of the segments.
     """
     if not len(segments):
         return np.zeros(0)

@@ -23,13 +23,7 @@ _BOX_MARGIN, _FACE_MARGIN = 1e-6, 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Hit:
-    """A point of a face.
-
-    Parameters
-    ----------
-    face : int
-    point : ndarray of float64, shape (3,)
-    """
+    """A point of a face, shape (3,)."""
 
     face: int
     point: FloatArray
@@ -90,16 +84,9 @@ class RayTarget:
         self._high += margin
 
     def first_hit(self, start: FloatArray, end: FloatArray) -> Hit | None:
-        """First point of the mesh on the way from a point to another.
+        """First point of the mesh on the way from a point to another; None if there is none.
 
-        Parameters
-        ----------
-        start, end : ndarray of float64, shape (3,)
-
-        Returns
-        -------
-        Hit or None
-            None if there is none. Faces without area are never hit.
+        Faces without area are never hit.
         """
         way = end - start
         enters = self._entries(start, way)

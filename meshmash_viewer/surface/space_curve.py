@@ -9,16 +9,9 @@ __all__ = ["curve_order"]
 
 
 def curve_order(points: npt.NDArray[np.floating]) -> npt.NDArray[np.int64]:
-    """Position of points along a curve through the cells of a grid (Morton 1966).
+    """Position of points, shape (m, 3), along a curve through the cells of a grid (Morton 1966).
 
-    Parameters
-    ----------
-    points : ndarray, shape (m, 3)
-
-    Returns
-    -------
-    ndarray of int64, shape (m,)
-        Below 2³⁰: ten bits of each coordinate in turn, in a cube around all points.
+    Below 2³⁰: ten bits of each coordinate in turn, in a cube around all points.
     """
     low = points.min(axis=0)
     extent = float((points.max(axis=0) - low).max()) or 1.0
