@@ -86,17 +86,12 @@ class Table:
     family : Family
         At rest, see `Family.at_rest`: what it was made for.
     content : Any
-        The family's own; has ``nbytes``.
+        The family's own.
     """
 
     spectrum: Spectrum
     family: Family
     content: Any
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes that it holds."""
-        return int(self.content.nbytes)
 
 
 @dataclass(frozen=True, eq=False)

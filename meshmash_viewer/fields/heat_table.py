@@ -55,11 +55,6 @@ class HeatTable:
     fits: list[FloatArray]
     base: ColumnArray
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes that it holds."""
-        return self.columns.nbytes + self.base.nbytes
-
     def covers(self, time: float, last: float | None = None) -> bool:
         """Whether it tells a time, or a range of times."""
         rounding = 1.0 + 1e-9

@@ -125,11 +125,6 @@ class SimilarityTable:
     coordinates: npt.NDArray[np.float32]
     error: float
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes that it holds."""
-        return self.coordinates.nbytes
-
     def from_vertex(self, vertex: int) -> npt.NDArray[np.float32]:
         """Distance of every vertex from one, shape (n,), a pure number."""
         here = self.coordinates[:, vertex, None]

@@ -15,7 +15,7 @@ from meshmash_viewer.progress import Cancelled, Progress
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import counted
 
-__all__ = ["ExportJob", "export"]
+__all__ = ["ExportJob"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,69 +52,67 @@ class ExportJob:
         return f"Writing {self.path.name}"
 
     def run(self, channel: Channel) -> Written:
-        return export(self, channel)
+        """Write the file.
 
+        Raises
+        ------
+        InputError
+            If the eigenpairs are no longer in the store or damaged there, or the file cannot be
+            written.
+        Cancelled
+            If the person asked to stop.
+        """
+        from meshmash_viewer.features.sums import truncated_features
+        from meshmash_viewer.io.provenance import export_options
+        from meshmash_viewer.io.spectrum import find_eigenpairs
+        from meshmash_viewer.io.write import write_eigenpairs, write_features
+        from meshmash_viewer.model.decomposition import SPARE
 
-def export(job: ExportJob, channel: Channel) -> Written:
-    """Write the file that a job describes.
-
-    Raises
-    ------
-    InputError
-        If the eigenpairs are no longer in the store or damaged there, or the file cannot be
-        written.
-    Cancelled
-        If the person asked to stop.
-    """
-    from meshmash_viewer.features.sums import truncated_features
-    from meshmash_viewer.io.provenance import export_options
-    from meshmash_viewer.io.spectrum import find_eigenpairs
-    from meshmash_viewer.io.write import write_eigenpairs, write_features
-    from meshmash_viewer.model.decomposition import SPARE
-
-    channel.report(Progress("reading", message="Reading eigenpairs"))
-    stored = find_eigenpairs(job.mesh, job.operator, channel.folder / SPARE)
-    if stored is None or stored.n_converged < job.n_pairs:
-        raise InputError(
-            "The eigenpairs of this mesh are no longer in the cache: compute them again."
+        channel.report(Progress("reading", message="Reading eigenpairs"))
+        stored = find_eigenpairs(self.mesh, self.operator, channel.folder / SPARE)
+        if stored is None or stored.n_converged < self.n_pairs:
+            raise InputError(
+                "The eigenpairs of this mesh are no longer in the cache: compute them again."
+            )
+        damaged = stored.damaged_batches(self.n_pairs, channel.cancelled)
+        if channel.cancelled():
+            raise Cancelled  # maybe before all was looked at
+        if damaged:
+            raise InputError(
+                "Some eigenpairs of this mesh are damaged on the disk: compute them again,"
+                " which takes what is whole as it is."
+            )
+        decomposition = stored.decomposition(self.n_pairs)
+        meta = export_options(
+            self.family.export,
+            self.operator,
+            self.target or Target("count", self.n_pairs),
+            decomposition.proof(self.mesh.unit),
+            self.repairs,
         )
-    damaged = stored.damaged_batches(job.n_pairs, channel.cancelled)
-    if channel.cancelled():
-        raise Cancelled  # maybe before all was looked at
-    if damaged:
-        raise InputError(
-            "Some eigenpairs of this mesh are damaged on the disk: compute them again,"
-            " which takes what is whole as it is."
+        if not self.family.counted:
+            channel.report(Progress("writing", message=self.label))
+            write_eigenpairs(self.path, decomposition, self.mesh, meta)
+            return Written(self.path, counted(self.n_pairs, "eigenpair"))
+        if not len(decomposition.mass):
+            # A solve that was cancelled has left pairs, but nothing that says how they are weighed.
+            operator = self.operator
+            areas = compute_vertex_areas(self.mesh, operator.robust, operator.mollify_factor)
+            decomposition = replace(decomposition, mass=areas)
+        values = decomposition.eigenvalues
+        bank = self.family.bank(values)
+        channel.report(Progress("features", message="Computing features"))
+        # The threshold that the pairs were computed to says more than the last of them.
+        bound = None if stored.proof is None else stored.proof.max_eigenvalue
+        all_of_them = decomposition.complete and self.n_pairs == len(stored.eigenvalues)
+        features = truncated_features(
+            decomposition, bank, unit=self.mesh.unit, known_to=bound if all_of_them else None
         )
-    decomposition = stored.decomposition(job.n_pairs)
-    meta = export_options(
-        job.family.export,
-        job.operator,
-        job.target or Target("count", job.n_pairs),
-        decomposition.proof(job.mesh.unit),
-        job.repairs,
-    )
-    if not job.family.counted:
-        channel.report(Progress("writing", message=job.label))
-        write_eigenpairs(job.path, decomposition, job.mesh, meta)
-        return Written(job.path, counted(job.n_pairs, "eigenpair"))
-    if not len(decomposition.mass):
-        # A solve that was cancelled has left pairs, but nothing that says how they are weighed.
-        operator = job.operator
-        areas = compute_vertex_areas(job.mesh, operator.robust, operator.mollify_factor)
-        decomposition = replace(decomposition, mass=areas)
-    values = decomposition.eigenvalues
-    bank = job.family.bank(values)
-    channel.report(Progress("features", message="Computing features"))
-    # The threshold that the pairs were computed to says more than the last of them.
-    bound = None if stored.proof is None else stored.proof.max_eigenvalue
-    all_of_them = decomposition.complete and job.n_pairs == len(stored.eigenvalues)
-    features = truncated_features(
-        decomposition, bank, unit=job.mesh.unit, known_to=bound if all_of_them else None
-    )
-    if channel.cancelled():
-        raise Cancelled
-    channel.report(Progress("writing", message=job.label))
-    write_features(job.path, features, job.mesh, eigenvalues=values, meta=meta)
-    said = "" if features.truncation is None else features.truncation.sentence()
-    return Written(job.path, f"{job.family.label}, {counted(bank.n_filters, 'column')},", said)
+        if channel.cancelled():
+            raise Cancelled
+        channel.report(Progress("writing", message=self.label))
+        write_features(self.path, features, self.mesh, eigenvalues=values, meta=meta)
+        said = "" if features.truncation is None else features.truncation.sentence()
+        return Written(
+            self.path, f"{self.family.label}, {counted(bank.n_filters, 'column')},", said
+        )

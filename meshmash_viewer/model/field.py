@@ -131,11 +131,6 @@ class LiveFeatures:
         # Each is replaced as a whole, so that no lock is needed to read it.
         self._tables: dict[str, Table] = {}
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes that the tables hold."""
-        return sum(table.nbytes for table in self._tables.values())
-
     def table(self, name: str) -> Table | None:
         """The table of a family."""
         return self._tables.get(name)

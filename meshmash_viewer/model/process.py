@@ -193,17 +193,13 @@ def _warm_up() -> None:
 
 def _warm_up_solver() -> None:
     """Solve and preview something small, which loads compiled kernels: a second otherwise."""
-    from scipy import sparse
-
+    from meshmash_viewer.laplacian import cotangent_laplacian
     from meshmash_viewer.spectral.eigensolver import solve
     from meshmash_viewer.spectral.preview import preview_eigenpairs
 
-    ring = sparse.diags_array([2.0, -1.0, -1.0], offsets=[0, 1, -1], shape=(50, 50)).tolil()
-    ring[0, 0] = ring[-1, -1] = 1.0
-    one = sparse.eye_array(50)
-    grid = sparse.kron(ring, one) + sparse.kron(one, ring)
-    solve(grid.tocsc(), sparse.eye_array(2500), 30, n_jobs=1)
-    x, y = np.indices((12, 12)).reshape(2, -1)
-    first = np.arange(144).reshape(12, 12)[:-1, :-1].ravel()
-    faces = np.concatenate([first[:, None] + corners for corners in ([0, 12, 1], [1, 12, 13])])
-    preview_eigenpairs(Mesh(np.stack([x, y, 0 * x], axis=1), faces), 3)
+    x, y = np.indices((50, 50)).reshape(2, -1)
+    first = np.arange(2500).reshape(50, 50)[:-1, :-1].ravel()
+    faces = np.concatenate([first[:, None] + corners for corners in ([0, 50, 1], [1, 50, 51])])
+    grid = Mesh(np.stack([x, y, 0 * x], axis=1), faces)
+    solve(*cotangent_laplacian(grid), 30, n_jobs=1)
+    preview_eigenpairs(grid, 3)

@@ -20,6 +20,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.laplacian import compute_vertex_areas
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.surface.space_curve import curve_order
@@ -89,7 +90,7 @@ def preview_eigenpairs(
     """
     if n_cells is None:
         n_cells = min(max(_CELLS_PER_PAIR * n_pairs, _FEWEST), _MOST)
-    areas = _vertex_areas(mesh)
+    areas = compute_vertex_areas(mesh)
     seeds = _spread_seeds(mesh, areas, n_cells, n_pairs)
     _ask(cancel)
     cells = _nearest_seed(mesh, seeds)
@@ -121,14 +122,6 @@ def preview_eigenpairs(
 def _ask(cancel: CancelCallback | None) -> None:
     if cancel is not None and cancel():
         raise Cancelled
-
-
-def _vertex_areas(mesh: Mesh) -> FloatArray:
-    thirds = mesh.face_areas / 3.0
-    areas = np.zeros(mesh.n_vertices)
-    for corner in range(3):
-        areas += np.bincount(mesh.faces[:, corner], thirds, minlength=mesh.n_vertices)
-    return areas
 
 
 # -- cells ------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
-from typing import Any, Literal, TypeAlias, overload
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -141,26 +141,6 @@ class MeshStitcher:
     def piece_mesh(self, number: int) -> PieceMesh:
         """Return a fresh copy of one piece as ``(vertices, faces)``."""
         return self.mesh.vertices[self.pieces[number]], self._piece_faces[number].copy()
-
-    @overload
-    def apply(
-        self,
-        function: Callable[[PieceMesh], Any],
-        stitch: Literal[True] = True,
-        *,
-        progress: ProgressCallback | None = None,
-        cancel: CancelCallback | None = None,
-    ) -> npt.NDArray[Any]: ...
-
-    @overload
-    def apply(
-        self,
-        function: Callable[[PieceMesh], Any],
-        stitch: bool,
-        *,
-        progress: ProgressCallback | None = None,
-        cancel: CancelCallback | None = None,
-    ) -> Any: ...
 
     def apply(
         self,
