@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+from scipy import sparse
 
 from meshmash_viewer.errors import ConstantFeaturesWarning, InputError, TruncationWarning
 from meshmash_viewer.features.filter_parameters import check_times, hks_times
@@ -336,7 +337,10 @@ class _Sums:
     @cached_property
     def matrices(self) -> tuple[SparseMatrix, SparseMatrix]:
         """L and M."""
-        return _matrices(self.mesh, self.robust, self.mollify_factor)
+        given = self.mesh
+        if isinstance(given, (tuple, list)) and len(given) == 2 and sparse.issparse(given[0]):
+            return given[0], given[1]
+        return cotangent_laplacian(given, robust=self.robust, mollify_factor=self.mollify_factor)
 
     def solve(
         self,
@@ -421,24 +425,15 @@ class _Sums:
         return values.astype(self.dtype, copy=False), None
 
 
-def _matrices(
-    mesh: MeshOrMatrices, robust: bool, mollify_factor: float
-) -> tuple[SparseMatrix, SparseMatrix]:
-    from scipy import sparse
-
-    if isinstance(mesh, (tuple, list)) and len(mesh) == 2 and sparse.issparse(mesh[0]):
-        return mesh[0], mesh[1]
-    return cotangent_laplacian(mesh, robust=robust, mollify_factor=mollify_factor)
-
-
 def _checked_coefficients(
     returned: npt.ArrayLike, eigenvalues: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
     given = np.asarray(returned)
     if given.dtype.kind not in "biuf":
+        described = f"values of type {given.dtype}" if given.shape else repr(returned)[:60]
         # None, text, or complex numbers, of which a cast would keep half without a sound.
         raise InputError(
-            f"The filter returned {_described(returned, given)}: let it return real numbers, shape "
+            f"The filter returned {described}: let it return real numbers, shape "
             "(n_filters, n_eigenvalues)."
         )
     coefficients = given.astype(np.float64)
@@ -452,10 +447,6 @@ def _checked_coefficients(
             "zero included."
         )
     return coefficients
-
-
-def _described(returned: object, given: npt.NDArray[Any]) -> str:
-    return f"values of type {given.dtype}" if given.shape else repr(returned)[:60]
 
 
 def _warn_of_zeros(max_eigenvalue: float | None, result: Decomposition) -> None:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+from scipy import sparse
+from scipy.spatial import KDTree
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.sums import Features
@@ -133,8 +135,6 @@ def _eigenvectors(given: Any) -> npt.NDArray[np.floating[Any]]:
 
 def _diagonal(given: Any, n: int) -> FloatArray:
     """Diagonal of a mass matrix of n vertices."""
-    from scipy import sparse
-
     if sparse.issparse(given):
         matrix: SparseMatrix = given
         entries = matrix.tocoo()
@@ -292,8 +292,6 @@ def match_features(
     InputError
         If the numbers of columns differ, or one side has no row without NaN.
     """
-    from scipy.spatial import KDTree
-
     values_a, values_b = _values(a), _values(b)
     if values_a.shape[1] != values_b.shape[1]:
         raise InputError(

@@ -9,17 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
+from typing import Any, ClassVar, Self, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.features.filters import FilterBank
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.units import power_unit
-
-if TYPE_CHECKING:
-    from meshmash_viewer.features.filters import FilterBank
 
 __all__ = [
     "MOST_COUNT",

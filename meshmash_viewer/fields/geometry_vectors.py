@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
+from meshmash_viewer.features.filters import FilterBank, bspline_bank
 from meshmash_viewer.fields.bank_columns import BankColumns
 from meshmash_viewer.fields.family import Family, FloatArray, Response, flag, number
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.spectral.weyl import weyl_eigenvalue
 from meshmash_viewer.units import format_range, named_quantity
-
-if TYPE_CHECKING:
-    from meshmash_viewer.features.filters import FilterBank
 
 __all__ = ["GeometryVectors"]
 
@@ -116,8 +114,6 @@ class GeometryVectors(BankColumns):
         self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None
     ) -> FilterBank:
         """From zero to the threshold, where there is one, as `compute_geometry_vectors`."""
-        from meshmash_viewer.features.filters import bspline_bank
-
         top = float(eigenvalues[-1]) if bound is None else bound
         if not top > 0.0 and area is not None:
             top = weyl_eigenvalue(area, len(eigenvalues))
@@ -137,8 +133,6 @@ class GeometryVectors(BankColumns):
 
 @lru_cache(maxsize=8)
 def _unit_bank(count: int) -> FilterBank:
-    from meshmash_viewer.features.filters import bspline_bank
-
     return bspline_bank(0.0, 1.0, count)
 
 

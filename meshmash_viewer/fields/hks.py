@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
+from meshmash_viewer.features.filters import FilterBank, heat_kernel_bank, hks_times
 from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.fields.family import (
     MOST_COUNT,
@@ -28,9 +29,6 @@ from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, grew
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.weyl import resolved_time
 from meshmash_viewer.units import format_quantity, named_quantity
-
-if TYPE_CHECKING:
-    from meshmash_viewer.features.filters import FilterBank
 
 __all__ = ["HeatKernelSignature", "resolved_from"]
 
@@ -195,8 +193,6 @@ class HeatKernelSignature(Family):
     def bank(
         self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None
     ) -> FilterBank:
-        from meshmash_viewer.features.filters import heat_kernel_bank, hks_times
-
         return heat_kernel_bank(hks_times(eigenvalues, self.t_min, self.t_max, self.scales, area))
 
     def contents(self, spectrum: Spectrum, unit: str) -> str:

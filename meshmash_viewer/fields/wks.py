@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
+from meshmash_viewer.features.filter_responses import LogGaussianResponse
+from meshmash_viewer.features.filters import FilterBank, wave_kernel_bank, wave_response
 from meshmash_viewer.fields.bank_columns import BankColumns
 from meshmash_viewer.fields.family import FloatArray, Response
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.units import format_quantity, format_range, named_quantity
-
-if TYPE_CHECKING:
-    from meshmash_viewer.features.filter_responses import LogGaussianResponse
-    from meshmash_viewer.features.filters import FilterBank
 
 __all__ = ["WaveKernelSignature"]
 
@@ -47,8 +45,6 @@ class WaveKernelSignature(BankColumns):
 
     def bands(self, spectrum: Spectrum) -> LogGaussianResponse:
         """The bands before they are normalised, with their energies and width in ln λ."""
-        from meshmash_viewer.features.filters import wave_response
-
         return wave_response(spectrum.eigenvalues, self.count)
 
     def places(self, spectrum: Spectrum) -> FloatArray:
@@ -72,8 +68,6 @@ class WaveKernelSignature(BankColumns):
     def bank(
         self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None
     ) -> FilterBank:
-        from meshmash_viewer.features.filters import wave_kernel_bank
-
         return wave_kernel_bank(eigenvalues, self.count)
 
     def contents(self, spectrum: Spectrum, unit: str) -> str:

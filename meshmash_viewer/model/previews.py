@@ -15,7 +15,6 @@ from meshmash_viewer.model.results import MeshReady, SpectrumGrew
 from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.alignment import Alignment, align
-from meshmash_viewer.spectral.preview import preview_eigenpairs
 
 __all__ = ["FROM_VERTICES", "StoredPreview", "is_worthwhile", "open_preview"]
 
@@ -87,6 +86,8 @@ def open_preview(mesh: Mesh, channel: Channel) -> StoredPreview | None:
             return StoredPreview(path, known["eigenvalues"], float(known["error"]))
     if mesh.n_components > _MOST_COMPONENTS:
         return None
+    from meshmash_viewer.spectral.preview import preview_eigenpairs  # which loads the compiler
+
     # The window may be about to map the preview of this mesh, but has done with all others.
     for other in channel.folder.glob("preview-*"):
         other.unlink()

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+from scipy import sparse
 
 from meshmash_viewer.errors import InputError, UnprovenWarning
 from meshmash_viewer.laplacian import SparseMatrix
@@ -59,6 +60,8 @@ def find_eigenpairs(
     UnprovenWarning
         If the certificate lacks something.
     """
+    from tqdm import tqdm
+
     from meshmash_viewer.spectral.eigensolver import solve
 
     single = getattr(stiffness, "dtype", None) == np.float32
@@ -69,7 +72,7 @@ def find_eigenpairs(
     with ProgressBar("eigenpairs", progress) if verbose else nullcontext(progress) as reports:
         result = solve(stiffness, mass, dtype=dtype, progress=reports, **options)
     if verbose:
-        _say(result.proof(unit))
+        tqdm.write(result.proof(unit), file=sys.stderr)
     if not result.complete:
         warnings.warn(result.proof(unit), UnprovenWarning, stacklevel=3)
     return result
@@ -81,8 +84,6 @@ def _with_exact_null_space(stiffness: SparseMatrix) -> SparseMatrix:
     Constants are its null space; off by 1e-7 of the largest eigenvalue, they would be lost among
     the lowest ones. A matrix whose rows do not sum to zero even in float32 is left as it is.
     """
-    from scipy import sparse
-
     exact = sparse.csr_array(stiffness).astype(np.float64)
     excess = np.asarray(exact.sum(axis=1)).ravel()
     size = np.asarray(abs(exact).sum(axis=1)).ravel()
@@ -149,9 +150,3 @@ def scratch_rows(dtype: np.dtype[Any]) -> Iterator[Callable[[int, int], Array]]:
             return np.memmap(file, dtype=dtype, mode="w+", shape=(k, n))
 
         yield allocate
-
-
-def _say(line: str) -> None:
-    from tqdm import tqdm
-
-    tqdm.write(line, file=sys.stderr)

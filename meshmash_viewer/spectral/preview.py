@@ -19,9 +19,17 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_array, diags_array
 
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.spectral.eigensolver import solve
+from meshmash_viewer.spectral.preview_kernels import (
+    border_flows,
+    interpolate,
+    join_nearest,
+    nearest_seeds,
+)
 from meshmash_viewer.surface.space_curve import curve_order
 
 __all__ = ["Preview", "expected_error", "preview_eigenpairs"]
@@ -37,8 +45,6 @@ _CELLS_PER_PAIR, _FEWEST, _MOST = 100, 2500, 8000
 _CELLS_OF_COMPONENT = 30
 #: Neighbouring cells that a vertex is interpolated from, besides its own.
 _NEIGHBOURS = 8
-#: How often cells are rounded.
-_ROUNDINGS = 1
 #: Vertices at a time in the interpolation.
 _BLOCK = 1 << 17
 
@@ -90,16 +96,15 @@ def preview_eigenpairs(
     if n_cells is None:
         n_cells = min(max(_CELLS_PER_PAIR * n_pairs, _FEWEST), _MOST)
     thirds = np.repeat(mesh.face_areas / 3.0, 3)
-    areas = np.bincount(mesh.faces.ravel(), thirds, mesh.n_vertices)
+    areas = np.bincount(mesh.faces.ravel(), thirds, mesh.n_vertices).astype(np.float64)
     seeds = _spread_seeds(mesh, areas, n_cells, n_pairs)
     _ask(cancel)
-    cells = _nearest_seed(mesh, seeds)
+    cells = np.asarray(nearest_seeds(mesh.vertices, mesh.faces, seeds))
     _ask(cancel)
+    _, centroids = _measure(mesh, areas, cells, seeds)
+    cells = _rounded(mesh, cells, centroids)
     cell_areas, centroids = _measure(mesh, areas, cells, seeds)
-    for _ in range(_ROUNDINGS):
-        cells = _rounded(mesh, cells, centroids)
-        cell_areas, centroids = _measure(mesh, areas, cells, seeds)
-        _ask(cancel)
+    _ask(cancel)
     stiffness = _cell_stiffness(mesh, cells, centroids)
     _ask(cancel)
     labels = mesh.component_labels
@@ -157,13 +162,6 @@ def _spread_seeds(mesh: Mesh, areas: FloatArray, n_cells: int, n_pairs: int) -> 
     return np.concatenate(chosen) if chosen else np.zeros(0, dtype=np.int64)
 
 
-def _nearest_seed(mesh: Mesh, seeds: IntArray) -> IntArray:
-    """Index of the seed that is nearest along edges, shape (n,); -1 where none is reached."""
-    from meshmash_viewer.spectral.preview_kernels import nearest_seeds
-
-    return np.asarray(nearest_seeds(mesh.vertices, mesh.faces, seeds))
-
-
 def _measure(
     mesh: Mesh, areas: FloatArray, cells: IntArray, seeds: IntArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -185,8 +183,6 @@ def _rounded(mesh: Mesh, cells: IntArray, centroids: FloatArray) -> IntArray:
     Distances along edges depend on how edges run; straight ones give borders that are
     perpendicular to the line between two centroids, on which the flux between them relies.
     """
-    from meshmash_viewer.spectral.preview_kernels import join_nearest
-
     near = _neighbours(_cell_stiffness(mesh, cells, centroids))
     return np.asarray(join_nearest(mesh.vertices, cells, centroids, near))
 
@@ -198,10 +194,6 @@ def _cell_stiffness(mesh: Mesh, cells: IntArray, centroids: FloatArray) -> Spars
     border is the sum over edges that cross it of cotangent weight times difference. That sum
     over the distance of the centroids is the weight of the two cells.
     """
-    from scipy.sparse import coo_array, diags_array
-
-    from meshmash_viewer.spectral.preview_kernels import border_flows
-
     a, b, weights = border_flows(mesh.vertices, mesh.faces, mesh.face_areas, cells, centroids)
     n = len(centroids)
     flow = coo_array((weights, (a, b)), shape=(n, n)).tocsr()
@@ -226,10 +218,6 @@ def _cell_eigenpairs(
     cancel: CancelCallback | None,
 ) -> tuple[FloatArray, FloatArray]:
     """Eigenpairs of the cells above the null space: (k,) and (s, k)."""
-    from scipy.sparse import diags_array
-
-    from meshmash_viewer.spectral.eigensolver import solve
-
     n_null = len(np.unique(components))
     wanted = min(n_pairs + n_null, len(components))
     if wanted <= n_null:
@@ -259,8 +247,6 @@ def _interpolate(
     cancel: CancelCallback | None,
 ) -> None:
     """Write values at vertices between those at the centroids around them, shape (k, n)."""
-    from meshmash_viewer.spectral.preview_kernels import interpolate
-
     near = _neighbours(stiffness)
     values = vectors.astype(np.float32)
     for start in range(0, mesh.n_vertices, _BLOCK):

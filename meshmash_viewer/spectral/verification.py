@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
+from scipy.linalg import eigvalsh
+from scipy.sparse.linalg import splu
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.certificate import Certificate
@@ -170,9 +172,6 @@ def _count(
 
 def _below(matrix: Any, diagonal: FloatArray, bound: float, spacing: float) -> int:
     """Eigenvalues below a bound, by Sylvester's law of inertia."""
-    from scipy.linalg import eigvalsh
-    from scipy.sparse.linalg import splu
-
     if len(diagonal) <= _DENSE:
         root = np.sqrt(diagonal)
         reduced = matrix.toarray() / root[:, None] / root

@@ -10,21 +10,19 @@ Both halves are connected, because such a set holds the shortest path from a to 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components, dijkstra
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
 
-if TYPE_CHECKING:
-    from scipy import sparse
-
-    Graph: TypeAlias = sparse.csr_array[Any]
-
 __all__ = ["edge_graph", "interior_depth", "overlapping_pieces"]
 
+Graph: TypeAlias = "sparse.csr_array[Any]"
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
 
@@ -42,8 +40,6 @@ def edge_graph(mesh: Mesh) -> Graph:
 
     Coincident vertices are a tiny positive length apart, because a stored zero is no edge.
     """
-    from scipy import sparse
-
     faces = mesh.faces[mesh.distinct_corners]
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     edges.sort(axis=1)
@@ -131,7 +127,9 @@ def _cut(graph: Graph, component: IntArray, max_size: int, width: float) -> list
     # Cut once without regard to the overlap, see what it adds, and cut so that it fits.
     trial = cells.unions(0.9 * max_size)
     sample = trial[:: max(1, len(trial) // _SAMPLES)]
-    sizes = np.array([[len(core), len(_within(local, core, width))] for core in sample])
+    sizes = np.array(
+        [[len(core), np.isfinite(_distances(local, core, width)).sum()] for core in sample]
+    )
     pieces = []
     waiting = cells.unions(_fitting_core(sizes, max_size))[::-1]
     while waiting:
@@ -160,9 +158,6 @@ class _Cells:
     """A connected graph condensed into small cells around random seeds."""
 
     def __init__(self, graph: Graph, n_cells: int) -> None:
-        from scipy import sparse
-        from scipy.sparse.csgraph import dijkstra
-
         n = graph.shape[0]
         if n_cells > n // 4:
             self.graph = graph
@@ -211,8 +206,6 @@ class _Cells:
 
 def _parted(graph: Graph, members: IntArray, weights: FloatArray, share: float) -> list[IntArray]:
     """Split `members`, whose graph this is, in two; the first has about `share` of the weight."""
-    from scipy.sparse.csgraph import connected_components
-
     n_parts, part = connected_components(graph, directed=False)
     if n_parts > 1:
         # Ties may leave crumbs; they are cut off rather than carried along.
@@ -226,10 +219,6 @@ def _parted(graph: Graph, members: IntArray, weights: FloatArray, share: float) 
     at = int(np.searchsorted(filled, share * filled[-1])) + 1
     at = min(max(at, 1), len(members) - 1)
     return [np.sort(members[order[:at]]), np.sort(members[order[at:]])]
-
-
-def _within(graph: Graph, core: IntArray, width: float) -> IntArray:
-    return np.flatnonzero(np.isfinite(_distances(graph, core, width)))
 
 
 def _widened(graph: Graph, core: IntArray, max_size: int, width: float) -> IntArray | None:
@@ -249,13 +238,8 @@ def _widened(graph: Graph, core: IntArray, max_size: int, width: float) -> IntAr
 
 def _distances(graph: Graph, sources: Any, limit: float = np.inf) -> FloatArray:
     """Distance of every vertex from the nearest source; infinite beyond `limit`."""
-    from scipy.sparse.csgraph import dijkstra
-
-    sources = np.asarray(sources)
     return np.asarray(dijkstra(graph, indices=sources, min_only=True, limit=limit), np.float64)
 
 
 def _subgraph(graph: Graph, members: IntArray) -> Graph:
-    from scipy import sparse
-
     return sparse.csr_array(graph[members][:, members])

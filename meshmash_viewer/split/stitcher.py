@@ -15,6 +15,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+from joblib import Parallel, delayed, effective_n_jobs, parallel_config
+from scipy import sparse
+from threadpoolctl import threadpool_limits
 
 from meshmash_viewer.errors import ConstantFeaturesWarning, InputError
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
@@ -91,8 +94,6 @@ class MeshStitcher:
             If the threshold is too small for a vertex and its neighbours, or the overlap is
             negative or not finite.
         """
-        from scipy import sparse
-
         threshold = int(max_vertex_threshold)
         if threshold < 3:
             raise InputError(
@@ -204,8 +205,6 @@ class MeshStitcher:
         After a failure or a cancel no further piece is handed out, and those that are being worked
         on are waited for: to abort them would kill workers that others may share.
         """
-        from joblib import Parallel, delayed, effective_n_jobs
-
         alone = effective_n_jobs(self.n_jobs) == 1
         stopped = cancel is not None and cancel()
         outcome: Exception | None = Cancelled() if stopped else None
@@ -274,9 +273,6 @@ def _call(function: Callable[[PieceMesh], Any], piece: PieceMesh, name: str, alo
 
     Unless alone, the worker has one core, and what it calls must not plan for those of the others.
     """
-    from joblib import parallel_config
-    from threadpoolctl import threadpool_limits
-
     share = nullcontext() if alone else parallel_config(backend="sequential")
     try:
         with share, threadpool_limits(limits=1), warnings.catch_warnings():
