@@ -489,9 +489,9 @@ def test_large_spectra_go_through_a_temporary_file(neuron, monkeypatch):
     kinds = []
     accumulate = feature_sums.accumulate_features
 
-    def watched(eigenvalues, rows, *others, **options):
+    def watched(rows, *others, **options):
         kinds.append(type(rows))
-        return accumulate(eigenvalues, rows, *others, **options)
+        return accumulate(rows, *others, **options)
 
     monkeypatch.setattr(feature_sums, "accumulate_features", watched)
     np.testing.assert_array_equal(compute_geometry_vectors(neuron, THRESHOLD), expected)

@@ -420,7 +420,7 @@ class _Sums:
             features.values[result.mass == 0.0] = np.nan
             return features.values, features.truncation
         coefficients = _checked_coefficients(made(eigenvalues.copy()), eigenvalues)
-        values = accumulate_features(eigenvalues, result.rows[self.start :], coefficients)
+        values = accumulate_features(result.rows[self.start :], coefficients)
         values[result.mass == 0.0] = np.nan
         return values.astype(self.dtype, copy=False), None
 

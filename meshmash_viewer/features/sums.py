@@ -195,7 +195,7 @@ def compute_features(
     density = np.zeros(rows.shape[1])
     if drop_first:  # left out on purpose, so it is no part of what is missing
         np.square(rows[0], out=density, dtype=np.float64)
-    values = accumulate_features(eigenvalues[start:], rows[start:], coefficients, density=density)
+    values = accumulate_features(rows[start:], coefficients, density=density)
     certificate = decomposition.certificate
     if known_to is None and certificate.complete and certificate.counted == len(eigenvalues):
         known_to = certificate.bound
@@ -252,27 +252,20 @@ def warn_of_truncation(truncation: Truncation | None) -> None:
 
 
 def accumulate_features(
-    eigenvalues: npt.ArrayLike,
     rows: npt.NDArray[np.floating[Any]],
     coefficients: npt.ArrayLike,
     density: FloatArray | None = None,
 ) -> FloatArray:
-    """Sum ``coefficients[f, k] rows[k, v]²`` over k, reading each row once and in order.
+    """Sum ``coefficients[f, k] rows[k, v]²`` over k, reading each row once: shape (n, f).
 
     Parameters
     ----------
-    eigenvalues : array_like, shape (k,)
-        Only their number is looked at: it has to agree with the other two.
     rows : ndarray of float64 or float32, shape (k, n)
         Eigenvectors as rows; may be a memory map, of which a few rows are in memory at a time.
     coefficients : array_like, shape (f, k)
-        What a filter bank returned for `eigenvalues`.
+        What a filter bank returned for their eigenvalues.
     density : ndarray of float64, shape (n,), optional
         Gets ``Σ_k rows[k, v]²`` added, in the same pass.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, f)
 
     Raises
     ------
@@ -281,7 +274,7 @@ def accumulate_features(
     """
     weights = np.asarray(coefficients, dtype=np.float64)
     k = len(rows)
-    if weights.ndim != 2 or weights.shape[1] != k or np.shape(eigenvalues) != (k,):
+    if weights.ndim != 2 or weights.shape[1] != k:
         raise InputError(
             f"The filter returned shape {weights.shape} for {k} eigenvalues: it has to return one "
             "row of coefficients a filter, shape (n_filters, n_eigenvalues)."
@@ -300,27 +293,21 @@ def sum_squares(
     negligible: float = _NEGLIGIBLE,
     density: npt.NDArray[np.float64] | None = None,
 ) -> npt.NDArray[np.floating[Any]]:
-    """Sum ``Σ_k coefficients[f, k] rows[k]²`` in double precision.
+    """Sum ``Σ_k coefficients[f, k] rows[k]²`` in double precision: shape (f, n).
 
     Parameters
     ----------
     rows : ndarray, shape (>= k, n)
         May be a memory map; only rows with a coefficient are read.
     coefficients : ndarray of float64, shape (f, k)
-    dtype : dtype
-        Of what is returned.
-    order : {"C", "F"}
-        How that lies in memory.
+    dtype, order : dtype and {"C", "F"}
+        Of what is returned, and how it lies in memory.
     cancel : callable, optional
         `Cancelled` is raised after it returns True.
     negligible : float
         Pairs whose coefficients are at most this share of the largest are not read.
     density : ndarray of float64, shape (n,), optional
         Gets ``Σ_k rows[k]²`` of all pairs added, in the same pass.
-
-    Returns
-    -------
-    ndarray, shape (f, n)
     """
     total = np.zeros((len(coefficients), rows.shape[1]), dtype, order)
     size = np.abs(coefficients).max(axis=0, initial=0.0)

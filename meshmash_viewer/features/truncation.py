@@ -224,14 +224,12 @@ def measure_truncation(
     drop_first: bool = False,
     known_to: float | None = None,
 ) -> Truncation | None:
-    """Find what a truncated sum leaves out.
+    """Find what a truncated sum leaves out; None where filters do not tell what they do (`tail`).
 
     Parameters
     ----------
     values : ndarray, shape (n, f)
-        The features that were summed.
-    bank : FilterBank
-        Their filters.
+        The features that were summed with the filters of `bank`.
     eigenvalues : ndarray of float64, shape (k,)
         Of all pairs known, the lowest k of the mesh.
     density : ndarray of float64, shape (n,)
@@ -244,11 +242,6 @@ def measure_truncation(
         Whether the first pair was left out on purpose, which is no error.
     known_to : float, optional
         Eigenvalue up to which these are proven to be all; None: the largest of them.
-
-    Returns
-    -------
-    Truncation or None
-        None where a filter does not tell what it does beyond an eigenvalue (`FilterBank.tail`).
     """
     tail = bank.tail
     if tail is None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.fields.family import Answer, Family, Profile, Samples, Table, whole
-from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, same_pairs
+from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.progress import CancelCallback
 
 __all__ = ["MOST_COLUMNS", "BankColumns"]
@@ -65,11 +65,7 @@ class BankColumns(Family):
         return Answer(np.asarray(sum_squares(spectrum.rows, one)[0]))
 
     def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
-        return (
-            table is not None
-            and table.family == self.at_rest()
-            and same_pairs(table.spectrum, spectrum)
-        )
+        return table is not None and table.holds(self.at_rest(), spectrum)
 
     def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
         weights = self.bank(spectrum.eigenvalues)(spectrum.eigenvalues)

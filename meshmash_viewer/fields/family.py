@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.features.filters import FilterBank
-from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.fields.spectrum import Spectrum, same_pairs
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.units import power_unit
 
@@ -43,9 +43,8 @@ MOST_COUNT = 1024
 def parameter(default: Any = None, **bounds: Any) -> Any:
     """A parameter with what its values may be, for whoever reads them from a file.
 
-    The keywords are ``type`` ("whole", "number", "flag", "indices", "vertex", or "family" for the
-    name of a feature) and, for numbers, ``least`` and ``most``. Where the default is None, None is
-    a value, too.
+    These are ``type`` ("whole", "number", "flag", "indices", "vertex", or "family" for the name
+    of a feature) and, for numbers, ``least`` and ``most``. A default of None is a value, too.
     """
     return field(default=default, metadata=bounds)
 
@@ -90,6 +89,10 @@ class Table:
     spectrum: Spectrum
     family: Family
     content: Any
+
+    def holds(self, family: Family, spectrum: Spectrum) -> bool:
+        """Whether it was made for a family at rest and for these pairs."""
+        return self.family == family and same_pairs(self.spectrum, spectrum)
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +252,7 @@ class Family:
 
     def title(self) -> str:
         """What the field is called on the render."""
-        raise NotImplementedError
+        return self.label
 
     def quantity(self, spectrum: Spectrum, unit: str) -> str:
         """Which one it is, with the unit: "λ₅ = 1.2e-08 nm⁻²"."""

@@ -117,9 +117,6 @@ class HeatKernelSignature(Family):
         moved = min(max(before + far, math.log(low)), math.log(high))
         return replace(self, time=math.exp(moved)) if abs(moved - before) > 1e-9 else self
 
-    def title(self) -> str:
-        return self.label
-
     def quantity(self, spectrum: Spectrum, unit: str) -> str:
         time = self.time_in(spectrum)
         length = format_quantity(time**0.5, unit)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.fields.family import Answer, Family, Table, parameter
-from meshmash_viewer.fields.spectrum import Spectrum, grew, same_pairs
+from meshmash_viewer.fields.spectrum import Spectrum, grew
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.units import named_vertex
 
@@ -86,11 +86,7 @@ class Similarity(Family):
         return Answer(table.content.from_vertex(self.vertex), draft)
 
     def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
-        return (
-            table is not None
-            and table.family == self._features()
-            and same_pairs(table.spectrum, spectrum)
-        )
+        return table is not None and table.holds(self._features(), spectrum)
 
     def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
         features = self._features()

@@ -36,9 +36,6 @@ class WaveKernelSignature(BankColumns):
     interval: ClassVar[int] = 100
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (False, False, True)
 
-    def title(self) -> str:
-        return self.label
-
     def quantity(self, spectrum: Spectrum, unit: str) -> str:
         energy = self.place(spectrum)
         return f"ln λ = {energy:.4g} (λ = {format_quantity(np.exp(energy), unit, -2)})"

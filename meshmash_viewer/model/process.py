@@ -131,13 +131,7 @@ def end_group(leader: int, patience: float = 0.0) -> None:
 
     They are asked with SIGTERM, which nobody here handles, so it is certain and immediate; only
     multiprocessing's resource trackers ignore it, to delete temporary files and then leave.
-
-    Parameters
-    ----------
-    leader : int
-        Its process id.
-    patience : float
-        Seconds to wait for descendants that clean up, before they are killed.
+    `patience` is how many seconds descendants have to clean up, before they are killed.
     """
     import psutil
 

@@ -63,13 +63,7 @@ class Wire:
         self._lock = threading.Lock()
 
     def send(self, message: object) -> None:
-        """Send a picklable object; may be called from any thread.
-
-        Raises
-        ------
-        OSError
-            If the other end is gone, or the folder's disk is full.
-        """
+        """Send a picklable object, from any thread; `OSError` if the end is gone or a disk full."""
         files: list[tuple[str, int]] = []
 
         def keep_in_band(buffer: pickle.PickleBuffer) -> bool:
@@ -98,13 +92,7 @@ class Wire:
             raise
 
     def receive(self) -> object:
-        """Wait for the next object; one thread only.
-
-        Raises
-        ------
-        EOFError
-            If the other end is gone.
-        """
+        """Wait for the next object, in one thread only; `EOFError` if the other end is gone."""
         length = int.from_bytes(self._read(8), "little")
         files, payload = pickle.loads(self._read(length))
         buffers = [self._take(name, size) for name, size in files]

@@ -132,25 +132,12 @@ class Certificate:
 
     @classmethod
     def from_dict(cls, given: dict[str, Any]) -> Certificate:
-        """Read what `as_dict` wrote; the verdict is found anew.
-
-        Raises
-        ------
-        ValueError
-            If something is missing or of another type.
-        """
-        kinds: dict[str, tuple[type, ...]] = {
-            "method": (str,),
-            "counted": (int,),
-            "found": (int,),
-            "bound": (int, float, type(None)),
-            "low": (int, float, type(None)),
-            "residual": (int, float),
-            "residual_index": (int,),
-            "orthonormality": (int, float),
-            "precision": (str,),
-            "remark": (str,),
-        }
+        """Read what `as_dict` wrote, or raise a `ValueError`; the verdict is found anew."""
+        number = (int, float)
+        kinds: dict[str, Any] = {"bound": (*number, type(None)), "low": (*number, type(None))}
+        kinds |= dict.fromkeys(("method", "precision", "remark"), str)
+        kinds |= dict.fromkeys(("counted", "found", "residual_index"), int)
+        kinds |= dict.fromkeys(("residual", "orthonormality"), number)
         for name, kind in kinds.items():
             if name not in given or not isinstance(given[name], kind):
                 raise ValueError(f"a certificate without a proper {name}")

@@ -231,7 +231,20 @@ def solve(
     run = Run(stiffness, mass, request)
     for _ in run.batches():
         pass
-    return _decomposition(run)
+    output = run.output
+    if output.written != output.total:
+        raise ArithmeticError(f"{output.written} of {output.total} eigenpairs found")
+    mass = np.zeros(run.pencil.n_all)
+    mass[run.pencil.active] = run.pencil.root_mass**2
+    timings = {**run.timings, "total": time.perf_counter() - run.pace.began}
+    return Decomposition(
+        eigenvalues=output.eigenvalues,
+        rows=output.rows,
+        residuals=output.residuals,
+        certificate=run.certificate,
+        timings=timings,
+        mass=mass,
+    )
 
 
 def iterate(
@@ -306,21 +319,3 @@ def estimate_memory(
 
     lean = np.dtype(dtype) == np.dtype(np.float32)
     return int(memory_of_run(n, nnz, k, n_jobs or int(cpu_count()), n_null, lean=lean))
-
-
-def _decomposition(run: Run) -> Decomposition:
-    """What a run that has ended found."""
-    output = run.output
-    if output.written != output.total:
-        raise ArithmeticError(f"{output.written} of {output.total} eigenpairs found")
-    mass = np.zeros(run.pencil.n_all)
-    mass[run.pencil.active] = run.pencil.root_mass**2
-    timings = {**run.timings, "total": time.perf_counter() - run.pace.began}
-    return Decomposition(
-        eigenvalues=output.eigenvalues,
-        rows=output.rows,
-        residuals=output.residuals,
-        certificate=run.certificate,
-        timings=timings,
-        mass=mass,
-    )

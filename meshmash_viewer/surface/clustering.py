@@ -16,12 +16,7 @@ IntArray = npt.NDArray[np.int64]
 class CoarseMesh:
     """Faces between representatives, so that a field on the mesh is only picked, not computed.
 
-    Parameters
-    ----------
-    representatives : ndarray of int64, shape (c,)
-        Vertex of the full mesh that each coarse vertex is.
-    faces : ndarray of int64, shape (m, 3)
-        Indices into `representatives`.
+    Each of `representatives` is a vertex of the full mesh; `faces` are indices into them.
     """
 
     representatives: IntArray

@@ -15,22 +15,11 @@ def nodal_lines(
     faces: npt.NDArray[np.integer],
     values: npt.NDArray[np.floating],
 ) -> npt.NDArray[np.floating]:
-    """Segments along which the linear interpolation of `values` is zero.
+    """Segments along which the linear interpolation of `values` is zero, shape (s, 2, 3).
 
     A vertex of value zero counts as positive, so that each face that is crossed gives exactly one
     segment and the segments of neighbouring faces meet. Faces with a vertex that is not finite
-    give none.
-
-    Parameters
-    ----------
-    vertices : ndarray, shape (n, 3)
-    faces : ndarray of int, shape (m, 3)
-    values : ndarray, shape (n,)
-
-    Returns
-    -------
-    ndarray, shape (s, 2, 3), dtype of `vertices`
-        Both ends of each segment.
+    give none. The segments have the dtype of `vertices`.
     """
     values = np.asarray(values)
     with np.errstate(invalid="ignore"):

@@ -37,19 +37,8 @@ class RayTarget:
     nearest first. It takes four bytes a face; VTK's static locator takes 80, is no faster, and
     holds the interpreter lock while it is built.
 
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        Not copied.
-    faces : ndarray of int, shape (m, 3)
-        Not copied.
-    cancel : callable, optional
-        Asked for every 60,000 faces or so, after these have been put in order.
-
-    Raises
-    ------
-    Cancelled
-        When `cancel` says so.
+    Points, shape (n, 3), and faces, shape (m, 3), are not copied. `cancel` is asked for every
+    60,000 faces or so, after these have been put in order; `Cancelled` is raised if it says so.
     """
 
     def __init__(

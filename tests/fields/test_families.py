@@ -90,7 +90,7 @@ def test_what_is_exported_is_what_is_shown(spectrum: Spectrum, name: str) -> Non
     family = FEATURES[name].exported(9)
     values = spectrum.eigenvalues
     bank = family.resolved(spectrum, CHOSEN).bank(values)
-    wanted = accumulate_features(values, spectrum.rows[:60], bank(values))
+    wanted = accumulate_features(spectrum.rows[:60], bank(values))
     there = family.step(spectrum, -1000)
     for column in range(9):
         found = shown(spectrum, there, LiveFeatures())

@@ -83,7 +83,7 @@ def test_features_are_the_sum_over_the_pairs_asked_for(sphere: Mesh, listener: L
     ]
     for kind, parameters, bank in cases:
         content = exported(sphere, kind, 25, listener, **parameters)
-        wanted = accumulate_features(values, rows, bank(values))
+        wanted = accumulate_features(rows, bank(values))
         np.testing.assert_allclose(
             content["features"], wanted, rtol=1e-5, atol=1e-7 * np.abs(wanted).max()
         )

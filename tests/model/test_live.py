@@ -32,7 +32,7 @@ from meshmash_viewer.spectral.certificate import Certificate
 
 def direct(spectrum: Spectrum, coefficients: np.ndarray) -> np.ndarray:
     k = len(spectrum)
-    return accumulate_features(spectrum.eigenvalues, spectrum.rows[:k], coefficients)
+    return accumulate_features(spectrum.rows[:k], coefficients)
 
 
 def hks_request(spectrum: Spectrum, time: float) -> FieldRequest:

@@ -44,7 +44,7 @@ def table(spectrum: Spectrum, bank: FilterBank) -> SimilarityTable:
 @pytest.fixture(scope="module")
 def features(spectrum: Spectrum, bank: FilterBank) -> np.ndarray:
     rows = spectrum.rows[: len(spectrum)]
-    return accumulate_features(spectrum.eigenvalues, rows, bank(spectrum.eigenvalues))
+    return accumulate_features(rows, bank(spectrum.eigenvalues))
 
 
 def test_distances_are_those_in_feature_space_but_for_what_is_left_out(
