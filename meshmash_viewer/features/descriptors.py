@@ -59,6 +59,8 @@ Array: TypeAlias = npt.NDArray[np.floating[Any]]
 #: Any accepted form of a mesh, or its ``(L, M)``.
 MeshOrMatrices: TypeAlias = Any
 Filter: TypeAlias = Callable[[npt.NDArray[np.float64]], npt.ArrayLike]
+#: What a filter is made by, from the eigenvalues that take part.
+FilterMaker: TypeAlias = Callable[[npt.NDArray[np.float64]], FilterBank | Filter]
 
 #: Residual relative to λ that these functions document for float64; float32 loosens it.
 _TOLERANCE = 1e-12
@@ -367,10 +369,7 @@ class _Sums:
         )
 
     def features(
-        self,
-        n_components: int | None,
-        max_eigenvalue: float | None,
-        make: Callable[[npt.NDArray[np.float64]], FilterBank | Filter],
+        self, n_components: int | None, max_eigenvalue: float | None, make: FilterMaker
     ) -> tuple[Array, Truncation | None]:
         """Features of shape (n, f), and what they miss where that is known."""
         with scratch_rows(self.dtype) as allocate:
@@ -379,9 +378,7 @@ class _Sums:
                 _warn_of_zeros(max_eigenvalue, result)
             return self._summed(result, max_eigenvalue, make)
 
-    def features_from(
-        self, time: float, make: Callable[[npt.NDArray[np.float64]], FilterBank | Filter]
-    ) -> tuple[Array, Truncation | None]:
+    def features_from(self, time: float, make: FilterMaker) -> tuple[Array, Truncation | None]:
         """The same from as many pairs as the HKS from a time on takes."""
         mass = np.asarray(self.matrices[1].diagonal(), dtype=np.float64)
         area, n = float(mass.sum()), int(np.count_nonzero(mass))
@@ -401,10 +398,7 @@ class _Sums:
         return values, truncation
 
     def _summed(
-        self,
-        result: Decomposition,
-        max_eigenvalue: float | None,
-        make: Callable[[npt.NDArray[np.float64]], FilterBank | Filter],
+        self, result: Decomposition, max_eigenvalue: float | None, make: FilterMaker
     ) -> tuple[Array, Truncation | None]:
         eigenvalues = result.eigenvalues[self.start :]
         made = make(eigenvalues)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.features.filter_parameters import hks_time_range
 from meshmash_viewer.features.truncation import mean_shares
-from meshmash_viewer.spectral.alignment import Alignment, ShownRows
+from meshmash_viewer.spectral.alignment import Alignment, ShownRows, close_neighbours
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.filters import FilterBank
@@ -135,14 +135,7 @@ class Spectrum:
         """The pairs that are final; all of them without a preview."""
         if not self.preview:
             return self
-        count = self.n_exact
-        return replace(
-            self,
-            eigenvalues=self.eigenvalues[:count],
-            residuals=self.residuals[:count],
-            preview=False,
-            n_exact=0,
-        )
+        return replace(self.first(self.n_exact), total=self.total, preview=False, n_exact=0)
 
     def before(self, preview: Spectrum) -> Spectrum:
         """These pairs, then those of a preview that go on from them."""
@@ -166,9 +159,7 @@ class Spectrum:
         values = self.eigenvalues
         if not 0 <= index < len(values):
             return None
-        # zeros of several components are one multiplet: their size is rounding, not meaning
-        floor = 1e-9 * float(values[-1])
-        close = np.diff(values) <= np.maximum(gap * values[1:], floor)
+        close = close_neighbours(values, gap)
         first = last = index
         while first > 0 and close[first - 1]:
             first -= 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from bisect import bisect_right
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,11 +21,11 @@ from meshmash_viewer.io.spectrum import (
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.cost import written_bytes
-from meshmash_viewer.model.previews import StoredPreview, open_preview
+from meshmash_viewer.model.previews import open_preview
 from meshmash_viewer.model.results import SpectrumGrew
 from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Cancelled
-from meshmash_viewer.spectral.alignment import Alignment
+from meshmash_viewer.spectral.alignment import Alignment, align
 from meshmash_viewer.spectral.eigensolver import estimate_memory
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import counted
@@ -130,7 +131,7 @@ class _Growth:
         self._mesh = mesh
         self._operator = operator
         self._channel = channel
-        self._preview: StoredPreview | None = None
+        self._preview: Path | None = None
         self._alignment: Alignment | None = None
         self._mass = np.zeros(0)
         self._time = -_GROWTH_SECONDS
@@ -147,9 +148,10 @@ class _Growth:
             self._told = known.decomposition.n_components
             self._channel.send(_grown(known, self._operator, ended=False))
         else:
-            self._preview = open_preview(self._mesh, self._channel)
-            if self._preview is not None:
-                self._channel.send(self._preview.alone(self._operator))
+            preview = open_preview(self._mesh, self._operator, self._channel)
+            if preview is not None:
+                self._preview = preview.preview_path
+                self._channel.send(preview)
 
     def grow(
         self,
@@ -185,7 +187,8 @@ class _Growth:
     ) -> Alignment | None:
         """Turn exact rows to what is shown, if a preview is."""
         if self._preview is not None:
-            self._alignment = self._preview.align(rows, eigenvalues, self._mass, self._alignment)
+            shown = np.load(self._preview, mmap_mode="r")
+            self._alignment = align(shown, rows, eigenvalues, self._mass, self._alignment)
         return self._alignment
 
 

@@ -151,8 +151,7 @@ class PreviewJob(_OnMesh):
     def run(self, channel: Channel) -> SpectrumGrew | None:
         from meshmash_viewer.model.previews import open_preview
 
-        preview = open_preview(self.mesh, channel)
-        return None if preview is None else preview.alone(self.operator)
+        return open_preview(self.mesh, self.operator, channel)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +13,8 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.results import MeshReady, SpectrumGrew
 from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Progress
-from meshmash_viewer.spectral.alignment import Alignment, align
 
-__all__ = ["FROM_VERTICES", "StoredPreview", "is_worthwhile", "open_preview"]
+__all__ = ["FROM_VERTICES", "is_worthwhile", "open_preview"]
 
 #: From this size on the exact pairs are long enough in coming.
 FROM_VERTICES = 60_000
@@ -24,39 +22,6 @@ FROM_VERTICES = 60_000
 _PAIRS, _PAIRS_OF_HUGE, _HUGE = 50, 30, 500_000
 #: With more components than this, the first many eigenfunctions are constants on one of them.
 _MOST_COMPONENTS = 150
-
-
-@dataclass(frozen=True, eq=False)
-class StoredPreview:
-    """A preview in the session's folder: a ``.npy`` file of its rows, float32, shape (k, n).
-
-    Eigenvalues and error are those of `meshmash_viewer.spectral.preview.Preview`.
-    """
-
-    path: Path
-    eigenvalues: npt.NDArray[np.float64]
-    error: float
-
-    def alone(self, operator: OperatorOptions) -> SpectrumGrew:
-        """What the window shows while nothing exact is known."""
-        return SpectrumGrew(
-            None,
-            self.eigenvalues,
-            np.full(len(self.eigenvalues), np.nan),
-            operator=operator,
-            preview_path=self.path,
-            error=self.error,
-        )
-
-    def align(
-        self,
-        rows: npt.NDArray[np.floating],
-        eigenvalues: npt.NDArray[np.float64],
-        mass: npt.NDArray[np.float64],
-        before: Alignment | None,
-    ) -> Alignment:
-        shown = np.load(self.path, mmap_mode="r")
-        return align(shown, rows, eigenvalues, mass, before)
 
 
 def is_worthwhile(ready: MeshReady) -> bool:
@@ -72,7 +37,7 @@ def _pairs(mesh: Mesh) -> int:
     return _PAIRS if mesh.n_vertices < _HUGE else _PAIRS_OF_HUGE
 
 
-def open_preview(mesh: Mesh, channel: Channel) -> StoredPreview | None:
+def open_preview(mesh: Mesh, operator: OperatorOptions, channel: Channel) -> SpectrumGrew | None:
     """Compute the preview of a mesh, or find it in the session's folder.
 
     None for a mesh that is small, or of too many components to be worth it.
@@ -83,7 +48,7 @@ def open_preview(mesh: Mesh, channel: Channel) -> StoredPreview | None:
     notes = path.with_suffix(".npz")
     if path.exists() and notes.exists():
         with np.load(notes) as known:
-            return StoredPreview(path, known["eigenvalues"], float(known["error"]))
+            return _previewed(path, known["eigenvalues"], float(known["error"]), operator)
     if mesh.n_components > _MOST_COMPONENTS:
         return None
     from meshmash_viewer.spectral.preview import preview_eigenpairs  # which loads the compiler
@@ -109,4 +74,13 @@ def open_preview(mesh: Mesh, channel: Channel) -> StoredPreview | None:
         path.unlink()
         return None
     np.savez(notes, eigenvalues=found.eigenvalues, error=found.error)
-    return StoredPreview(path, found.eigenvalues, found.error)
+    return _previewed(path, found.eigenvalues, found.error, operator)
+
+
+def _previewed(
+    path: Path, eigenvalues: npt.NDArray[np.float64], error: float, operator: OperatorOptions
+) -> SpectrumGrew:
+    unknown = np.full(len(eigenvalues), np.nan)
+    return SpectrumGrew(
+        None, eigenvalues, unknown, operator=operator, preview_path=path, error=error
+    )

@@ -13,12 +13,10 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Alignment", "ShownRows", "align"]
+__all__ = ["Alignment", "ShownRows", "align", "close_neighbours"]
 
 FloatArray: TypeAlias = npt.NDArray[np.floating[Any]]
 
-#: Neighbouring eigenvalues within this relative gap are one multiplet.
-_GAP = 1e-6
 #: Vertices at a time in the inner products.
 _BLOCK = 1 << 16
 
@@ -76,13 +74,10 @@ def align(
     """
     blocks = list(before.blocks[:-1]) if before is not None else []
     start = blocks[-1][0] + len(blocks[-1][1]) if blocks else 0
-    count = min(len(shown), len(eigenvalues))
-    floor = 1e-9 * float(eigenvalues[-1]) if len(eigenvalues) else 0.0
+    count, close = min(len(shown), len(eigenvalues)), close_neighbours(eigenvalues)
     while start < count:
         stop = start + 1
-        while stop < count and (
-            eigenvalues[stop] - eigenvalues[stop - 1] <= max(_GAP * eigenvalues[stop], floor)
-        ):
+        while stop < count and close[stop - 1]:
             stop += 1
         products = _inner(rows[start:stop], shown[start:stop], mass)
         left, _, right = np.linalg.svd(products)
@@ -90,6 +85,15 @@ def align(
         blocks.append((start, (left @ right).T))
         start = stop
     return Alignment(tuple(blocks))
+
+
+def close_neighbours(
+    eigenvalues: npt.NDArray[np.float64], gap: float = 1e-6
+) -> npt.NDArray[np.bool_]:
+    """Whether each eigenvalue and the next are of one multiplet, by a relative gap, (k - 1,)."""
+    # zeros of several components are one multiplet: their size is rounding, not meaning
+    floor = 1e-9 * np.max(eigenvalues, initial=0.0)
+    return np.asarray(np.diff(eigenvalues) <= np.maximum(gap * eigenvalues[1:], floor))
 
 
 def _inner(

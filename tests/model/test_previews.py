@@ -108,7 +108,7 @@ def test_a_preview_is_worth_it_while_it_shows_more_than_what_is_known(
     ready = InspectJob(large).run(listener)
     assert ready.known is None
     assert previews.is_worthwhile(ready)
-    preview = previews.open_preview(large, listener)
+    preview = previews.open_preview(large, OPERATOR, listener)
     assert preview is not None
     for count, worthwhile in ((10, True), (len(preview.eigenvalues), False)):
         decompose(large, OPERATOR, Target("count", count), listener)
