@@ -220,11 +220,18 @@ def with_role(widget: WidgetType, role: str) -> WidgetType:
     return widget
 
 
-def named(widget: WidgetType, name: str, accessible: str = "", *, role: str = "") -> WidgetType:
-    """Give a widget its ``objectName``, what screen readers call it, and its role; returns it."""
+def named(
+    widget: WidgetType, name: str, accessible: str = "", *, role: str = "", tip: str = ""
+) -> WidgetType:
+    """Give a widget its ``objectName``, what screen readers call it, role and tooltip; returns it.
+
+    What it has already stays where nothing is given.
+    """
     widget.setObjectName(name)
     if accessible:
         widget.setAccessibleName(accessible)
+    if tip:
+        widget.setToolTip(tip)
     return with_role(widget, role) if role else widget
 
 

@@ -53,11 +53,10 @@ class SpectrumPanel(QWidget):
             "spectrum_view",
             "What the spectrum shows",
             {"eigenvalues": "Eigenvalues", "responses": "Filters"},
-            self,
         )
         self.view_choice.chosen.connect(self._choose_view)
         self.log_check = theme.named(
-            QCheckBox("Log λ", self), "spectrum_log_check", "Eigenvalues in log scale"
+            QCheckBox("Log λ"), "spectrum_log_check", "Eigenvalues in log scale"
         )
         self.log_check.toggled.connect(self._set_log)
         self.readout = theme.named(QLabel(self), "spectrum_readout")
