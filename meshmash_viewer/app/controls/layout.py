@@ -30,13 +30,15 @@ def column(*parts: Part, spacing: int = theme.GAP, margins: Margins = (0, 0, 0, 
 
 
 def grid(
-    *rows: tuple[QWidget | QLayout, ...], spacing: tuple[int, int] = (theme.GAP, theme.GAP // 2)
+    *rows: tuple[QWidget | QLayout | None, ...],
+    spacing: tuple[int, int] = (theme.GAP, theme.GAP // 2),
 ) -> QGridLayout:
     """Put rows of parts under each other, of which the second grows; one alone has all the room.
 
     Parameters
     ----------
     rows : tuple of tuple
+        None leaves a place empty.
     spacing : (int, int)
         Distance of columns, and of rows.
     """
@@ -51,7 +53,7 @@ def grid(
             span = widest if len(parts) == 1 else 1
             if isinstance(part, QLayout):
                 box.addLayout(part, at, place, 1, span)
-            else:
+            elif part is not None:
                 box.addWidget(part, at, place, 1, span)
     return box
 
