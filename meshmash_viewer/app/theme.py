@@ -34,6 +34,7 @@ __all__ = [
     "Palette",
     "PlotColors",
     "apply",
+    "change_role",
     "dress",
     "is_dark",
     "mode",
@@ -42,6 +43,7 @@ __all__ = [
     "pad_fields",
     "palette",
     "plot_colors",
+    "restyle",
     "set_mode",
     "tabular",
     "with_role",
@@ -218,6 +220,18 @@ def with_role(widget: WidgetType, role: str) -> WidgetType:
         # a styled label is indented by half an x otherwise, out of line with plain ones
         widget.setIndent(0)
     return widget
+
+
+def change_role(widget: QWidget, role: str) -> None:
+    """Give a widget that is already shown another role."""
+    if widget.property("role") != role:
+        restyle(with_role(widget, role))
+
+
+def restyle(widget: QWidget) -> None:
+    """Let a widget look as its properties now say."""
+    widget.style().unpolish(widget)
+    widget.style().polish(widget)
 
 
 def named(

@@ -23,7 +23,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import reserved_note, show_quietly
 from meshmash_viewer.app.controls.file_row import FileRow
 from meshmash_viewer.app.controls.layout import grid
-from meshmash_viewer.app.dialogs.save_dialog import SaveDialog
+from meshmash_viewer.app.dialogs.saving import SaveDialog
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.truncation import missing_sentence
 from meshmash_viewer.fields import EXPORTS

@@ -11,7 +11,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import show_quietly
 from meshmash_viewer.app.controls.file_row import FileRow
 from meshmash_viewer.app.controls.layout import grid, row
-from meshmash_viewer.app.dialogs.save_dialog import SaveDialog
+from meshmash_viewer.app.dialogs.saving import SaveDialog
 
 __all__ = ["PictureChoice", "PictureDialog"]
 
