@@ -9,6 +9,7 @@ from PySide6.QtGui import QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit, QWidget
 
+from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
@@ -48,6 +49,14 @@ def rectangle_spectrum(
     residuals = np.full(k, 3e-12)
     certificate = Certificate("dense", n_pairs, n_pairs) if converged is None else None
     return Spectrum(eigenvalues[:k], rows, residuals, n_pairs, certificate)
+
+
+def part(within: QWidget, name: str) -> QWidget:
+    """The control that a script finds under this name, as it is once the window rests."""
+    catch_up()
+    found = within.findChildren(QWidget, name)
+    assert len(found) == 1, f"{len(found)} of {name}"
+    return found[0]
 
 
 def turn_wheel(

@@ -34,6 +34,7 @@ __all__ = [
     "Palette",
     "PlotColors",
     "apply",
+    "change_role",
     "dress",
     "is_dark",
     "mode",
@@ -42,6 +43,7 @@ __all__ = [
     "pad_fields",
     "palette",
     "plot_colors",
+    "restyle",
     "set_mode",
     "tabular",
     "with_role",
@@ -220,11 +222,30 @@ def with_role(widget: WidgetType, role: str) -> WidgetType:
     return widget
 
 
-def named(widget: WidgetType, name: str, accessible: str = "", *, role: str = "") -> WidgetType:
-    """Give a widget its ``objectName``, what screen readers call it, and its role; returns it."""
+def change_role(widget: QWidget, role: str) -> None:
+    """Give a widget that is already shown another role."""
+    if widget.property("role") != role:
+        restyle(with_role(widget, role))
+
+
+def restyle(widget: QWidget) -> None:
+    """Let a widget look as its properties now say."""
+    widget.style().unpolish(widget)
+    widget.style().polish(widget)
+
+
+def named(
+    widget: WidgetType, name: str, accessible: str = "", *, role: str = "", tip: str = ""
+) -> WidgetType:
+    """Give a widget its ``objectName``, what screen readers call it, role and tooltip; returns it.
+
+    What it has already stays where nothing is given.
+    """
     widget.setObjectName(name)
     if accessible:
         widget.setAccessibleName(accessible)
+    if tip:
+        widget.setToolTip(tip)
     return with_role(widget, role) if role else widget
 
 

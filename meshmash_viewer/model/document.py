@@ -15,7 +15,7 @@ from psygnal import Signal
 from meshmash_viewer.features.truncation import sufficient_target
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.similarity import Similarity
-from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.cost import decomposition_seconds, measured_rate
@@ -118,6 +118,19 @@ class Document:
     def mesh(self) -> Mesh | None:
         """The open mesh."""
         return self.ready.mesh if self.ready else None
+
+    @property
+    def unit(self) -> str:
+        """The unit of the open mesh; "" where it has none, and where there is no mesh."""
+        return self.mesh.unit if self.mesh is not None else ""
+
+    @property
+    def scaled_spectrum(self) -> Spectrum | None:
+        """The spectrum, if it has an eigenvalue above 0: else no times or bands can be taken."""
+        spectrum = self.spectrum
+        return (
+            spectrum if spectrum is not None and first_nonzero(spectrum) < len(spectrum) else None
+        )
 
     @property
     def path(self) -> Path | None:

@@ -3,11 +3,52 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
 
-from meshmash_viewer.app import listening
+from meshmash_viewer.app import listening, theme
+from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.run import application
+from meshmash_viewer.model.document import Document
+
+
+@pytest.fixture(scope="session")
+def qapp() -> QApplication:
+    return application()
+
+
+@pytest.fixture
+def open_window(qapp: QApplication, qtbot: QtBot) -> Iterator[Callable[..., MainWindow]]:
+    """Opens windows, in front and with their first field, if there is any; closes them again."""
+    opened = []
+
+    def open_one(
+        document: Document | None = None, size: tuple[int, int] | None = None
+    ) -> MainWindow:
+        window = MainWindow(document, fresh=True)
+        opened.append(window)
+        if size is not None:
+            window.resize(*size)
+        window.show()
+        window.activateWindow()
+        qtbot.waitUntil(window.isActiveWindow, timeout=60_000)
+        qtbot.waitUntil(lambda: window.field_source.idle, timeout=60_000)
+        return window
+
+    yield open_one
+    for window in opened:
+        window.close()
+        window.deleteLater()
+    theme.set_mode(theme.Mode.SYSTEM)
+
+
+@pytest.fixture
+def window(open_window: Callable[..., MainWindow]) -> MainWindow:
+    """A window in which nothing is open."""
+    return open_window()
 
 
 @pytest.fixture(scope="module", autouse=True)

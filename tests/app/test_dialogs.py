@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
@@ -10,13 +10,12 @@ import pytest
 from closed_form import give, rectangle_document
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QDialog, QLineEdit, QPushButton
+from PySide6.QtWidgets import QDialog, QLineEdit, QPushButton
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.run import application
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.model.jobs import ExportJob
 
@@ -25,21 +24,10 @@ CONTROL, SHIFT = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftM
 PATIENCE = 60_000
 
 
-@pytest.fixture(scope="session")
-def qapp() -> QApplication:
-    return application()
-
-
 @pytest.fixture
-def window(qtbot: QtBot) -> Iterator[MainWindow]:
+def window(open_window: Callable[..., MainWindow]) -> MainWindow:
     """A window with a rectangle, and its eigenpairs in closed form."""
-    window = MainWindow(rectangle_document(), fresh=True)
-    window.show()
-    window.activateWindow()
-    qtbot.waitUntil(lambda: window.isActiveWindow() and window.field_source.idle, timeout=PATIENCE)
-    yield window
-    window.close()
-    window.deleteLater()
+    return open_window(rectangle_document())
 
 
 def asked(qtbot: QtBot, window: MainWindow, name: str, key: Qt.Key, *held: object) -> QDialog:

@@ -37,11 +37,6 @@ PATIENCE = 60_000
 LEFT, RIGHT = Qt.MouseButton.LeftButton, Qt.MouseButton.RightButton
 
 
-@pytest.fixture(scope="session")
-def qapp() -> QApplication:
-    return run.application()
-
-
 def save(path: Path, mesh: Mesh) -> Path:
     np.savez(path, vertices=mesh.vertices, faces=mesh.faces)
     return path

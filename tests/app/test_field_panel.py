@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from closed_form import give, rectangle_document, rectangle_spectrum, turn_wheel
+from closed_form import give, part, rectangle_document, rectangle_spectrum, turn_wheel
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QWidget
+from PySide6.QtWidgets import QApplication
 from scipy.linalg import eigh
 
 from meshmash_viewer.app.panels.field_panel import FieldPanel
@@ -42,12 +42,6 @@ def panel(qtbot, document: Document) -> FieldPanel:
     panel.show()
     qtbot.waitExposed(panel)
     return panel
-
-
-def part(panel: QWidget, name: str) -> QWidget:
-    found = panel.findChildren(QWidget, name)
-    assert len(found) == 1, f"{len(found)} of {name}"
-    return found[0]
 
 
 def choose(panel: FieldPanel, tab: int) -> None:

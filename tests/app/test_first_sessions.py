@@ -21,7 +21,6 @@ from PySide6.QtWidgets import QApplication, QDialog, QFileDialog, QLabel, QWidge
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.run import application
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
@@ -72,11 +71,6 @@ SESSIONS: dict[str, tuple[tuple[Any, ...], ...]] = {
         ("until", "written"),
     ),
 }
-
-
-@pytest.fixture(scope="session")
-def qapp() -> QApplication:
-    return application()
 
 
 class Person:

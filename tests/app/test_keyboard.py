@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -27,7 +27,6 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import MENUS
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.run import application
 from meshmash_viewer.fields import FAMILIES
 
 PATIENCE = 60_000
@@ -41,27 +40,15 @@ ROLES = {
 }  # fmt: skip
 
 
-@pytest.fixture(scope="session")
-def qapp() -> QApplication:
-    return application()
-
-
 @pytest.fixture
-def window(qtbot: QtBot) -> Iterator[MainWindow]:
+def window(qtbot: QtBot, open_window: Callable[..., MainWindow]) -> MainWindow:
     """A window with a rectangle, its eigenpairs in closed form, and two pins."""
-    window = MainWindow(rectangle_document(), fresh=True)
-    window.resize(1440, 900)
-    window.show()
-    window.activateWindow()
-    qtbot.waitUntil(lambda: window.isActiveWindow() and window.field_source.idle, timeout=PATIENCE)
+    window = open_window(rectangle_document(), (1440, 900))
     for vertex in (25, 200):
         window.document.toggle_pin(vertex)
     qtbot.waitUntil(lambda: window.findChild(QWidget, "pin_row_200") is not None)
     catch_up()
-    yield window
-    window.close()
-    window.deleteLater()
-    theme.set_mode(theme.Mode.SYSTEM)
+    return window
 
 
 def by_tab(window: MainWindow) -> list[QWidget]:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 
 import pytest
-from closed_form import give, rectangle_document
+from closed_form import give, part, rectangle_document
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractSpinBox,
-    QApplication,
     QComboBox,
     QLineEdit,
     QWidget,
@@ -20,7 +19,6 @@ from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.run import application
 from meshmash_viewer.app.view.annotations import margins
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.model.jobs import DecomposeJob
@@ -30,28 +28,10 @@ from meshmash_viewer.progress import Progress
 PATIENCE = 60_000
 
 
-@pytest.fixture(scope="session")
-def qapp() -> QApplication:
-    return application()
-
-
 @pytest.fixture
-def window(qtbot: QtBot) -> Iterator[MainWindow]:
+def window(open_window: Callable[..., MainWindow]) -> MainWindow:
     """A window with a rectangle, and its eigenpairs in closed form."""
-    window = MainWindow(rectangle_document(twins=slice(10, 13)), fresh=True)
-    window.resize(1440, 900)
-    window.show()
-    window.activateWindow()
-    qtbot.waitUntil(lambda: window.isActiveWindow() and window.field_source.idle, timeout=PATIENCE)
-    yield window
-    window.close()
-    window.deleteLater()
-
-
-def part(window: MainWindow, name: str) -> QWidget:
-    found = window.findChild(QWidget, name)
-    assert found is not None, name
-    return found
+    return open_window(rectangle_document(twins=slice(10, 13)), (1440, 900))
 
 
 def places(window: MainWindow) -> dict[str, tuple[int, int]]:

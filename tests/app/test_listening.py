@@ -69,26 +69,20 @@ def test_long_work_is_spread_over_turns(qtbot: QtBot, calls: list[str]) -> None:
     assert "bc" not in text
 
 
+@pytest.fixture
+def words(calls: list[str], monkeypatch: pytest.MonkeyPatch) -> Follower:
+    """What waits for the picture, however long that takes."""
+    monkeypatch.setattr(listening, "_PATIENCE", 60_000)
+    return Follower(calls, "words")
+
+
+@pytest.mark.parametrize("just_before", [False, True])
 def test_words_wait_for_the_picture(
-    qtbot: QtBot, calls: list[str], monkeypatch: pytest.MonkeyPatch
+    qtbot: QtBot, calls: list[str], words: Follower, just_before: bool
 ) -> None:
-    monkeypatch.setattr(listening, "_PATIENCE", 60_000)
-    words = Follower(calls, "words")
-    first_a_frame()
-    later(words.show)
-    qtbot.wait(20)
-    assert not calls
-    frame_drawn()
-    qtbot.waitUntil(lambda: calls == ["words"])
-
-
-def test_words_said_just_before_the_picture_is_asked_for_wait_too(
-    qtbot: QtBot, calls: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(listening, "_PATIENCE", 60_000)
-    words = Follower(calls, "words")
-    later(words.show)
-    first_a_frame()
+    steps = [first_a_frame, lambda: later(words.show)]
+    for step in reversed(steps) if just_before else steps:
+        step()
     qtbot.wait(20)
     assert not calls
     frame_drawn()
@@ -96,10 +90,8 @@ def test_words_said_just_before_the_picture_is_asked_for_wait_too(
 
 
 def test_words_about_the_last_picture_come_though_the_next_is_in_a_hurry(
-    qtbot: QtBot, calls: list[str], monkeypatch: pytest.MonkeyPatch
+    qtbot: QtBot, calls: list[str], words: Follower
 ) -> None:
-    monkeypatch.setattr(listening, "_PATIENCE", 60_000)
-    words = Follower(calls, "words")
     first_a_frame()
     later(words.show)
     frame_drawn()

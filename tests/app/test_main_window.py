@@ -52,11 +52,6 @@ LEFT = Qt.MouseButton.LeftButton
 PATIENCE = 60_000
 
 
-@pytest.fixture(scope="session")
-def qapp() -> QApplication:
-    return application()
-
-
 def wait_for(condition: Callable[[], bool]) -> None:
     """As ``qtbot.waitUntil``, for fixtures that outlive a test."""
     deadline = time.monotonic() + PATIENCE / 1000
@@ -78,13 +73,6 @@ def closed(window: MainWindow) -> None:
     window.close()
     window.deleteLater()
     theme.set_mode(theme.Mode.SYSTEM)
-
-
-@pytest.fixture
-def window(qapp: QApplication) -> Iterator[MainWindow]:
-    window = opened()
-    yield window
-    closed(window)
 
 
 @pytest.fixture(scope="module")

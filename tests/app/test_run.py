@@ -26,11 +26,6 @@ from meshmash_viewer.samples import sample_path
 PATIENCE = 60_000
 
 
-@pytest.fixture(scope="session")
-def qapp() -> QApplication:
-    return run.application()
-
-
 def test_the_application_opens_a_mesh_and_ends_when_its_window_is_closed(
     qtbot: QtBot, tmp_path: Path
 ) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -12,12 +12,11 @@ import shapes
 from closed_form import turn_wheel
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLabel, QSpinBox
+from PySide6.QtWidgets import QLabel, QSpinBox
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.run import application
 from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.spectrum import Spectrum
@@ -29,17 +28,10 @@ PATIENCE = 60_000
 PAIRS = 230
 
 
-@pytest.fixture(scope="session")
-def qapp() -> QApplication:
-    return application()
-
-
 @pytest.fixture
-def window(qtbot: QtBot) -> Iterator[MainWindow]:
+def window(qtbot: QtBot, open_window: Callable[..., MainWindow]) -> MainWindow:
     """A window with a mesh of 10 000 vertices and made-up eigenpairs."""
-    window = MainWindow(fresh=True)
-    window.show()
-    qtbot.waitExposed(window)
+    window = open_window()
     mesh = shapes.icosphere(5)
     window.document.take_mesh(mesh)
     qtbot.waitUntil(
@@ -50,8 +42,7 @@ def window(qtbot: QtBot) -> Iterator[MainWindow]:
     proven = Certificate("dense", PAIRS, PAIRS)
     window.document.accept_spectrum(Spectrum(values, rows, np.zeros(PAIRS), certificate=proven))
     qtbot.waitUntil(lambda: window.field_source.idle, timeout=PATIENCE)
-    yield window
-    window.close()
+    return window
 
 
 def test_two_hundred_notches_in_a_row(
@@ -95,8 +86,6 @@ def test_a_film_has_its_nodal_lines_in_every_picture(
     qtbot: QtBot, window: MainWindow, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene, display = window.scene, window.document.display
-    window.activateWindow()
-    qtbot.waitUntil(window.isActiveWindow, timeout=PATIENCE)
     window.stage.setFocus()
     catch_up()
     display.change(Eigenfunctions, index=3)

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import psutil
 import pytest
 import shapes
-from closed_form import drag, turn_wheel
+from closed_form import drag, part, turn_wheel
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QDialog, QLabel, QSlider, QWidget
+from PySide6.QtWidgets import QDialog, QLabel, QSlider, QWidget
 from pytestqt.qtbot import QtBot
 
-from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.run import application
 from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.decompose import decompose_mesh
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
@@ -32,31 +30,6 @@ from meshmash_viewer.samples import sample_path
 LEFT = Qt.MouseButton.LeftButton
 CONTROL = Qt.KeyboardModifier.ControlModifier
 PATIENCE = 120_000
-
-
-@pytest.fixture(scope="session")
-def qapp() -> QApplication:
-    return application()
-
-
-@pytest.fixture
-def window(qapp: QApplication, qtbot: QtBot) -> Iterator[MainWindow]:
-    window = MainWindow(fresh=True)
-    window.resize(1400, 900)
-    window.show()
-    window.activateWindow()
-    qtbot.waitUntil(window.isActiveWindow, timeout=PATIENCE)
-    yield window
-    window.close()
-    window.deleteLater()
-
-
-def part(window: MainWindow, name: str) -> QWidget:
-    """The control that a script finds under this name, as it is once the window rests."""
-    catch_up()
-    found = window.findChildren(QWidget, name)
-    assert len(found) == 1, name
-    return found[0]
 
 
 def type_number(field: QWidget, text: str) -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import shapes
+from closed_form import part
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtGui import QAction
 from PySide6.QtTest import QTest
@@ -17,14 +18,12 @@ from PySide6.QtWidgets import (
     QComboBox,
     QLabel,
     QLineEdit,
-    QWidget,
 )
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.run import application
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import format_number
@@ -35,11 +34,6 @@ PATIENCE = 60_000
 RADIUS = 500.0
 
 
-@pytest.fixture(scope="session")
-def qapp() -> QApplication:
-    return application()
-
-
 @pytest.fixture
 def files(tmp_path: Path) -> dict[str, Path]:
     made = {}
@@ -48,17 +42,6 @@ def files(tmp_path: Path) -> dict[str, Path]:
         made[name] = tmp_path / f"{name}.npz"
         np.savez(made[name], vertices=mesh.vertices, faces=mesh.faces)
     return made
-
-
-@pytest.fixture
-def window(qapp: QApplication, qtbot: QtBot) -> Iterator[MainWindow]:
-    window = MainWindow(fresh=True)
-    window.show()
-    window.activateWindow()
-    qtbot.waitUntil(window.isActiveWindow, timeout=PATIENCE)
-    yield window
-    window.close()
-    window.deleteLater()
 
 
 Open = Callable[[str], None]
@@ -84,13 +67,6 @@ def rested(qtbot: QtBot, window: MainWindow, condition: Callable[[], bool] = lam
 def compute(qtbot: QtBot, window: MainWindow) -> None:
     QTest.mouseClick(part(window, "compute_button"), LEFT)
     rested(qtbot, window, lambda: bool(window.document.spectrum))
-
-
-def part(window: MainWindow, name: str) -> QWidget:
-    catch_up()
-    found = window.findChildren(QWidget, name)
-    assert len(found) == 1, name
-    return found[0]
 
 
 def text_of(window: MainWindow, name: str) -> str:

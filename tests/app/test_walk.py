@@ -10,13 +10,6 @@ import pytest
 from fuzz.walk import Walk
 from PySide6.QtWidgets import QApplication
 
-from meshmash_viewer.app.run import application
-
-
-@pytest.fixture(scope="session")
-def qapp() -> QApplication:
-    return application()
-
 
 @pytest.fixture
 def walk(qapp: QApplication, tmp_path: Path) -> Iterator[Walk]:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
+from PySide6.QtCore import QSignalBlocker, Qt
+from PySide6.QtWidgets import QAbstractButton, QDoubleSpinBox, QLabel, QSlider, QSpinBox, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.layout import grid
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.spectral.weyl import Target, Translation, wavelength
 from meshmash_viewer.units import counted, format_quantity
@@ -20,6 +21,7 @@ __all__ = [
     "note",
     "reserved_note",
     "show_note",
+    "show_quietly",
 ]
 
 
@@ -76,20 +78,16 @@ class Facts(QWidget):
 
     def __init__(self, rows: dict[str, str], parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        grid = QGridLayout(self)
-        grid.setContentsMargins(0, 0, 0, 0)
-        grid.setHorizontalSpacing(theme.GAP * 2)
-        grid.setVerticalSpacing(4)
-        grid.setColumnStretch(1, 1)
-        self._values: dict[str, QLabel] = {}
-        self._names: dict[str, QLabel] = {}
-        for row, (name, text) in enumerate(rows.items()):
-            label = theme.with_role(QLabel(text, self), "muted")
-            value = theme.named(QLabel("–", self), name, text, role="value")
-            value.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-            grid.addWidget(label, row, 0)
-            grid.addWidget(value, row, 1)
-            self._names[name], self._values[name] = label, value
+        selectable = Qt.TextInteractionFlag.TextSelectableByMouse
+        self._values = {
+            name: theme.named(
+                QLabel("–", textInteractionFlags=selectable), name, text, role="value"
+            )
+            for name, text in rows.items()
+        }
+        muted = (theme.with_role(QLabel(text), "muted") for text in rows.values())
+        both = zip(muted, self._values.values(), strict=True)
+        self.setLayout(grid(*both, spacing=(theme.GAP * 2, 4)))
 
     def show_value(self, name: str, text: str) -> None:
         """Show a value; an empty one becomes a dash."""
@@ -103,3 +101,20 @@ def show_note(label: QLabel, text: str) -> None:
     # of a hidden tab nothing is visible: ask the flag, not the screen
     if label.isHidden() == bool(text):
         label.setVisible(bool(text))
+
+
+def show_quietly(
+    control: QSpinBox | QDoubleSpinBox | QSlider | QAbstractButton,
+    value: float,
+    most: int | None = None,
+) -> None:
+    """Show a value, in a range from 0 to `most`, in a control that does not speak of it."""
+    with QSignalBlocker(control):
+        if isinstance(control, QAbstractButton):
+            control.setChecked(bool(value))
+        elif isinstance(control, QDoubleSpinBox):
+            control.setValue(value)
+        else:
+            if most is not None and most != control.maximum():
+                control.setRange(0, most)
+            control.setValue(int(value))

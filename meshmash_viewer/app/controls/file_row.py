@@ -6,9 +6,10 @@ import os
 from pathlib import Path
 
 from PySide6.QtCore import QMimeDatabase, Signal
-from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QLineEdit, QPushButton, QWidget
+from PySide6.QtWidgets import QFileDialog, QLineEdit, QPushButton, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.layout import row
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.write import check_output
 from meshmash_viewer.model.failure import failure_of
@@ -40,14 +41,10 @@ class FileRow(QWidget):
         self.edit = theme.named(QLineEdit(str(path)), "file_edit", "File")
         self.edit.setMinimumWidth(260)
         self.edit.textChanged.connect(self.changed)
-        self.browse_button = theme.named(QPushButton("Browse…"), "browse_button", "Choose the file")
-        self.browse_button.setAutoDefault(False)
+        browse = QPushButton("Browse…", autoDefault=False)
+        self.browse_button = theme.named(browse, "browse_button", "Choose the file")
         self.browse_button.clicked.connect(self._browse)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(theme.GAP)
-        row.addWidget(self.edit, 1)
-        row.addWidget(self.browse_button)
+        self.setLayout(row((self.edit,), self.browse_button))
 
     @property
     def named(self) -> bool:
@@ -89,12 +86,9 @@ class FileRow(QWidget):
             self.edit.setText(str(path.parent / (stem + ending)))
 
     def _browse(self) -> None:
+        here, quietly = str(self.path), QFileDialog.Option.DontConfirmOverwrite
         chosen, _ = QFileDialog.getSaveFileName(
-            self,
-            "Save as",
-            str(self.path),
-            self._pattern,
-            options=QFileDialog.Option.DontConfirmOverwrite,
+            self, "Save as", here, self._pattern, options=quietly
         )
         if chosen:
             self.edit.setText(chosen)

@@ -58,7 +58,13 @@ def pixmap(name: str, color: str, size: int = 20, ratio: float = 2.0) -> QPixmap
         f'stroke="{color}" stroke-width="1.6" stroke-linecap="round" stroke-linejoin="round">'
         f"{PATHS[name]}</svg>"
     )
-    return _render(drawing, size, ratio)
+    image = QPixmap(round(size * ratio), round(size * ratio))
+    image.fill(Qt.GlobalColor.transparent)
+    painter = QPainter(image)
+    QSvgRenderer(QByteArray(drawing.encode())).render(painter, QRectF(image.rect()))
+    painter.end()
+    image.setDevicePixelRatio(ratio)
+    return image
 
 
 def icon(name: str) -> QIcon:
@@ -75,14 +81,3 @@ def application_icon() -> QIcon:
     picture = QPixmap()
     picture.loadFromData(files("meshmash_viewer.app").joinpath("icon.png").read_bytes())
     return QIcon(picture)
-
-
-def _render(drawing: str, size: int, ratio: float) -> QPixmap:
-    image = QPixmap(round(size * ratio), round(size * ratio))
-    image.fill(Qt.GlobalColor.transparent)
-    renderer = QSvgRenderer(QByteArray(drawing.encode()))
-    painter = QPainter(image)
-    renderer.render(painter, QRectF(0, 0, size * ratio, size * ratio))
-    painter.end()
-    image.setDevicePixelRatio(ratio)
-    return image

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from PySide6.QtCore import QEvent, QObject, QSize, Qt, QTimer
 from PySide6.QtGui import QGuiApplication, QIcon
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QToolButton, QWidget
+from PySide6.QtWidgets import QFrame, QLabel, QPushButton, QToolButton, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons
+from meshmash_viewer.app.controls.layout import row
 from meshmash_viewer.model.document import Notice, Severity
 
 __all__ = ["MessageBar"]
@@ -36,32 +37,34 @@ class MessageBar(QFrame):
         self.notice: Notice | None = None
         self._title, self._bar = QSize(0, 0), 0
 
+        selectable = Qt.TextInteractionFlag.TextSelectableByMouse
+        plain = Qt.TextFormat.PlainText
         self._icon = theme.named(QLabel(), "message_icon")
-        self._text = theme.named(QLabel(wordWrap=True), "message_text", "Message text")
-        self._text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self._text.setTextFormat(Qt.TextFormat.PlainText)
+        self._text = QLabel(wordWrap=True, textInteractionFlags=selectable, textFormat=plain)
+        theme.named(self._text, "message_text", "Message text")
         self._copy = theme.named(
-            QPushButton("Copy details"), "copy_details", "Copy details of the message", role="link"
+            QPushButton("Copy details"),
+            "copy_details",
+            "Copy details of the message",
+            role="link",
+            tip="Copy the message and its technical details to the clipboard",
         )
-        self._copy.setToolTip("Copy the message and its technical details to the clipboard")
         self._copy.clicked.connect(self._copy_details)
         self._undo = theme.named(
             QPushButton("Undo"), "undo_message", "Undo what the message says", role="link"
         )
         self._undo.clicked.connect(self._take_back)
-        self._dismiss = theme.named(QToolButton(), "dismiss_message", "Dismiss the message")
-        self._dismiss.setToolTip("Dismiss")
+        self._dismiss = theme.named(
+            QToolButton(), "dismiss_message", "Dismiss the message", tip="Dismiss"
+        )
         self._dismiss.setIconSize(QSize(14, 14))
         self._dismiss.clicked.connect(self.dismiss)
-
-        row = QHBoxLayout(self)
-        row.setContentsMargins(12, 8, 8, 8)
-        row.setSpacing(theme.GAP)
-        row.addWidget(self._icon, 0, Qt.AlignmentFlag.AlignTop)
-        row.addWidget(self._text, 1)
-        row.addWidget(self._undo, 0, Qt.AlignmentFlag.AlignTop)
-        row.addWidget(self._copy, 0, Qt.AlignmentFlag.AlignTop)
-        row.addWidget(self._dismiss, 0, Qt.AlignmentFlag.AlignTop)
+        line = row(
+            self._icon, (self._text,), self._undo, self._copy, self._dismiss, margins=(12, 8, 8, 8)
+        )
+        for beside in (self._icon, self._undo, self._copy, self._dismiss):
+            line.setAlignment(beside, Qt.AlignmentFlag.AlignTop)
+        self.setLayout(line)
 
         self._timer = QTimer(self, singleShot=True)
         self._timer.timeout.connect(self.dismiss)
@@ -145,8 +148,7 @@ class MessageBar(QFrame):
         self.setGeometry(right - width, top, width, height)
 
     def _refresh(self) -> None:
-        self.style().unpolish(self)
-        self.style().polish(self)
+        theme.restyle(self)
         colors = theme.palette()
         self._dismiss.setIcon(QIcon(icons.pixmap("close", colors.text, 14)))
         if self.notice is not None:

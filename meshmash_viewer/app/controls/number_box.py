@@ -8,6 +8,7 @@ from PySide6.QtCore import QSignalBlocker, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent, QValidator
 from PySide6.QtWidgets import QDoubleSpinBox, QWidget
 
+from meshmash_viewer.app.controls.facts import show_quietly
 from meshmash_viewer.units import format_number
 
 __all__ = ["CountBox", "QuantityBox", "dress"]
@@ -31,30 +32,20 @@ class QuantityBox(QDoubleSpinBox):
         self._before = 1.0
         self._refused = False
         super().__init__(parent)
-        self.refused.connect(self._stay)
         self.editingFinished.connect(self._remember)
         self.setDecimals(300)
         self.setRange(1e-150, 1e150)
         self.setSpecialValueText("–")
         self.setCorrectionMode(self.CorrectionMode.CorrectToPreviousValue)
 
-    def quantity(self) -> float:
-        """The number."""
-        return self.value()
-
     def show_quantity(self, value: float) -> None:
         """Show a number without saying that it was changed."""
-        if not (math.isfinite(value) and value > 0.0):
-            return
-        self._set_quietly(value)
+        if math.isfinite(value) and value > 0.0:
+            show_quietly(self, value)
 
     def show_nothing(self) -> None:
         """Show a dash."""
-        self._set_quietly(self.minimum())
-
-    def _set_quietly(self, value: float) -> None:
-        with QSignalBlocker(self):
-            self.setValue(value)
+        show_quietly(self, self.minimum())
 
     def textFromValue(self, value: float) -> str:
         """Write with four digits, whatever the size."""
@@ -78,7 +69,7 @@ class QuantityBox(QDoubleSpinBox):
         """Go back to the number before, and say so if what was typed is out of bounds."""
         number = self._number(text)
         if number is not None:
-            self.refused.emit(number)
+            self._refuse(number)
         return f"{self.prefix()}{self._before!r}{self.suffix()}"
 
     def focusInEvent(self, event: QFocusEvent) -> None:
@@ -93,8 +84,9 @@ class QuantityBox(QDoubleSpinBox):
         if self._refused:
             event.accept()
 
-    def _stay(self) -> None:
+    def _refuse(self, number: float) -> None:
         self._refused = True
+        self.refused.emit(number)
 
     def _remember(self) -> None:
         self._before = self.value()
@@ -137,7 +129,7 @@ class CountBox(QuantityBox):
         number = self._number(text)
         if number is None:
             return self.textFromValue(self.value())
-        self.refused.emit(number)
+        self._refuse(number)
         return self.textFromValue(min(max(number, self.bounds[0]), self.bounds[1]) // 1.0)
 
     def _is_allowed(self, number: float) -> bool:

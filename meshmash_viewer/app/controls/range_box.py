@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QSignalBlocker, Qt, QTimer, Signal
-from PySide6.QtWidgets import QCheckBox, QGridLayout, QHBoxLayout, QLabel, QWidget
+from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtWidgets import QCheckBox, QLabel, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.facts import note, show_note
+from meshmash_viewer.app.controls.facts import note, show_note, show_quietly
+from meshmash_viewer.app.controls.layout import grid, row
 from meshmash_viewer.app.controls.number_field import NumberField
 
 __all__ = ["RangeBox"]
@@ -34,58 +35,48 @@ class RangeBox(QWidget):
     automatic_chosen = Signal(bool)
     range_given = Signal(float, float)
 
-    def __init__(
-        self,
-        names: tuple[str, str, str],
-        texts: tuple[str, str, str],
-        noun: str,
-        parent: QWidget | None = None,
-    ) -> None:
-        super().__init__(parent)
+    def __init__(self, names: tuple[str, str, str], texts: tuple[str, str, str], noun: str) -> None:
+        super().__init__()
         self._unit = ""
         self._disorder = f"The {texts[1].lower()} {noun} has to be below the {texts[2].lower()}."
-        grid = QGridLayout(self)
-        grid.setContentsMargins(0, 0, 0, 0)
-        grid.setHorizontalSpacing(theme.GAP)
-        grid.setVerticalSpacing(theme.GAP // 2)
-        grid.setColumnStretch(1, 1)
-        self.check = theme.named(
-            QCheckBox(texts[0], self), names[0], f"Range of {noun}s: automatic"
-        )
+        self._between: tuple[float | None, float | None] = None, None
+        self.check = theme.named(QCheckBox(texts[0]), names[0], f"Range of {noun}s: automatic")
         self.check.toggled.connect(self.automatic_chosen)
-        grid.addWidget(self.check, 0, 0, 1, 2)
-        self.low = NumberField(names[1], f"{texts[1]} {noun}", self)
-        self.high = NumberField(names[2], f"{texts[2]} {noun}", self)
+        self.low = NumberField(names[1], f"{texts[1]} {noun}")
+        self.high = NumberField(names[2], f"{texts[2]} {noun}")
         # A whole new range is typed in either order: an end beyond the other waits for it.
         self.low.waits = lambda low: self._fault(low, self.high.value)
         self.high.waits = lambda high: self._fault(self.low.value, high)
         self.low.waiting.connect(lambda sentence: self._wait(sentence, self.high))
         self.high.waiting.connect(lambda sentence: self._wait(sentence, self.low))
-        self._between: tuple[float | None, float | None] = None, None
         self._units: list[QLabel] = []
-        for row, (text, field) in enumerate(((texts[1], self.low), (texts[2], self.high)), 1):
-            name, unit = (theme.with_role(QLabel(part, self), "muted") for part in (text, ""))
+        rows = []
+        for text, field in ((texts[1], self.low), (texts[2], self.high)):
+            name, unit = (theme.with_role(QLabel(part), "muted") for part in (text, ""))
             name.setBuddy(field)
             self._units.append(unit)
             # in a row of their own: a column that is empty would keep its distance
-            line = QHBoxLayout()
-            line.setSpacing(theme.GAP)
-            line.addWidget(field, 1)
-            line.addWidget(unit)
-            grid.addWidget(name, row, 0)
-            grid.addLayout(line, row, 1)
+            rows.append((name, row((field,), unit)))
             field.edited.connect(self._give)
             field.refused.connect(self._complain)
             field.left.connect(self._settle)
-        self.fault = note(f"{names[1]}_fault", "warning", self)
-        grid.addWidget(self.fault, 3, 0, 1, 2)
+        self.fault = note(f"{names[1]}_fault", "warning")
+        self.setLayout(grid((self.check,), *rows, (self.fault,)))
 
     def show_range(
-        self, between: tuple[float, float] | None, unit: str, *, automatic: bool
+        self,
+        between: tuple[float, float] | None,
+        unit: str,
+        bounds: tuple[float, float],
+        *,
+        automatic: bool,
     ) -> None:
-        """Show what the model holds; None while there is no range."""
-        with QSignalBlocker(self.check):
-            self.check.setChecked(automatic)
+        """Show what the model holds; None while there is no range.
+
+        `bounds` are the least and the largest end that the mesh can have.
+        """
+        self.low.bounds = self.high.bounds = bounds
+        show_quietly(self.check, automatic)
         for label in self._units:
             label.setText(unit)
             label.setVisible(bool(unit))
@@ -93,10 +84,6 @@ class RangeBox(QWidget):
         self._unit = unit
         if not self._is_waiting():
             self._show()
-
-    def set_bounds(self, low: tuple[float, float], high: tuple[float, float]) -> None:
-        """Say what the mesh can have: the least and the largest for each end."""
-        self.low.bounds, self.high.bounds = low, high
 
     def _fault(self, low: float | None, high: float | None) -> str:
         return self._disorder if low is not None and high is not None and low >= high else ""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QButtonGroup, QHBoxLayout, QPushButton, QWidget
+from PySide6.QtWidgets import QButtonGroup, QPushButton, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.layout import row
 
 __all__ = ["Segments"]
 
@@ -28,26 +29,19 @@ class Segments(QWidget):
 
     chosen = Signal(str)
 
-    def __init__(
-        self, name: str, accessible_name: str, choices: dict[str, str], parent: QWidget | None
-    ) -> None:
-        super().__init__(parent)
+    def __init__(self, name: str, accessible_name: str, choices: dict[str, str]) -> None:
+        super().__init__()
         theme.named(self, name, accessible_name)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(4)
-        self._group = QButtonGroup(self)
+        group = QButtonGroup(self)
         self._buttons: dict[str, QPushButton] = {}
         for key, text in choices.items():
-            button = theme.named(
-                QPushButton(text, self), f"{name}_{key}", f"{accessible_name}: {text}"
-            )
-            button.setProperty("role", "segment")
+            button = QPushButton(text)
+            theme.named(button, f"{name}_{key}", f"{accessible_name}: {text}", role="segment")
             button.setCheckable(True)
             button.clicked.connect(lambda _on=False, key=key: self.chosen.emit(key))
-            self._group.addButton(button)
+            group.addButton(button)
             self._buttons[key] = button
-            row.addWidget(button)
+        self.setLayout(row(*self._buttons.values(), spacing=4))
 
     @property
     def key(self) -> str:

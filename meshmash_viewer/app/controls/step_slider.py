@@ -14,6 +14,8 @@ __all__ = ["Mark", "StepSlider"]
 
 _NOTCH = 120  # eighths of a degree, as Qt counts
 _RADIUS = 7.5
+#: Where the range begins, from either end of the widget.
+_EDGE = _RADIUS + 1.0
 _GROOVE = 4.0
 _ROW = 26
 
@@ -74,21 +76,14 @@ class StepSlider(QSlider):
         return QSize(90, self.sizeHint().height())
 
     def _x(self, share: float) -> float:
-        start = _RADIUS + 1.0
-        return start + share * max(self.width() - 2.0 * start, 1.0)
+        return _EDGE + share * max(self.width() - 2.0 * _EDGE, 1.0)
 
-    def _share_at(self, x: float) -> float:
-        start = _RADIUS + 1.0
-        return min(max((x - start) / max(self.width() - 2.0 * start, 1.0), 0.0), 1.0)
-
-    def _share(self) -> float:
-        span = self.maximum() - self.minimum()
-        return (self.sliderPosition() - self.minimum()) / span if span else 0.0
+    def _x_of(self, value: int) -> float:
+        return self._x((value - self.minimum()) / max(self.maximum() - self.minimum(), 1))
 
     def value_x(self, value: int) -> int:
         """Where along the widget a value is, in pixels."""
-        span = max(self.maximum() - self.minimum(), 1)
-        return round(self._x((value - self.minimum()) / span))
+        return round(self._x_of(value))
 
     # -- events -----------------------------------------------------------------------------
 
@@ -112,9 +107,9 @@ class StepSlider(QSlider):
         event.accept()
 
     def _follow(self, event: QMouseEvent) -> None:
+        share = (event.position().x() - _EDGE) / (self._x(1.0) - _EDGE)
         span = self.maximum() - self.minimum()
-        share = self._share_at(event.position().x())
-        self.setSliderPosition(self.minimum() + round(share * span))
+        self.setSliderPosition(self.minimum() + round(min(max(share, 0.0), 1.0) * span))
         event.accept()
 
     def wheelEvent(self, event: QWheelEvent) -> None:
@@ -130,24 +125,15 @@ class StepSlider(QSlider):
         event.accept()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """The keys of the table of commands: arrows one, pages ten, ends."""
-        key = Qt.Key
-        moves = {
-            key.Key_Right: self.singleStep(),
-            key.Key_Up: self.singleStep(),
-            key.Key_Left: -self.singleStep(),
-            key.Key_Down: -self.singleStep(),
-            key.Key_PageDown: self.pageStep(),
-            key.Key_PageUp: -self.pageStep(),
-            key.Key_Home: self.minimum() - self.value(),
-            key.Key_End: self.maximum() - self.value(),
+        """The keys of the table of commands: of Qt's, only the pages go the other way."""
+        pages = {
+            Qt.Key.Key_PageDown: self.SliderAction.SliderPageStepAdd,
+            Qt.Key.Key_PageUp: self.SliderAction.SliderPageStepSub,
         }
-        move = moves.get(Qt.Key(event.key()))
-        if move is None:
-            event.ignore()
-            return
-        self.setValue(self.value() + move)
-        event.accept()
+        if (page := pages.get(Qt.Key(event.key()))) is not None:
+            self.triggerAction(page)
+        else:
+            super().keyPressEvent(event)
 
     # -- painting ---------------------------------------------------------------------------
 
@@ -162,7 +148,7 @@ class StepSlider(QSlider):
         painter.setPen(Qt.PenStyle.NoPen)
         painter.setBrush(QColor(colors.border if not enabled else colors.border_strong))
         painter.drawRoundedRect(groove, 2.0, 2.0)
-        at = self._x(self._share())
+        at = self._x_of(self.sliderPosition())
         if enabled:
             painter.setBrush(QColor(colors.accent))
             painter.drawRoundedRect(

@@ -5,27 +5,25 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from PySide6.QtCore import QSignalBlocker, Qt
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QComboBox,
-    QDialog,
-    QDialogButtonBox,
     QFrame,
-    QGridLayout,
     QHeaderView,
     QLabel,
     QPushButton,
     QSpinBox,
     QTableWidget,
     QTableWidgetItem,
-    QVBoxLayout,
     QWidget,
 )
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.facts import reserved_note
+from meshmash_viewer.app.controls.facts import reserved_note, show_quietly
 from meshmash_viewer.app.controls.file_row import FileRow
+from meshmash_viewer.app.controls.layout import grid
+from meshmash_viewer.app.dialogs.saving import SaveDialog
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.truncation import missing_sentence
 from meshmash_viewer.fields import EXPORTS
@@ -63,7 +61,7 @@ FORMATS = (
 )
 
 
-class ExportDialog(QDialog):
+class ExportDialog(SaveDialog):
     """Asks for all that an `ExportJob` needs; `job` answers.
 
     Parameters
@@ -79,82 +77,61 @@ class ExportDialog(QDialog):
     def __init__(
         self, document: Document, folder: Path, parent: QWidget | None = None, ending: str = ""
     ) -> None:
-        super().__init__(parent)
-        self.setObjectName("export_dialog")
-        self.setWindowTitle("Export")
-        self._document = document
         assert document.mesh is not None
         assert document.spectrum is not None
+        self._document = document
         self._mesh, self._spectrum = document.mesh, document.spectrum.exact
         self._possible = True
         self._missing = ""
-
-        self.kind_combo = theme.named(QComboBox(), "export_kind_combo")
-        self.kind_combo.setAccessibleName("What to export")
+        suggested = folder / f"{self._mesh.name or 'mesh'}_hks.npz"
+        super().__init__(
+            "export", "Export", FileRow(suggested, *self._file_kind(FORMATS[0])), parent
+        )
+        self.kind_combo = theme.named(QComboBox(), "export_kind_combo", "What to export")
         for kind, family in EXPORTS.items():
             self.kind_combo.addItem(family.export_label or family.label, kind)
-        self.pairs_spin = theme.named(QSpinBox(), "export_pairs_spin")
-        self.pairs_spin.setAccessibleName("Number of eigenpairs to use")
-        self.pairs_spin.setRange(1, len(self._spectrum))
-        self.pairs_spin.setValue(len(self._spectrum))
-        self.pairs_spin.setSuffix(f" of {len(self._spectrum):,} eigenpairs")
-        self.count_spin = theme.named(QSpinBox(), "export_count_spin")
-        self.count_spin.setAccessibleName("Number of columns")
-        self.count_spin.setRange(1, MOST_COUNT)
+        most = len(self._spectrum)
+        suffix = f" of {most:,} eigenpairs"
+        self.pairs_spin = QSpinBox(minimum=1, maximum=most, value=most, suffix=suffix)
+        theme.named(self.pairs_spin, "export_pairs_spin", "Number of eigenpairs to use")
+        self.count_spin = QSpinBox(minimum=1, maximum=MOST_COUNT)
+        theme.named(self.count_spin, "export_count_spin", "Number of columns")
         self._build_table()
         self.contents_label = self._label("export_contents_label", "What the file will contain", 3)
         self.columns_label = self._label("export_columns_label", "Columns", 2)
-        self.remark_label = reserved_note("export_remark_label", 2)
-        name = self._mesh.name or "mesh"
-        self.file_row = FileRow(folder / f"{name}_hks.npz", *self._file_kind(FORMATS[0]))
-
-        grid = QGridLayout()
-        grid.setHorizontalSpacing(16)
-        grid.setVerticalSpacing(10)
-        grid.setColumnStretch(1, 1)
+        rows = {
+            "What": self.kind_combo,
+            "Made from": self.pairs_spin,
+            "Columns": self.count_spin,
+            "Format": self.table,
+            "Contains": self.contents_label,
+            "Named": self.columns_label,
+            "File": self.file_row,
+        }
         top = Qt.AlignmentFlag.AlignTop
-        for at, (text, widget) in enumerate(
-            (
-                ("What", self.kind_combo),
-                ("Made from", self.pairs_spin),
-                ("Columns", self.count_spin),
-                ("Format", self.table),
-                ("Contains", self.contents_label),
-                ("Named", self.columns_label),
-                ("File", self.file_row),
-            )
-        ):
-            label = theme.with_role(QLabel(text), "muted")
-            label.setContentsMargins(0, 4, 0, 0)
-            grid.addWidget(label, at, 0, top)
-            grid.addWidget(widget, at, 1)
-            if widget is self.count_spin:
-                self._count_row = (label, widget)
-        grid.addWidget(self.remark_label, grid.rowCount(), 1)
-
-        buttons = QDialogButtonBox()
-        buttons.addButton(QDialogButtonBox.StandardButton.Cancel)
-        self.export_button = theme.with_role(
-            theme.named(QPushButton("Export"), "export_button"), "primary"
+        names = {text: theme.with_role(QLabel(text, alignment=top), "muted") for text in rows}
+        for name in names.values():
+            name.setContentsMargins(0, 4, 0, 0)
+        self._count_row = names["Columns"], self.count_spin
+        self.export_button = self.accept_button = theme.named(
+            QPushButton("Export"), "export_button", role="primary"
         )
-        self.export_button.setDefault(True)
-        buttons.addButton(self.export_button, QDialogButtonBox.ButtonRole.AcceptRole)
-        buttons.accepted.connect(self._accept)
-        buttons.rejected.connect(self.reject)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(20, 18, 20, 16)
-        column.setSpacing(14)
-        column.addLayout(grid)
-        column.addWidget(theme.with_role(QFrame(), "line"))
-        column.addWidget(buttons)
-        theme.pad_fields(self)
+        self._arrange(
+            grid(
+                *zip(names.values(), rows.values(), strict=True),
+                (None, self.remark_label),
+                spacing=(16, 10),
+            ),
+            theme.with_role(QFrame(), "line"),
+            spacing=14,
+        )
         self.setMinimumWidth(700)
 
         self.kind_combo.currentIndexChanged.connect(self._change_kind)
         self.pairs_spin.valueChanged.connect(self._refresh)
         self.count_spin.valueChanged.connect(self._refresh)
         self.table.itemSelectionChanged.connect(self._change_format)
-        self.file_row.changed.connect(self._follow_name)
+        self.file_row.edit.textChanged.connect(self._follow_name)
         shown = document.display.family.behind(document.display.fields)
         self.kind_combo.setCurrentIndex(max(self.kind_combo.findData(shown.export), 0))
         self._change_kind()
@@ -171,11 +148,6 @@ class ExportDialog(QDialog):
     def format(self) -> Format:
         """The format chosen in the table."""
         return FORMATS[max(self.table.currentRow(), 0)]
-
-    @property
-    def path(self) -> Path:
-        """Where to write."""
-        return self.file_row.path
 
     def job(self) -> ExportJob:
         """All of it, as the work to be done."""
@@ -219,8 +191,8 @@ class ExportDialog(QDialog):
         return label
 
     def _build_table(self) -> None:
-        table = theme.named(QTableWidget(len(FORMATS), 4), "export_format_table")
-        table.setAccessibleName("Format")
+        self.table = table = QTableWidget(len(FORMATS), 4)
+        theme.named(table, "export_format_table", "Format")
         table.setHorizontalHeaderLabels(["Format", "Ending", "About", "Holds"])
         table.verticalHeader().hide()
         table.setShowGrid(False)
@@ -228,50 +200,45 @@ class ExportDialog(QDialog):
         table.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
         table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         table.setTabKeyNavigation(False)
-        for row, each in enumerate(FORMATS):
-            for at, text in enumerate((each.name, each.ending, "", each.holds)):
-                item = QTableWidgetItem(text)
-                if at == 2:
-                    item.setTextAlignment(
-                        Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
-                    )
-                table.setItem(row, at, item)
-            table.setRowHeight(row, 26)
+        middle = Qt.AlignmentFlag.AlignVCenter
+        self._items = [
+            [QTableWidgetItem(text) for text in (each.name, each.ending, "", each.holds)]
+            for each in FORMATS
+        ]
+        for at, items in enumerate(self._items):
+            items[2].setTextAlignment(Qt.AlignmentFlag.AlignRight | middle)
+            for place, item in enumerate(items):
+                table.setItem(at, place, item)
+            table.setRowHeight(at, 26)
         header = table.horizontalHeader()
         header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         header.setStretchLastSection(True)
         header.setHighlightSections(False)
-        header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+        header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | middle)
         table.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         table.setFixedHeight(26 * len(FORMATS) + 32)
         table.selectRow(0)
-        self.table = table
-
-    def _item(self, row: int, column: int) -> QTableWidgetItem:
-        item = self.table.item(row, column)
-        assert item is not None
-        return item
 
     @staticmethod
     def _file_kind(chosen: Format) -> tuple[str, str]:
         return f"{chosen.name} (*{chosen.ending})", chosen.ending
 
+    def _holds(self, chosen: Format) -> bool:
+        """Whether a format can hold what is exported: only two of them hold eigenpairs."""
+        return bool(self._chosen().counted) or chosen.ending in EIGENPAIR_WRITERS
+
     def _change_kind(self) -> None:
-        """Only two of the formats can hold eigenpairs."""
         chosen = self._chosen()
-        pairs = not chosen.counted
+        self._output = "features" if chosen.counted else "eigenpairs"
         for widget in self._count_row:
-            widget.setVisible(not pairs)
-        if not pairs:
-            with QSignalBlocker(self.count_spin):
-                self.count_spin.setValue(getattr(chosen, chosen.counted))
-        for row, each in enumerate(FORMATS):
-            possible = not pairs or each.ending in EIGENPAIR_WRITERS
-            for at in range(self.table.columnCount()):
-                item = self._item(row, at)
-                flags = Qt.ItemFlag.ItemIsEnabled | Qt.ItemFlag.ItemIsSelectable
-                item.setFlags(flags if possible else Qt.ItemFlag.NoItemFlags)
-        if pairs and self.format.ending not in EIGENPAIR_WRITERS:
+            widget.setVisible(bool(chosen.counted))
+        if chosen.counted:
+            show_quietly(self.count_spin, getattr(chosen, chosen.counted))
+        flags = Qt.ItemFlag.ItemIsEnabled | Qt.ItemFlag.ItemIsSelectable
+        for each, items in zip(FORMATS, self._items, strict=True):
+            for item in items:
+                item.setFlags(flags if self._holds(each) else Qt.ItemFlag.NoItemFlags)
+        if not self._holds(self.format):
             self.table.selectRow(0)
         path, stem = self.path, self.path.name.removesuffix(self.format.ending)
         for kind in EXPORTS:
@@ -291,12 +258,11 @@ class ExportDialog(QDialog):
         name = self.file_row.edit.text().strip().lower()
         if not name.endswith(self.format.ending):
             self._choose_ending(next((e.ending for e in FORMATS if name.endswith(e.ending)), ""))
-        self._refresh_remark()
 
     def _choose_ending(self, ending: str) -> None:
-        for row, each in enumerate(FORMATS):
-            if each.ending == ending and self._item(row, 0).flags() != Qt.ItemFlag.NoItemFlags:
-                self.table.selectRow(row)
+        for at, each in enumerate(FORMATS):
+            if each.ending == ending and self._holds(each):
+                self.table.selectRow(at)
 
     def _refresh(self) -> None:
         n, unit = self._mesh.n_vertices, self._mesh.unit
@@ -305,10 +271,9 @@ class ExportDialog(QDialog):
         except InputError as fault:
             columns, about = [], str(fault)
         self._possible = bool(columns)
-        for row, each in enumerate(FORMATS):
+        for each, items in zip(FORMATS, self._items, strict=True):
             size = n * (each.number * len(columns) + each.place)
-            possible = columns and self._item(row, 0).flags() != Qt.ItemFlag.NoItemFlags
-            self._item(row, 2).setText(written_bytes(size) if possible else "–")
+            items[2].setText(written_bytes(size) if columns and self._holds(each) else "–")
         kind = "float32" if self.format.number < 8 and self.format.ending != ".csv" else "float64"
         self.contents_label.setText(
             f"{counted(n, 'row')} (vertices) × {counted(len(columns), 'column')}, {kind}.\n{about}"
@@ -336,17 +301,9 @@ class ExportDialog(QDialog):
         return list(bank.columns), f"{about} Values in {values}." if values else about
 
     def _refresh_remark(self) -> None:
-        parts = [self._missing] if self._missing else []
-        spectrum = self._spectrum
-        if not spectrum.complete:
+        parts = [self._missing]
+        if not self._spectrum.complete:
             parts.append("The decomposition is not complete: the file will say so.")
         parts.append(self.file_row.remark)
         self.remark_label.setText(" ".join(filter(None, parts)))
-        self.export_button.setEnabled(self._possible and self.file_row.named)
-
-    def _accept(self) -> None:
-        fault = self.file_row.fault("features" if self._chosen().counted else "eigenpairs")
-        if fault:
-            self.remark_label.setText(fault)
-        else:
-            self.accept()
+        self.accept_button.setEnabled(self._possible and self.file_row.named)

@@ -12,13 +12,13 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QTreeWidget,
     QTreeWidgetItem,
-    QVBoxLayout,
     QWidget,
 )
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS, MENUS, MOUSE_HELP
 from meshmash_viewer.app.controls import icons
+from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.defects import versions
 
 __all__ = ["AboutDialog", "HelpDialog"]
@@ -54,29 +54,17 @@ class HelpDialog(QDialog):
         self.tree.setWordWrap(True)
         self._groups: list[tuple[QTreeWidgetItem, list[QTreeWidgetItem]]] = []
         for menu in MENUS:
-            self._add_group(
-                menu,
-                [
-                    (each.text.rstrip("…"), _keys(each.shortcuts), each.tooltip)
-                    for each in COMMANDS
-                    if each.menu == menu
-                ],
-            )
-        self._add_group(
-            "Mouse over the render", [(gesture, "", what) for gesture, what in MOUSE_HELP]
-        )
+            mine = (each for each in COMMANDS if each.menu == menu)
+            rows = [(each.text.rstrip("…"), _keys(each.shortcuts), each.tooltip) for each in mine]
+            self._add_group(menu, rows)
+        gestures = [(gesture, "", what) for gesture, what in MOUSE_HELP]
+        self._add_group("Mouse over the render", gestures)
         self.tree.expandAll()
         self.tree.header().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         self.tree.header().setStretchLastSection(True)
 
-        buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
-        buttons.rejected.connect(self.reject)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(16, 16, 16, 12)
-        column.setSpacing(theme.GAP)
-        column.addWidget(self.search)
-        column.addWidget(self.tree, 1)
-        column.addWidget(buttons)
+        parts = self.search, (self.tree,), _close_button(self)
+        self.setLayout(column(*parts, margins=(16, 16, 16, 12)))
 
     def _add_group(self, name: str, rows: list[tuple[str, str, str]]) -> None:
         group = QTreeWidgetItem(self.tree, [name])
@@ -106,26 +94,25 @@ class AboutDialog(QDialog):
         super().__init__(parent)
         self.setObjectName("about_dialog")
         self.setWindowTitle("About MeshMash Viewer")
-        picture = QLabel()
-        picture.setPixmap(icons.application_icon().pixmap(64, 64))
+        picture = QLabel(pixmap=icons.application_icon().pixmap(64, 64))
         title = theme.with_role(QLabel("MeshMash Viewer"), "title")
-        version = theme.with_role(QLabel(versions()), "muted")
+        version = theme.with_role(QLabel(versions(), wordWrap=True), "muted")
         version.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        version.setWordWrap(True)
         text = QLabel(
             "Laplacian eigenfunctions, heat kernel signatures and spectral bands of triangle "
             "meshes, live and certified. MIT licence.",
             wordWrap=True,
         )
         methods = theme.with_role(QLabel(_METHODS, wordWrap=True), "muted")
-        buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
-        buttons.rejected.connect(self.reject)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(24, 20, 24, 16)
-        column.setSpacing(theme.MARGIN)
-        for widget in (picture, title, text, methods, version, buttons):
-            column.addWidget(widget)
+        parts = picture, title, text, methods, version, _close_button(self)
+        self.setLayout(column(*parts, spacing=theme.MARGIN, margins=(24, 20, 24, 16)))
         self.setFixedWidth(460)
+
+
+def _close_button(dialog: QDialog) -> QDialogButtonBox:
+    buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
+    buttons.rejected.connect(dialog.reject)
+    return buttons
 
 
 def _keys(shortcuts: tuple[str, ...]) -> str:

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QSignalBlocker, QSize
-from PySide6.QtWidgets import (
-    QComboBox,
-    QDoubleSpinBox,
-    QGridLayout,
-    QHBoxLayout,
-    QLabel,
-    QVBoxLayout,
-    QWidget,
-)
+from types import NoneType
+from typing import Any
+
+from PySide6.QtCore import QSize
+from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QLabel, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.facts import keep_room, reserved_note
+from meshmash_viewer.app.controls.facts import keep_room, reserved_note, show_quietly
+from meshmash_viewer.app.controls.layout import Part, column, grid, row
 from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.controls.swatches import DIVERGING, SEQUENTIAL, swatch_icon
 from meshmash_viewer.app.listening import follow, later, listen
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.limits import (
-    LimitPolicy,
     LockedLimits,
     MinMaxLimits,
     PercentileLimits,
@@ -30,13 +25,15 @@ from meshmash_viewer.model.limits import (
 
 __all__ = ["ColorSection"]
 
-_POLICIES = (
-    ("automatic", "Automatic"),
-    ("symmetric", "Symmetric about 0"),
-    ("minmax", "Minimum to maximum"),
-    ("percentile", "Percentiles"),
-    ("locked", "Locked"),
-)
+#: How the two ends are decided, and what that is called; by None they follow the field.
+_POLICIES: dict[str, tuple[type[Any], str]] = {
+    "automatic": (NoneType, "Automatic"),
+    "symmetric": (SymmetricLimits, "Symmetric about 0"),
+    "minmax": (MinMaxLimits, "Minimum to maximum"),
+    "percentile": (PercentileLimits, "Percentiles"),
+    "locked": (LockedLimits, "Locked"),
+}
+_KINDS = [kind for kind, _ in _POLICIES.values()]
 
 
 class ColorSection(QWidget):
@@ -57,72 +54,48 @@ class ColorSection(QWidget):
         self.refresh()
 
     def _build(self) -> None:
-        column = QVBoxLayout(self)
-        column.setContentsMargins(theme.MARGIN, 0, theme.MARGIN, theme.MARGIN)
-        column.setSpacing(theme.GAP)
-        column.addWidget(theme.with_role(QLabel("Colour", self), "heading"))
-        grid = QGridLayout()
-        grid.setHorizontalSpacing(theme.GAP)
-        grid.setVerticalSpacing(theme.GAP // 2)
-        grid.setColumnStretch(1, 1)
-        self.map_combo = theme.named(QComboBox(self), "colormap_combo", "Colour map")
+        self.map_combo = theme.named(QComboBox(), "colormap_combo", "Colour map")
         self.map_combo.setIconSize(QSize(56, 12))
         self.map_combo.activated.connect(self._choose_map)
-        self.policy_combo = theme.named(QComboBox(self), "limits_combo", "Limits of the colours")
-        for key, text in _POLICIES:
+        self.policy_combo = theme.named(QComboBox(), "limits_combo", "Limits of the colours")
+        for key, (_, text) in _POLICIES.items():
             self.policy_combo.addItem(text, key)
         self.policy_combo.activated.connect(self._choose_policy)
-        for row, (text, combo) in enumerate(
-            (("Map", self.map_combo), ("Limits", self.policy_combo))
-        ):
-            label = theme.with_role(QLabel(text, self), "muted")
+        rows = ((_muted("Map"), self.map_combo), (_muted("Limits"), self.policy_combo))
+        for label, combo in rows:
             label.setBuddy(combo)
-            grid.addWidget(label, row, 0)
-            grid.addWidget(combo, row, 1)
-        column.addLayout(grid)
-        ends = QHBoxLayout()
-        ends.setSpacing(theme.GAP)
-        self.low = NumberField("limit_low_field", "Low limit", self)
-        self.high = NumberField("limit_high_field", "High limit", self)
+        self.low = NumberField("limit_low_field", "Low limit")
+        self.high = NumberField("limit_high_field", "High limit")
         self.low.fault = lambda low: self._fault(low, self.high.value)
         self.high.fault = lambda high: self._fault(self.low.value, high)
-        self.unit_label = theme.with_role(QLabel(self), "muted")
         for field in (self.low, self.high):
             field.setToolTip("Give a number to lock the limits")
             field.edited.connect(self._lock)
             field.refused.connect(self._complain)
-        ends.addWidget(self.low, 1)
-        ends.addWidget(theme.with_role(QLabel("to", self), "muted"))
-        ends.addWidget(self.high, 1)
-        ends.addWidget(self.unit_label)
-        column.addLayout(ends)
-        self._build_percentiles(column)
-        self.fault = reserved_note("limits_fault", 1)
-        column.addWidget(self.fault)
-
-    def _build_percentiles(self, column: QVBoxLayout) -> None:
-        self.percentiles = QWidget(self)
-        row = QHBoxLayout(self.percentiles)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(theme.GAP)
+        self.unit_label = _muted("")
+        self.percentiles = QWidget()
         default = PercentileLimits()
-        self.percent_low, self.percent_high = QDoubleSpinBox(self), QDoubleSpinBox(self)
-        for spin, name, text, value in (
-            (self.percent_low, "percentile_low_spin", "Low percentile", default.low),
-            (self.percent_high, "percentile_high_spin", "High percentile", default.high),
-        ):
-            theme.named(spin, name, text)
-            spin.setRange(0.0, 100.0)
-            spin.setDecimals(1)
-            spin.setSuffix(" %")
-            spin.setValue(value)
-            spin.setKeyboardTracking(False)
-            spin.valueChanged.connect(self._choose_percentiles)
-        row.addWidget(self.percent_low, 1)
-        row.addWidget(theme.with_role(QLabel("to", self), "muted"))
-        row.addWidget(self.percent_high, 1)
+        self.percent_low = self._percent_spin("Low percentile", default.low)
+        self.percent_high = self._percent_spin("High percentile", default.high)
+        both = (self.percent_low,), _muted("to"), (self.percent_high,)
+        self.percentiles.setLayout(row(*both))
         keep_room(self.percentiles)
-        column.addWidget(self.percentiles)
+        self.fault = reserved_note("limits_fault", 1)
+        parts: tuple[Part, ...] = (
+            theme.with_role(QLabel("Colour"), "heading"),
+            grid(*rows),
+            row((self.low,), _muted("to"), (self.high,), self.unit_label),
+            self.percentiles,
+            self.fault,
+        )
+        self.setLayout(column(*parts, margins=(theme.MARGIN, 0, theme.MARGIN, theme.MARGIN)))
+
+    def _percent_spin(self, text: str, value: float) -> QDoubleSpinBox:
+        spin = QDoubleSpinBox(decimals=1, minimum=0.0, maximum=100.0, suffix=" %", value=value)
+        spin.setKeyboardTracking(False)
+        spin.valueChanged.connect(self._choose_percentiles)
+        end, what = text.lower().split()
+        return theme.named(spin, f"{what}_{end}_spin", text)
 
     # -- from the person --------------------------------------------------------------------
 
@@ -134,14 +107,8 @@ class ColorSection(QWidget):
             self._document.display.sequential_colormap = name
 
     def _choose_policy(self, row: int) -> None:
-        policies: dict[str, LimitPolicy | None] = {
-            "automatic": None,
-            "symmetric": SymmetricLimits(),
-            "minmax": MinMaxLimits(),
-            "percentile": PercentileLimits(),
-            "locked": LockedLimits(*(self._limits or (-1.0, 1.0))),
-        }
-        self._document.display.limits = policies[_POLICIES[row][0]]
+        kind, ends = _KINDS[row], self._limits or (-1.0, 1.0)
+        self._document.display.limits = kind(*ends) if kind is LockedLimits else kind()
 
     def _choose_percentiles(self, _value: float) -> None:
         low, high = self.percent_low.value(), self.percent_high.value()
@@ -191,34 +158,22 @@ class ColorSection(QWidget):
             for name in wanted:
                 self.map_combo.addItem(swatch_icon(name), names.get(name, name), name)
         self.map_combo.setCurrentIndex(wanted.index(chosen))
-        key = _key(display.limits)
-        self.policy_combo.setCurrentIndex([each for each, _ in _POLICIES].index(key))
-        self.percentiles.setVisible(key == "percentile")
-        if isinstance(display.limits, PercentileLimits):
-            for spin, value in (
-                (self.percent_low, display.limits.low),
-                (self.percent_high, display.limits.high),
-            ):
-                with QSignalBlocker(spin):
-                    spin.setValue(value)
+        policy = display.limits
+        known = type(policy) in _KINDS
+        self.policy_combo.setCurrentIndex(_KINDS.index(type(policy)) if known else 0)
+        self.percentiles.setVisible(isinstance(policy, PercentileLimits))
         limits = self._limits
-        if isinstance(display.limits, LockedLimits):
-            limits = (display.limits.low, display.limits.high)
-        self.low.show_value(limits[0] if limits else None, self._unit)
-        self.high.show_value(limits[1] if limits else None, self._unit)
-        self.low.setEnabled(limits is not None)
-        self.high.setEnabled(limits is not None)
+        if isinstance(policy, PercentileLimits):
+            show_quietly(self.percent_low, policy.low)
+            show_quietly(self.percent_high, policy.high)
+        elif isinstance(policy, LockedLimits):
+            limits = policy.low, policy.high
+        for field, end in zip((self.low, self.high), limits or (None, None), strict=True):
+            field.show_value(end, self._unit)
+            field.setEnabled(end is not None)
         self.unit_label.setText(self._unit)
         self.unit_label.setVisible(bool(self._unit))
 
 
-def _key(policy: LimitPolicy | None) -> str:
-    for kind, key in (
-        (SymmetricLimits, "symmetric"),
-        (MinMaxLimits, "minmax"),
-        (PercentileLimits, "percentile"),
-        (LockedLimits, "locked"),
-    ):
-        if isinstance(policy, kind):
-            return key
-    return "automatic"
+def _muted(text: str) -> QLabel:
+    return theme.with_role(QLabel(text), "muted")

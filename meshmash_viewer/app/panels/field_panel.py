@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QSignalBlocker, Qt
-from PySide6.QtWidgets import QFrame, QScrollArea, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QScrollArea, QTabWidget, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import note, show_note
+from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.color_section import ColorSection
 from meshmash_viewer.app.tabs import tab_of
@@ -23,40 +24,27 @@ class FieldPanel(QWidget):
 
     def __init__(self, document: Document, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.setObjectName("field_panel")
-        self.setAccessibleName("Field")
+        theme.named(self, "field_panel", "Field")
         self._document = document
         self._player = Player(document, self)
-
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(0)
-        self.tabs = QTabWidget(self)
-        self.tabs.setObjectName("field_tabs")
-        self.tabs.setAccessibleName("Family of fields")
+        self.tabs = theme.named(QTabWidget(), "field_tabs", "Family of fields")
         self.tabs.setDocumentMode(True)
-        self.tabs.tabBar().setObjectName("field_tab_bar")
-        self.tabs.tabBar().setExpanding(False)
+        theme.named(self.tabs.tabBar(), "field_tab_bar").setExpanding(False)
         self.tabs.setUsesScrollButtons(True)
         self._pages = {name: tab_of(family)(document, self) for name, family in FAMILIES.items()}
         for name, page in self._pages.items():
-            area = QScrollArea(self)
+            area = QScrollArea(widgetResizable=True)
             area.setFrameShape(QFrame.Shape.NoFrame)
-            area.setWidgetResizable(True)
             area.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # it follows its fields
-            page.setObjectName("panel_content")
-            area.setWidget(page)
+            area.setWidget(theme.named(page, "panel_content"))
             family = FAMILIES[name]
             self.tabs.setTabToolTip(self.tabs.addTab(area, family.short), family.tip)
         self.tabs.currentChanged.connect(self._choose_kind)
-        self.hint = note("field_hint", "muted", self)
+        self.hint = note("field_hint")
         self.hint.setContentsMargins(theme.MARGIN, 0, theme.MARGIN, theme.GAP)
-        self.colors = ColorSection(document, self)
-        line = theme.with_role(QFrame(self), "line")
-        column.addWidget(self.tabs, 1)
-        column.addWidget(self.hint)
-        column.addWidget(line)
-        column.addWidget(self.colors)
+        self.colors = ColorSection(document)
+        line = theme.with_role(QFrame(), "line")
+        self.setLayout(column((self.tabs,), self.hint, line, self.colors, spacing=0))
 
         follow(document.display.events.kind, self._refresh_tab)
         follow(document.spectrum_changed, self._refresh_use)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLabel, QPushButton, QWidget
+from PySide6.QtWidgets import QLabel, QPushButton, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons
+from meshmash_viewer.app.controls.layout import Part, grid, row
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.model.document import Document
@@ -69,61 +70,52 @@ class HealthTable(QWidget):
         self._marks: dict[str, QLabel] = {}
         self._counts: dict[str, QLabel] = {}
         self._buttons: dict[str, QPushButton] = {}
-        grid = QGridLayout(self)
-        grid.setContentsMargins(0, 0, 0, 0)
-        grid.setHorizontalSpacing(theme.GAP)
-        grid.setVerticalSpacing(1)
-        grid.setColumnStretch(1, 1)
-        for at, row in enumerate(_ROWS):
-            mark = QLabel()
+        rows = []
+        for each in _ROWS:
+            mark, text = QLabel(), QLabel(each.text)
             mark.setFixedSize(14, 18)
-            text = QLabel(row.text)
-            count = theme.named(QLabel("–"), f"health_{row.attribute}", row.text)
-            count.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+            right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+            count = QLabel("–", alignment=right)
+            theme.named(count, f"health_{each.attribute}", each.text)
             for label in (mark, text, count):
-                label.setToolTip(row.tooltip)
-            self._marks[row.attribute] = mark
-            self._counts[row.attribute] = count
+                label.setToolTip(each.tooltip)
+            self._marks[each.attribute] = mark
+            self._counts[each.attribute] = count
             # text and button share a cell, so that the longest of each need not stand side by side
-            cell = QHBoxLayout()
-            cell.setContentsMargins(0, 0, 0, 0)
-            cell.setSpacing(theme.GAP)
-            cell.addWidget(text)
-            cell.addStretch(1)
-            grid.addWidget(mark, at, 0)
-            grid.addLayout(cell, at, 1)
-            grid.addWidget(count, at, 2)
-            if row.repair:
-                button = theme.named(
-                    QPushButton(row.verb), row.repair, REPAIRS[row.repair].label, role="link"
-                )
-                button.setToolTip(f"{REPAIRS[row.repair].label} (can be undone)")
-                button.clicked.connect(
-                    lambda _checked=False, name=row.repair: document.repair(name)
-                )
-                button.hide()
-                self._buttons[row.attribute] = button
-                cell.addWidget(button)
+            cell: list[Part] = [text, None]
+            if each.repair:
+                cell.append(self._repair_button(each))
+            rows.append((mark, row(*cell), count))
+        self.setLayout(grid(*rows, spacing=(theme.GAP, 1)))
         follow(document.mesh_changed, self.refresh)
         follow(document.job_changed, self._refresh_buttons)
         theme.notifier().changed.connect(self.refresh)
         self.refresh()
 
+    def _repair_button(self, each: _Row) -> QPushButton:
+        label = REPAIRS[each.repair].label
+        tip = f"{label} (can be undone)"
+        button = theme.named(QPushButton(each.verb), each.repair, label, role="link", tip=tip)
+        button.clicked.connect(lambda: self._document.repair(each.repair))
+        button.hide()
+        self._buttons[each.attribute] = button
+        return button
+
     def refresh(self) -> None:
         """Show the open mesh's counts."""
         ready, colors = self._document.ready, theme.palette()
-        for row in _ROWS:
-            mark, count = self._marks[row.attribute], self._counts[row.attribute]
+        for each in _ROWS:
+            mark, count = self._marks[each.attribute], self._counts[each.attribute]
             if ready is None:
                 mark.clear()
                 count.setText("–")
                 continue
-            number = getattr(ready.health, row.attribute)
+            number = getattr(ready.health, each.attribute)
             count.setText(f"{number:,}")
-            if row.attribute == "n_components":
+            if each.attribute == "n_components":
                 share = ready.health.largest_component / max(ready.health.n_vertices, 1)
-                count.setToolTip(f"{row.tooltip}. The largest has {share:.1%} of the vertices")
-            if row.fault:
+                count.setToolTip(f"{each.tooltip}. The largest has {share:.1%} of the vertices")
+            if each.fault:
                 name, color = ("warning", colors.warning) if number else ("good", colors.good)
                 mark.setPixmap(icons.pixmap(name, color, 14))
         self._refresh_buttons()
@@ -131,8 +123,8 @@ class HealthTable(QWidget):
     def _refresh_buttons(self) -> None:
         ready = self._document.ready
         idle = self._document.job is None
-        for row in _ROWS:
-            if row.repair:
-                todo = REPAIRS[row.repair].count(ready.health) if ready else 0
-                self._buttons[row.attribute].setVisible(todo > 0)
-                self._buttons[row.attribute].setEnabled(idle)
+        for each in _ROWS:
+            if each.repair:
+                todo = REPAIRS[each.repair].count(ready.health) if ready else 0
+                self._buttons[each.attribute].setVisible(todo > 0)
+                self._buttons[each.attribute].setEnabled(idle)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from PySide6.QtCore import QEvent, QObject, QSignalBlocker, Qt
+from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
     QFrame,
-    QGridLayout,
     QHBoxLayout,
     QLabel,
     QProgressBar,
@@ -18,12 +17,12 @@ from PySide6.QtWidgets import (
     QScrollArea,
     QSizePolicy,
     QStackedLayout,
-    QVBoxLayout,
     QWidget,
 )
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.facts import keep_room, reserved_note
+from meshmash_viewer.app.controls.facts import keep_room, reserved_note, show_quietly
+from meshmash_viewer.app.controls.layout import Part, column, grid, row
 from meshmash_viewer.app.controls.number_box import QuantityBox
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
@@ -51,49 +50,44 @@ class MeshPanel(QWidget):
         theme.named(self, "mesh_panel", "Mesh")
         self._document = document
 
-        content = theme.named(QWidget(), "panel_content")
-        column = QVBoxLayout(content)
-        column.setContentsMargins(theme.MARGIN, theme.GAP, theme.MARGIN, theme.MARGIN)
-        column.setSpacing(6)
-        self._build_facts(column)
-        self._heading(column, "Decomposition")
         self.target_box = TargetBox(document)
-        column.addWidget(self.target_box)
         self.cost_label = reserved_note("cost_label", 2, "muted", "Estimated memory and time")
-        column.addWidget(self.cost_label)
         self.undo_button = theme.named(
             QPushButton("Undo repair"), "undo_repair_button", "Undo the last repair", role="link"
         )
         self.undo_button.clicked.connect(document.undo_repair)
         keep_room(self.undo_button)
-        self._heading(column, "Health", self.undo_button)
-        column.addWidget(HealthTable(document))
-        self._heading(column, "Laplacian")
-        self._build_operator(column)
-        column.addStretch(1)
-
+        margins = theme.MARGIN, theme.GAP, theme.MARGIN, theme.MARGIN
+        self._content = theme.named(QWidget(), "panel_content")
+        self._content.setLayout(
+            column(
+                *self._build_facts(),
+                self._heading("Decomposition"),
+                self.target_box,
+                self.cost_label,
+                self._heading("Health", self.undo_button),
+                HealthTable(document),
+                self._heading("Laplacian"),
+                self._build_operator(),
+                None,
+                spacing=6,
+                margins=margins,
+            )
+        )
         scroll = QScrollArea(widgetResizable=True)
-        scroll.setWidget(content)
+        scroll.setWidget(self._content)
         scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # it follows its fields
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        outer = QVBoxLayout(self)
-        outer.setContentsMargins(0, 0, 0, 0)
-        outer.setSpacing(0)
-        outer.addWidget(scroll, 1)
-        outer.addWidget(theme.with_role(QFrame(), "line"))
-        outer.addWidget(self._build_foot())
-        self._content = content
-        content.installEventFilter(self)
+        line = theme.with_role(QFrame(), "line")
+        self.setLayout(column((scroll,), line, self._build_foot(), spacing=0))
+        self._content.installEventFilter(self)
 
         follow(document.mesh_changed, self._refresh_facts)
-        follow(document.mesh_changed, self._refresh_cost)
         follow(document.settings_changed, self._refresh_operator)
-        follow(document.settings_changed, self._refresh_cost)
-        follow(document.settings_changed, self._refresh_job)
-        follow(document.spectrum_changed, self._refresh_cost)
-        follow(document.spectrum_changed, self._refresh_job)
         follow(document.job_changed, self._refresh_job)
-        follow(document.mesh_changed, self._refresh_job)
+        for signal in (document.mesh_changed, document.settings_changed, document.spectrum_changed):
+            follow(signal, self._refresh_cost)
+            follow(signal, self._refresh_job)
         self._refresh_facts()
         self._refresh_operator()
         self._refresh_cost()
@@ -112,37 +106,29 @@ class MeshPanel(QWidget):
 
     # -- what was read ------------------------------------------------------------------------
 
-    def _heading(self, column: QVBoxLayout, text: str, beside: QWidget | None = None) -> None:
-        column.addSpacing(theme.GAP)
-        row = QHBoxLayout()
-        row.addWidget(theme.with_role(QLabel(text), "heading"), 1)
-        if beside is not None:
-            row.addWidget(beside)
-        column.addLayout(row)
+    def _heading(self, text: str, *beside: QWidget) -> QHBoxLayout:
+        heading = theme.with_role(QLabel(text), "heading")
+        return row((heading,), *beside, margins=(0, theme.GAP, 0, 0))
 
-    def _build_facts(self, column: QVBoxLayout) -> None:
+    def _build_facts(self) -> tuple[Part, ...]:
         self.name_label = theme.named(
             QLabel(), "mesh_name_label", "Name of the mesh", role="heading"
         )
         self.path_label = theme.named(QLabel(), "mesh_path_label", "Path of the mesh", role="muted")
-        column.addWidget(self.name_label)
-        column.addWidget(self.path_label)
-        grid = QGridLayout()
-        grid.setHorizontalSpacing(theme.GAP)
-        grid.setVerticalSpacing(3)
-        grid.setColumnStretch(1, 1)
         self._facts: dict[str, QLabel] = {}
-        for at, name in enumerate(("Vertices", "Faces", "Area", "Extent")):
-            label = theme.named(QLabel("–"), f"mesh_{name.lower()}_label", name)
-            label.setAlignment(Qt.AlignmentFlag.AlignRight)
+        for name in ("Vertices", "Faces", "Area", "Extent"):
+            label = QLabel("–", alignment=Qt.AlignmentFlag.AlignRight)
+            theme.named(label, f"mesh_{name.lower()}_label", name)
             label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
             # a long value is cut off rather than widening the panel; the tooltip has all of it
             label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
             self._facts[name] = label
-            grid.addWidget(QLabel(name), at, 0)
-            grid.addWidget(label, at, 1)
         self.unit_combo = theme.named(
-            QComboBox(editable=True), "unit_combo", "Unit of the coordinates"
+            QComboBox(editable=True),
+            "unit_combo",
+            "Unit of the coordinates",
+            tip="Unit of the coordinates in the file; or the size of a voxel, such as “8 nm” or "
+            "“4 × 4 × 40 nm”, by which coordinates counted in voxels are multiplied",
         )
         # the last ones show that a voxel size can be said too, whichever it is
         voxels = ("8 nm", "4 × 4 × 40 nm")
@@ -150,17 +136,13 @@ class MeshPanel(QWidget):
         # of "m" it would make "mm"
         self.unit_combo.setCompleter(None)  # type: ignore[arg-type]  # as documented
         self.unit_combo.setInsertPolicy(QComboBox.InsertPolicy.NoInsert)
-        self.unit_combo.setToolTip(
-            "Unit of the coordinates in the file; or the size of a voxel, such as “8 nm” or "
-            "“4 × 4 × 40 nm”, by which coordinates counted in voxels are multiplied"
-        )
         self._unit_edit = self.unit_combo.lineEdit()
         assert self._unit_edit is not None  # the list is editable
         self._unit_edit.editingFinished.connect(self._choose_unit)
         self.unit_combo.activated.connect(self._choose_unit)
-        grid.addWidget(QLabel("Unit"), 4, 0)
-        grid.addWidget(self.unit_combo, 4, 1, Qt.AlignmentFlag.AlignRight)
-        column.addLayout(grid)
+        facts = ((QLabel(name), label) for name, label in self._facts.items())
+        unit = QLabel("Unit"), row(None, self.unit_combo)
+        return self.name_label, self.path_label, grid(*facts, unit, spacing=(theme.GAP, 3))
 
     def _choose_unit(self) -> None:
         ready = self._document.ready
@@ -210,30 +192,28 @@ class MeshPanel(QWidget):
 
     # -- the Laplacian ------------------------------------------------------------------------
 
-    def _build_operator(self, column: QVBoxLayout) -> None:
-        self.robust_check = theme.named(QCheckBox("Robust"), "robust_check", "Robust Laplacian")
-        self.robust_check.setToolTip(
-            "Sharp & Crane 2020: right for any triangle mesh, also non-manifold ones. "
-            "Without it, the plain cotangent Laplacian, for clean meshes only"
+    def _build_operator(self) -> QHBoxLayout:
+        self.robust_check = theme.named(
+            QCheckBox("Robust"),
+            "robust_check",
+            "Robust Laplacian",
+            tip="Sharp & Crane 2020: right for any triangle mesh, also non-manifold ones. "
+            "Without it, the plain cotangent Laplacian, for clean meshes only",
         )
-        self.mollify_spin = theme.named(QuantityBox(), "mollify_spin", "Mollify factor")
-        self.mollify_spin.setToolTip(
-            "How far edges are lengthened, relative to their mean, so that no triangle is "
-            "degenerate (no unit; 1e-05 suits nearly every mesh)"
+        self.mollify_spin = theme.named(
+            QuantityBox(),
+            "mollify_spin",
+            "Mollify factor",
+            tip="How far edges are lengthened, relative to their mean, so that no triangle is "
+            "degenerate (no unit; 1e-05 suits nearly every mesh)",
         )
         self.mollify_spin.setFixedWidth(96)
         self.mollify_spin.setKeyboardTracking(False)
         self.mollify_spin.bounds = (1e-15, 1.0)
         self.mollify_label = QLabel("Mollify")
-        row = QHBoxLayout()
-        row.setSpacing(theme.GAP)
-        row.addWidget(self.robust_check)
-        row.addStretch(1)
-        row.addWidget(self.mollify_label)
-        row.addWidget(self.mollify_spin)
-        column.addLayout(row)
         self.robust_check.toggled.connect(self._choose_operator)
         self.mollify_spin.valueChanged.connect(self._choose_operator)
+        return row(self.robust_check, None, self.mollify_label, self.mollify_spin)
 
     def _choose_operator(self) -> None:
         robust = self.robust_check.isChecked()
@@ -241,8 +221,7 @@ class MeshPanel(QWidget):
 
     def _refresh_operator(self) -> None:
         operator = self._document.operator
-        with QSignalBlocker(self.robust_check):
-            self.robust_check.setChecked(operator.robust)
+        show_quietly(self.robust_check, operator.robust)
         if not self.mollify_spin.hasFocus():
             self.mollify_spin.show_quantity(operator.mollify_factor)
         self.mollify_spin.setEnabled(operator.robust)
@@ -278,24 +257,26 @@ class MeshPanel(QWidget):
         )
 
     def _build_foot(self) -> QWidget:
-        foot = theme.named(QWidget(), "mesh_panel_foot")
-        column = QVBoxLayout(foot)
-        column.setContentsMargins(theme.MARGIN, theme.MARGIN, theme.MARGIN, theme.MARGIN)
-        column.setSpacing(6)
         self.compute_button = theme.named(
-            QPushButton("Compute"), "compute_button", "Compute eigenpairs", role="primary"
+            QPushButton("Compute"),
+            "compute_button",
+            "Compute eigenpairs",
+            role="primary",
+            tip="Decompose the mesh (Ctrl+Return)",
         )
-        self.compute_button.setToolTip("Decompose the mesh (Ctrl+Return)")
         self.compute_button.clicked.connect(self._document.compute)
-        self.cancel_button = theme.named(QPushButton("Cancel"), "cancel_button", "Cancel what runs")
-        self.cancel_button.setToolTip("Stop; eigenpairs that have converged stay (Esc)")
+        self.cancel_button = theme.named(
+            QPushButton("Cancel"),
+            "cancel_button",
+            "Cancel what runs",
+            tip="Stop; eigenpairs that have converged stay (Esc)",
+        )
         self.cancel_button.clicked.connect(self._document.cancel)
-        row = QHBoxLayout()
-        row.setSpacing(theme.GAP)
-        row.addWidget(self.compute_button, 2)
-        row.addWidget(self.cancel_button, 1)
-        self.progress_bar = theme.named(QProgressBar(textVisible=False), "progress_bar", "Progress")
-        self.progress_bar.setRange(0, 1000)
+        buttons = row(self.compute_button, self.cancel_button)
+        buttons.setStretch(0, 2)
+        buttons.setStretch(1, 1)
+        self.progress_bar = QProgressBar(textVisible=False, minimum=0, maximum=1000)
+        theme.named(self.progress_bar, "progress_bar", "Progress")
         keep_room(self.progress_bar)
         # one or the other, in room that is kept: the buttons above stay where they are
         self.progress_label = reserved_note("progress_label", 4, "muted", "What is being done")
@@ -305,12 +286,11 @@ class MeshPanel(QWidget):
             "‖Lφ − λMφ‖ / λ‖Mφ‖, and the largest entry of |ΦᵀMΦ − I|"
         )
         self.proof_label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        column.addLayout(row)
-        column.addWidget(self.progress_bar)
         self._told = QStackedLayout()
         self._told.addWidget(self.proof_label)
         self._told.addWidget(self.progress_label)
-        column.addLayout(self._told)
+        foot, margins = theme.named(QWidget(), "mesh_panel_foot"), (theme.MARGIN,) * 4
+        foot.setLayout(column(buttons, self.progress_bar, self._told, spacing=6, margins=margins))
         return foot
 
     def _refresh_job(self) -> None:
@@ -326,10 +306,8 @@ class MeshPanel(QWidget):
         self._told.setCurrentIndex(0 if state is None else 1)
         if state is not None:
             progress = state.progress
-            if progress.fraction is None:
-                self.progress_bar.setRange(0, 0)
-            else:
-                self.progress_bar.setRange(0, 1000)
+            self.progress_bar.setMaximum(0 if progress.fraction is None else 1000)
+            if progress.fraction is not None:
                 self.progress_bar.setValue(round(1000 * min(max(progress.fraction, 0.0), 1.0)))
             what = "Stopping" if state.cancelling else progress.message or progress.stage
             parts = [what[:1].upper() + what[1:] if what else state.job.label]
@@ -361,10 +339,7 @@ class MeshPanel(QWidget):
         elif state is None and spectrum is None:
             text = "Nothing computed yet."
         self.proof_label.setText(text)
-        if self.proof_label.property("role") != role:
-            theme.with_role(self.proof_label, role)
-            self.proof_label.style().unpolish(self.proof_label)
-            self.proof_label.style().polish(self.proof_label)
+        theme.change_role(self.proof_label, role)
 
 
 #: The unit a thousand times as long, in which long meshes are easier to read.

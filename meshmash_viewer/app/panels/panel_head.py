@@ -1,13 +1,17 @@
-"""The row above a plot: its controls always, and words as far as there is room."""
+"""What the panels of the plots have in common: a head, and a plot or what to do to have one."""
 
 from __future__ import annotations
 
+from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QWidget
+from PySide6.QtWidgets import QLabel, QSizePolicy, QStackedLayout, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.layout import column, row
+from meshmash_viewer.app.plots.plot import Plot
+from meshmash_viewer.model.document import Document
 
-__all__ = ["PanelHead"]
+__all__ = ["PanelHead", "PlotPanel"]
 
 
 class PanelHead(QWidget):
@@ -22,24 +26,11 @@ class PanelHead(QWidget):
         Most important first.
     """
 
-    def __init__(
-        self,
-        controls: tuple[QWidget, ...],
-        labels: tuple[QLabel, ...],
-        parent: QWidget | None = None,
-    ) -> None:
-        super().__init__(parent)
+    def __init__(self, controls: tuple[QWidget, ...], labels: tuple[QLabel, ...]) -> None:
+        super().__init__()
         self._controls = controls
         self._labels = labels
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(theme.GAP)
-        for control in controls:
-            row.addWidget(control)
-        for label in labels[:-1]:
-            row.addWidget(label)
-        row.addStretch(1)
-        row.addWidget(labels[-1])
+        self.setLayout(row(*controls, *labels[:-1], None, labels[-1]))
         # hidden labels must not be what makes the panel wide
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.setMinimumWidth(self._needed())
@@ -69,3 +60,37 @@ class PanelHead(QWidget):
         """Make the most of the room there is."""
         super().resizeEvent(event)
         self.fit()
+
+
+class PlotPanel(QWidget):
+    """A panel at the bottom, named ``<name>_panel``, with its `plot` or a sentence in its place.
+
+    Subclasses lay themselves out by `_arrange`.
+    """
+
+    plot: Plot
+
+    def __init__(self, document: Document, name: str, title: str, parent: QWidget | None) -> None:
+        super().__init__(parent)
+        theme.named(self, f"{name}_panel", title)
+        self._document = document
+        self.empty = QLabel(wordWrap=True, alignment=Qt.AlignmentFlag.AlignCenter)
+        theme.named(self.empty, f"{name}_empty_label", role="muted")
+
+    def _arrange(
+        self, controls: tuple[QWidget, ...], labels: tuple[QLabel, ...], shown: QWidget
+    ) -> None:
+        """Put a head with these controls and labels over what is shown, which has the plot."""
+        self.head = PanelHead(controls, labels)
+        self._stack = QStackedLayout()
+        self._stack.addWidget(shown)
+        self._stack.addWidget(self.empty)
+        half = theme.GAP // 2
+        margins = theme.MARGIN, half, theme.GAP, half
+        self.setLayout(column(self.head, self._stack, spacing=half, margins=margins))
+
+    def _show_plot(self, there: bool) -> None:
+        """Show the plot, or what to do to have one."""
+        self.plot.paint_later()
+        self._stack.setCurrentIndex(0 if there else 1)
+        self.head.show_controls(there)

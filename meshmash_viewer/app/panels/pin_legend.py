@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QEvent, QObject, Qt, Signal
-from PySide6.QtWidgets import (
-    QFrame,
-    QHBoxLayout,
-    QLabel,
-    QScrollArea,
-    QToolButton,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QFrame, QLabel, QScrollArea, QToolButton, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.layout import column
+from meshmash_viewer.app.controls.layout import row as side_by_side
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.model.document import Document, Pin
 from meshmash_viewer.units import named_vertex
@@ -41,10 +35,8 @@ class PinLegend(QScrollArea):
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._document = document
         content = theme.named(QWidget(self), "panel_content")
-        self._column = QVBoxLayout(content)
-        self._column.setContentsMargins(theme.GAP, 0, 0, 0)
-        self._column.setSpacing(0)
-        self._column.addStretch(1)
+        self._column = column(None, spacing=0, margins=(theme.GAP, 0, 0, 0))
+        content.setLayout(self._column)
         self.setWidget(content)
         self._rows: dict[Pin, QWidget] = {}
         follow(document.pins_changed, self._refresh)
@@ -70,11 +62,7 @@ class PinLegend(QScrollArea):
     def point_at(self, vertex: int) -> None:
         """Mark the line of a pin, or none."""
         for pin, row in self._rows.items():
-            marked = "pointed" if pin.vertex == vertex else ""
-            if row.property("role") != marked:
-                theme.with_role(row, marked)
-                row.style().unpolish(row)
-                row.style().polish(row)
+            theme.change_role(row, "pointed" if pin.vertex == vertex else "")
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Tell which line is pointed at."""
@@ -89,24 +77,16 @@ class PinLegend(QScrollArea):
         row = theme.named(QWidget(), f"pin_row_{pin.vertex}")
         row.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         row.installEventFilter(self)
-        line = QHBoxLayout(row)
-        line.setContentsMargins(0, 0, 0, 0)
-        line.setSpacing(6)
-        swatch = QLabel(row)
+        swatch = QLabel()
         swatch.setFixedSize(12, 12)
         swatch.setStyleSheet(f"background: {pin.color}; border-radius: 6px;")
-        number = theme.named(QLabel(f"<b>{pin.number}</b>", row), f"pin_number_{pin.vertex}")
+        number = theme.named(QLabel(f"<b>{pin.number}</b>"), f"pin_number_{pin.vertex}")
         vertex = named_vertex(pin.vertex)
-        name = theme.named(QLabel(vertex.capitalize(), row), f"pin_label_{pin.vertex}")
-        cross = theme.named(QToolButton(row), f"unpin_button_{pin.vertex}")
+        name = theme.named(QLabel(vertex.capitalize()), f"pin_label_{pin.vertex}")
+        take = f"Take the pin of {vertex} away"
+        cross = theme.named(QToolButton(), f"unpin_button_{pin.vertex}", take, tip=take)
         cross.setText("×")
         cross.setAutoRaise(True)
-        cross.setAccessibleName(f"Take the pin of {vertex} away")
-        cross.setToolTip(cross.accessibleName())
         cross.clicked.connect(lambda: self._document.toggle_pin(pin.vertex))
-        line.addWidget(swatch)
-        line.addWidget(number)
-        line.addWidget(name)
-        line.addStretch(1)
-        line.addWidget(cross)
+        row.setLayout(side_by_side(swatch, number, name, None, cross, spacing=6))
         return row

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Signal
 from PySide6.QtGui import QCloseEvent
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QStackedLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QLabel, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.layout import row
 from meshmash_viewer.app.listening import follow
-from meshmash_viewer.app.panels.panel_head import PanelHead
+from meshmash_viewer.app.panels.panel_head import PlotPanel
 from meshmash_viewer.app.panels.pin_legend import PinLegend
-from meshmash_viewer.app.plots.plot import Plot, color, hatch, solid
+from meshmash_viewer.app.plots.plot import Plot, color, hatch, marker, solid
 from meshmash_viewer.app.profile_reader import ProfileReader
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family, Profile
@@ -28,14 +29,13 @@ _VIEWS = {
     if family.export
 }
 
-
 #: Eigenfunctions that are in view at once: the values of hundreds would be a solid block.
 _AT_ONCE = 60
 #: From how many pixels on a curve is not pointed at any more.
 _NEAR = 8.0
 
 
-class ProfilePanel(QWidget):
+class ProfilePanel(PlotPanel):
     """Bottom panel; shows the family of fields on the render until someone chooses otherwise.
 
     Signals
@@ -47,10 +47,7 @@ class ProfilePanel(QWidget):
     pin_pointed = Signal(int)
 
     def __init__(self, document: Document, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self.setObjectName("profile_panel")
-        self.setAccessibleName("Profiles")
-        self._document = document
+        super().__init__(document, "profile", "Profiles", parent)
         self._shown = ""
         self._page: int | None = None
         self._paged = True
@@ -70,45 +67,22 @@ class ProfilePanel(QWidget):
         self._follow_kind()
 
     def _build(self) -> None:
-        column = QVBoxLayout(self)
-        column.setContentsMargins(theme.MARGIN, theme.GAP // 2, theme.GAP, theme.GAP // 2)
-        column.setSpacing(theme.GAP // 2)
-        self.view_choice = theme.named(QComboBox(self), "profile_view", "What the profiles show")
+        self.view_choice = theme.named(QComboBox(), "profile_view", "What the profiles show")
         for name, text in _VIEWS.items():
             self.view_choice.addItem(text, name)
         self.view_choice.activated.connect(
             lambda row: self._show_view(self.view_choice.itemData(row))
         )
-        self.missing_label = theme.with_role(QLabel(self), "muted")
-        self.missing_label.setObjectName("profile_missing_label")
-        self.missing_label.setToolTip("They miss more than 1 % for want of eigenpairs")
-        self.head = PanelHead((self.view_choice,), (self.missing_label,), self)
-        column.addWidget(self.head)
-        self.plot = Plot("profile_plot", "Profiles of the pinned vertices", self)
-        self.legend = PinLegend(self._document, self)
-        shown = QWidget(self)
-        line = QHBoxLayout(shown)
-        line.setContentsMargins(0, 0, 0, 0)
-        line.setSpacing(0)
-        line.addWidget(self.plot, 1)
-        line.addWidget(self.legend)
-        self.empty = theme.with_role(
-            QLabel("Click a vertex on the render to compare its profile.", self), "muted"
-        )
-        self.empty.setObjectName("profile_empty_label")
-        self.empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.empty.setWordWrap(True)
-        holder = QWidget(self)
-        self._stack = QStackedLayout(holder)
-        self._stack.addWidget(shown)
-        self._stack.addWidget(self.empty)
-        column.addWidget(holder, 1)
+        tip = "They miss more than 1 % for want of eigenpairs"
+        self.missing_label = theme.named(QLabel(), "profile_missing_label", role="muted", tip=tip)
+        self.plot = Plot("profile_plot", "Profiles of the pinned vertices")
+        self.legend = PinLegend(self._document)
+        shown = QWidget()
+        shown.setLayout(row((self.plot,), self.legend, spacing=0))
+        self._arrange((self.view_choice,), (self.missing_label,), shown)
         self._missing = pg.LinearRegionItem(movable=False)
         self._zero = pg.InfiniteLine(pos=0.0, angle=0)
-        self._marker = pg.InfiniteLine(angle=90, movable=True)
-        self._marker.setCursor(Qt.CursorShape.SizeHorCursor)
-        self._marker.sigDragged.connect(self._drag)
-        self._marker.sigPositionChangeFinished.connect(self._refresh_display)
+        self._marker = marker(self._drag, self._refresh_display)
         for item in (self._missing, self._zero, self._marker):
             self.plot.addItem(item, ignoreBounds=True)
         self.plot.clicked.connect(self._select)
@@ -195,9 +169,7 @@ class ProfilePanel(QWidget):
         """Draw all profiles of which the values are there, and have the others read."""
         pins, spectrum = self._document.pins, self._document.spectrum
         there = bool(pins) and spectrum is not None and len(spectrum) > 0
-        self.plot.paint_later()
-        self._stack.setCurrentIndex(0 if there else 1)
-        self.head.show_controls(there)
+        self._show_plot(there)
         self.empty.setText(
             "Compute eigenpairs to see the profiles of the pinned vertices."
             if pins and not there
@@ -209,7 +181,9 @@ class ProfilePanel(QWidget):
         self._reader.want(spectrum, tuple(pin.vertex for pin in pins))
         if spectrum is None or not there:
             return
-        self._name_axes()
+        bottom, left, _ = self._family.logarithmic
+        self.plot.set_log(bottom, left)
+        self.plot.set_labels(*self._family.axes(self._document.unit))
         self._profile = self._family.profile(spectrum)
         places = np.zeros(0) if self._profile is None else self._profile.dots.places
         self.plot.set_whole(bool(np.all(places == np.round(places))))
@@ -235,14 +209,6 @@ class ProfilePanel(QWidget):
         if spectrum is None:
             return None
         return spectrum, self._family.resolved(spectrum, display.fields).at_rest()
-
-    def _name_axes(self) -> None:
-        mesh = self._document.mesh
-        unit = mesh.unit if mesh is not None else ""
-
-        bottom, left, _ = self._family.logarithmic
-        self.plot.set_log(bottom, left)
-        self.plot.set_labels(*self._family.axes(unit))
 
     def _draw(self, pin: Pin, values: np.ndarray, profile: Profile | None) -> None:
         if pin not in self._curves:
@@ -312,6 +278,4 @@ class ProfilePanel(QWidget):
         self._marker.setPen(solid(colors.marker, 1.2, 0.8))
         self._marker.setHoverPen(solid(colors.marker, 3.0))
         self._zero.setPen(solid(colors.reference, 1.0))
-        self._missing.setBrush(hatch(colors.hatch))
-        for line in self._missing.lines:
-            line.setPen(solid(colors.hatch, 1.0, 0.0))
+        hatch(self._missing)

@@ -4,20 +4,14 @@ from __future__ import annotations
 
 import math
 
-from PySide6.QtCore import QSignalBlocker, Qt
-from PySide6.QtWidgets import (
-    QCheckBox,
-    QLabel,
-    QStackedLayout,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QCheckBox, QLabel, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.facts import format_wavelength
+from meshmash_viewer.app.controls.facts import format_wavelength, show_quietly
 from meshmash_viewer.app.controls.segments import Segments
 from meshmash_viewer.app.listening import follow
-from meshmash_viewer.app.panels.panel_head import PanelHead
+from meshmash_viewer.app.panels.panel_head import PlotPanel
 from meshmash_viewer.app.plots.eigenvalue_view import EigenvalueView
 from meshmash_viewer.app.plots.plot import Plot
 from meshmash_viewer.app.plots.response_view import ResponseView
@@ -28,14 +22,35 @@ from meshmash_viewer.units import format_quantity, subscript
 __all__ = ["SpectrumPanel"]
 
 
-class SpectrumPanel(QWidget):
+class SpectrumPanel(PlotPanel):
     """Bottom panel; shows what suits the field on the render until someone chooses otherwise."""
 
     def __init__(self, document: Document, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        theme.named(self, "spectrum_panel", "Spectrum")
-        self._document = document
-        self._build()
+        super().__init__(document, "spectrum", "Spectrum", parent)
+        choices = {"eigenvalues": "Eigenvalues", "responses": "Filters"}
+        self.view_choice = Segments("spectrum_view", "What the spectrum shows", choices)
+        self.view_choice.chosen.connect(self._show_view)
+        self.log_check = theme.named(
+            QCheckBox("Log λ"), "spectrum_log_check", "Eigenvalues in log scale"
+        )
+        self.log_check.toggled.connect(self._set_log)
+        self.readout = theme.named(QLabel(), "spectrum_readout")
+        self.legend = QLabel(textFormat=Qt.TextFormat.RichText)
+        theme.named(self.legend, "spectrum_legend", role="muted")
+        self.plot = Plot("spectrum_plot", "Spectrum")
+        self.empty.setText("The eigenvalues appear here as they converge.")
+        labels = self.readout, self.legend
+        self._arrange((self.view_choice, self.log_check), labels, self.plot)
+        self._eigenvalues = EigenvalueView(document)
+        self._views: dict[str, EigenvalueView | ResponseView] = {
+            "eigenvalues": self._eigenvalues,
+            "responses": ResponseView(document),
+        }
+        self._shown = self._drawn_scale = ""
+        # by the name of the family behind the responses
+        self._log = {name: family.logarithmic[2] for name, family in FAMILIES.items()}
+        self.plot.clicked.connect(self._select)
+        self.plot.hovered.connect(self._hover)
         # In turns of their own: to lay out what was hidden takes as long as to fill it.
         for signal in (document.spectrum_changed, document.mesh_changed):
             follow(signal, self._show_what_is_there)
@@ -45,58 +60,12 @@ class SpectrumPanel(QWidget):
         theme.notifier().changed.connect(self._dress)
         self._follow_kind()
 
-    def _build(self) -> None:
-        column = QVBoxLayout(self)
-        column.setContentsMargins(theme.MARGIN, theme.GAP // 2, theme.GAP, theme.GAP // 2)
-        column.setSpacing(theme.GAP // 2)
-        self.view_choice = Segments(
-            "spectrum_view",
-            "What the spectrum shows",
-            {"eigenvalues": "Eigenvalues", "responses": "Filters"},
-            self,
-        )
-        self.view_choice.chosen.connect(self._choose_view)
-        self.log_check = theme.named(
-            QCheckBox("Log λ", self), "spectrum_log_check", "Eigenvalues in log scale"
-        )
-        self.log_check.toggled.connect(self._set_log)
-        self.readout = theme.named(QLabel(self), "spectrum_readout")
-        self.legend = theme.named(QLabel(self), "spectrum_legend", role="muted")
-        self.legend.setTextFormat(Qt.TextFormat.RichText)
-        self.head = PanelHead((self.view_choice, self.log_check), (self.readout, self.legend), self)
-        column.addWidget(self.head)
-        self.plot = Plot("spectrum_plot", "Spectrum", self)
-        self.empty = theme.named(
-            QLabel("The eigenvalues appear here as they converge.", self),
-            "spectrum_empty_label",
-            role="muted",
-        )
-        self.empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        holder = QWidget(self)
-        self._stack = QStackedLayout(holder)
-        self._stack.addWidget(self.plot)
-        self._stack.addWidget(self.empty)
-        column.addWidget(holder, 1)
-        self._eigenvalues = EigenvalueView(self.plot, self._document)
-        self._views: dict[str, EigenvalueView | ResponseView] = {
-            "eigenvalues": self._eigenvalues,
-            "responses": ResponseView(self.plot, self._document),
-        }
-        self._shown = self._drawn_scale = ""
-        # by the name of the family behind the responses
-        self._log = {name: family.logarithmic[2] for name, family in FAMILIES.items()}
-        self.plot.clicked.connect(self._select)
-        self.plot.hovered.connect(self._hover)
-
     @property
     def view(self) -> EigenvalueView | ResponseView:
         """What is drawn now."""
         return self._views[self._shown]
 
     # -- from the person --------------------------------------------------------------------
-
-    def _choose_view(self, key: str) -> None:
-        self._show_view(key)
 
     def _set_log(self, on: bool) -> None:
         self._log[self._scale_key()] = on
@@ -132,25 +101,20 @@ class SpectrumPanel(QWidget):
             self._shown = key
             for item in self.view.items:
                 self.plot.addItem(item, ignoreBounds=item in self.view.unbounded)
-            self.plot.set_heights(self.view.heights())
+            self.plot.set_heights(self.view.heights)
             self._refresh_spectrum()
             self.plot.show_all()
 
     def _show_what_is_there(self) -> None:
-        """The plot, or what to do to have one."""
         spectrum = self._document.spectrum
-        there = spectrum is not None and len(spectrum) > 0
-        self.plot.paint_later()
-        self._stack.setCurrentWidget(self.plot if there else self.empty)
-        self.head.show_controls(there)
+        self._show_plot(spectrum is not None and len(spectrum) > 0)
 
     def _refresh_spectrum(self) -> None:
         self._show_what_is_there()
         bottom, left = self.view.labels()
         log = self._log[self._scale_key()]
-        with QSignalBlocker(self.log_check):
-            self.log_check.setChecked(log)
-        self.view.set_log(log)
+        show_quietly(self.log_check, log)
+        self.view.log = log
         responses = self._shown == "responses"
         self.plot.set_log(log and responses, log and not responses)
         self.plot.set_labels(bottom, left)
@@ -174,12 +138,11 @@ class SpectrumPanel(QWidget):
 
     def _read(self, index: int | None) -> None:
         """Say what is pointed at, or else what is on the render."""
-        spectrum, mesh = self._document.spectrum, self._document.mesh
+        spectrum, unit = self._document.spectrum, self._document.unit
         if spectrum is None or not len(spectrum) or self._shown != "eigenvalues":
             self.readout.setText("")
             self.plot.setToolTip("")
             return
-        unit = mesh.unit if mesh is not None else ""
         index = self._eigenvalues.index if index is None else index
         value = float(spectrum.eigenvalues[index])
         text = (

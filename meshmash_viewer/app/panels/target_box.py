@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from PySide6.QtWidgets import (
     QButtonGroup,
-    QGridLayout,
     QRadioButton,
     QScrollArea,
     QSizePolicy,
@@ -17,6 +16,7 @@ from PySide6.QtWidgets import (
 from meshmash_viewer import units
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import reserved_note
+from meshmash_viewer.app.controls.layout import grid
 from meshmash_viewer.app.controls.number_box import CountBox, QuantityBox, dress
 from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.errors import InputError
@@ -30,80 +30,75 @@ __all__ = ["TargetBox"]
 _MOST = 100_000
 
 
+class _Way(NamedTuple):
+    """One way to say it: what is before its field, what that is called, its unit, what it means."""
+
+    text: str
+    name: str
+    accessible: str
+    power: int
+    tip: str
+
+
+_WAYS = {
+    "count": _Way(
+        "Eigenpairs", "count", "Number of eigenpairs", 0, "That many of the lowest eigenpairs"
+    ),
+    "max_eigenvalue": _Way(
+        "Largest λ", "eigenvalue", "Largest eigenvalue", -2,
+        "Every eigenpair up to this eigenvalue; the count is then exact",
+    ),
+    "wavelength": _Way(
+        "Shortest wave", "wavelength", "Shortest wavelength", 1,
+        "Every eigenfunction with at least this wavelength 2π/√λ: "
+        "the smallest detail that is told apart",
+    ),
+    "time": _Way(
+        "Shortest time", "time", "Shortest time of the heat kernel signature", 2,
+        "As many eigenpairs as heat kernel signatures from this time on take, "
+        "so that less than 1 % of them is missing",
+    ),
+}  # fmt: skip
+
+
 class TargetBox(QWidget):
     """Four ways to say one thing; what is typed in one is translated live into the others.
 
     The way that was edited last is the target, the others are estimates by Weyl's law.
     """
 
-    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, document: Document) -> None:
+        super().__init__()
         self.setObjectName("target_box")
         self._document = document
         self._refused = "", ""
-
-        self.count_spin = theme.named(CountBox(), "target_count_spin", "Number of eigenpairs")
+        self.count_spin = CountBox()
         self._limit_count(_MOST)
         self.count_spin.setSingleStep(10)
-        self.eigenvalue_spin = theme.named(
-            QuantityBox(), "target_eigenvalue_spin", "Largest eigenvalue"
-        )
-        self.wavelength_spin = theme.named(
-            QuantityBox(), "target_wavelength_spin", "Shortest wavelength"
-        )
-        self.time_spin = theme.named(
-            QuantityBox(), "target_time_spin", "Shortest time of the heat kernel signature"
-        )
-        rows: dict[str, tuple[str, str, QuantityBox]] = {
-            "count": ("Eigenpairs", "That many of the lowest eigenpairs", self.count_spin),
-            "max_eigenvalue": (
-                "Largest λ",
-                "Every eigenpair up to this eigenvalue; the count is then exact",
-                self.eigenvalue_spin,
-            ),
-            "wavelength": (
-                "Shortest wave",
-                "Every eigenfunction with at least this wavelength 2π/√λ: "
-                "the smallest detail that is told apart",
-                self.wavelength_spin,
-            ),
-            "time": (
-                "Shortest time",
-                "As many eigenpairs as heat kernel signatures from this time on take, "
-                "so that less than 1 % of them is missing",
-                self.time_spin,
-            ),
-        }
-        self._boxes = {kind: row[2] for kind, row in rows.items()}
+        self._boxes: dict[str, QuantityBox] = {}
         self._radios: dict[str, QRadioButton] = {}
         group = QButtonGroup(self)
-        grid = QGridLayout(self)
-        grid.setContentsMargins(0, 0, 0, 0)
-        grid.setHorizontalSpacing(theme.GAP)
-        grid.setVerticalSpacing(6)
-        for at, (kind, (text, tooltip, box)) in enumerate(rows.items()):
-            radio = theme.named(
-                QRadioButton(text), f"target_{kind}_radio", f"Compute by {text.lower()}"
-            )
-            radio.setToolTip(tooltip)
-            box.setToolTip(tooltip)
+        for kind, way in _WAYS.items():
+            radio, box = QRadioButton(way.text), self.count_spin if not way.power else QuantityBox()
+            by = f"Compute by {way.text.lower()}"
+            theme.named(radio, f"target_{kind}_radio", by, tip=way.tip)
+            theme.named(box, f"target_{way.name}_spin", way.accessible, tip=way.tip)
             # as wide as the panel, not as the longest number there is
             box.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
             box.setMinimumWidth(132)
             group.addButton(radio)
-            self._radios[kind] = radio
+            self._radios[kind], self._boxes[kind] = radio, box
             radio.clicked.connect(lambda _checked=False, kind=kind: self._choose(kind))
             box.valueChanged.connect(lambda _value, kind=kind: self._choose(kind))
             box.refused.connect(lambda number, kind=kind: self._refuse(kind, number))
-            grid.addWidget(radio, at, 0)
-            grid.addWidget(box, at, 1)
-        grid.setColumnStretch(1, 1)
+        _, self.eigenvalue_spin, self.wavelength_spin, self.time_spin = self._boxes.values()
         self.note = reserved_note("weyl_note", 3, "muted", "About the estimates")
         self.fault = reserved_note("target_fault", 3)
         self._told = QStackedLayout()  # one or the other: nothing moves
         self._told.addWidget(self.note)
         self._told.addWidget(self.fault)
-        grid.addLayout(self._told, len(rows), 0, 1, 2)
+        rows = zip(self._radios.values(), self._boxes.values(), strict=True)
+        self.setLayout(grid(*rows, (self._told,), spacing=(theme.GAP, 6)))
         follow(document.mesh_changed, self._forgive)
         follow(document.mesh_changed, self.refresh)
         follow(document.settings_changed, self.refresh)
@@ -115,41 +110,40 @@ class TargetBox(QWidget):
         target, ready = self._document.target, self._document.ready
         self._radios[target.kind].setChecked(True)
         self.setEnabled(ready is not None)
-        unit = ready.mesh.unit if ready else ""
-        powers = ((self.eigenvalue_spin, -2), (self.wavelength_spin, 1), (self.time_spin, 2))
-        for box, power in powers:
-            written = power_unit(unit, power)
+        for kind, way in _WAYS.items():
+            written = power_unit(self._document.unit, way.power) if way.power else ""
+            box = self._boxes[kind]
             dress(box, box.prefix(), f" {written}" if written else "")
         if ready is None or not ready.health.area > 0.0:
-            self._show_count(Translation(1.0).count(target)[0])
-            for box, _ in powers:
+            for box in self._boxes.values():
                 box.show_nothing()
+            self.count_spin.show_quantity(max(1, int(Translation(1.0).count(target)[0])))
             self.note.setText("All four say the same thing: each is translated into the others.")
             return
         translation = self._document.translation()
-        self._limit(*translation.bounds)
+        low, high = translation.bounds
+        self._limit_count(self._most)
+        self.eigenvalue_spin.bounds = low, high
+        self.wavelength_spin.bounds = wavelength(high), wavelength(low)
+        self.time_spin.bounds = resolved_time(high), resolved_time(low)
         count, counted = translation.count(target)
-        eigenvalue, bounded = translation.eigenvalue(target)
-        length, measured = translation.wavelength(target)
-        time, resolved = translation.time(target)
-        for field, exact in zip(
-            self._boxes.values(), (counted, bounded, measured, resolved), strict=True
-        ):
-            dress(field, "" if exact else "≈ ", field.suffix())
-        # the box being typed in is left alone, so that the text under the cursor stays
-        if target.kind != "count" or not self.count_spin.hasFocus():
-            self._show_count(count)
-        if target.kind != "max_eigenvalue" or not self.eigenvalue_spin.hasFocus():
-            self.eigenvalue_spin.show_quantity(eigenvalue)
-        if target.kind != "wavelength" or not self.wavelength_spin.hasFocus():
-            self.wavelength_spin.show_quantity(length)
-        if target.kind != "time" or not self.time_spin.hasFocus():
-            self.time_spin.show_quantity(time)
+        shown = {
+            "count": (float(max(int(count), 1)), counted),
+            "max_eigenvalue": translation.eigenvalue(target),
+            "wavelength": translation.wavelength(target),
+            "time": translation.time(target),
+        }
+        for kind, (value, exact) in shown.items():
+            box = self._boxes[kind]
+            dress(box, "" if exact else "≈ ", box.suffix())
+            # the box being typed in is left alone, so that the text under the cursor stays
+            if target.kind != kind or not box.hasFocus():
+                box.show_quantity(value)
         zeros = ready.health.n_components
         parts = [f"{zeros:,} of them are zero, one a component."] if zeros > 1 else []
         if count >= translation.n_vertices:
             parts.append("The mesh has no more eigenpairs.")
-        if not (counted and bounded and measured and resolved):
+        if not all(exact for _, exact in shown.values()):
             parts.append(
                 "≈ by Weyl's law, onwards from the last known eigenvalue."
                 if len(translation.eigenvalues)
@@ -166,16 +160,6 @@ class TargetBox(QWidget):
         if ready is None:
             return _MOST
         return max(ready.health.n_vertices - ready.health.unreferenced_vertices, 1)
-
-    def _limit(self, low: float, high: float) -> None:
-        """Let the fields take what a mesh with eigenvalues of these sizes can have."""
-        self._limit_count(self._most)
-        self.eigenvalue_spin.bounds = (low, high)
-        self.wavelength_spin.bounds = (wavelength(high), wavelength(low))
-        self.time_spin.bounds = (resolved_time(high), resolved_time(low))
-
-    def _show_count(self, count: float) -> None:
-        self.count_spin.show_quantity(max(1, min(int(count), self._most)))
 
     def _limit_count(self, most: int) -> None:
         self.count_spin.setRange(1, most)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 import pyqtgraph as pg
-from PySide6.QtCore import Qt
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.plots.plot import Plot, color, dashed, solid
+from meshmash_viewer.app.plots.plot import color, dashed, marker, solid
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.spectrum import first_nonzero
@@ -26,20 +26,25 @@ class EigenvalueView:
     """What is drawn on the spectrum plot while eigenfunctions are looked at.
 
     The marker can be dragged along, a click selects; zero modes are hollow.
+
+    Attributes
+    ----------
+    log : bool
+        Whether the logarithm of the eigenvalues is drawn.
+    heights : (float, float) or None
+        Range of the left axis; None for that of the eigenvalues.
     """
 
-    def __init__(self, plot: Plot, document: Document) -> None:
-        self._plot = plot
+    heights: ClassVar[tuple[float, float] | None] = None
+
+    def __init__(self, document: Document) -> None:
         self._document = document
-        self._log = False
+        self.log = False
         self.weyl = pg.PlotCurveItem()
         self.points = pg.ScatterPlotItem(pxMode=True)
         self.zeros = pg.ScatterPlotItem(pxMode=True)
         self.current = pg.ScatterPlotItem(pxMode=True)
-        self.marker = pg.InfiniteLine(angle=90, movable=True)
-        self.marker.setCursor(Qt.CursorShape.SizeHorCursor)
-        self.marker.sigDragged.connect(self._drag)
-        self.marker.sigPositionChangeFinished.connect(self.refresh_current)
+        self.marker = marker(self._drag, self.refresh_current)
         self.owed = pg.PlotCurveItem()  # unseen: keeps room for the pairs that are still to come
         self.items = (
             self.owed, self.weyl, self.points, self.zeros, self.marker, self.current,
@@ -62,14 +67,9 @@ class EigenvalueView:
         self.marker.setPen(solid(colors.marker, 1.0, 0.7))
         self.marker.setHoverPen(solid(colors.marker, 3.0))
 
-    def set_log(self, on: bool) -> None:
-        """Draw the logarithm of the eigenvalues."""
-        self._log = on
-
     def labels(self) -> tuple[str, str]:
         """Names of the axes, with units."""
-        mesh = self._document.mesh
-        return "Index", named_quantity("λ", mesh.unit if mesh is not None else "", -2)
+        return "Index", named_quantity("λ", self._document.unit, -2)
 
     def legend(self) -> str:
         """What the marks mean, as rich text."""
@@ -77,25 +77,18 @@ class EigenvalueView:
         preview = spectrum is not None and spectrum.preview
         what = "approximate eigenvalue" if preview else "eigenvalue"
         parts = [f'<span style="color:{colors.curve}">●</span> {what}']
-        if spectrum is not None and first_nonzero(spectrum):
-            count = first_nonzero(spectrum)
+        if spectrum is not None and (count := first_nonzero(spectrum)):
             what = "zero mode" if count == 1 else f"{count} zero modes"
             parts.append(f'<span style="color:{colors.curve}">○</span> {what}')
         parts.append(f'<span style="color:{colors.reference}">╌╌</span> Weyl’s law')
         return "&nbsp;&nbsp; ".join(parts)
 
-    def heights(self) -> tuple[float, float] | None:
-        """Range of the left axis: that of the eigenvalues."""
-        return None
-
     def refresh_spectrum(self) -> None:
         """Draw what has converged so far; the axis already has room for all that is owed."""
         spectrum, mesh = self._document.spectrum, self._document.mesh
         if spectrum is None or not len(spectrum):
-            for item in (self.points, self.zeros, self.current):
+            for item in (self.points, self.zeros, self.current, self.weyl, self.owed):
                 item.setData([], [])
-            self.weyl.setData([], [])
-            self.owed.setData([], [])
             self.marker.setVisible(False)
             return
         zeros, length = first_nonzero(spectrum), len(spectrum)
@@ -107,13 +100,13 @@ class EigenvalueView:
         self.points.setData(index[zeros:], heights[zeros:], size=size)
         self.zeros.setData(index[:zeros], heights[:zeros], size=6.0)
         last = max(spectrum.total, length) - 1
-        top = heights[-1] if self._log else heights[-1] * max(last, 1) / max(length - 1, 1)
+        top = heights[-1] if self.log else heights[-1] * max(last, 1) / max(length - 1, 1)
         self.owed.setData([0.0, float(last)], [heights[0], top])
         if mesh is not None:
             area = float(mesh.area)
-            along = np.linspace(1.0 if self._log else 0.0, max(last, 1), 200)
+            along = np.linspace(1.0 if self.log else 0.0, max(last, 1), 200)
             law = np.array([weyl_eigenvalue(area, each) for each in along])
-            self.weyl.setData(along, np.log10(law) if self._log else law)
+            self.weyl.setData(along, np.log10(law) if self.log else law)
         self.refresh_current()
 
     def refresh_current(self) -> None:
@@ -156,7 +149,7 @@ class EigenvalueView:
             self.select(float(marker.value()), 0.0)
 
     def _heights(self, eigenvalues: npt.NDArray[np.float64], zeros: int) -> npt.NDArray[np.float64]:
-        if not self._log:
+        if not self.log:
             return np.asarray(np.maximum(eigenvalues, 0.0))
         # zero has no logarithm: zero modes stand a little under the first that is not
         rest = eigenvalues[zeros:]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import pyqtgraph as pg
@@ -14,7 +15,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.scale_marks import linear_texts, power_text
 from meshmash_viewer.app.listening import later
 
-__all__ = ["Plot", "ScientificAxis", "color", "dashed", "hatch", "solid"]
+__all__ = ["Plot", "ScientificAxis", "color", "dashed", "hatch", "marker", "solid"]
 
 
 def color(name: str, alpha: float = 1.0) -> QColor:
@@ -34,9 +35,21 @@ def dashed(name: str, width: float = 1.0) -> QPen:
     return QPen(pg.mkPen(color(name), width=width, style=Qt.PenStyle.DashLine))
 
 
-def hatch(name: str) -> QBrush:
-    """The brush of what is in doubt: needs more eigenpairs."""
-    return QBrush(color(name, 0.8), Qt.BrushStyle.BDiagPattern)
+def hatch(region: pg.LinearRegionItem) -> None:
+    """Draw a region as in doubt: it needs more eigenpairs."""
+    name = theme.plot_colors().hatch
+    region.setBrush(QBrush(color(name, 0.8), Qt.BrushStyle.BDiagPattern))
+    for line in region.lines:
+        line.setPen(solid(name, 1.0, 0.0))
+
+
+def marker(drag: Callable[[pg.InfiniteLine], None], settle: Callable[[], None]) -> pg.InfiniteLine:
+    """An upright line that can be dragged; `settle` is called when it is let go."""
+    line = pg.InfiniteLine(angle=90, movable=True)
+    line.setCursor(Qt.CursorShape.SizeHorCursor)
+    line.sigDragged.connect(drag)
+    line.sigPositionChangeFinished.connect(settle)
+    return line
 
 
 class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
@@ -107,19 +120,17 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
     def __init__(self, name: str, accessible_name: str, parent: QWidget | None = None) -> None:
         axes = {side: ScientificAxis(side) for side in ("left", "bottom")}
         super().__init__(parent, axisItems=axes)
-        self.setObjectName(name)
-        self.setAccessibleName(accessible_name)
+        theme.named(self, name, accessible_name)
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)  # what it does by mouse, panels do by keys
         self.setFrameShape(self.Shape.NoFrame)
         self.setMinimumSize(120, 110)
         self.setAntialiasing(True)
         self.setMenuEnabled(False)
         self.hideButtons()
-        self.fit_button = theme.named(
-            QToolButton(self), f"{name}_fit_button", f"Fit the plot: {accessible_name}"
-        )
+        self.fit_button = QToolButton(self)
+        fit, tip = f"Fit the plot: {accessible_name}", "Show everything that is drawn"
+        theme.named(self.fit_button, f"{name}_fit_button", fit, tip=tip)
         self.fit_button.setText("Fit")
-        self.fit_button.setToolTip("Show everything that is drawn")
         self.fit_button.clicked.connect(self.show_all)
         self._labels = {"left": "", "bottom": ""}
         self._heights: tuple[float, float] | None = None
@@ -203,15 +214,13 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
 
     def _point(self, position: QPointF) -> QPointF | None:
         box = self.plotItem.vb
-        if not box.sceneBoundingRect().contains(position):
-            return None
-        return QPointF(box.mapSceneToView(position))
+        inside = box.sceneBoundingRect().contains(position)
+        return QPointF(box.mapSceneToView(position)) if inside else None
 
     def _click(self, event: Any) -> None:
         point = self._point(event.scenePos())
-        if event.button() != Qt.MouseButton.LeftButton or point is None:
-            return
-        self.clicked.emit(point.x(), point.y())
+        if event.button() == Qt.MouseButton.LeftButton and point is not None:
+            self.clicked.emit(point.x(), point.y())
 
     def _move(self, position: QPointF) -> None:
         point = self._point(position)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import Qt
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.plots.plot import Plot, color, dashed, hatch, solid
+from meshmash_viewer.app.plots.plot import color, dashed, hatch, marker, solid
 from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.fields.family import Family, FloatArray
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
@@ -34,27 +35,33 @@ class ResponseView:
 
     The filter of the field can be dragged where it is held, and so can the ends of the range where
     the family has one; a click chooses the filter there. Under them each eigenvalue is a tick.
+
+    Attributes
+    ----------
+    log : bool
+        Whether it is drawn over the logarithm of λ.
+    heights : (float, float)
+        Range of the left axis: the same for all responses, so that it stays while they move.
     """
 
-    def __init__(self, plot: Plot, document: Document) -> None:
-        self._plot = plot
+    heights: ClassVar[tuple[float, float] | None] = (_RUG - 0.03, _TOP)
+
+    def __init__(self, document: Document) -> None:
         self._document = document
-        self._log = False
+        self.log = False
         self._said = ""
         self.rug = pg.PlotCurveItem(connect="pairs")
         self.series = tuple(pg.PlotCurveItem(connect="finite") for _ in range(3))
         self.response = pg.PlotCurveItem(fillLevel=0.0)
         self.missing = pg.LinearRegionItem(movable=False)
-        self.low, self.high, self.handle = (pg.InfiniteLine(angle=90, movable=True) for _ in "abc")
+        self.low, self.high, self.handle = (
+            marker(self._drag, self.refresh_current) for _ in range(3)
+        )
         for line in (self.low, self.high):
             line.addMarker("o", 0.94, _GRIP)
         self.handle.addMarker("o", 1.0, _GRIP)
         self.handle.setSpan(0.0, _HELD)
         self.handle.setZValue(1.0)
-        for line in (self.low, self.high, self.handle):
-            line.setCursor(Qt.CursorShape.SizeHorCursor)
-            line.sigDragged.connect(self._drag)
-            line.sigPositionChangeFinished.connect(self.refresh_current)
         self.items = (
             self.missing, self.rug, *self.series, self.response, self.low, self.high, self.handle,
         )  # fmt: skip
@@ -69,23 +76,16 @@ class ResponseView:
             item.setPen(solid(name, 1.2, 0.75))
         self.response.setPen(solid(colors.marker, 2.2))
         self.response.setBrush(color(colors.marker, 0.18))
-        self.missing.setBrush(hatch(colors.hatch))
-        for line in self.missing.lines:
-            line.setPen(solid(colors.hatch, 1.0, 0.0))
+        hatch(self.missing)
         for line in (self.low, self.high):
             line.setPen(solid(colors.foreground, 1.6))
             line.setHoverPen(solid(colors.handle, 3.5))
         self.handle.setPen(dashed(colors.handle, 1.6))
         self.handle.setHoverPen(solid(colors.handle, 3.5))
 
-    def set_log(self, on: bool) -> None:
-        """Draw over the logarithm of λ."""
-        self._log = on
-
     def labels(self) -> tuple[str, str]:
         """Names of the axes, with units."""
-        mesh = self._document.mesh
-        return named_quantity("λ", mesh.unit if mesh is not None else "", -2), "Response"
+        return named_quantity("λ", self._document.unit, -2), "Response"
 
     def legend(self) -> str:
         """What the marks mean, as rich text."""
@@ -94,38 +94,29 @@ class ResponseView:
         mark = f'<span style="color:{colors.marker}">▬</span>'
         return f"{mark} {self._said}&nbsp;&nbsp; {ticks}"
 
-    def heights(self) -> tuple[float, float] | None:
-        """Range of the left axis: the same for all responses, so that it stays while they move."""
-        return _RUG - 0.03, _TOP
-
     # -- coordinates ------------------------------------------------------------------------
 
     def _x(self, eigenvalue: float | np.ndarray) -> np.ndarray:
-        if not self._log:
+        if not self.log:
             return np.asarray(eigenvalue, dtype=np.float64)
         return np.log10(np.maximum(eigenvalue, self._floor()))
 
     def _eigenvalue(self, x: float) -> float:
-        value = 10.0**x if self._log else x
-        return 0.0 if self._log and value <= 1.001 * self._floor() else max(value, 0.0)
+        value = 10.0**x if self.log else x
+        return 0.0 if self.log and value <= 1.001 * self._floor() else max(value, 0.0)
 
     def _floor(self) -> float:
         """What stands for zero in log scale: a little under the first eigenvalue above it."""
-        spectrum = self._document.spectrum
-        if spectrum is None or first_nonzero(spectrum) >= len(spectrum):
+        spectrum = self._document.scaled_spectrum
+        if spectrum is None:
             return 1e-30
         return float(spectrum.eigenvalues[first_nonzero(spectrum)]) / 2.0
-
-    def _usable(self) -> Spectrum | None:
-        spectrum = self._document.spectrum
-        usable = spectrum is not None and first_nonzero(spectrum) < len(spectrum)
-        return spectrum if usable else None
 
     # -- from the model ---------------------------------------------------------------------
 
     def refresh_spectrum(self) -> None:
         """Draw the eigenvalues that have converged, and the responses over them."""
-        spectrum = self._usable()
+        spectrum = self._document.scaled_spectrum
         if spectrum is None:
             for item in (self.rug, self.response, *self.series):
                 item.setData([], [])
@@ -138,7 +129,7 @@ class ResponseView:
 
     def refresh_current(self) -> None:
         """Draw the responses as the display has them now."""
-        spectrum = self._usable()
+        spectrum = self._document.scaled_spectrum
         if spectrum is None:
             return
         response = self.family.response(spectrum, self._along(spectrum))
@@ -159,7 +150,10 @@ class ResponseView:
             if not line.moving:
                 line.setBounds((None, None))
                 line.setValue(float(self._x(value)))
-        self._hatch((known, high) if high > known * (1.0 + 1e-9) else None)
+        beyond = bool(high > known * (1.0 + 1e-9))
+        self.missing.setVisible(beyond)
+        if beyond:
+            self.missing.setRegion([float(self._x(each)) for each in (known, high)])
 
     @property
     def family(self) -> Family:
@@ -173,35 +167,28 @@ class ResponseView:
 
     def _along(self, spectrum: Spectrum) -> FloatArray:
         known = float(spectrum.eigenvalues[-1])
-        first = self._floor() if self._log else 0.0
+        first = self._floor() if self.log else 0.0
         x = np.linspace(float(self._x(first)), float(self._x(known)), _SAMPLES)
-        return 10.0**x if self._log else x
-
-    def _hatch(self, between: tuple[float, float] | None) -> None:
-        self.missing.setVisible(between is not None)
-        if between is not None:
-            self.missing.setRegion([float(self._x(each)) for each in between])
+        return 10.0**x if self.log else x
 
     # -- from the person --------------------------------------------------------------------
 
     def select(self, x: float, _y: float) -> None:
         """Choose the filter at a place of the plot."""
-        spectrum = self._usable()
-        if spectrum is not None:
-            self._hold(spectrum, self._eigenvalue(x))
-
-    def _hold(self, spectrum: Spectrum, value: float) -> None:
-        family = self.family
+        spectrum, family = self._document.scaled_spectrum, self.family
+        if spectrum is None:
+            return
+        value = self._eigenvalue(x)
         response = family.response(spectrum, self._along(spectrum))
         ends = None if response is None else response.ends
         if ends is None or ends[0] <= value <= ends[1]:
             self._document.display.show(family.at_eigenvalue(spectrum, value))
 
     def _drag(self, line: pg.InfiniteLine) -> None:
-        spectrum, display = self._usable(), self._document.display
+        spectrum, display = self._document.scaled_spectrum, self._document.display
+        family = self.family
         if spectrum is None:
             return
-        family = self.family
         line.setBounds([float(self._x(value)) for value in self._bounds(spectrum, line)])
         value = self._eigenvalue(float(line.value()))
         if line is self.handle:

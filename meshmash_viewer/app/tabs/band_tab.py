@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from PySide6.QtWidgets import QVBoxLayout
 
 from meshmash_viewer.app.controls.facts import estimated_pairs, format_wavelength, show_note
-from meshmash_viewer.app.controls.range_box import RangeBox
-from meshmash_viewer.app.tabs.column_stepper import ColumnStepper
+from meshmash_viewer.app.controls.layout import Part
+from meshmash_viewer.app.tabs.field_stepper import ColumnStepper
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.units import format_quantity, format_range, power_unit
@@ -24,6 +23,7 @@ class BandTab(ColumnStepper):
     one = "Band"
     many = "Bands"
     tip = "Columns of the exported feature; cubic B-splines that sum to 1"
+    ends = "low", "high"
     told: ClassVar[dict[str, str]] = {
         "band_center_label": "Centre λ",
         "band_wavelength_label": "Wavelength there",
@@ -31,34 +31,21 @@ class BandTab(ColumnStepper):
         "band_pairs_label": "Eigenpairs in it",
     }
 
-    def _build_range(self, column: QVBoxLayout) -> None:
-        self.range_box = RangeBox(
-            ("band_automatic_check", "band_min_field", "band_max_field"),
-            ("Automatic, from 0 to λ_max", "Lowest", "Highest"),
-            "eigenvalue",
-            self,
+    def _range_parts(self) -> tuple[Part, ...]:
+        return (
+            self._make_range_box(
+                ("band_automatic_check", "band_min_field", "band_max_field"),
+                ("Automatic, from 0 to λ_max", "Lowest", "Highest"),
+                "eigenvalue",
+                "The ends can be dragged on the spectrum, too",
+            ),
         )
-        self.range_box.check.setToolTip("The ends can be dragged on the spectrum, too")
-        self.range_box.automatic_chosen.connect(self._set_automatic)
-        self.range_box.range_given.connect(self._set_range)
-        column.addWidget(self.range_box)
-
-    def _set_automatic(self, on: bool) -> None:
-        spectrum = self._usable
-        if on or spectrum is None:
-            self._change(automatic=on)
-        else:  # go on from what was automatic
-            self._set_range(*self._document.display[GeometryVectors].range(spectrum))
-
-    def _set_range(self, low: float, high: float) -> None:
-        self._change(low=low, high=high, automatic=False)
 
     def _describe(self, spectrum: Spectrum | None, unit: str) -> dict[str, str]:
-        chosen = self._document.display[GeometryVectors]
-        between = None if spectrum is None else chosen.range(spectrum)
-        most = self._document.translation().bounds[1]
-        self.range_box.set_bounds((0.0, most), (0.0, most))
-        self.range_box.show_range(between, power_unit(unit, -2), automatic=chosen.automatic)
+        chosen, between = self._document.display[GeometryVectors], self._range()
+        bounds = 0.0, self._document.translation().bounds[1]
+        written = power_unit(unit, -2)
+        self.range_box.show_range(between, written, bounds, automatic=chosen.automatic)
         if spectrum is None or between is None:
             return {}
         self._mark_missing(spectrum, between, unit)

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QSignalBlocker
-from PySide6.QtWidgets import (
-    QCheckBox,
-    QHBoxLayout,
-    QPushButton,
-)
+from PySide6.QtWidgets import QCheckBox, QPushButton
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.facts import Facts, format_wavelength, note, show_note
+from meshmash_viewer.app.controls.facts import (
+    Facts,
+    format_wavelength,
+    note,
+    show_note,
+    show_quietly,
+)
 from meshmash_viewer.app.tabs.field_stepper import FieldStepper
-from meshmash_viewer.app.tabs.play_button import PlayButton
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.units import counted, format_quantity, subscript
@@ -26,48 +26,43 @@ class EigenfunctionTab(FieldStepper):
     family = Eigenfunctions
 
     def _build(self) -> None:
-        column = self._build_head(
-            ("eigenvalue_label", "Eigenvalue"), ("eigenvector_slider", "Eigenfunction")
+        self.flip_button = theme.named(
+            QPushButton("Flip sign"),
+            "flip_button",
+            "Draw the eigenfunction with the other sign",
+            tip="Draw it with the other sign, which is as good (F)",
         )
-        self.slider.setToolTip("Wheel or arrow keys: one eigenfunction; Ctrl + wheel or PgDn: ten")
-
-        row = QHBoxLayout()
-        row.setSpacing(theme.GAP)
-        self.spin = self._index_spin(
-            "eigenvector_spin", "Index of the eigenfunction, counted from 0"
-        )
-        self.play_button = PlayButton(self._document, "eigenvector_play_button", self)
-        self.flip_button = QPushButton("Flip sign", self)
-        self.flip_button.setObjectName("flip_button")
-        self.flip_button.setAccessibleName("Draw the eigenfunction with the other sign")
-        self.flip_button.setToolTip("Draw it with the other sign, which is as good (F)")
         self.flip_button.setCheckable(True)
         self.flip_button.clicked.connect(self._flip)
-        row.addWidget(self.spin)
-        row.addWidget(self.play_button)
-        row.addStretch(1)
-        row.addWidget(self.flip_button)
-        column.addLayout(row)
-
         self.facts = Facts(
             {
                 "wavelength_label": "Wavelength 2π/√λ",
                 "residual_label": "Relative residual",
                 "converged_label": "Eigenpairs",
-            },
-            self,
+            }
         )
-        column.addWidget(self.facts)
-        self.nodal_check = QCheckBox("Nodal lines, where it is zero", self)
-        self.nodal_check.setObjectName("nodal_lines_check")
-        self.nodal_check.setAccessibleName("Draw nodal lines")
+        self.nodal_check = theme.named(
+            QCheckBox("Nodal lines, where it is zero"), "nodal_lines_check", "Draw nodal lines"
+        )
         self.nodal_check.toggled.connect(self._toggle_nodal)
-        column.addWidget(self.nodal_check)
-        self.multiplet_note = note("multiplet_label", "muted", self)
-        self.preview_note = note("preview_label", "warning", self)
-        column.addWidget(self.multiplet_note)
-        column.addWidget(self.preview_note)
-        column.addStretch(1)
+        self.multiplet_note = note("multiplet_label")
+        self.preview_note = note("preview_label", "warning")
+        self._fill(
+            "eigenvalue_label",
+            "Eigenvalue",
+            self._make_slider(
+                "eigenvector_slider",
+                "Eigenfunction",
+                "Wheel or arrow keys: one eigenfunction; Ctrl + wheel or PgDn: ten",
+            ),
+            self._make_index_row(
+                "eigenvector", "Index of the eigenfunction, counted from 0", self.flip_button
+            ),
+            self.facts,
+            self.nodal_check,
+            self.multiplet_note,
+            self.preview_note,
+        )
 
     # -- from the person --------------------------------------------------------------------
 
@@ -82,21 +77,17 @@ class EigenfunctionTab(FieldStepper):
     def refresh(self) -> None:
         """Show what the model holds."""
         spectrum, display = self._document.spectrum, self._document.display
-        length = 0 if spectrum is None else len(spectrum)
+        last = max(0 if spectrum is None else len(spectrum) - 1, 0)
         chosen = display[Eigenfunctions]
-        index = min(chosen.index, max(length - 1, 0))
+        index = min(chosen.index, last)
         for control in (self.slider, self.spin):
-            with QSignalBlocker(control):
-                if control.maximum() != max(length - 1, 0):
-                    control.setRange(0, max(length - 1, 0))
-                control.setValue(index)
-        suffix = f" of {length - 1}" if length else ""
+            show_quietly(control, index, most=last)
+        suffix = f" of {last}" if spectrum is not None and len(spectrum) else ""
         if self.spin.suffix() != suffix:
             self.spin.setSuffix(suffix)
         self.flip_button.setChecked(index in chosen.flipped)
-        with QSignalBlocker(self.nodal_check):
-            self.nodal_check.setChecked(display.nodal_lines)
-        if spectrum is not None and length:
+        show_quietly(self.nodal_check, display.nodal_lines)
+        if spectrum is not None and len(spectrum):
             self._describe(spectrum, index)
         else:
             self.title.setText("λ")
@@ -106,8 +97,7 @@ class EigenfunctionTab(FieldStepper):
             show_note(self.preview_note, "")
 
     def _describe(self, spectrum: Spectrum, index: int) -> None:
-        mesh = self._document.mesh
-        unit = mesh.unit if mesh is not None else ""
+        unit = self._document.unit
         value = float(spectrum.eigenvalues[index])
         zeros = first_nonzero(spectrum)
         exact = spectrum.is_exact(index)

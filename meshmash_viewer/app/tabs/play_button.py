@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QObject, QTimer
-from PySide6.QtWidgets import QPushButton, QWidget
+from PySide6.QtWidgets import QPushButton
 
+from meshmash_viewer.app import theme
 from meshmash_viewer.app.listening import follow, listen
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.stepping import advance
@@ -40,11 +41,10 @@ class Player(QObject):
 class PlayButton(QPushButton):
     """Starts and stops playing."""
 
-    def __init__(self, document: Document, name: str, parent: QWidget | None = None) -> None:
-        super().__init__("Play", parent)
-        self.setObjectName(name)
-        self.setAccessibleName("Play: step by itself")
-        self.setToolTip("Step by itself, round and round (Space)")
+    def __init__(self, document: Document, name: str) -> None:
+        super().__init__("Play")
+        tip = "Step by itself, round and round (Space)"
+        theme.named(self, name, "Play: step by itself", tip=tip)
         self.setCheckable(True)
         self._document = document
         self.toggled.connect(self._toggle)

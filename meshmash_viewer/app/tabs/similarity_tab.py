@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtCore import QSignalBlocker
 from PySide6.QtGui import QColor, QIcon, QPixmap
-from PySide6.QtWidgets import QComboBox, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QLabel, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import note, show_note
@@ -31,34 +31,30 @@ class SimilarityTab(FamilyTab):
         self._follow_pins()
 
     def _build(self) -> None:
-        column = QVBoxLayout(self)
-        column.setContentsMargins(theme.MARGIN, theme.MARGIN, theme.MARGIN, theme.GAP)
-        column.setSpacing(theme.GAP)
-        self.title = theme.with_role(QLabel(self), "title")
-        self.title.setObjectName("similarity_label")
-        column.addWidget(self.title)
-        self.hint = note("similarity_hint", "muted", self)
-        self.vertex_label = theme.with_role(QLabel("From pinned vertex", self), "muted")
-        self.combo = QComboBox(self)
-        self.combo.setObjectName("similarity_vertex_combo")
-        self.combo.setAccessibleName("Pinned vertex to measure from")
+        self.hint = note("similarity_hint")
+        self.combo = theme.named(
+            QComboBox(), "similarity_vertex_combo", "Pinned vertex to measure from"
+        )
         self.combo.activated.connect(self._choose)
-        self.vertex_label.setBuddy(self.combo)
-        column.addWidget(self.vertex_label)
-        column.addWidget(self.combo)
-        column.addWidget(theme.with_role(QLabel("Distance measured in", self), "muted"))
+        above = theme.with_role(QLabel("From pinned vertex"), "muted")
+        above.setBuddy(self.combo)
         self.basis = Segments(
             "similarity_basis",
             "Features to measure in",
             {name: family.short for name, family in FEATURES.items()},
-            self,
         )
         self.basis.chosen.connect(self._choose_basis)
-        column.addWidget(self.basis)
-        self.explanation = note("similarity_explanation", "muted", self)
-        column.addWidget(self.explanation)
-        column.addWidget(self.hint)
-        column.addStretch(1)
+        self.explanation = note("similarity_explanation")
+        self._fill(
+            "similarity_label",
+            "",
+            above,
+            self.combo,
+            theme.with_role(QLabel("Distance measured in"), "muted"),
+            self.basis,
+            self.explanation,
+            self.hint,
+        )
 
     # -- from the person --------------------------------------------------------------------
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from meshmash_viewer.app.controls.facts import format_wavelength, show_note
 from meshmash_viewer.app.controls.scale_marks import decade_marks
-from meshmash_viewer.app.tabs.column_stepper import ColumnStepper
+from meshmash_viewer.app.tabs.field_stepper import ColumnStepper
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.fields.wks import WaveKernelSignature
