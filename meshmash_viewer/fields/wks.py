@@ -58,7 +58,9 @@ class WaveKernelSignature(BankColumns):
         return self.at_place(spectrum, np.log(value)) if value > 0.0 else replace(self, index=0)
 
     def axes(self, unit: str) -> tuple[str, str]:
-        return named_quantity("Energy ln λ, λ", unit, -2), named_quantity("WKS", unit, -2)
+        # a logarithm has no unit: that of λ is said
+        energy = named_quantity("Energy ln λ, λ", unit, -2) if unit else "Energy ln λ"
+        return energy, named_quantity("WKS", unit, -2)
 
     # -- files --------------------------------------------------------------------------------
 

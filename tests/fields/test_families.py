@@ -175,6 +175,7 @@ def test_a_time_outside_the_range_is_forgotten_and_one_inside_kept(spectrum: Spe
 def test_axes_name_their_units() -> None:
     assert HeatKernelSignature().axes("nm") == ("Time t (nm²)", "HKS (nm⁻²)")
     assert WaveKernelSignature().axes("nm") == ("Energy ln λ, λ (nm⁻²)", "WKS (nm⁻²)")
+    assert WaveKernelSignature().axes("") == ("Energy ln λ", "WKS")
 
 
 def test_an_energy_at_no_eigenvalue_is_the_lowest(spectrum: Spectrum) -> None:
