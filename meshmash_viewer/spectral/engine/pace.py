@@ -11,14 +11,14 @@ from meshmash_viewer.spectral.engine.lanczos import usual_rows
 
 __all__ = ["Pace"]
 
-#: What the matrices take, and the order with the counts, in steps of an iteration: measured on
-#: meshes of 50 to 420 thousand vertices (`benchmarks/progress.py` shows how well it is told).
-_MATRICES, _COUNTS = 12.0, 14.0
-#: What the factor of a slice takes, in steps, and what follows on its steps, in parts of them: its
-#: pairs are rotated, refined, measured and written.
-_FACTOR, _END = 3.0, 0.5
+#: What matrices and order take, and the counts, in steps of an iteration: measured on meshes of 50
+#: to 420 thousand vertices (`benchmarks/progress.py` shows how well it is told).
+_MATRICES, _COUNTS = 18.0, 14.0
+#: Steps that a slice takes over the usual ones, and what follows on them, in parts of them: its
+#: pairs are rotated, refined, measured and written. Its factor is mostly there from the counts.
+_OVER, _END = 1.13, 0.2
 #: Steps after which their own pace says when the run will end.
-_TELLING = 4.0
+_TELLING = 8.0
 #: Seconds between two reports that nothing but time has brought about.
 _INTERVAL = 0.25
 #: What is said of stages in which no pairs are counted yet.
@@ -54,12 +54,11 @@ class Pace:
 
     def _steps_for(self, pairs: int) -> float:
         rows = [usual_rows(size) for size in self._sizes(pairs)]
-        return sum(_FACTOR + each / BLOCK * (1.0 + _END) for each in rows)
+        return _OVER * (1.0 + _END) * sum(rows) / BLOCK
 
     def begin_slices(self, pairs: int) -> None:
         """What is left are slices with so many pairs."""
         self._pairs, self._expected = pairs, self._steps_for(pairs)
-        self._before = _MATRICES + _COUNTS
         self._slices_began = time.perf_counter()
 
     def stage(self, name: str) -> None:
@@ -70,6 +69,7 @@ class Pace:
 
     def pairs(self, done: int, total: int, steps: int) -> None:
         """So many pairs are final, after so many steps in slices."""
+        self._before = _MATRICES + _COUNTS
         self._report("eigenpairs", done, total, steps)
 
     def step(self, steps: int) -> None:
