@@ -8,7 +8,7 @@ fills these in from a spectrum, and leaves out what makes no difference to the v
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, Self, TypeAlias
 
 import numpy as np
@@ -223,7 +223,8 @@ class Family:
 
     def at_rest(self) -> Self:
         """The same without the position: equal ones have equal columns."""
-        return replace(self, **self._defaults(self.position))
+        start = {each.name: each.default for each in fields(self) if each.name in self.position}
+        return replace(self, **start)
 
     def for_other_mesh(self, n_components: int) -> Self:
         """What of it carries over to another mesh, which has so many connected components."""
@@ -343,11 +344,3 @@ class Family:
         Where they make ``features`` as well, these are what is exported.
         """
         raise NotImplementedError
-
-    # -- help for families --------------------------------------------------------------------
-
-    @classmethod
-    def _defaults(cls, names: tuple[str, ...]) -> dict[str, Any]:
-        found = {each.name: each.default for each in fields(cls) if each.name in names}
-        assert MISSING not in found.values()
-        return found

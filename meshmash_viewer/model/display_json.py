@@ -46,7 +46,10 @@ def display_to_json(display: Display) -> dict[str, Any]:
         name: {each.name: _plain(getattr(family, each.name)) for each in _kept(family)}
         for name, family in display.fields.items()
     }
-    policies = {name: _policy_to_json(policy) for name, policy in display.policies.items()}
+    policies = {
+        name: {"policy": type(policy).__name__, **vars(policy)}
+        for name, policy in display.policies.items()
+    }
     plain = {name: getattr(display, name) for name in _PLAIN}
     return {**plain, "fields": families, "policies": policies}
 
@@ -94,11 +97,6 @@ def _kept(family: Family | type[Family]) -> list[Field[Any]]:
 
 def _plain(value: object) -> object:
     return sorted(value) if isinstance(value, frozenset) else value
-
-
-def _policy_to_json(policy: LimitPolicy) -> dict[str, Any]:
-    ends = {name: getattr(policy, name) for name in ("low", "high") if hasattr(policy, name)}
-    return {"policy": type(policy).__name__, **ends}
 
 
 def _policy(value: object) -> LimitPolicy:

@@ -99,7 +99,7 @@ def preview_eigenpairs(
     areas = np.bincount(mesh.faces.ravel(), thirds, mesh.n_vertices).astype(np.float64)
     seeds = _spread_seeds(mesh, areas, n_cells, n_pairs)
     _ask(cancel)
-    cells = np.asarray(nearest_seeds(mesh.vertices, mesh.faces, seeds))
+    cells = np.asarray(nearest_seeds(mesh.vertices, mesh.faces[mesh.distinct_corners], seeds))
     _ask(cancel)
     _, centroids = _measure(mesh, areas, cells, seeds)
     cells = _rounded(mesh, cells, centroids)

@@ -20,34 +20,26 @@ def nearest_seeds(vertices, faces, seeds):  # type: ignore[no-untyped-def]
     """Index of the seed that is nearest along edges, shape (n,); -1 where none is reached.
 
     Distances are lowered until none can be lowered any more, roughly the shortest first; a
-    heap would order them fully, at several times the cost.
+    heap would order them fully, at several times the cost. Faces have three corners.
     """
     n = len(vertices)
     starts = np.zeros(n + 2, np.int64)
-    total, count = 0.0, 0
+    total, count = 0.0, 3 * len(faces)
     # Each face's sides in one direction: every corner is reached from every other, neighbours
     # mostly bring the other direction, and half the edges are half the time.
     for face in range(len(faces)):
-        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-        if a != b and b != c and c != a:
-            starts[a + 2] += 1
-            starts[b + 2] += 1
-            starts[c + 2] += 1
-            total += _distance(vertices, a, b) + _distance(vertices, b, c)
-            total += _distance(vertices, c, a)
-            count += 3
+        for corner in range(3):
+            one, other = faces[face, corner], faces[face, (corner + 1) % 3]
+            starts[one + 2] += 1
+            total += np.sqrt(_squared(vertices, one, vertices, other))
     for vertex in range(n):
         starts[vertex + 2] += starts[vertex + 1]
     ends = np.empty(count, np.int32)
     for face in range(len(faces)):
-        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-        if a != b and b != c and c != a:
-            ends[starts[a + 1]] = b
-            starts[a + 1] += 1
-            ends[starts[b + 1]] = c
-            starts[b + 1] += 1
-            ends[starts[c + 1]] = a
-            starts[c + 1] += 1
+        for corner in range(3):
+            one = faces[face, corner]
+            ends[starts[one + 1]] = faces[face, (corner + 1) % 3]
+            starts[one + 1] += 1
     cells = np.full(n, -1, np.int64)
     distances = np.full(n, np.inf)
     queued = np.zeros(n, np.bool_)
@@ -79,7 +71,8 @@ def nearest_seeds(vertices, faces, seeds):  # type: ignore[no-untyped-def]
             queued[vertex] = False
             for edge in range(starts[vertex], starts[vertex + 1]):
                 other = ends[edge]
-                through = own + max(_distance(vertices, vertex, other), shortest)
+                length = np.sqrt(_squared(vertices, vertex, vertices, other))
+                through = own + max(length, shortest)
                 if through < distances[other]:
                     distances[other] = through
                     cells[other] = cells[vertex]
@@ -96,11 +89,11 @@ def nearest_seeds(vertices, faces, seeds):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _distance(vertices, a, b):  # type: ignore[no-untyped-def]
-    x = vertices[a, 0] - vertices[b, 0]
-    y = vertices[a, 1] - vertices[b, 1]
-    z = vertices[a, 2] - vertices[b, 2]
-    return np.sqrt(x * x + y * y + z * z)
+def _squared(points, a, others, b):  # type: ignore[no-untyped-def]
+    x = points[a, 0] - others[b, 0]
+    y = points[a, 1] - others[b, 1]
+    z = points[a, 2] - others[b, 2]
+    return x * x + y * y + z * z
 
 
 @numba.njit(cache=True, nogil=True)
@@ -113,10 +106,7 @@ def join_nearest(vertices, cells, centroids, near):  # type: ignore[no-untyped-d
         if cell >= 0:
             for place in range(near.shape[1]):
                 candidate = near[cell, place]
-                x = vertices[vertex, 0] - centroids[candidate, 0]
-                y = vertices[vertex, 1] - centroids[candidate, 1]
-                z = vertices[vertex, 2] - centroids[candidate, 2]
-                squared = x * x + y * y + z * z
+                squared = _squared(vertices, vertex, centroids, candidate)
                 if squared < shortest:
                     best, shortest = candidate, squared
         result[vertex] = best
@@ -140,8 +130,6 @@ def border_flows(vertices, faces, areas, cells, centroids):  # type: ignore[no-u
         i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
         p, q, r = cells[i], cells[j], cells[k]
         if (p == q and q == r) or min(p, q, r) < 0 or areas[face] <= 0.0:
-            continue
-        if i == j or j == k or k == i:
             continue
         for _ in range(3):
             if q != r:
@@ -181,11 +169,7 @@ def interpolate(rows, first, last, vertices, cells, centroids, near, values):  #
                 continue
             farthest = 0.0
             for place in range(width):
-                candidate = near[cell, place]
-                x = vertices[vertex, 0] - centroids[candidate, 0]
-                y = vertices[vertex, 1] - centroids[candidate, 1]
-                z = vertices[vertex, 2] - centroids[candidate, 2]
-                squared[place] = x * x + y * y + z * z
+                squared[place] = _squared(vertices, vertex, centroids, near[cell, place])
                 farthest = max(farthest, squared[place])
             reach = 1.05 * farthest + 1e-300
             total = 0.0
