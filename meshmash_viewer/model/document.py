@@ -453,7 +453,9 @@ class Document:
 
     def job_started(self, job: Job) -> None:
         """Note that a job runs now."""
-        expected = self.expected_seconds(job.target) if isinstance(job, DecomposeJob) else None
+        expected = None
+        if isinstance(job, DecomposeJob) and job.mesh is self.mesh:
+            expected = self.expected_seconds(job.target)
         self.job = JobState(job, Progress("starting"), began=time.monotonic(), expected=expected)
         self.job_changed.emit()
 
