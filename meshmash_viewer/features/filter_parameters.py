@@ -12,6 +12,7 @@ from meshmash_viewer.spectral.weyl import weyl_eigenvalue
 from meshmash_viewer.units import whole_number
 
 __all__ = [
+    "ZERO_SHARE",
     "as_parameters",
     "as_spectrum",
     "check_times",
@@ -24,7 +25,7 @@ __all__ = [
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 #: Eigenvalues below this share of the largest are zero but for rounding.
-_ZERO_SHARE = 1e-10
+ZERO_SHARE = 1e-10
 
 
 def first_nonzero_eigenvalue(eigenvalues: npt.ArrayLike) -> float:
@@ -37,7 +38,7 @@ def first_nonzero_eigenvalue(eigenvalues: npt.ArrayLike) -> float:
     """
     spectrum = as_spectrum(eigenvalues)
     largest = float(spectrum.max(initial=0.0))
-    above = spectrum[spectrum > _ZERO_SHARE * largest] if largest > 0.0 else spectrum[:0]
+    above = spectrum[spectrum > ZERO_SHARE * largest] if largest > 0.0 else spectrum[:0]
     if not len(above):
         raise InputError(
             "All eigenvalues are zero, one for each connected component, so there is no scale to "

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.features.filter_parameters import hks_time_range
+from meshmash_viewer.features.filter_parameters import ZERO_SHARE, hks_time_range
 from meshmash_viewer.features.truncation import mean_shares
 from meshmash_viewer.spectral.alignment import Alignment, ShownRows, close_neighbours
 
@@ -176,7 +176,7 @@ def first_nonzero(spectrum: Spectrum) -> int:
     values = spectrum.eigenvalues
     if not len(values):
         return 0
-    return int(np.searchsorted(values, 1e-10 * abs(float(values[-1])), side="right"))
+    return int(np.searchsorted(values, ZERO_SHARE * abs(float(values[-1])), side="right"))
 
 
 def grew(old: Spectrum, new: Spectrum) -> bool:
