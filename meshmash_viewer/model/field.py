@@ -131,6 +131,15 @@ class LiveFeatures:
         # Each is replaced as a whole, so that no lock is needed to read it.
         self._tables: dict[str, Table] = {}
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the arrays that the tables hold, for whoever measures them."""
+        contents = [table.content for table in self._tables.values()]
+        parts = [
+            part for each in contents for part in getattr(each, "__dict__", {"": each}).values()
+        ]
+        return sum(part.nbytes for part in parts if isinstance(part, np.ndarray))
+
     def table(self, name: str) -> Table | None:
         """The table of a family."""
         return self._tables.get(name)

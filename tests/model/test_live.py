@@ -16,7 +16,7 @@ from meshmash_viewer.features.filters import (
 )
 from meshmash_viewer.features.shape import feature_distance
 from meshmash_viewer.features.sums import accumulate_features
-from meshmash_viewer.fields import FAMILIES, FEATURES
+from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.heat_table import build_heat_table
@@ -218,14 +218,7 @@ def test_similarity_holds_on_a_neuron_among_specks(rectangle: Mesh) -> None:
     assert 0.1 < np.median(wanted[body]) < 100.0
 
 
-def held(live: LiveFeatures) -> int:
-    """Bytes of all tables."""
-    contents = [table.content for name in FAMILIES if (table := live.table(name)) is not None]
-    parts = [part for each in contents for part in getattr(each, "__dict__", {"": each}).values()]
-    return sum(part.nbytes for part in parts if isinstance(part, np.ndarray))
-
-
-def test_tables_are_bounded_dropped_and_can_be_given_up(rectangle: Mesh) -> None:
+def test_tables_are_counted_dropped_and_can_be_given_up(rectangle: Mesh) -> None:
     spectrum = spectrum_of(rectangle, 60)
     live = LiveFeatures()
     asked = hks_request(spectrum, 1.0)
@@ -234,9 +227,9 @@ def test_tables_are_bounded_dropped_and_can_be_given_up(rectangle: Mesh) -> None
     assert not live.prepared(asked)
     live.prepare(asked)
     live.prepare(band_request(spectrum, 0))
-    assert 0 < held(live) <= expected_bytes(rectangle.n_vertices)
+    assert 0 < live.nbytes <= expected_bytes(rectangle.n_vertices)
     live.forget()
-    assert held(live) == 0
+    assert live.nbytes == 0
 
 
 def test_tables_outlast_the_proof_of_the_same_pairs(rectangle: Mesh) -> None:
@@ -335,14 +328,14 @@ def test_a_table_of_fewer_pairs_answers_for_more_as_a_draft_alone() -> None:
     assert answer(live, bands) == (None, True)
 
 
-def test_each_table_is_as_small_as_is_documented(rectangle: Mesh) -> None:
+def test_each_table_counts_its_bytes(rectangle: Mesh) -> None:
     spectrum = spectrum_of(rectangle, 60)
     n, live, seen = rectangle.n_vertices, LiveFeatures(), [0]
-    assert held(live) == 0
+    assert live.nbytes == 0
     asked = (hks_request(spectrum, 1.0), band_request(spectrum, 0), similarity_request(spectrum))
     for one in asked:
         live.prepare(one)
-        seen.append(held(live))
+        seen.append(live.nbytes)
     heat, bands, similarity = np.diff(seen)
     table = live.table("hks")
     assert table is not None
@@ -364,7 +357,7 @@ def test_what_needs_no_table_is_prepared(rectangle: Mesh) -> None:
     asked = FieldRequest(spectrum, "", Eigenfunctions(4))
     assert live.prepared(asked)
     live.prepare(asked)
-    assert held(live) == 0
+    assert live.nbytes == 0
     for one in (hks_request(spectrum, 1.0), band_request(spectrum, 0)):
         assert not live.prepared(one)
     live.prepare(hks_request(spectrum, 1.0))
