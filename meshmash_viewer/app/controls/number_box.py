@@ -6,7 +6,7 @@ import math
 
 from PySide6.QtCore import QSignalBlocker, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent, QValidator
-from PySide6.QtWidgets import QDoubleSpinBox, QWidget
+from PySide6.QtWidgets import QDoubleSpinBox
 
 from meshmash_viewer.app.controls.facts import show_quietly
 from meshmash_viewer.units import format_number
@@ -26,12 +26,12 @@ class QuantityBox(QDoubleSpinBox):
     #: A number was given that is out of bounds; the one before is shown again.
     refused = Signal(float)
 
-    def __init__(self, parent: QWidget | None = None) -> None:
+    def __init__(self) -> None:
         #: Bounds of what can be typed; those of Qt hold for what is shown, too.
         self.bounds = (1e-150, 1e150)
         self._before = 1.0
         self._refused = False
-        super().__init__(parent)
+        super().__init__()
         self.editingFinished.connect(self._remember)
         self.setDecimals(300)
         self.setRange(1e-150, 1e150)
@@ -111,8 +111,8 @@ class QuantityBox(QDoubleSpinBox):
 class CountBox(QuantityBox):
     """A whole number; one beyond its bounds becomes the nearest within them."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.setDecimals(0)
         self.setSpecialValueText("")
 

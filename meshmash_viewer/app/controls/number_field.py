@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent
-from PySide6.QtWidgets import QLineEdit, QWidget
+from PySide6.QtWidgets import QLineEdit
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.units import format_number, format_range
@@ -50,8 +50,8 @@ class NumberField(QLineEdit):
     waiting = Signal(str)
     left = Signal()
 
-    def __init__(self, name: str, accessible_name: str, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, name: str, accessible_name: str) -> None:
+        super().__init__()
         self.bounds = -math.inf, math.inf
         self.fault: Callable[[float], str] = lambda _value: ""
         self.waits: Callable[[float], str] = lambda _value: ""

@@ -29,8 +29,8 @@ class FamilyTab(QWidget):
 
     family: ClassVar[type[Family]]
 
-    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, document: Document) -> None:
+        super().__init__()
         self._document = document
         self._build()
         follow(document.spectrum_changed, self._refresh_in_front)
