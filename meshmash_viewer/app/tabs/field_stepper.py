@@ -122,7 +122,7 @@ class ColumnStepper(FieldStepper):
     """Step through the columns of a feature; their number is that of the exported one.
 
     Subclasses say what a column is in `_describe`, and give the control of a range in
-    `_range_part`.
+    `_range_parts`.
 
     Attributes
     ----------
