@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 import shapes
 from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit, QWidget
+from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.fields.spectrum import Spectrum
@@ -17,6 +20,7 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.jobs import MeshReady
 from meshmash_viewer.spectral.certificate import Certificate
 
+Widget = TypeVar("Widget", bound=QWidget)
 A, B = 12000.0, 47000.0  # nm
 
 
@@ -57,6 +61,15 @@ def part(within: QWidget, name: str) -> QWidget:
     found = within.findChildren(QWidget, name)
     assert len(found) == 1, f"{len(found)} of {name}"
     return found[0]
+
+
+def shown(qtbot: QtBot, widget: Widget, width: int, height: int) -> Widget:
+    """A widget of this size on the screen."""
+    qtbot.addWidget(widget)
+    widget.resize(width, height)
+    widget.show()
+    qtbot.waitExposed(widget)
+    return widget
 
 
 def turn_wheel(

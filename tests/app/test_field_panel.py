@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from closed_form import give, part, rectangle_document, rectangle_spectrum, turn_wheel
+from closed_form import give, part, rectangle_document, rectangle_spectrum, shown, turn_wheel
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
@@ -36,12 +36,7 @@ def document() -> Document:
 
 @pytest.fixture
 def panel(qtbot, document: Document) -> FieldPanel:
-    panel = FieldPanel(document)
-    qtbot.addWidget(panel)
-    panel.resize(340, 760)
-    panel.show()
-    qtbot.waitExposed(panel)
-    return panel
+    return shown(qtbot, FieldPanel(document), 340, 760)
 
 
 def choose(panel: FieldPanel, tab: int) -> None:

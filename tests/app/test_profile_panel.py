@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from closed_form import rectangle_document, rectangle_spectrum
+from closed_form import rectangle_document, rectangle_spectrum, shown
 from PySide6.QtCore import QPoint, QRegularExpression, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLabel, QToolButton, QWidget
@@ -28,11 +28,7 @@ def document() -> Document:
 
 @pytest.fixture
 def panel(qtbot, document: Document) -> ProfilePanel:
-    panel = ProfilePanel(document)
-    qtbot.addWidget(panel)
-    panel.resize(700, 260)
-    panel.show()
-    qtbot.waitExposed(panel)
+    panel = shown(qtbot, ProfilePanel(document), 700, 260)
     yield panel
     panel.close()
 
@@ -169,10 +165,7 @@ def test_bands_are_counted_in_whole_numbers(panel: ProfilePanel, document, qtbot
 
 def test_few_enough_eigenfunctions_are_in_view_to_be_told_apart(qtbot) -> None:
     document = rectangle_document(300)
-    panel = ProfilePanel(document)
-    qtbot.addWidget(panel)
-    panel.resize(700, 260)
-    panel.show()
+    panel = shown(qtbot, ProfilePanel(document), 700, 260)
     for vertex in (5, 42, 100, 200, 300):
         document.toggle_pin(vertex)
     for index in (0, 130, 299):

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from closed_form import drag, rectangle_document, rectangle_spectrum, turn_wheel
+from closed_form import drag, rectangle_document, rectangle_spectrum, shown, turn_wheel
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QToolButton
@@ -28,11 +28,7 @@ def document() -> Document:
 
 @pytest.fixture
 def panel(qtbot, document: Document) -> SpectrumPanel:
-    panel = SpectrumPanel(document)
-    qtbot.addWidget(panel)
-    panel.resize(700, 260)
-    panel.show()
-    qtbot.waitExposed(panel)
+    panel = shown(qtbot, SpectrumPanel(document), 700, 260)
     QTest.qWait(80)  # the plot takes its range when it is painted
     return panel
 
@@ -79,10 +75,7 @@ def test_the_marker_can_be_dragged_along(panel: SpectrumPanel, document) -> None
 
 def test_it_grows_without_moving_its_axis(qtbot) -> None:
     document = rectangle_document(converged=30)
-    panel = SpectrumPanel(document)
-    qtbot.addWidget(panel)
-    panel.resize(700, 260)
-    panel.show()
+    panel = shown(qtbot, SpectrumPanel(document), 700, 260)
     QTest.qWait(80)
     before = panel.plot.viewRange()[0]
     document.accept_spectrum(rectangle_spectrum(document.mesh, 120, converged=70))

@@ -42,9 +42,9 @@ def estimated_pairs(spectrum: Spectrum, area: float, eigenvalue: float) -> str:
     return f"{'' if exact else 'about '}{counted(count, 'pair')} in all"
 
 
-def note(name: str, role: str = "muted", parent: QWidget | None = None) -> QLabel:
+def note(name: str, role: str = "muted") -> QLabel:
     """A line of explanation that wraps, and takes no room while it is empty."""
-    label = theme.named(QLabel(parent), name, role=role)
+    label = theme.named(QLabel(), name, role=role)
     label.setWordWrap(True)
     label.setVisible(False)
     return label
@@ -76,8 +76,8 @@ class Facts(QWidget):
         Object name of the value to the text before it.
     """
 
-    def __init__(self, rows: dict[str, str], parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, rows: dict[str, str]) -> None:
+        super().__init__()
         selectable = Qt.TextInteractionFlag.TextSelectableByMouse
         self._values = {
             name: theme.named(

@@ -32,10 +32,8 @@ class FileRow(QWidget):
 
     changed = Signal()
 
-    def __init__(
-        self, path: Path, pattern: str, ending: str, parent: QWidget | None = None
-    ) -> None:
-        super().__init__(parent)
+    def __init__(self, path: Path, pattern: str, ending: str) -> None:
+        super().__init__()
         self._pattern = pattern
         self._ending = ending
         self.edit = theme.named(QLineEdit(str(path)), "file_edit", "File")

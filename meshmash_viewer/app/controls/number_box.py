@@ -6,15 +6,16 @@ import math
 
 from PySide6.QtCore import QSignalBlocker, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent, QValidator
-from PySide6.QtWidgets import QDoubleSpinBox, QWidget
+from PySide6.QtWidgets import QDoubleSpinBox
 
 from meshmash_viewer.app.controls.facts import show_quietly
+from meshmash_viewer.app.controls.number_field import read_number
 from meshmash_viewer.units import format_number
 
 __all__ = ["CountBox", "QuantityBox", "dress"]
 
 #: What a number can be written with.
-_CHARACTERS = set("0123456789.,eE+-")
+_CHARACTERS = set("0123456789.,eE+-−")
 
 
 class QuantityBox(QDoubleSpinBox):
@@ -26,12 +27,12 @@ class QuantityBox(QDoubleSpinBox):
     #: A number was given that is out of bounds; the one before is shown again.
     refused = Signal(float)
 
-    def __init__(self, parent: QWidget | None = None) -> None:
+    def __init__(self) -> None:
         #: Bounds of what can be typed; those of Qt hold for what is shown, too.
         self.bounds = (1e-150, 1e150)
         self._before = 1.0
         self._refused = False
-        super().__init__(parent)
+        super().__init__()
         self.editingFinished.connect(self._remember)
         self.setDecimals(300)
         self.setRange(1e-150, 1e150)
@@ -53,12 +54,12 @@ class QuantityBox(QDoubleSpinBox):
 
     def valueFromText(self, text: str) -> float:
         """Read what was typed, with or without prefix and unit."""
-        number = self._number(text)
+        number = read_number(_bare(self, text))
         return self.value() if number is None else number
 
     def validate(self, text: str, position: int) -> tuple[QValidator.State, str, int]:
         """Let a number be typed digit by digit, with its exponent last."""
-        number = self._number(text)
+        number = read_number(_bare(self, text))
         if number is not None and self._is_allowed(number):
             return QValidator.State.Acceptable, text, position
         possible = set(_bare(self, text)) <= _CHARACTERS
@@ -67,7 +68,7 @@ class QuantityBox(QDoubleSpinBox):
 
     def fixup(self, text: str) -> str:
         """Go back to the number before, and say so if what was typed is out of bounds."""
-        number = self._number(text)
+        number = read_number(_bare(self, text))
         if number is not None:
             self._refuse(number)
         return f"{self.prefix()}{self._before!r}{self.suffix()}"
@@ -100,19 +101,12 @@ class QuantityBox(QDoubleSpinBox):
     def _is_allowed(self, number: float) -> bool:
         return self.bounds[0] <= number <= self.bounds[1]
 
-    def _number(self, text: str) -> float | None:
-        try:
-            number = float(_bare(self, text).replace(",", "."))
-        except ValueError:
-            return None
-        return number if math.isfinite(number) else None
-
 
 class CountBox(QuantityBox):
     """A whole number; one beyond its bounds becomes the nearest within them."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self) -> None:
+        super().__init__()
         self.setDecimals(0)
         self.setSpecialValueText("")
 
@@ -126,7 +120,7 @@ class CountBox(QuantityBox):
 
     def fixup(self, text: str) -> str:
         """Take the nearest number that is allowed, and say so."""
-        number = self._number(text)
+        number = read_number(_bare(self, text))
         if number is None:
             return self.textFromValue(self.value())
         self._refuse(number)

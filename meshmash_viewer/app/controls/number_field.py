@@ -7,15 +7,24 @@ from collections.abc import Callable
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent
-from PySide6.QtWidgets import QLineEdit, QWidget
+from PySide6.QtWidgets import QLineEdit
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.units import format_number, format_range
 
-__all__ = ["NumberField"]
+__all__ = ["NumberField", "read_number"]
 
 #: Numbers beyond this size and its inverse are no quantities of meshes: their squares are none.
 _LARGEST = 1e150
+
+
+def read_number(text: str) -> float | None:
+    """The number that a person wrote, with a comma or a point; None if it is none."""
+    try:
+        number = float(text.strip().replace("−", "-").replace(",", "."))
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
 
 
 class NumberField(QLineEdit):
@@ -50,8 +59,8 @@ class NumberField(QLineEdit):
     waiting = Signal(str)
     left = Signal()
 
-    def __init__(self, name: str, accessible_name: str, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, name: str, accessible_name: str) -> None:
+        super().__init__()
         self.bounds = -math.inf, math.inf
         self.fault: Callable[[float], str] = lambda _value: ""
         self.waits: Callable[[float], str] = lambda _value: ""
@@ -115,14 +124,8 @@ class NumberField(QLineEdit):
     def _commit(self) -> None:
         if not self.isModified():
             return
-        text = self.text().strip().replace("−", "-").replace(",", ".")
-        if self._unit and text.endswith(self._unit):
-            text = text[: -len(self._unit)]
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
+        value = read_number(self.text().strip().removesuffix(self._unit))
+        if value is None:
             self._refuse(f"{self.text().strip() or 'Nothing'} is not a number: write 3.1e5.")
             return
         low, high = self.bounds

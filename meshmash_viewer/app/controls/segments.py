@@ -43,11 +43,6 @@ class Segments(QWidget):
             self._buttons[key] = button
         self.setLayout(row(*self._buttons.values(), spacing=4))
 
-    @property
-    def key(self) -> str:
-        """The key that is on."""
-        return next((key for key, button in self._buttons.items() if button.isChecked()), "")
-
     def show_key(self, key: str) -> None:
         """Turn a key on without saying so."""
         self._buttons[key].setChecked(True)

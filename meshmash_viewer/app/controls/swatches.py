@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from PySide6.QtGui import QIcon, QImage, QPixmap
 
-__all__ = ["DIVERGING", "SEQUENTIAL", "swatch", "swatch_icon"]
+__all__ = ["DIVERGING", "SEQUENTIAL", "swatch_icon"]
 
 #: matplotlib's name to the name on the list. All keep their order in grey or in the three common
 #: kinds of colour blindness (Brewer 2003, Moreland 2009; viridis and its family).
@@ -29,8 +29,8 @@ SEQUENTIAL = {
 
 
 @lru_cache(maxsize=64)
-def swatch(name: str, width: int, height: int) -> QPixmap:
-    """A strip of a colour map, from its low end to its high one.
+def swatch_icon(name: str, width: int = 56, height: int = 12) -> QIcon:
+    """A strip of a colour map, from its low end to its high one, as the icon of an entry.
 
     Parameters
     ----------
@@ -43,13 +43,8 @@ def swatch(name: str, width: int, height: int) -> QPixmap:
 
     colors = colormaps[name](np.linspace(0.0, 1.0, 2 * width), bytes=True)
     pixels = np.ascontiguousarray(np.broadcast_to(colors, (2 * height, 2 * width, 4)))
-    image = QImage(
-        pixels.data, 2 * width, 2 * height, 8 * width, QImage.Format.Format_RGBA8888
-    ).copy()
-    image.setDevicePixelRatio(2.0)
-    return QPixmap.fromImage(image)
-
-
-def swatch_icon(name: str, width: int = 56, height: int = 12) -> QIcon:
-    """The strip as the icon of an entry."""
-    return QIcon(swatch(name, width, height))
+    kind = QImage.Format.Format_RGBA8888
+    image = QImage(pixels.data, 2 * width, 2 * height, 8 * width, kind)
+    picture = QPixmap.fromImage(image)
+    picture.setDevicePixelRatio(2.0)
+    return QIcon(picture)

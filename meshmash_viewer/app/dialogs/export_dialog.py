@@ -48,6 +48,11 @@ class Format:
     number: float
     place: float
 
+    @property
+    def pattern(self) -> str:
+        """As a file dialog takes it."""
+        return f"{self.name} (*{self.ending})"
+
 
 #: The formats of features, most complete first.
 FORMATS = (
@@ -85,7 +90,7 @@ class ExportDialog(SaveDialog):
         self._missing = ""
         suggested = folder / f"{self._mesh.name or 'mesh'}_hks.npz"
         super().__init__(
-            "export", "Export", FileRow(suggested, *self._file_kind(FORMATS[0])), parent
+            "export", "Export", FileRow(suggested, FORMATS[0].pattern, FORMATS[0].ending), parent
         )
         self.kind_combo = theme.named(QComboBox(), "export_kind_combo", "What to export")
         for kind, family in EXPORTS.items():
@@ -219,10 +224,6 @@ class ExportDialog(SaveDialog):
         table.setFixedHeight(26 * len(FORMATS) + 32)
         table.selectRow(0)
 
-    @staticmethod
-    def _file_kind(chosen: Format) -> tuple[str, str]:
-        return f"{chosen.name} (*{chosen.ending})", chosen.ending
-
     def _holds(self, chosen: Format) -> bool:
         """Whether a format can hold what is exported: only two of them hold eigenpairs."""
         return bool(self._chosen().counted) or chosen.ending in EIGENPAIR_WRITERS
@@ -249,8 +250,7 @@ class ExportDialog(SaveDialog):
         self._refresh()
 
     def _change_format(self) -> None:
-        pattern, ending = self._file_kind(self.format)
-        self.file_row.set_ending(ending, pattern)
+        self.file_row.set_ending(self.format.ending, self.format.pattern)
         self._refresh()
 
     def _follow_name(self) -> None:

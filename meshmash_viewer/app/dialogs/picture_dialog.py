@@ -90,13 +90,8 @@ class PictureDialog(SaveDialog):
     @property
     def choice(self) -> PictureChoice:
         """All of it, to be suggested the next time."""
-        preset = self.preset_combo.currentIndex()
-        return PictureChoice(self.path, self.size_, preset, self.transparent)
-
-    @property
-    def size_(self) -> tuple[int, int]:
-        """Width and height in pixels."""
-        return self.width_spin.value(), self.height_spin.value()
+        size, preset = (self.width_spin.value(), self.height_spin.value()), self.preset_combo
+        return PictureChoice(self.path, size, preset.currentIndex(), self.transparent)
 
     @property
     def transparent(self) -> bool:

@@ -42,8 +42,8 @@ class ColorSection(QWidget):
     Whoever types an end locks both: they then stay when the field changes.
     """
 
-    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, document: Document) -> None:
+        super().__init__()
         self._document = document
         self._signed: bool | None = None
         self._limits: tuple[float, float] | None = None

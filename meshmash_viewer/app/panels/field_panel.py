@@ -22,8 +22,8 @@ __all__ = ["FieldPanel"]
 class FieldPanel(QWidget):
     """One tab for each family of fields; turning to a tab puts its field on the render."""
 
-    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, document: Document) -> None:
+        super().__init__()
         theme.named(self, "field_panel", "Field")
         self._document = document
         self._player = Player(document, self)
@@ -31,7 +31,7 @@ class FieldPanel(QWidget):
         self.tabs.setDocumentMode(True)
         theme.named(self.tabs.tabBar(), "field_tab_bar").setExpanding(False)
         self.tabs.setUsesScrollButtons(True)
-        self._pages = {name: tab_of(family)(document, self) for name, family in FAMILIES.items()}
+        self._pages = {name: tab_of(family)(document) for name, family in FAMILIES.items()}
         for name, page in self._pages.items():
             area = QScrollArea(widgetResizable=True)
             area.setFrameShape(QFrame.Shape.NoFrame)

@@ -63,8 +63,8 @@ _ROWS = (
 class HealthTable(QWidget):
     """One row a count: a mark, what it is, how many, and its repair."""
 
-    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, document: Document) -> None:
+        super().__init__()
         self.setObjectName("health_table")
         self._document = document
         self._marks: dict[str, QLabel] = {}

@@ -45,8 +45,8 @@ _NARROWEST_UNIT, _WIDEST_UNIT = 144, 216
 class MeshPanel(QWidget):
     """Left panel; its foot with Compute and the proof stays in view while the rest scrolls."""
 
-    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, document: Document) -> None:
+        super().__init__()
         theme.named(self, "mesh_panel", "Mesh")
         self._document = document
 

@@ -70,8 +70,8 @@ class PlotPanel(QWidget):
 
     plot: Plot
 
-    def __init__(self, document: Document, name: str, title: str, parent: QWidget | None) -> None:
-        super().__init__(parent)
+    def __init__(self, document: Document, name: str, title: str) -> None:
+        super().__init__()
         theme.named(self, f"{name}_panel", title)
         self._document = document
         self.empty = QLabel(wordWrap=True, alignment=Qt.AlignmentFlag.AlignCenter)

@@ -26,8 +26,8 @@ class PinLegend(QScrollArea):
 
     pointed = Signal(int)
 
-    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, document: Document) -> None:
+        super().__init__()
         theme.named(self, "pin_legend", "Pinned vertices")
         self.setFrameShape(QFrame.Shape.NoFrame)
         self.setWidgetResizable(True)

@@ -46,8 +46,8 @@ class ProfilePanel(PlotPanel):
 
     pin_pointed = Signal(int)
 
-    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
-        super().__init__(document, "profile", "Profiles", parent)
+    def __init__(self, document: Document) -> None:
+        super().__init__(document, "profile", "Profiles")
         self._shown = ""
         self._page: int | None = None
         self._paged = True

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QCheckBox, QLabel, QWidget
+from PySide6.QtWidgets import QCheckBox, QLabel
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import format_wavelength, show_quietly
@@ -25,8 +25,8 @@ __all__ = ["SpectrumPanel"]
 class SpectrumPanel(PlotPanel):
     """Bottom panel; shows what suits the field on the render until someone chooses otherwise."""
 
-    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
-        super().__init__(document, "spectrum", "Spectrum", parent)
+    def __init__(self, document: Document) -> None:
+        super().__init__(document, "spectrum", "Spectrum")
         choices = {"eigenvalues": "Eigenvalues", "responses": "Filters"}
         self.view_choice = Segments("spectrum_view", "What the spectrum shows", choices)
         self.view_choice.chosen.connect(self._show_view)

@@ -9,7 +9,7 @@ from typing import Any
 import pyqtgraph as pg
 from PySide6.QtCore import QPointF, Qt, Signal
 from PySide6.QtGui import QBrush, QColor, QFont, QPen, QResizeEvent
-from PySide6.QtWidgets import QToolButton, QWidget
+from PySide6.QtWidgets import QToolButton
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.scale_marks import linear_texts, power_text
@@ -117,9 +117,9 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
     clicked = Signal(float, float)
     hovered = Signal(float, float)
 
-    def __init__(self, name: str, accessible_name: str, parent: QWidget | None = None) -> None:
+    def __init__(self, name: str, accessible_name: str) -> None:
         axes = {side: ScientificAxis(side) for side in ("left", "bottom")}
-        super().__init__(parent, axisItems=axes)
+        super().__init__(axisItems=axes)
         theme.named(self, name, accessible_name)
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)  # what it does by mouse, panels do by keys
         self.setFrameShape(self.Shape.NoFrame)

@@ -20,6 +20,13 @@ from meshmash_viewer.units import counted, format_quantity, subscript
 __all__ = ["EigenfunctionTab"]
 
 
+_FACTS = {
+    "wavelength_label": "Wavelength 2π/√λ",
+    "residual_label": "Relative residual",
+    "converged_label": "Eigenpairs",
+}
+
+
 class EigenfunctionTab(FieldStepper):
     """Scroll the eigenfunctions that have converged, and read what each one is."""
 
@@ -34,13 +41,7 @@ class EigenfunctionTab(FieldStepper):
         )
         self.flip_button.setCheckable(True)
         self.flip_button.clicked.connect(self._flip)
-        self.facts = Facts(
-            {
-                "wavelength_label": "Wavelength 2π/√λ",
-                "residual_label": "Relative residual",
-                "converged_label": "Eigenpairs",
-            }
-        )
+        self.facts = Facts(_FACTS)
         self.nodal_check = theme.named(
             QCheckBox("Nodal lines, where it is zero"), "nodal_lines_check", "Draw nodal lines"
         )
@@ -87,41 +88,28 @@ class EigenfunctionTab(FieldStepper):
             self.spin.setSuffix(suffix)
         self.flip_button.setChecked(index in chosen.flipped)
         show_quietly(self.nodal_check, display.nodal_lines)
+        title, told, multiplet, preview = "λ", dict.fromkeys(_FACTS, ""), "", ""
         if spectrum is not None and len(spectrum):
-            self._describe(spectrum, index)
-        else:
-            self.title.setText("λ")
-            for name in ("wavelength_label", "residual_label", "converged_label"):
-                self.facts.show_value(name, "")
-            show_note(self.multiplet_note, "")
-            show_note(self.preview_note, "")
-
-    def _describe(self, spectrum: Spectrum, index: int) -> None:
-        unit = self._document.unit
-        value = float(spectrum.eigenvalues[index])
-        zeros = first_nonzero(spectrum)
-        exact = spectrum.is_exact(index)
-        approximate = "=" if exact else "≈"
-        if index < zeros:
-            text, value = "0", 0.0
-        else:
-            text = format_quantity(value, unit, -2)
-        self.title.setText(f"λ{subscript(index)} {approximate} {text}")
-        self.facts.show_value("wavelength_label", format_wavelength(value, unit))
-        residual = float(spectrum.residuals[index]) if index < len(spectrum.residuals) else None
-        self.facts.show_value(
-            "residual_label",
-            "" if residual is None or not exact else f"{residual:.1e}",
-        )
-        self.facts.show_value("converged_label", _converged(spectrum))
-        show_note(self.multiplet_note, _multiplet(spectrum, index, zeros))
-        show_note(
-            self.preview_note,
-            ""
-            if exact
-            else f"Preview: from a coarse mesh, λ within about {100.0 * spectrum.error:.0f} %. "
-            "The exact eigenfunctions take its place as they converge.",
-        )
+            unit, zeros = self._document.unit, first_nonzero(spectrum)
+            value = 0.0 if index < zeros else float(spectrum.eigenvalues[index])
+            exact = spectrum.is_exact(index)
+            written = format_quantity(value, unit, -2) if value else "0"
+            title = f"λ{subscript(index)} {'=' if exact else '≈'} {written}"
+            told["wavelength_label"] = format_wavelength(value, unit)
+            if exact and index < len(spectrum.residuals):
+                told["residual_label"] = f"{spectrum.residuals[index]:.1e}"
+            told["converged_label"] = _converged(spectrum)
+            multiplet = _multiplet(spectrum, index, zeros)
+            if not exact:
+                preview = (
+                    f"Preview: from a coarse mesh, λ within about {100.0 * spectrum.error:.0f} %. "
+                    "The exact eigenfunctions take its place as they converge."
+                )
+        self.title.setText(title)
+        for name, text in told.items():
+            self.facts.show_value(name, text)
+        show_note(self.multiplet_note, multiplet)
+        show_note(self.preview_note, preview)
 
 
 def _converged(spectrum: Spectrum) -> str:

@@ -29,8 +29,8 @@ class FamilyTab(QWidget):
 
     family: ClassVar[type[Family]]
 
-    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, document: Document) -> None:
+        super().__init__()
         self._document = document
         self._build()
         follow(document.spectrum_changed, self._refresh_in_front)
@@ -122,7 +122,7 @@ class ColumnStepper(FieldStepper):
     """Step through the columns of a feature; their number is that of the exported one.
 
     Subclasses say what a column is in `_describe`, and give the control of a range in
-    `_range_part`.
+    `_range_parts`.
 
     Attributes
     ----------

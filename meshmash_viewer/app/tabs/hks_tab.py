@@ -90,8 +90,7 @@ class HksTab(FieldStepper):
             self.title.setText("t")
             self.facts.show_value("hks_length_label", "")
             self.slider.set_marks(())
-            self.slider.set_hatched(None)
-            show_note(self.missing_note, "")
+            self._show_missing(None, "")
             return
         time = chosen.time_in(document.spectrum)
         low, high = between
@@ -104,23 +103,22 @@ class HksTab(FieldStepper):
 
     def _mark_missing(self, spectrum: Spectrum, low: float, high: float, time: float) -> None:
         """Hatch the times that the pairs at hand cannot resolve, and say what would do it."""
-        resolved = resolved_from(spectrum)
-        if resolved <= low * (1.0 + 1e-9):
-            self.slider.set_hatched(None)
-            show_note(self.missing_note, "")
+        resolved, mesh = resolved_from(spectrum), self._document.mesh
+        if mesh is None or resolved <= low * (1.0 + 1e-9):
+            self._show_missing(None, "")
             return
         share = min(math.log(resolved / low) / math.log(high / low), 1.0)
-        self.slider.set_hatched((0.0, share))
-        mesh = self._document.mesh
-        if mesh is None:
-            return
         wanted, what = (time, "This time") if time < resolved else (low, "The hatched part")
         missing = float(spectrum.missing_shares(heat_kernel_bank([wanted]), mesh.area)[0])
         upto = "" if wanted == time else "up to "
         needed = required_eigenvalue(wanted)
-        show_note(
-            self.missing_note,
+        self._show_missing(
+            (0.0, share),
             f"{what} misses {upto}about {percent(missing)} of the signature for want of "
             f"eigenpairs. It takes those up to λ = {format_quantity(needed, mesh.unit, -2)}, "
             f"{estimated_pairs(spectrum, mesh.area, needed)}.",
         )
+
+    def _show_missing(self, hatched: tuple[float, float] | None, sentence: str) -> None:
+        self.slider.set_hatched(hatched)
+        show_note(self.missing_note, sentence)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtCore import QSignalBlocker
 from PySide6.QtGui import QColor, QIcon, QPixmap
-from PySide6.QtWidgets import QComboBox, QLabel, QWidget
+from PySide6.QtWidgets import QComboBox, QLabel
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import note, show_note
@@ -24,9 +24,9 @@ class SimilarityTab(FamilyTab):
 
     family = Similarity
 
-    def __init__(self, document: Document, parent: QWidget | None = None) -> None:
+    def __init__(self, document: Document) -> None:
         self._pins: tuple[Pin, ...] = ()
-        super().__init__(document, parent)
+        super().__init__(document)
         listen(document.pins_changed, self._follow_pins)
         self._follow_pins()
 
