@@ -45,7 +45,6 @@ class Eigenfunctions(Family):
     export: ClassVar[str] = "eigenpairs"
     export_label: ClassVar[str] = "Eigenpairs"
     position: ClassVar[tuple[str, ...]] = ("index",)
-    earlier: ClassVar[Mapping[str, str]] = {"index": "index", "flipped": "flipped"}
     signed: ClassVar[bool] = True
     interval: ClassVar[int] = 250  # they want to be looked at
 

@@ -177,8 +177,6 @@ class Family:
         Parameters that say where in the family one is; they come last in what is remembered.
     ordered : tuple of str
         Two parameters of which the first is below the second.
-    earlier : dict
-        What its parameters were called in sessions of version 1.
     signed : bool
         Whether zero is in the middle of the values rather than at their end.
     interval : int
@@ -197,7 +195,6 @@ class Family:
     counted: ClassVar[str] = ""
     position: ClassVar[tuple[str, ...]] = ()
     ordered: ClassVar[tuple[str, str] | None] = None
-    earlier: ClassVar[Mapping[str, str]] = {}
     signed: ClassVar[bool] = False
     interval: ClassVar[int] = 0
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (False, False, False)

@@ -43,13 +43,6 @@ class GeometryVectors(BankColumns):
     export: ClassVar[str] = "geometry-vectors"
     position: ClassVar[tuple[str, ...]] = ("index",)
     ordered: ClassVar[tuple[str, str] | None] = ("low", "high")
-    earlier: ClassVar[Mapping[str, str]] = {
-        "band": "index",
-        "band_count": "count",
-        "band_automatic": "automatic",
-        "band_min": "low",
-        "band_max": "high",
-    }
 
     automatic: bool = flag(True)
     low: float | None = number(0.0)

@@ -63,13 +63,6 @@ class HeatKernelSignature(Family):
     counted: ClassVar[str] = "scales"
     position: ClassVar[tuple[str, ...]] = ("time",)
     ordered: ClassVar[tuple[str, str] | None] = ("t_min", "t_max")
-    earlier: ClassVar[Mapping[str, str]] = {
-        "time": "time",
-        "hks_automatic": "automatic",
-        "hks_t_min": "t_min",
-        "hks_t_max": "t_max",
-        "hks_scales": "scales",
-    }
     interval: ClassVar[int] = 50  # times are a film
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (True, True, True)
 

@@ -43,13 +43,9 @@ class Similarity(Family):
     label: ClassVar[str] = "Similar to a vertex"
     short: ClassVar[str] = "Similar"
     tip: ClassVar[str] = "Distance in feature space from a pinned vertex"
-    earlier: ClassVar[Mapping[str, str]] = {
-        "similarity_vertex": "vertex",
-        "similarity_basis": "basis",
-    }
 
     vertex: int | None = parameter(type="vertex", least=0, most=2**31 - 1)
-    basis: str = parameter("hks", type="family", earlier={"bands": "band"})
+    basis: str = parameter("hks", type="family")
     features: Family | None = None
 
     @property

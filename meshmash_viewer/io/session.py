@@ -32,8 +32,6 @@ SESSION_ENDING = ".meshmash.json"
 
 _FORMAT = "meshmash-viewer session"
 _VERSION = 2
-#: Whose display is told otherwise.
-_EARLIER = 1
 #: Indices and counts are whole numbers of 32 bits, as the window's fields are.
 MOST_INDEX = 2**31 - 1
 #: Bytes that a session may have: thousands of pins take a hundredth of it.
@@ -169,10 +167,10 @@ def read_session(path: str | Path) -> Session:
     if not isinstance(content, dict) or content.pop("format", None) != _FORMAT:
         raise InputError(f"{path} is not a session of this program; open another file.")
     version = content.pop("version", None)
-    if version not in (_EARLIER, _VERSION):
+    if version != _VERSION:
         raise InputError(
             f"{path} is a session of version {version}, and this program knows {_VERSION};"
-            " open it with a newer program."
+            " open it with the program that wrote it."
         )
     session = {
         name: understood(check, content[name], path, name)

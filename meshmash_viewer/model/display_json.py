@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import Field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -62,7 +62,7 @@ def read_display(content: object, path: Path) -> dict[str, Any]:
     InputError
         If one has another type, is out of bounds, or does not go together with another.
     """
-    taken: dict[str, Any] = understood(_display, content, path, "display")
+    taken: dict[str, Any] = understood(_DISPLAY, content, path, "display")
     return taken
 
 
@@ -143,65 +143,26 @@ def _in_order(taken: dict[str, Any], low: str, high: str, value: object) -> None
         raise Refused(f"an object with {low} below {high}", value)
 
 
-_FAMILIES: dict[str, dict[str, Check]] = {
-    name: {each.name: _parameter(each) for each in _kept(family)}
-    for name, family in FAMILIES.items()
-}
-_CHECKS: dict[str, Check] = {
-    "kind": choice(FAMILIES),
-    "nodal_lines": flag,
-    "diverging_colormap": _color_map,
-    "sequential_colormap": _color_map,
-}
-
-
 def _family(name: str) -> Check:
+    family = FAMILIES[name]
+    parameters = record({each.name: _parameter(each) for each in _kept(family)})
+
     def check(value: object) -> dict[str, Any]:
-        taken: dict[str, Any] = record(_FAMILIES[name])(value)
-        if ordered := FAMILIES[name].ordered:
-            _in_order(taken, *ordered, value)
+        taken: dict[str, Any] = parameters(value)
+        if family.ordered:
+            _in_order(taken, *family.ordered, value)
         return taken
 
     return check
 
 
-_NOW: dict[str, Check] = {
-    **_CHECKS,
-    "fields": record({name: _family(name) for name in FAMILIES}),
-    "policies": record(dict.fromkeys(FAMILIES, _policy)),
-}
-
-
-def _display(value: object) -> dict[str, Any]:
-    if isinstance(value, Mapping) and ("fields" in value or "policies" in value):
-        return dict(record(_NOW)(value))
-    return _version_1(value)
-
-
-def _version_1(value: object) -> dict[str, Any]:
-    """Sessions that were written before families had their own entries."""
-    flat = {
-        old: _earlier(family, new)
-        for family in FAMILIES.values()
-        for old, new in family.earlier.items()
+_DISPLAY = record(
+    {
+        "kind": choice(FAMILIES),
+        "nodal_lines": flag,
+        "diverging_colormap": _color_map,
+        "sequential_colormap": _color_map,
+        "fields": record({name: _family(name) for name in FAMILIES}),
+        "policies": record(dict.fromkeys(FAMILIES, _policy)),
     }
-    taken: dict[str, Any] = record({**_CHECKS, **flat, "limits": none_or(_policy)})(value)
-    chosen: dict[str, dict[str, Any]] = {}
-    for name, family in FAMILIES.items():
-        known = {old: new for old, new in family.earlier.items() if old in taken}
-        if family.ordered:
-            low, high = (old for old, new in family.earlier.items() if new in family.ordered)
-            _in_order(taken, low, high, value)
-        if known:
-            chosen[name] = {new: taken.pop(old) for old, new in known.items()}
-    limits = taken.pop("limits", None)
-    if limits is not None:
-        taken["policies"] = dict.fromkeys(FAMILIES, limits)
-    return {**taken, "fields": chosen} if chosen else taken
-
-
-def _earlier(family: type[Family], name: str) -> Check:
-    """The check of a parameter, of which some values were called otherwise."""
-    each = next(each for each in fields(family) if each.name == name)
-    check, other = _parameter(each), each.metadata.get("earlier", {})
-    return lambda value: check(other.get(value, value) if isinstance(value, str) else value)
+)

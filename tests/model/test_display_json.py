@@ -27,27 +27,18 @@ from meshmash_viewer.model.limits import (
     SymmetricLimits,
 )
 
-#: What a display was in the first version of sessions.
-VERSION_1 = {
+CONTENT = {
     "kind": "band",
-    "index": 7,
-    "flipped": [3, 5],
-    "time": 1.5e5,
-    "hks_automatic": False,
-    "hks_t_min": 1.0,
-    "hks_t_max": 2e5,
-    "hks_scales": 64,
-    "band": 3,
-    "band_count": 12,
-    "band_automatic": False,
-    "band_min": 0.0,
-    "band_max": 1e-4,
-    "similarity_vertex": 17,
-    "similarity_basis": "bands",
     "nodal_lines": True,
     "diverging_colormap": "PuOr_r",
     "sequential_colormap": "magma",
-    "limits": {"policy": "LockedLimits", "low": -2.0, "high": 3e-8},
+    "fields": {
+        "eigenfunction": {"index": 7, "flipped": [3, 5]},
+        "hks": {"time": 1.5e5, "automatic": False, "t_min": 1.0, "t_max": 2e5, "scales": 64},
+        "band": {"index": 3, "count": 12, "automatic": False, "low": 0.0, "high": 1e-4},
+        "similarity": {"vertex": 17, "basis": "band"},
+    },
+    "policies": {"hks": {"policy": "LockedLimits", "low": -2.0, "high": 3e-8}},
 }
 PATH = Path("some") / "now.meshmash.json"
 
@@ -81,35 +72,21 @@ def test_comes_back(limits: LimitPolicy | None) -> None:
     [
         ("kind", "x", 'display.kind = "x", which should be "eigenfunction" or'),
         ("kind", ["hks"], "display.kind"),
-        ("index", "x", 'display.index = "x", which should be a whole number'),
-        ("index", -1, "display.index = -1"),
-        ("index", 2**31, "display.index"),
-        ("flipped", [1, "x"], r"display.flipped\[1\]"),
-        ("time", "abc", 'display.time = "abc", which should be null or a number'),
-        ("time", -1, "display.time = -1"),
-        ("time", float("inf"), "display.time = Infinity"),
-        ("hks_automatic", 1, "display.hks_automatic = 1, which should be true or false"),
-        ("hks_scales", 10**9, "display.hks_scales = 1000000000, .* from 1 to 1024"),
-        ("hks_scales", 0, "display.hks_scales = 0"),
-        ("band_count", 10**7, "display.band_count = 10000000, .* from 1 to 512"),
-        ("band", 512, "display.band = 512"),
-        ("band_min", -0.5, "display.band_min"),
-        ("similarity_vertex", "x", "display.similarity_vertex"),
-        ("similarity_basis", None, "display.similarity_basis"),
         ("nodal_lines", None, "display.nodal_lines"),
         ("sequential_colormap", "nonsense", "display.sequential_colormap = .*colour map"),
         ("diverging_colormap", None, "display.diverging_colormap"),
-        ("limits", {"policy": "Nobody"}, "display.limits.policy"),
-        ("limits", {"low": 1.0, "high": 2.0}, "display.limits = .* with policy"),
-        ("limits", {"policy": "LockedLimits"}, "display.limits = .* with low"),
-        ("limits", {"policy": "LockedLimits", "low": 2, "high": 1}, "with low below high"),
-        ("limits", {"policy": "LockedLimits", "low": "a", "high": 1}, "display.limits.low"),
-        ("limits", {"policy": "PercentileLimits", "low": 1, "high": 101}, "from 0 to 100"),
-        ("limits", 3, "display.limits = 3"),
+        ("policies", {"hks": {"policy": "Nobody"}}, "display.policies.hks.policy"),
+        ("policies", {"hks": {"low": 1.0, "high": 2.0}}, "display.policies.hks = .* with policy"),
+        ("policies", {"hks": {"policy": "LockedLimits"}}, "display.policies.hks = .* with low"),
+        ("policies", {"hks": {"policy": "LockedLimits", "low": 2, "high": 1}}, "low below high"),
+        ("policies", {"hks": {"policy": "LockedLimits", "low": "a", "high": 1}}, "hks.low"),
+        ("policies", {"hks": {"policy": "PercentileLimits", "low": 1, "high": 101}}, "0 to 100"),
+        ("policies", {"hks": 3}, "display.policies.hks = 3"),
+        ("policies", 3, "display.policies = 3"),
     ],
 )
 def test_every_bad_entry_is_named(entry: str, value: object, clause: str) -> None:
-    content = VERSION_1 | {entry: value}
+    content = CONTENT | {entry: value}
     with pytest.raises(InputError, match=clause) as told:
         read_display(content, PATH)
     assert str(told.value).startswith("now.meshmash.json has display")
@@ -118,11 +95,22 @@ def test_every_bad_entry_is_named(entry: str, value: object, clause: str) -> Non
 @pytest.mark.parametrize(
     ("family", "entry", "value", "clause"),
     [
+        ("eigenfunction", "index", "x", 'index = "x", which should be a whole number'),
         ("eigenfunction", "index", -1, "display.fields.eigenfunction.index = -1"),
+        ("eigenfunction", "index", 2**31, "display.fields.eigenfunction.index"),
         ("eigenfunction", "flipped", [1, "x"], r"display.fields.eigenfunction.flipped\[1\]"),
         ("hks", "scales", 0, "display.fields.hks.scales = 0, .* from 1 to 1024"),
+        ("hks", "scales", 10**9, "display.fields.hks.scales = 1000000000, .* from 1 to 1024"),
+        ("hks", "time", "abc", 'hks.time = "abc", which should be null or a number'),
+        ("hks", "time", -1, "display.fields.hks.time = -1"),
+        ("hks", "time", float("inf"), "display.fields.hks.time = Infinity"),
+        ("hks", "automatic", 1, "hks.automatic = 1, which should be true or false"),
         ("hks", "t_min", 3e5, "t_min below t_max"),
+        ("band", "index", 512, "display.fields.band.index = 512"),
+        ("band", "low", -0.5, "display.fields.band.low"),
         ("band", "count", 10**7, "display.fields.band.count = .* from 1 to 512"),
+        ("similarity", "vertex", "x", "display.fields.similarity.vertex"),
+        ("similarity", "basis", None, "display.fields.similarity.basis"),
         ("similarity", "basis", "x", 'display.fields.similarity.basis = "x"'),
         ("similarity", "vertex", 0.5, "display.fields.similarity.vertex = 0.5"),
     ],
@@ -136,37 +124,19 @@ def test_every_bad_parameter_is_named(family: str, entry: str, value: object, cl
         read_display(content, PATH)
 
 
-def test_sessions_of_version_1_are_read() -> None:
-    display = Display()
-    display_from_json(display, read_display(VERSION_1, PATH))
-    assert display[Eigenfunctions] == Eigenfunctions(7, frozenset({3, 5}))
-    assert display[HeatKernelSignature] == HeatKernelSignature(1.5e5, False, 1.0, 2e5, 64)
-    assert display[GeometryVectors] == GeometryVectors(3, 12, False, 0.0, 1e-4)
-    assert display[Similarity] == Similarity(17, "band")
-    assert (display.kind, display.nodal_lines) == ("band", True)
-    assert display.limits == LockedLimits(-2.0, 3e-8)
-
-
 def test_one_scale_is_enough() -> None:
     display = Display()
-    display_from_json(display, read_display(VERSION_1 | {"hks_scales": 1}, PATH))
+    display_from_json(display, read_display({"fields": {"hks": {"scales": 1}}}, PATH))
     assert display[HeatKernelSignature].scales == 1
 
 
 def test_a_vertex_that_the_mesh_has_not_is_left_out() -> None:
-    content = read_display(VERSION_1, PATH)
+    content = read_display(CONTENT, PATH)
     assert list(drop_vertices(content, 18)) == []
     assert list(drop_vertices(content, 17)) == [("fields.similarity.vertex", 17)]
     display = Display()
     display_from_json(display, content)
     assert display[Similarity].vertex is None
-
-
-@pytest.mark.parametrize(("low", "high"), [("hks_t_min", "hks_t_max"), ("band_min", "band_max")])
-def test_ranges_are_in_order(low: str, high: str) -> None:
-    content = VERSION_1 | {low: 2.0, high: 1.0}
-    with pytest.raises(InputError, match=f"{low} below {high}"):
-        read_display(content, PATH)
 
 
 def test_entries_of_later_programs_are_passed_over() -> None:
