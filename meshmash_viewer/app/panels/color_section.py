@@ -64,6 +64,7 @@ class ColorSection(QWidget):
         rows = ((_muted("Map"), self.map_combo), (_muted("Limits"), self.policy_combo))
         for label, combo in rows:
             label.setBuddy(combo)
+        self.fault = reserved_note("limits_fault", 1)
         self.low = NumberField("limit_low_field", "Low limit")
         self.high = NumberField("limit_high_field", "High limit")
         self.low.fault = lambda low: self._fault(low, self.high.value)
@@ -71,7 +72,7 @@ class ColorSection(QWidget):
         for field in (self.low, self.high):
             field.setToolTip("Give a number to lock the limits")
             field.edited.connect(self._lock)
-            field.refused.connect(self._complain)
+            field.refused.connect(self.fault.setText)
         self.unit_label = _muted("")
         self.percentiles = QWidget()
         default = PercentileLimits()
@@ -80,7 +81,6 @@ class ColorSection(QWidget):
         both = (self.percent_low,), _muted("to"), (self.percent_high,)
         self.percentiles.setLayout(row(*both))
         keep_room(self.percentiles)
-        self.fault = reserved_note("limits_fault", 1)
         parts: tuple[Part, ...] = (
             theme.with_role(QLabel("Colour"), "heading"),
             grid(*rows),
@@ -114,20 +114,17 @@ class ColorSection(QWidget):
         low, high = self.percent_low.value(), self.percent_high.value()
         if low < high:
             self._document.display.limits = PercentileLimits(low, high)
-        self._complain("" if low < high else "The low percentile has to be below the high one.")
+        self.fault.setText("" if low < high else "The low percentile has to be below the high one.")
 
     def _lock(self, _value: float) -> None:
         low, high = self.low.value, self.high.value
         if low is not None and high is not None:
-            self._complain("")
+            self.fault.setText("")
             self._document.display.limits = LockedLimits(low, high)
 
     def _fault(self, low: float | None, high: float | None) -> str:
         disorder = low is not None and high is not None and low >= high
         return "The low limit has to be below the high one." if disorder else ""
-
-    def _complain(self, sentence: str) -> None:
-        self.fault.setText(sentence)
 
     # -- from the model ---------------------------------------------------------------------
 

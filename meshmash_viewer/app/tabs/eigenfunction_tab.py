@@ -40,7 +40,7 @@ class EigenfunctionTab(FieldStepper):
             tip="Draw it with the other sign, which is as good (F)",
         )
         self.flip_button.setCheckable(True)
-        self.flip_button.clicked.connect(self._flip)
+        self.flip_button.clicked.connect(self._document.flip)
         self.facts = Facts(_FACTS)
         self.nodal_check = theme.named(
             QCheckBox("Nodal lines, where it is zero"), "nodal_lines_check", "Draw nodal lines"
@@ -66,9 +66,6 @@ class EigenfunctionTab(FieldStepper):
         )
 
     # -- from the person --------------------------------------------------------------------
-
-    def _flip(self) -> None:
-        self._document.flip()
 
     def _toggle_nodal(self, on: bool) -> None:
         self._document.display.nodal_lines = on
