@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import pytest
@@ -154,3 +155,21 @@ def test_a_panel_stays_where_it_is_when_its_title_is_clicked_twice(window: MainW
         QTest.mouseDClick(title, Qt.MouseButton.LeftButton, pos=title.rect().center())
         assert not dock.isFloating()
         QTest.mouseClick(title, Qt.MouseButton.LeftButton)  # with no button held, for who is next
+
+
+def test_units_in_their_list_have_room(qtbot: QtBot, window: MainWindow) -> None:
+    combo = part(window, "unit_combo")
+    assert isinstance(combo, QComboBox)
+    QTest.mouseClick(
+        combo, Qt.MouseButton.LeftButton, pos=QPoint(combo.width() - 8, combo.height() // 2)
+    )
+    rows = combo.view()
+    qtbot.waitUntil(rows.isVisible)
+    letters = rows.fontMetrics()
+    places = [rows.visualRect(rows.model().index(index, 0)) for index in range(combo.count())]
+    for above, below in itertools.pairwise(places):
+        assert below.top() - above.top() >= 1.4 * letters.height()
+    for index, place in enumerate(places):
+        assert place.width() >= letters.horizontalAdvance(combo.itemText(index)) + 6
+        assert rows.viewport().rect().contains(place), "all of them are in view"
+    combo.hidePopup()
