@@ -357,10 +357,10 @@ def test_export_asks_nothing_while_there_is_nothing_to_export(
     ("entry", "value", "clause"),
     [
         ("display", {"sequential_colormap": "nonsense"}, "display.sequential_colormap"),
-        ("display", {"time": "abc"}, "display.time"),
-        ("display", {"hks_scales": 10**9}, "display.hks_scales"),
-        ("display", {"band_count": 10**7}, "display.band_count"),
-        ("display", {"limits": {"policy": "LockedLimits", "low": 2, "high": 1}}, "limits"),
+        ("display", {"fields": {"hks": {"time": "abc"}}}, "display.fields.hks.time"),
+        ("display", {"fields": {"hks": {"scales": 10**9}}}, "display.fields.hks.scales"),
+        ("display", {"fields": {"band": {"count": 10**7}}}, "display.fields.band.count"),
+        ("display", {"policies": {"hks": {"policy": "LockedLimits"}}}, "display.policies.hks"),
         ("repairs", [["x"]], "repairs"),
         ("camera", {"focus": [0, 0, 0]}, "camera"),
         ("mesh_path", "", "mesh_path"),
@@ -374,7 +374,7 @@ def test_a_bad_session_is_one_sentence_and_changes_nothing(
         mesh_path=str(document.path),
         target={"kind": "wavelength", "value": 0.5},
         operator={"robust": False},
-        display={"band_count": 7},
+        display={"fields": {"band": {"count": 7}}},
     )
     path = tmp_path / "bad.meshmash.json"
     write_session(path, good)
@@ -403,7 +403,11 @@ def test_the_good_session_can_be_opened_after_a_bad_one(
         pins=[3, 600],
         n_vertices=642,
         target={"kind": "count", "value": 7},
-        display={"kind": "band", "band_count": 7, "limits": {"policy": "MinMaxLimits"}},
+        display={
+            "kind": "band",
+            "fields": {"band": {"count": 7}},
+            "policies": {"band": {"policy": "MinMaxLimits"}},
+        },
     )
     path, bad = tmp_path / "good.meshmash.json", tmp_path / "bad.meshmash.json"
     write_session(path, good)
