@@ -23,7 +23,7 @@ __all__ = [
 ]
 
 #: Raised whenever the files of a store change their meaning, so that old ones are not found.
-FORMAT = 3
+FORMAT = 4
 #: File of a store that says what it is of; its time of change is the time of last use.
 PROBLEM = "problem.json"
 

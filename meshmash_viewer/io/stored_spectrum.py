@@ -317,10 +317,10 @@ def read_spectrum(folder: Path, key: str, n_vertices: int) -> StoredSpectrum:
     proof = None
     if PROOF in names:
         try:
-            proof = _read_proof(folder / PROOF, key, n_vertices)
+            proof = _read_proof(folder / PROOF, key)
         except FileNotFoundError:
             pass
-        except (OSError, ValueError):
+        except (OSError, ValueError, KeyError, TypeError):  # or of a program with other entries
             faults.append("their proof")
     if proof is not None:
         named = {(start, stop) for start, stop, _ in proof.batches}
@@ -345,65 +345,34 @@ def write_batch(
     checksums: npt.NDArray[np.uint32],
 ) -> Batch:
     """Publish pairs whose rows are on the disk."""
-    path = folder / f"pairs-{start:06d}-{start + len(eigenvalues):06d}.sealed"
+    stop = start + len(eigenvalues)
+    path = folder / f"pairs-{start:06d}-{stop:06d}.sealed"
     arrays: dict[str, npt.NDArray[Any]] = {
         "eigenvalues": eigenvalues,
         "residuals": residuals,
         "checksums": checksums,
     }
-    seal = write_sealed(path, key, {"start": start}, arrays)
-    return Batch(path, start, eigenvalues, residuals, checksums, seal)
+    seal = write_sealed(path, key, {"pairs": [start, stop]}, arrays)
+    return Batch(path, start, **arrays, seal=seal)
 
 
 def _read_batch(path: Path, key: str, start: int, stop: int) -> Batch:
     sealed = read_sealed(path, key)
-    try:
-        arrays = [sealed.arrays[name] for name in ("eigenvalues", "residuals", "checksums")]
-        kinds = [array.dtype.str for array in arrays]
-        if sealed.content["start"] != start or kinds != ["<f8", "<f8", "<u4"]:
-            raise Damaged(f"{path.name} is another one")
-        if stop <= start or any(array.shape != (stop - start,) for array in arrays):
-            raise Damaged(f"{path.name} is another one")
-    except KeyError as fault:
-        raise Damaged(f"{path.name} lacks {fault}") from fault
-    if not np.isfinite(arrays[0]).all():
-        raise Damaged(f"{path.name} holds no eigenvalues")
-    return Batch(path, start, arrays[0], arrays[1], arrays[2], sealed.seal)
+    if sealed.content["pairs"] != [start, stop]:
+        raise Damaged(f"{path.name} is another one")
+    return Batch(path, start, **sealed.arrays, seal=sealed.seal)
 
 
 def write_proof(folder: Path, key: str, proof: Proof) -> None:
     """Record what a run that ended says of itself."""
-    content = {
-        "n_pairs": proof.n_pairs,
-        "batches": proof.batches,
-        "certificate": proof.certificate.as_dict(),
-        "max_eigenvalue": proof.max_eigenvalue,
-        "exhausted": proof.exhausted,
-        "timings": proof.timings,
-    }
-    write_sealed(folder / PROOF, key, content, {"mass": proof.mass})
+    content = {**vars(proof), "certificate": proof.certificate.as_dict()}
+    write_sealed(folder / PROOF, key, content, {"mass": content.pop("mass")})
 
 
-def _read_proof(path: Path, key: str, n_vertices: int) -> Proof:
+def _read_proof(path: Path, key: str) -> Proof:
     from meshmash_viewer.spectral.certificate import Certificate
 
     sealed = read_sealed(path, key)
-    content = sealed.content
-    try:
-        mass = sealed.arrays["mass"]
-        if mass.shape != (n_vertices,) or mass.dtype.str != "<f8":
-            raise Damaged(f"{path.name} holds another mass")
-        threshold = content["max_eigenvalue"]
-        return Proof(
-            n_pairs=int(content["n_pairs"]),
-            batches=[
-                [int(start), int(stop), str(seal)] for start, stop, seal in content["batches"]
-            ],
-            certificate=Certificate.from_dict(content["certificate"]),
-            max_eigenvalue=None if threshold is None else float(threshold),
-            exhausted=bool(content["exhausted"]),
-            timings={str(name): float(value) for name, value in content["timings"].items()},
-            mass=mass,
-        )
-    except (KeyError, TypeError, AttributeError) as fault:
-        raise Damaged(f"{path.name} lacks something ({fault})") from fault
+    content = {**sealed.content, "mass": sealed.arrays["mass"]}
+    content["certificate"] = Certificate.from_dict(content["certificate"])
+    return Proof(**content)
