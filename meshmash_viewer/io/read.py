@@ -31,7 +31,7 @@ from meshmash_viewer.io.limits import LimitExceeded, ReadLimits
 from meshmash_viewer.io.polygons import RawMesh
 from meshmash_viewer.io.scratch import ScratchFolder, remove_abandoned
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.units import NO_VOXEL, parse_unit
+from meshmash_viewer.units import NO_VOXEL, counted, parse_unit
 
 __all__ = ["READABLE_ENDINGS", "READERS", "mesh_name", "read_mesh"]
 
@@ -192,29 +192,20 @@ def _check_content(raw: RawMesh) -> None:
     wrong = np.flatnonzero((raw.faces < 0) | (raw.faces >= n)) // 3
     if len(wrong):
         face = int(wrong[0])
+        index = next(int(i) for i in raw.faces[face] if not 0 <= i < n)
         raise InputError(
-            f"has {_counted(len(np.unique(wrong)), 'face', 'faces')} with a vertex index out of"
-            f" range, the first being face {face} with {_offender(raw, face)} of {n} vertices, all"
-            " counted from 0"
+            f"has {counted(len(np.unique(wrong)), 'face')} with a vertex index out of range, the"
+            f" first being face {face} with index {index} of {n} vertices, all counted from 0"
         )
     broken = np.flatnonzero(~np.isfinite(raw.vertices).all(axis=1))
     if len(broken):
         raise InputError(
-            f"has {_counted(len(broken), 'vertex', 'vertices')} with a coordinate that is not"
-            f" finite, the first being vertex {broken[0]}, counted from 0"
+            f"has {counted(len(broken), 'vertex')} with a coordinate that is not finite, the"
+            f" first being vertex {broken[0]}, counted from 0"
         )
     a, b, c = raw.faces.T
     if not np.any((a != b) & (b != c) & (a != c)):
         raise InputError("has no triangle with three different corners")
-
-
-def _counted(count: int, one: str, many: str) -> str:
-    return f"{count} {one if count == 1 else many}"
-
-
-def _offender(raw: RawMesh, face: int) -> str:
-    corners = raw.faces[face]
-    return f"index {next(int(i) for i in corners if not 0 <= i < len(raw.vertices))}"
 
 
 def _way_out(fault: str, ending: str) -> str:

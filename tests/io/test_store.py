@@ -303,7 +303,7 @@ def test_left_overs_go_and_stores_of_other_versions_when_they_are_old(
     parts = [
         store.folder / name
         for name in (
-            ".0123456789ab-proof.sealed",
+            ".meshmash-01234567-99999999-89abcdef-eigenvectors.f64",
             ".meshmash-01234567-99999999-89abcdef-proof.sealed",
         )
     ]
