@@ -26,8 +26,7 @@ from meshmash_viewer.io.formats.off import read_off
 from meshmash_viewer.io.formats.ply import read_ply
 from meshmash_viewer.io.formats.stl import read_stl
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtp
-from meshmash_viewer.io.guarded import read_guarded
-from meshmash_viewer.io.limits import LimitExceeded, ReadLimits
+from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded
 from meshmash_viewer.io.polygons import RawMesh
 from meshmash_viewer.io.scratch import ScratchFolder, remove_abandoned
 from meshmash_viewer.mesh import Mesh

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -253,7 +253,7 @@ class StoredSpectrum:
             return self
         said = tuple(f"eigenpairs {b.start} to {b.stop - 1}" for b in batches)
         kept = [batch for batch in self.batches if batch not in batches]
-        return StoredSpectrum(self.path, self.n_vertices, kept, self.proof, self.faults + said)
+        return replace(self, batches=kept, faults=self.faults + said)
 
     def _joined(self, name: str, fill: float) -> npt.NDArray[Any]:
         length = self.batches[-1].stop if self.batches else 0
@@ -288,14 +288,10 @@ def read_spectrum(folder: Path, key: str, n_vertices: int) -> StoredSpectrum:
         Of the store.
     n_vertices : int
     """
-    path = folder / ROWS
-    try:
-        size = path.stat().st_size
-    except OSError:
-        size = 0
-    names = []
+    path, names, size = folder / ROWS, list[str](), 0
     with contextlib.suppress(OSError):  # cleared, or never there
         names = sorted(entry.name for entry in folder.iterdir())
+        size = path.stat().st_size
     batches: list[Batch] = []
     faults: list[str] = []
     for name in names:
@@ -315,14 +311,13 @@ def read_spectrum(folder: Path, key: str, n_vertices: int) -> StoredSpectrum:
         else:
             batches.append(batch)
     proof = None
-    if PROOF in names:
-        try:
-            proof = _read_proof(folder / PROOF, key)
-        except FileNotFoundError:
-            pass
-        except (OSError, ValueError, KeyError, TypeError):  # or of a program with other entries
-            faults.append("their proof")
-    if proof is not None:
+    try:
+        proof = _read_proof(folder / PROOF, key)
+    except (FileNotFoundError, NotADirectoryError):
+        pass  # no run has ended
+    except (OSError, ValueError, KeyError, TypeError):  # or of a program with other entries
+        faults.append("their proof")
+    else:
         named = {(start, stop) for start, stop, _ in proof.batches}
         there = {(batch.start, batch.stop) for batch in batches}
         lost = sorted(named - there)

@@ -11,8 +11,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.faults import printable
-from meshmash_viewer.io.guarded import read_guarded
-from meshmash_viewer.io.limits import ReadLimits
+from meshmash_viewer.io.guarded import ReadLimits, read_guarded
 from meshmash_viewer.io.polygons import RawMesh, fan_triangles
 from meshmash_viewer.io.provenance import stated_unit
 
