@@ -258,7 +258,7 @@ class Mesh:
         return np.asarray(np.cross(b - a, c - a), dtype=np.float64)
 
 
-def as_mesh(mesh: MeshLike, *, unit: str = "", name: str = "") -> Mesh:
+def as_mesh(mesh: MeshLike) -> Mesh:
     """Take a mesh in any of the accepted forms.
 
     Parameters
@@ -267,8 +267,6 @@ def as_mesh(mesh: MeshLike, *, unit: str = "", name: str = "") -> Mesh:
         A `Mesh` (returned as it is), a pair ``(vertices, faces)``, an object with attributes
         `vertices` and `faces` such as a ``trimesh.Trimesh``, or a pyvista ``PolyData``, whose
         polygons are triangulated.
-    unit, name : str
-        What the new `Mesh` is told of its unit and name; a `Mesh` keeps its own.
 
     Raises
     ------
@@ -280,9 +278,9 @@ def as_mesh(mesh: MeshLike, *, unit: str = "", name: str = "") -> Mesh:
     if hasattr(mesh, "GetPolys") and hasattr(mesh, "triangulate"):
         poly = mesh.triangulate()
         faces = np.asarray(poly.faces).reshape(-1, 4)[:, 1:]
-        return Mesh(np.asarray(poly.points), faces, unit, name)
+        return Mesh(np.asarray(poly.points), faces)
     if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
-        return Mesh(mesh.vertices, mesh.faces, unit, name)
+        return Mesh(mesh.vertices, mesh.faces)
     if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
         from scipy.sparse import issparse
 
@@ -291,7 +289,7 @@ def as_mesh(mesh: MeshLike, *, unit: str = "", name: str = "") -> Mesh:
                 "A pair of matrices (L, M) is not accepted here: give the mesh itself, "
                 "as (vertices, faces)."
             )
-        return Mesh(mesh[0], mesh[1], unit, name)
+        return Mesh(mesh[0], mesh[1])
     kind = type(mesh).__name__
     given = f"a {kind} of {len(mesh)}" if isinstance(mesh, (tuple, list)) else f"of type {kind}"
     hint = " Read a file with read_mesh." if isinstance(mesh, (str, PurePath)) else ""

@@ -49,14 +49,11 @@ def remove_abandoned() -> None:
     """Delete the folders of processes that were killed before they could."""
     for folder in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
         with contextlib.suppress(OSError):  # another user's, or just gone
-            if _is_abandoned(folder):
+            lock = FileLock(folder / _LOCK)
+            if lock.path.is_file():
+                abandoned = lock.acquire()
+                lock.release()
+            else:
+                abandoned = time.time() - folder.stat().st_mtime > _FORGOTTEN
+            if abandoned:
                 shutil.rmtree(folder, ignore_errors=True)
-
-
-def _is_abandoned(folder: Path) -> bool:
-    lock = FileLock(folder / _LOCK)
-    if not lock.path.is_file():
-        return folder.is_dir() and time.time() - folder.stat().st_mtime > _FORGOTTEN
-    free = lock.acquire()
-    lock.release()
-    return free

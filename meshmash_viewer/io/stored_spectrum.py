@@ -48,6 +48,8 @@ ROWS = "eigenvectors.f64"
 PROOF = f"proof{SEALED}"
 
 _BATCH = re.compile(r"pairs-(\d{6,})-(\d{6,})\.sealed")
+#: What reading raises of a file that is damaged, or whole but another one.
+_UNUSABLE = (OSError, ValueError, KeyError, TypeError)
 #: Equal up to rounding, as the solver takes a threshold.
 _THRESHOLD_MARGIN = 1e-11
 
@@ -299,14 +301,17 @@ def read_spectrum(folder: Path, key: str, n_vertices: int) -> StoredSpectrum:
             continue
         start, stop = int(match[1]), int(match[2])
         try:
-            batch = _read_batch(folder / name, key, start, stop)
-            if batch.stop * 8 * n_vertices > size:
+            sealed = read_sealed(folder / name, key)
+            batch = Batch(folder / name, start, **sealed.arrays, seal=sealed.seal)
+            if sealed.content["pairs"] != [start, stop]:
+                raise Damaged(f"{name} is another one")
+            if stop * 8 * n_vertices > size:
                 raise Damaged(f"{ROWS} ends before")
             if batches and not _follows(batches[-1], batch):
                 raise Damaged("it is out of order")
         except FileNotFoundError:
             continue  # cleared in between
-        except (OSError, ValueError):
+        except _UNUSABLE:
             faults.append(f"eigenpairs {start} to {stop - 1}")
         else:
             batches.append(batch)
@@ -315,7 +320,7 @@ def read_spectrum(folder: Path, key: str, n_vertices: int) -> StoredSpectrum:
         proof = _read_proof(folder / PROOF, key)
     except (FileNotFoundError, NotADirectoryError):
         pass  # no run has ended
-    except (OSError, ValueError, KeyError, TypeError):  # or of a program with other entries
+    except _UNUSABLE:
         faults.append("their proof")
     else:
         named = {(start, stop) for start, stop, _ in proof.batches}
@@ -349,13 +354,6 @@ def write_batch(
     }
     seal = write_sealed(path, key, {"pairs": [start, stop]}, arrays)
     return Batch(path, start, **arrays, seal=seal)
-
-
-def _read_batch(path: Path, key: str, start: int, stop: int) -> Batch:
-    sealed = read_sealed(path, key)
-    if sealed.content["pairs"] != [start, stop]:
-        raise Damaged(f"{path.name} is another one")
-    return Batch(path, start, **sealed.arrays, seal=sealed.seal)
 
 
 def write_proof(folder: Path, key: str, proof: Proof) -> None:
