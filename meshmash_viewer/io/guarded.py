@@ -21,12 +21,11 @@ from pathlib import Path
 
 import numpy as np
 
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.faults import unreadable
+from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.polygons import RawMesh
 from meshmash_viewer.io.scratch import ScratchFolder
 
-__all__ = ["RAISE_LIMITS", "LimitExceeded", "ReadLimits", "convert", "read_guarded"]
+__all__ = ["RAISE_LIMITS", "LimitExceeded", "ReadLimits", "convert", "read_guarded", "unreadable"]
 
 #: The environment variable by whose value every limit is multiplied.
 RAISE_LIMITS = "MESHMASH_READ_LIMITS"
@@ -235,6 +234,11 @@ def convert(reader: str, source: str, result: str, memory: str) -> None:
         sys.exit(_FAULT)
     finally:
         _watched = False
+
+
+def unreadable(fault: BaseException) -> InputError:
+    """What is left to say where a library says it best."""
+    return InputError(f"is not readable ({printable(fault) or type(fault).__name__})")
 
 
 def _refuse_memory_beyond(limit: float) -> None:

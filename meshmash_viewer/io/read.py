@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import gzip
+import warnings
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,8 +12,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.faults import printable, reading_in_silence, unreadable
+from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.formats.gltf import read_gltf
 from meshmash_viewer.io.formats.neuroimaging import (
     FREESURFER_ENDINGS,
@@ -26,7 +26,7 @@ from meshmash_viewer.io.formats.off import read_off
 from meshmash_viewer.io.formats.ply import read_ply
 from meshmash_viewer.io.formats.stl import read_stl
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtp
-from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded
+from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded, unreadable
 from meshmash_viewer.io.polygons import RawMesh
 from meshmash_viewer.io.scratch import ScratchFolder, remove_abandoned
 from meshmash_viewer.mesh import Mesh
@@ -98,7 +98,8 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
     ending = _ending(path)
     ReadLimits.of(0)  # which may have been set to what is no number
     try:
-        with reading_in_silence(), _unpacked(path, ending) as (plain, limits):
+        with warnings.catch_warnings(), _unpacked(path, ending) as (plain, limits):
+            warnings.simplefilter("ignore")  # what is wrong is said below, in one sentence
             reader = READERS.get(ending.removesuffix(".gz"), read_freesurfer)
             raw = reader(plain) if limits is None else read_guarded(reader, plain, limits)
             _check_content(raw)

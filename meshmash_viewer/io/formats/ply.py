@@ -9,8 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.faults import printable
+from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.polygons import (
     NotANumber,
     RawMesh,
