@@ -201,13 +201,9 @@ class Mesh:
         Where it vanishes (unreferenced vertices, faces that cancel) the normal is (0, 0, 1), so
         that nothing drawn with it is ever NaN.
         """
-        total = np.zeros((self.n_vertices, 3))
-        for corner in range(3):
-            indices = self.faces[:, corner]
-            for axis in range(3):
-                total[:, axis] += np.bincount(
-                    indices, weights=self._face_crosses[:, axis], minlength=self.n_vertices
-                )
+        corners, n = self.faces.ravel(), self.n_vertices
+        sums = [np.bincount(corners, np.repeat(axis, 3), n) for axis in self._face_crosses.T]
+        total = np.column_stack(sums)
         length = np.linalg.norm(total, axis=1, keepdims=True)
         # Sums that are rounding beside the largest possible one have no direction.
         vanishing = length[:, 0] <= 1e-12 * self.area / self.n_faces
