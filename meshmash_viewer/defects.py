@@ -11,16 +11,9 @@ import traceback
 from importlib import metadata
 from pathlib import Path
 
-__all__ = ["defect_details", "report_defect", "versions"]
+__all__ = ["report_defect", "versions"]
 
 _PACKAGES = ("meshmash-viewer", "numpy", "scipy", "numba", "vtk", "pyvista", "PySide6-Essentials")
-
-
-def defect_details(fault: BaseException) -> str:
-    """What whoever mends it wants to know: where it happened, and in which versions."""
-    command = " ".join(sys.argv)
-    trace = "".join(traceback.format_exception(fault))
-    return f"{command}\n{versions()}\n\n{trace}"
 
 
 def report_defect(fault: BaseException) -> str:
@@ -39,7 +32,8 @@ def report_defect(fault: BaseException) -> str:
         folder = Path(platformdirs.user_log_path("meshmash-viewer", appauthor=False))
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"defect-{moment}-{os.getpid()}.txt"
-        path.write_text(defect_details(fault), encoding="utf-8", errors="replace")
+        details = [" ".join(sys.argv), versions(), "", *traceback.format_exception(fault)]
+        path.write_text("\n".join(details), encoding="utf-8", errors="replace")
         return (
             f"a defect of the program ({what}); please report it with the details, which are in"
             f" {path}"

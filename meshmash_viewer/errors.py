@@ -1,4 +1,4 @@
-"""Faults that the person at the keyboard can mend."""
+"""Faults that the person at the keyboard can mend, and how they are said."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ __all__ = [
     "TruncationWarning",
     "UnprovenError",
     "UnprovenWarning",
+    "printable",
 ]
 
 
@@ -40,3 +41,20 @@ class TruncationWarning(UserWarning):
 
     By the estimate of `meshmash_viewer.features.truncation`; the features carry it with its bound.
     """
+
+
+def printable(text: object, length: int = 120) -> str:
+    """Text out of a file as one line that a terminal and a message bar can show.
+
+    Parameters
+    ----------
+    text : object
+        Anything with a text.
+    length : int
+        Characters at most.
+    """
+    line = " ".join(str(text).split())
+    line = "".join(
+        letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in line
+    )
+    return line if len(line) <= length else line[: length - 1] + "…"

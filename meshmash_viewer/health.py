@@ -197,14 +197,6 @@ def _drop_unreferenced_vertices(mesh: Mesh) -> Mesh:
     return _without_vertices(mesh, mesh.referenced, mesh.faces[mesh.distinct_corners])
 
 
-def _drop_degenerate_faces(mesh: Mesh) -> Mesh:
-    return _with_faces(mesh, ~mesh.degenerate_faces)
-
-
-def _drop_duplicate_faces(mesh: Mesh) -> Mesh:
-    return _with_faces(mesh, ~duplicate_faces(mesh))
-
-
 def _keep_largest_component(mesh: Mesh) -> Mesh:
     sizes = np.bincount(mesh.component_labels[mesh.referenced])
     kept = mesh.component_labels == int(sizes.argmax())
@@ -226,13 +218,13 @@ REPAIRS: dict[str, Repair] = {
             "drop_degenerate_faces",
             "Drop degenerate faces",
             lambda health: health.degenerate_faces,
-            _drop_degenerate_faces,
+            lambda mesh: _with_faces(mesh, ~mesh.degenerate_faces),
         ),
         Repair(
             "drop_duplicate_faces",
             "Drop duplicate faces",
             lambda health: health.duplicate_faces,
-            _drop_duplicate_faces,
+            lambda mesh: _with_faces(mesh, ~duplicate_faces(mesh)),
         ),
         Repair(
             "drop_unreferenced_vertices",

@@ -92,8 +92,9 @@ def cotangent_laplacian(
         _refuse_flat_faces(mesh)
         edges = _cotangent_weights(vertices, faces)
         areas = _corner_areas(vertices, faces)
-    areas = areas * scale**2
-    return _stiffness(edges, used, mesh.n_vertices), _diagonal(areas, used, mesh.n_vertices)
+    masses = np.zeros(mesh.n_vertices)
+    masses[used] = areas * scale**2
+    return _stiffness(edges, used, mesh.n_vertices), sparse.diags_array(masses)
 
 
 def area_matrix(mesh: MeshLike) -> SparseMatrix:
@@ -248,9 +249,3 @@ def _stiffness(edges: Edges, used: IntArray, n: int) -> SparseMatrix:
     stiffness.sort_indices()
     stiffness.eliminate_zeros()
     return stiffness
-
-
-def _diagonal(areas: FloatArray, used: IntArray, n: int) -> SparseMatrix:
-    diagonal = np.zeros(n)
-    diagonal[used] = areas
-    return sparse.diags_array(diagonal)

@@ -7,16 +7,13 @@ import hashlib
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.units import LENGTH_UNITS, NO_VOXEL, Voxel, is_voxel
-
-if TYPE_CHECKING:
-    from scipy import sparse
 
 __all__ = ["Mesh", "MeshLike", "as_mesh", "first_equal", "mesh_to_poly"]
 
@@ -174,9 +171,15 @@ class Mesh:
 
         Faces that share a vertex are connected. Components are numbered by their lowest vertex.
         """
+        from scipy import sparse
         from scipy.sparse.csgraph import connected_components
 
-        _, labels = connected_components(self._adjacency(), directed=False)
+        faces = self.faces[self.distinct_corners]
+        rows, columns = np.append(faces[:, 0], faces[:, 1]), np.append(faces[:, 1], faces[:, 2])
+        joined = sparse.coo_array(
+            (np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(self.n_vertices,) * 2
+        )
+        _, labels = connected_components(joined, directed=False)
         labels = labels.astype(np.int64)
         used = self.referenced
         result = np.full(self.n_vertices, -1, dtype=np.int64)
@@ -198,13 +201,9 @@ class Mesh:
         Where it vanishes (unreferenced vertices, faces that cancel) the normal is (0, 0, 1), so
         that nothing drawn with it is ever NaN.
         """
-        total = np.zeros((self.n_vertices, 3))
-        for corner in range(3):
-            indices = self.faces[:, corner]
-            for axis in range(3):
-                total[:, axis] += np.bincount(
-                    indices, weights=self._face_crosses[:, axis], minlength=self.n_vertices
-                )
+        corners, n = self.faces.ravel(), self.n_vertices
+        sums = [np.bincount(corners, np.repeat(axis, 3), n) for axis in self._face_crosses.T]
+        total = np.column_stack(sums)
         length = np.linalg.norm(total, axis=1, keepdims=True)
         # Sums that are rounding beside the largest possible one have no direction.
         vanishing = length[:, 0] <= 1e-12 * self.area / self.n_faces
@@ -254,17 +253,8 @@ class Mesh:
         a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
         return np.asarray(np.cross(b - a, c - a), dtype=np.float64)
 
-    def _adjacency(self) -> sparse.coo_array[Any]:
-        from scipy import sparse
 
-        faces = self.faces[self.distinct_corners]
-        rows = np.concatenate([faces[:, 0], faces[:, 1]])
-        columns = np.concatenate([faces[:, 1], faces[:, 2]])
-        ones = np.ones(len(rows), dtype=np.int8)
-        return sparse.coo_array((ones, (rows, columns)), shape=(self.n_vertices,) * 2)
-
-
-def as_mesh(mesh: MeshLike, *, unit: str = "", name: str = "") -> Mesh:
+def as_mesh(mesh: MeshLike) -> Mesh:
     """Take a mesh in any of the accepted forms.
 
     Parameters
@@ -273,8 +263,6 @@ def as_mesh(mesh: MeshLike, *, unit: str = "", name: str = "") -> Mesh:
         A `Mesh` (returned as it is), a pair ``(vertices, faces)``, an object with attributes
         `vertices` and `faces` such as a ``trimesh.Trimesh``, or a pyvista ``PolyData``, whose
         polygons are triangulated.
-    unit, name : str
-        What the new `Mesh` is told of its unit and name; a `Mesh` keeps its own.
 
     Raises
     ------
@@ -286,20 +274,24 @@ def as_mesh(mesh: MeshLike, *, unit: str = "", name: str = "") -> Mesh:
     if hasattr(mesh, "GetPolys") and hasattr(mesh, "triangulate"):
         poly = mesh.triangulate()
         faces = np.asarray(poly.faces).reshape(-1, 4)[:, 1:]
-        return Mesh(np.asarray(poly.points), faces, unit, name)
+        return Mesh(np.asarray(poly.points), faces)
     if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
-        return Mesh(mesh.vertices, mesh.faces, unit, name)
+        return Mesh(mesh.vertices, mesh.faces)
     if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
-        if any(_is_sparse(part) for part in mesh):
+        from scipy.sparse import issparse
+
+        if any(issparse(part) for part in mesh):
             raise InputError(
                 "A pair of matrices (L, M) is not accepted here: give the mesh itself, "
                 "as (vertices, faces)."
             )
-        return Mesh(mesh[0], mesh[1], unit, name)
+        return Mesh(mesh[0], mesh[1])
+    kind = type(mesh).__name__
+    given = f"a {kind} of {len(mesh)}" if isinstance(mesh, (tuple, list)) else f"of type {kind}"
     hint = " Read a file with read_mesh." if isinstance(mesh, (str, PurePath)) else ""
     raise InputError(
         f"A mesh is a pair (vertices, faces) or an object with these two attributes, "
-        f"not {_described(mesh)}.{hint}"
+        f"not {given}.{hint}"
     )
 
 
@@ -334,18 +326,6 @@ def first_equal(rows: npt.NDArray[Any]) -> IntArray:
     first = np.empty(len(rows), dtype=np.int64)
     first[order] = order[starts][np.cumsum(starts) - 1]
     return first
-
-
-def _is_sparse(part: object) -> bool:
-    from scipy import sparse
-
-    return bool(sparse.issparse(part))
-
-
-def _described(thing: object) -> str:
-    if isinstance(thing, (tuple, list)):
-        return f"a {type(thing).__name__} of {len(thing)}"
-    return f"of type {type(thing).__name__}"
 
 
 def _offenders(indices: IntArray) -> str:

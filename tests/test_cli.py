@@ -27,7 +27,6 @@ from meshmash_viewer.spectral.eigensolver import solve
 def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path_factory.mktemp("cache")
     monkeypatch.setattr("meshmash_viewer.io.cache.default_cache_folder", lambda: folder)
-    monkeypatch.setattr("meshmash_viewer.io.store.default_cache_folder", lambda: folder)
     return folder
 
 

@@ -351,11 +351,9 @@ def write_render(
     index: int | None = None,
     diffusion_time: float | None = None,
     n_components: int = 32,
-    size: tuple[int, int] = (1600, 1200),
     colormap: str | None = None,
     limits: tuple[float, float] | None = None,
-    transparent: bool = False,
-    dark: bool = False,
+    **picture: Any,
 ) -> dict[str, Any]:
     """Draw a field on a mesh, without a window.
 
@@ -374,8 +372,8 @@ def write_render(
         Of the heat kernel signature, in squared unit; None the middle of its range.
     n_components : int
         Number of bands that `index` counts in.
-    size, colormap, limits, transparent, dark
-        See `meshmash_viewer.app.view.picture.render_picture`.
+    colormap, limits, **picture
+        See `meshmash_viewer.app.view.picture.render_picture`; None takes what suits the field.
 
     Returns
     -------
@@ -436,13 +434,11 @@ def write_render(
         mesh,
         values,
         path,
-        size=size,
         colormap=colormap or "RdBu_r",
         limits=limits,
         title=mesh.name,
         quantity=quantity,
         unit=unit,
-        transparent=transparent,
-        dark=dark,
+        **picture,
     )
     return report

@@ -17,6 +17,7 @@ from pathlib import Path
 from meshmash_viewer.errors import InputError
 
 __all__ = [
+    "LEFT_OVER",
     "made_folder",
     "remove_left_overs",
     "writing_errors",
@@ -24,6 +25,8 @@ __all__ = [
     "written_whole",
 ]
 
+#: What the names of parts begin with.
+LEFT_OVER = ".meshmash-"
 #: ".meshmash-<machine>-<process>-<random>-<name>": whose part of which file it is.
 _PART = re.compile(r"\.meshmash-([0-9a-f]{8})-(\d+)-[0-9a-f]{8}-.", re.DOTALL)
 #: Seconds after which a part whose process cannot be asked for is not written any more.
@@ -68,7 +71,7 @@ def written_together(*paths: Path) -> Iterator[list[Path]]:
     for folder in {path.parent for path in paths}:
         remove_left_overs(folder)
     parts = [
-        path.with_name(f".meshmash-{_machine()}-{os.getpid()}-{uuid.uuid4().hex[:8]}-{path.name}")
+        path.with_name(f"{LEFT_OVER}{_machine()}-{os.getpid()}-{uuid.uuid4().hex[:8]}-{path.name}")
         for path in paths
     ]
     try:
@@ -87,7 +90,7 @@ def written_together(*paths: Path) -> Iterator[list[Path]]:
 def remove_left_overs(folder: Path) -> None:
     """Delete the parts of files whose process was killed before it could."""
     with contextlib.suppress(OSError):  # no such folder, which whoever writes there will say
-        names = [entry.name for entry in os.scandir(folder) if entry.name.startswith(".meshmash-")]
+        names = [entry.name for entry in os.scandir(folder) if entry.name.startswith(LEFT_OVER)]
         for name in names:
             found = _PART.match(name)
             if found is not None and _is_left(folder / name, found[1], int(found[2])):

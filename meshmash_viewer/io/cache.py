@@ -10,6 +10,7 @@ import shutil
 import time
 from pathlib import Path
 
+from meshmash_viewer.io.atomic import LEFT_OVER
 from meshmash_viewer.io.lock import FileLock
 from meshmash_viewer.io.stored_spectrum import ROWS, SEALED, published_pairs
 
@@ -23,7 +24,7 @@ __all__ = [
 ]
 
 #: Raised whenever the files of a store change their meaning, so that old ones are not found.
-FORMAT = 3
+FORMAT = 4
 #: File of a store that says what it is of; its time of change is the time of last use.
 PROBLEM = "problem.json"
 
@@ -31,8 +32,6 @@ PROBLEM = "problem.json"
 DEFAULT_CAP = 20_000_000_000
 
 _KEY = re.compile(r"[0-9a-f]{32}")
-#: What `written_whole` leaves in a store if it is cut off, here and in earlier versions.
-_PART = re.compile(r"\.(meshmash|[0-9a-f]{12})-.+", re.DOTALL)
 _REMOVED = re.compile(r"removed-[0-9a-f]{32}-\d+")
 #: Seconds without use after which the stores of other versions go.
 _FORGOTTEN = 7 * 86_400.0
@@ -165,7 +164,7 @@ def _tidy_store(folder: Path) -> bool:
         return time.time() - _last_used(folder) / 1e9 > _FORGOTTEN
     names = [path.name for path in folder.iterdir()]
     for name in names:
-        if _PART.fullmatch(name):
+        if name.startswith(LEFT_OVER):
             (folder / name).unlink(missing_ok=True)
     rows, published = folder / ROWS, 8 * n_vertices * published_pairs(names)
     if rows.exists() and rows.stat().st_size > published:

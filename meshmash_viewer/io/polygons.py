@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.faults import printable
+from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.mesh import FloatArray, IntArray, first_equal
 
 __all__ = [

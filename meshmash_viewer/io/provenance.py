@@ -38,9 +38,7 @@ def provenance(mesh: Mesh, options: dict[str, Any] | None = None) -> dict[str, A
         JSON-able: ``program``, ``created`` (ISO 8601, UTC), ``mesh`` (name, SHA-256 of its
         content, unit, voxel, counts), ``options``, ``versions``.
     """
-    versions = {"python": platform.python_version()}
-    for package in _PACKAGES:
-        versions[package] = metadata.version(package)
+    versions = {package: metadata.version(package) for package in _PACKAGES}
     return {
         "program": f"meshmash-viewer {metadata.version('meshmash-viewer')}",
         "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
@@ -53,7 +51,7 @@ def provenance(mesh: Mesh, options: dict[str, Any] | None = None) -> dict[str, A
             "n_faces": mesh.n_faces,
         },
         "options": dict(options or {}),
-        "versions": versions,
+        "versions": {"python": platform.python_version(), **versions},
     }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import gzip
+import warnings
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,8 +12,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.faults import printable, reading_in_silence, unreadable
+from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.formats.gltf import read_gltf
 from meshmash_viewer.io.formats.neuroimaging import (
     FREESURFER_ENDINGS,
@@ -26,12 +26,11 @@ from meshmash_viewer.io.formats.off import read_off
 from meshmash_viewer.io.formats.ply import read_ply
 from meshmash_viewer.io.formats.stl import read_stl
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtp
-from meshmash_viewer.io.guarded import read_guarded
-from meshmash_viewer.io.limits import LimitExceeded, ReadLimits
+from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded, unreadable
 from meshmash_viewer.io.polygons import RawMesh
 from meshmash_viewer.io.scratch import ScratchFolder, remove_abandoned
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.units import NO_VOXEL, parse_unit
+from meshmash_viewer.units import NO_VOXEL, counted, parse_unit
 
 __all__ = ["READABLE_ENDINGS", "READERS", "mesh_name", "read_mesh"]
 
@@ -99,7 +98,8 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
     ending = _ending(path)
     ReadLimits.of(0)  # which may have been set to what is no number
     try:
-        with reading_in_silence(), _unpacked(path, ending) as (plain, limits):
+        with warnings.catch_warnings(), _unpacked(path, ending) as (plain, limits):
+            warnings.simplefilter("ignore")  # what is wrong is said below, in one sentence
             reader = READERS.get(ending.removesuffix(".gz"), read_freesurfer)
             raw = reader(plain) if limits is None else read_guarded(reader, plain, limits)
             _check_content(raw)
@@ -192,29 +192,20 @@ def _check_content(raw: RawMesh) -> None:
     wrong = np.flatnonzero((raw.faces < 0) | (raw.faces >= n)) // 3
     if len(wrong):
         face = int(wrong[0])
+        index = next(int(i) for i in raw.faces[face] if not 0 <= i < n)
         raise InputError(
-            f"has {_counted(len(np.unique(wrong)), 'face', 'faces')} with a vertex index out of"
-            f" range, the first being face {face} with {_offender(raw, face)} of {n} vertices, all"
-            " counted from 0"
+            f"has {counted(len(np.unique(wrong)), 'face')} with a vertex index out of range, the"
+            f" first being face {face} with index {index} of {n} vertices, all counted from 0"
         )
     broken = np.flatnonzero(~np.isfinite(raw.vertices).all(axis=1))
     if len(broken):
         raise InputError(
-            f"has {_counted(len(broken), 'vertex', 'vertices')} with a coordinate that is not"
-            f" finite, the first being vertex {broken[0]}, counted from 0"
+            f"has {counted(len(broken), 'vertex')} with a coordinate that is not finite, the"
+            f" first being vertex {broken[0]}, counted from 0"
         )
     a, b, c = raw.faces.T
     if not np.any((a != b) & (b != c) & (a != c)):
         raise InputError("has no triangle with three different corners")
-
-
-def _counted(count: int, one: str, many: str) -> str:
-    return f"{count} {one if count == 1 else many}"
-
-
-def _offender(raw: RawMesh, face: int) -> str:
-    corners = raw.faces[face]
-    return f"index {next(int(i) for i in corners if not 0 <= i < len(raw.vertices))}"
 
 
 def _way_out(fault: str, ending: str) -> str:

@@ -15,8 +15,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.faults import printable
+from meshmash_viewer.errors import InputError, printable
 
 __all__ = [
     "Check",

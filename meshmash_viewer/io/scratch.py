@@ -7,7 +7,6 @@ import shutil
 import tempfile
 import time
 from pathlib import Path
-from types import TracebackType
 
 from meshmash_viewer.io.lock import FileLock
 
@@ -37,12 +36,7 @@ class ScratchFolder:
     def __enter__(self) -> Path:
         return self.path
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        fault: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.remove()
 
     def remove(self) -> None:
@@ -55,14 +49,11 @@ def remove_abandoned() -> None:
     """Delete the folders of processes that were killed before they could."""
     for folder in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
         with contextlib.suppress(OSError):  # another user's, or just gone
-            if _is_abandoned(folder):
+            lock = FileLock(folder / _LOCK)
+            if lock.path.is_file():
+                abandoned = lock.acquire()
+                lock.release()
+            else:
+                abandoned = time.time() - folder.stat().st_mtime > _FORGOTTEN
+            if abandoned:
                 shutil.rmtree(folder, ignore_errors=True)
-
-
-def _is_abandoned(folder: Path) -> bool:
-    lock = FileLock(folder / _LOCK)
-    if not lock.path.is_file():
-        return folder.is_dir() and time.time() - folder.stat().st_mtime > _FORGOTTEN
-    free = lock.acquire()
-    lock.release()
-    return free

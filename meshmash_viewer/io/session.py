@@ -130,11 +130,9 @@ def write_session(path: str | Path, session: Session) -> None:
     path = Path(path)
     content = asdict(session)
     if session.mesh_path:
-        mesh = Path(session.mesh_path).absolute()
-        if mesh.is_relative_to(path.absolute().parent):
-            content["mesh_path"] = mesh.relative_to(path.absolute().parent).as_posix()
-        else:
-            content["mesh_path"] = str(mesh)
+        mesh, folder = Path(session.mesh_path).absolute(), path.absolute().parent
+        inside = mesh.is_relative_to(folder)
+        content["mesh_path"] = mesh.relative_to(folder).as_posix() if inside else str(mesh)
     text = json.dumps({"format": _FORMAT, "version": _VERSION, **content}, indent=1)
     with writing_errors(path), written_whole(path) as part:
         part.write_text(text + "\n", encoding="utf-8")
@@ -153,17 +151,18 @@ def read_session(path: str | Path) -> Session:
     """
     path = Path(path)
     try:
-        if path.stat().st_size > _LARGEST:
-            raise InputError(f"{path} is too large for a session; open another file.")
-        content = json.loads(path.read_text(encoding="utf-8"))
+        with path.open("rb") as file:
+            text = file.read(_LARGEST + 1)
     except OSError as fault:
         raise InputError(
             f"{path} cannot be read ({fault.strerror}); check its name and permission."
         ) from fault
-    except InputError:
-        raise
-    except (ValueError, RecursionError) as fault:
-        raise InputError(f"{path} is not a session of this program; open another file.") from fault
+    if len(text) > _LARGEST:
+        raise InputError(f"{path} is too large for a session; open another file.")
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError):
+        content = None
     if not isinstance(content, dict) or content.pop("format", None) != _FORMAT:
         raise InputError(f"{path} is not a session of this program; open another file.")
     version = content.pop("version", None)

@@ -348,15 +348,13 @@ class _Keeper:
     def _move(self) -> None:
         """Go on in the next store, which gets a copy."""
         assert self._store is not None
-        fault: StoreUnusable | None = StoreUnusable(self._store.lost)
-        while fault is not None:
-            self._take_next(fault)
-            fault = None
-            if self._store is not None:
-                try:
-                    self._there = self._store.allocate(*self.rows.shape)
-                except StoreUnusable as another:
-                    fault = another
+        self._take_next(StoreUnusable(self._store.lost))
+        while self._store is not None:
+            try:
+                self._there = self._store.allocate(*self.rows.shape)
+                return
+            except StoreUnusable as fault:
+                self._take_next(fault)
 
     def _take_next(self, fault: StoreUnusable | None = None) -> None:
         """Lock the next store that can be; say why the one before can't be used."""

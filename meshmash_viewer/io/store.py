@@ -25,13 +25,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import written_whole
-from meshmash_viewer.io.cache import (
-    FORMAT,
-    PROBLEM,
-    EigenpairCache,
-    default_cache_folder,
-    folder_size,
-)
+from meshmash_viewer.io.cache import DEFAULT_CAP, FORMAT, PROBLEM, EigenpairCache, folder_size
 from meshmash_viewer.io.lock import FileLock
 from meshmash_viewer.io.row_file import RowFile, StoredRows
 from meshmash_viewer.io.sealed import read_sealed, write_sealed
@@ -112,7 +106,7 @@ class EigenpairStore:
         mesh: Mesh,
         operator: OperatorOptions,
         root: str | Path | None = None,
-        cap: int | None = None,
+        cap: int = DEFAULT_CAP,
     ) -> EigenpairStore:
         """Store of a mesh under an operator; nothing is written before there is something.
 
@@ -122,11 +116,10 @@ class EigenpairStore:
         operator : OperatorOptions
         root : str or Path, optional
             Cache folder; None for the user's.
-        cap : int, optional
-            Bytes that the whole cache may hold; None for the default.
+        cap : int
+            Bytes that the whole cache may hold.
         """
-        folder = default_cache_folder() if root is None else Path(root)
-        cache = EigenpairCache(folder) if cap is None else EigenpairCache(folder, cap)
+        cache = EigenpairCache(root, cap)
         description = {
             "format": FORMAT,
             "mesh": {

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -48,6 +48,8 @@ ROWS = "eigenvectors.f64"
 PROOF = f"proof{SEALED}"
 
 _BATCH = re.compile(r"pairs-(\d{6,})-(\d{6,})\.sealed")
+#: What reading raises of a file that is damaged, or whole but another one.
+_UNUSABLE = (OSError, ValueError, KeyError, TypeError)
 #: Equal up to rounding, as the solver takes a threshold.
 _THRESHOLD_MARGIN = 1e-11
 
@@ -253,7 +255,7 @@ class StoredSpectrum:
             return self
         said = tuple(f"eigenpairs {b.start} to {b.stop - 1}" for b in batches)
         kept = [batch for batch in self.batches if batch not in batches]
-        return StoredSpectrum(self.path, self.n_vertices, kept, self.proof, self.faults + said)
+        return replace(self, batches=kept, faults=self.faults + said)
 
     def _joined(self, name: str, fill: float) -> npt.NDArray[Any]:
         length = self.batches[-1].stop if self.batches else 0
@@ -288,14 +290,10 @@ def read_spectrum(folder: Path, key: str, n_vertices: int) -> StoredSpectrum:
         Of the store.
     n_vertices : int
     """
-    path = folder / ROWS
-    try:
-        size = path.stat().st_size
-    except OSError:
-        size = 0
-    names = []
+    path, names, size = folder / ROWS, list[str](), 0
     with contextlib.suppress(OSError):  # cleared, or never there
         names = sorted(entry.name for entry in folder.iterdir())
+        size = path.stat().st_size
     batches: list[Batch] = []
     faults: list[str] = []
     for name in names:
@@ -303,26 +301,28 @@ def read_spectrum(folder: Path, key: str, n_vertices: int) -> StoredSpectrum:
             continue
         start, stop = int(match[1]), int(match[2])
         try:
-            batch = _read_batch(folder / name, key, start, stop)
-            if batch.stop * 8 * n_vertices > size:
+            sealed = read_sealed(folder / name, key)
+            batch = Batch(folder / name, start, **sealed.arrays, seal=sealed.seal)
+            if sealed.content["pairs"] != [start, stop]:
+                raise Damaged(f"{name} is another one")
+            if stop * 8 * n_vertices > size:
                 raise Damaged(f"{ROWS} ends before")
             if batches and not _follows(batches[-1], batch):
                 raise Damaged("it is out of order")
         except FileNotFoundError:
             continue  # cleared in between
-        except (OSError, ValueError):
+        except _UNUSABLE:
             faults.append(f"eigenpairs {start} to {stop - 1}")
         else:
             batches.append(batch)
     proof = None
-    if PROOF in names:
-        try:
-            proof = _read_proof(folder / PROOF, key, n_vertices)
-        except FileNotFoundError:
-            pass
-        except (OSError, ValueError):
-            faults.append("their proof")
-    if proof is not None:
+    try:
+        proof = _read_proof(folder / PROOF, key)
+    except (FileNotFoundError, NotADirectoryError):
+        pass  # no run has ended
+    except _UNUSABLE:
+        faults.append("their proof")
+    else:
         named = {(start, stop) for start, stop, _ in proof.batches}
         there = {(batch.start, batch.stop) for batch in batches}
         lost = sorted(named - there)
@@ -345,65 +345,27 @@ def write_batch(
     checksums: npt.NDArray[np.uint32],
 ) -> Batch:
     """Publish pairs whose rows are on the disk."""
-    path = folder / f"pairs-{start:06d}-{start + len(eigenvalues):06d}.sealed"
+    stop = start + len(eigenvalues)
+    path = folder / f"pairs-{start:06d}-{stop:06d}.sealed"
     arrays: dict[str, npt.NDArray[Any]] = {
         "eigenvalues": eigenvalues,
         "residuals": residuals,
         "checksums": checksums,
     }
-    seal = write_sealed(path, key, {"start": start}, arrays)
-    return Batch(path, start, eigenvalues, residuals, checksums, seal)
-
-
-def _read_batch(path: Path, key: str, start: int, stop: int) -> Batch:
-    sealed = read_sealed(path, key)
-    try:
-        arrays = [sealed.arrays[name] for name in ("eigenvalues", "residuals", "checksums")]
-        kinds = [array.dtype.str for array in arrays]
-        if sealed.content["start"] != start or kinds != ["<f8", "<f8", "<u4"]:
-            raise Damaged(f"{path.name} is another one")
-        if stop <= start or any(array.shape != (stop - start,) for array in arrays):
-            raise Damaged(f"{path.name} is another one")
-    except KeyError as fault:
-        raise Damaged(f"{path.name} lacks {fault}") from fault
-    if not np.isfinite(arrays[0]).all():
-        raise Damaged(f"{path.name} holds no eigenvalues")
-    return Batch(path, start, arrays[0], arrays[1], arrays[2], sealed.seal)
+    seal = write_sealed(path, key, {"pairs": [start, stop]}, arrays)
+    return Batch(path, start, **arrays, seal=seal)
 
 
 def write_proof(folder: Path, key: str, proof: Proof) -> None:
     """Record what a run that ended says of itself."""
-    content = {
-        "n_pairs": proof.n_pairs,
-        "batches": proof.batches,
-        "certificate": proof.certificate.as_dict(),
-        "max_eigenvalue": proof.max_eigenvalue,
-        "exhausted": proof.exhausted,
-        "timings": proof.timings,
-    }
-    write_sealed(folder / PROOF, key, content, {"mass": proof.mass})
+    content = {**vars(proof), "certificate": proof.certificate.as_dict()}
+    write_sealed(folder / PROOF, key, content, {"mass": content.pop("mass")})
 
 
-def _read_proof(path: Path, key: str, n_vertices: int) -> Proof:
+def _read_proof(path: Path, key: str) -> Proof:
     from meshmash_viewer.spectral.certificate import Certificate
 
     sealed = read_sealed(path, key)
-    content = sealed.content
-    try:
-        mass = sealed.arrays["mass"]
-        if mass.shape != (n_vertices,) or mass.dtype.str != "<f8":
-            raise Damaged(f"{path.name} holds another mass")
-        threshold = content["max_eigenvalue"]
-        return Proof(
-            n_pairs=int(content["n_pairs"]),
-            batches=[
-                [int(start), int(stop), str(seal)] for start, stop, seal in content["batches"]
-            ],
-            certificate=Certificate.from_dict(content["certificate"]),
-            max_eigenvalue=None if threshold is None else float(threshold),
-            exhausted=bool(content["exhausted"]),
-            timings={str(name): float(value) for name, value in content["timings"].items()},
-            mass=mass,
-        )
-    except (KeyError, TypeError, AttributeError) as fault:
-        raise Damaged(f"{path.name} lacks something ({fault})") from fault
+    content = {**sealed.content, "mass": sealed.arrays["mass"]}
+    content["certificate"] = Certificate.from_dict(content["certificate"])
+    return Proof(**content)

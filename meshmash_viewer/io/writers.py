@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.mesh import mesh_to_poly
+
 if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.eigensolver import Decomposition
@@ -182,37 +184,16 @@ def _write_vtp(
     meta: str,
 ) -> None:
     """Points, triangles, one point array a column; anything else as field data."""
-    from vtkmodules.util import numpy_support
-    from vtkmodules.vtkCommonCore import vtkPoints, vtkStringArray
-    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
     from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
-    to_vtk: Any = numpy_support.numpy_to_vtk
-    kept = []  # VTK points into these arrays until the file is written
-
-    def wrapped(values: npt.NDArray[Any], name: str = "") -> Any:
-        kept.append(np.ascontiguousarray(values))
-        array = to_vtk(kept[-1])
-        if name:
-            array.SetName(name)
-        return array
-
-    points, cells, poly = vtkPoints(), vtkCellArray(), vtkPolyData()
-    points.SetData(wrapped(mesh.vertices))
-    offsets = np.arange(0, 3 * mesh.n_faces + 1, 3, dtype=np.int64)
-    cells.SetData(wrapped(offsets), wrapped(mesh.faces.reshape(-1)))
-    poly.SetPoints(points)
-    poly.SetPolys(cells)
+    poly = mesh_to_poly(mesh)
     for name, column in columns:
-        poly.GetPointData().AddArray(wrapped(column, name))
-    if poly.GetPointData().GetNumberOfArrays():
-        poly.GetPointData().SetActiveScalars(poly.GetPointData().GetArrayName(0))
+        poly.point_data.set_array(np.ascontiguousarray(column), name)
+    if poly.point_data.keys():
+        poly.point_data.active_scalars_name = poly.point_data.keys()[0]
     for name, values in beside.items():
-        poly.GetFieldData().AddArray(wrapped(values, name))
-    text = vtkStringArray()
-    text.SetName("meshmash-viewer")
-    text.InsertNextValue(meta)
-    poly.GetFieldData().AddArray(text)
+        poly.field_data[name] = values
+    poly.field_data["meshmash-viewer"] = [meta]
     writer = vtkXMLPolyDataWriter()
     writer.SetFileName(str(path))
     writer.SetInputData(poly)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 from psygnal import EmitLoopError
 
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.faults import printable
+from meshmash_viewer.errors import InputError, printable
 
 __all__ = ["Failure", "failure_of"]
 

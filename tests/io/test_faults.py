@@ -10,12 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.faults import printable
+from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.formats import vtk
 from meshmash_viewer.io.formats.vtk import vtk_legacy_surface
-from meshmash_viewer.io.guarded import convert, read_guarded
-from meshmash_viewer.io.limits import ReadLimits
+from meshmash_viewer.io.guarded import ReadLimits, convert, read_guarded
 from meshmash_viewer.io.read import read_mesh
 
 VERTICES = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])

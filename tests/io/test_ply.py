@@ -73,6 +73,13 @@ def test_lists_of_differing_length_beside_other_properties(tmp_path: Path) -> No
     np.testing.assert_array_equal(mesh.vertices, [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 
 
+def test_the_largest_polygon_may_come_first(tmp_path: Path) -> None:
+    header = VERTEX + "element face 3\nproperty list uchar int vertex_indices\n"
+    body = SQUARE + "4 0 1 2 3\n3 0 1 2\n3 0 2 3\n"
+    mesh = read_mesh(write_text(tmp_path / "mesh.ply", header, body))
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2], [0, 2, 3]]
+
+
 def test_binary_lists_of_differing_length_beside_other_properties(tmp_path: Path) -> None:
     header = (
         "ply\nformat binary_big_endian 1.0\n" + VERTEX + "element face 2\n"

@@ -231,6 +231,21 @@ def test_a_batch_that_is_gone_is_named(sphere: Mesh, tmp_path: Path) -> None:
     assert found.n_converged == 8
 
 
+def test_a_file_in_place_of_another_is_none(
+    sphere: Mesh, tmp_path: Path, whole: Decomposition
+) -> None:
+    with open_store(sphere, tmp_path) as store:
+        fill(store, whole, 0, 5)
+        store.finish(whole)
+    proof, batch = store.folder / "proof.sealed", store.folder / "pairs-000005-000010.sealed"
+    content = proof.read_bytes()
+    proof.write_bytes(batch.read_bytes())
+    batch.write_bytes(content)
+    found = loaded(sphere, tmp_path)
+    assert found.faults == ("eigenpairs 5 to 9", "their proof")
+    assert (found.n_proven, found.n_converged) == (0, 5)
+
+
 def test_rows_are_compared_with_their_checksums_when_asked(
     sphere: Mesh, tmp_path: Path, whole: Decomposition
 ) -> None:
@@ -303,7 +318,7 @@ def test_left_overs_go_and_stores_of_other_versions_when_they_are_old(
     parts = [
         store.folder / name
         for name in (
-            ".0123456789ab-proof.sealed",
+            ".meshmash-01234567-99999999-89abcdef-eigenvectors.f64",
             ".meshmash-01234567-99999999-89abcdef-proof.sealed",
         )
     ]

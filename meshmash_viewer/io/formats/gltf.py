@@ -11,10 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.faults import printable
-from meshmash_viewer.io.guarded import read_guarded
-from meshmash_viewer.io.limits import ReadLimits
+from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.io.guarded import ReadLimits, read_guarded
 from meshmash_viewer.io.polygons import RawMesh, merge_equal_vertices
 
 __all__ = ["gltf_mesh", "read_gltf"]

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.faults import printable
+from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.guarded import read_guarded
 from meshmash_viewer.io.polygons import RawMesh
 

@@ -8,12 +8,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numpy.lib import format as npy_format
 
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.faults import printable
-from meshmash_viewer.io.guarded import read_guarded
-from meshmash_viewer.io.limits import ReadLimits
+from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.io.guarded import ReadLimits, read_guarded
 from meshmash_viewer.io.polygons import RawMesh, fan_triangles
 from meshmash_viewer.io.provenance import stated_unit
 
@@ -30,13 +27,10 @@ def read_npz(path: Path) -> RawMesh:
     InputError
         If the file is no NPZ archive, or the arrays are absent or misshapen.
     """
-    if not zipfile.is_zipfile(path):
-        raise InputError("is not an NPZ archive")
-    try:
-        with zipfile.ZipFile(path) as archive:
-            unpacked = sum(member.file_size for member in _members(archive).values())
-    except (zipfile.BadZipFile, OSError) as fault:
-        raise InputError("is an archive whose table of contents is damaged") from fault
+    with _archive(path) as archive:
+        held = archive.zip.infolist()
+    sizes = {member.filename.removesuffix(".npy"): member.file_size for member in held}
+    unpacked = sum(sizes.get(name, 0) for name in ("vertices", "faces", "meta"))
     size = path.stat().st_size
     if ReadLimits.are_needed(size, unpacked):
         return read_guarded(npz_mesh, path, ReadLimits.of(size, unpacked))
@@ -45,12 +39,11 @@ def read_npz(path: Path) -> RawMesh:
 
 def npz_mesh(path: Path) -> RawMesh:
     """Read the arrays of an archive; how large they are has been checked."""
-    with zipfile.ZipFile(path) as archive:
-        members = _members(archive)
-        vertices, faces = (_array(archive, name, members) for name in ("vertices", "faces"))
+    with _archive(path) as archive:
+        vertices, faces = (_array(archive, name) for name in ("vertices", "faces"))
         try:
-            unit = stated_unit(str(_array(archive, "meta", members)))
-        except (KeyError, InputError):  # without one, or another program's
+            unit = stated_unit(str(_array(archive, "meta")))
+        except InputError:  # without one, or another program's
             unit = None
     if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "fiu":
         raise InputError(f"has vertices of shape {vertices.shape}, not (n, 3) numbers")
@@ -61,22 +54,22 @@ def npz_mesh(path: Path) -> RawMesh:
     return RawMesh(vertices.astype(np.float64), triangles, unit)
 
 
-def _members(archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
-    """The arrays to be read, by name."""
-    held = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
-    if not {"vertices", "faces"} <= held.keys():
-        names = printable(", ".join(held) or "nothing")
-        raise InputError(f"holds {names}, not arrays called vertices and faces")
-    return {name: held[name] for name in ("vertices", "faces", "meta") if name in held}
-
-
-def _array(
-    archive: zipfile.ZipFile, name: str, members: dict[str, zipfile.ZipInfo]
-) -> npt.NDArray[Any]:
-    member = members[name]
+def _archive(path: Path) -> Any:
+    if not zipfile.is_zipfile(path):
+        raise InputError("is not an NPZ archive")
     try:
-        with archive.open(member) as file:
-            array: npt.NDArray[Any] = npy_format.read_array(file, allow_pickle=False)
-            return array
+        archive = np.load(path)
+    except (zipfile.BadZipFile, OSError, ValueError) as fault:
+        raise InputError("is an archive whose table of contents is damaged") from fault
+    if not {"vertices", "faces"} <= set(archive.files):
+        archive.close()
+        names = printable(", ".join(archive.files) or "nothing")
+        raise InputError(f"holds {names}, not arrays called vertices and faces")
+    return archive
+
+
+def _array(archive: Any, name: str) -> npt.NDArray[Any]:
+    try:
+        return np.asarray(archive[name])
     except Exception as fault:  # whatever zip or the parser of a header stumbles on
         raise InputError(f"has an array {name} that is damaged or cut short") from fault

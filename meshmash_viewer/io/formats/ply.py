@@ -9,8 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.faults import printable
+from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.polygons import (
     NotANumber,
     RawMesh,
@@ -172,110 +171,74 @@ def _read_element(
     A text body is an array of numbers, a binary one an array of bytes; a record of the same
     layout describes both.
     """
-    if not element.count or not element.properties:
-        return {p.name: _no_values(p) for p in element.properties}, 0
-    counts = _list_counts(element, body, byte_order)
-    if counts is None:
-        return _read_uneven(element, body, byte_order)
-    record = _record_type(element, counts, byte_order)
-    size = record.itemsize if byte_order else record.itemsize // 8
-    available = len(body) // size
-    if available < element.count:
-        raise _cut_short(element, available)
-    rows = np.frombuffer(body.data, dtype=record, count=element.count)
+    properties = element.properties
+    values: list[list[npt.NDArray[Any]]] = [[] for _ in properties]
+    end = 0
+    if element.count and properties:
+        first, _ = _read_row(element, body, 0, byte_order, 0)
+        layout: list[tuple[Any, ...]] = []
+        for index, prop in enumerate(properties):
+            if prop.count_type is not None:
+                layout.append((f"count{index}", _scalar_type(prop.count_type, byte_order)))
+            scalar = _scalar_type(prop.value_type, byte_order)
+            layout.append((f"value{index}", scalar, (len(first[index]),)))
+        record = np.dtype(layout)
+        size = record.itemsize if byte_order else record.itemsize // 8
+        available = min(len(body) // size, element.count)
+        rows = np.frombuffer(body.data, dtype=record, count=available)
+        if all(
+            prop.count_type is None or np.all(rows[f"count{index}"] == len(first[index]))
+            for index, prop in enumerate(properties)
+        ):
+            if available < element.count:
+                raise _cut_short(element, available)
+            return {
+                prop.name: rows[f"value{index}"].reshape(-1)
+                if prop.count_type is None
+                else (
+                    rows[f"value{index}"].reshape(-1),
+                    np.full(element.count, len(first[index]), dtype=np.int64),
+                )
+                for index, prop in enumerate(properties)
+            }, element.count * size
+        for done in range(element.count):
+            row, end = _read_row(element, body, end, byte_order, done)
+            for all_of_one, taken in zip(values, row, strict=True):
+                all_of_one.append(taken)
     columns: dict[str, npt.NDArray[Any] | Lists] = {}
-    for index, prop in enumerate(element.properties):
-        values = rows[f"value{index}"]
-        if prop.count_type is None:
-            columns[prop.name] = values
-            continue
-        if np.any(rows[f"count{index}"] != counts[index]):
-            return _read_uneven(element, body, byte_order)
-        columns[prop.name] = (
-            values.reshape(-1),
-            np.full(element.count, counts[index], dtype=np.int64),
-        )
-    return columns, element.count * size
-
-
-def _no_values(prop: _Property) -> npt.NDArray[Any] | Lists:
-    empty = np.empty(0, dtype=prop.value_type)
-    return empty if prop.count_type is None else (empty, np.empty(0, dtype=np.int64))
+    for prop, parts in zip(properties, values, strict=True):
+        joined = np.concatenate([np.empty(0, dtype=prop.value_type), *parts])
+        lengths = np.fromiter((len(part) for part in parts), np.int64, len(parts))
+        columns[prop.name] = joined if prop.count_type is None else (joined, lengths)
+    return columns, end
 
 
 def _scalar_type(name: str, byte_order: str) -> np.dtype[Any]:
     return np.dtype(byte_order + name) if byte_order else np.dtype(np.float64)
 
 
-def _record_type(element: _Element, counts: dict[int, int], byte_order: str) -> np.dtype[Any]:
-    fields: list[tuple[Any, ...]] = []
-    for index, prop in enumerate(element.properties):
-        value = _scalar_type(prop.value_type, byte_order)
-        if prop.count_type is None:
-            fields.append((f"value{index}", value))
-        else:
-            fields.append((f"count{index}", _scalar_type(prop.count_type, byte_order)))
-            fields.append((f"value{index}", value, (counts[index],)))
-    return np.dtype(fields)
+def _read_row(
+    element: _Element, body: npt.NDArray[Any], place: int, byte_order: str, done: int
+) -> tuple[list[npt.NDArray[Any]], int]:
+    """Values of each property of the row that begins at a place after `done` others; its end."""
 
-
-def _list_counts(
-    element: _Element, body: npt.NDArray[Any], byte_order: str
-) -> dict[int, int] | None:
-    """Lengths of the first row's lists, None if the body ends within that row."""
-    counts: dict[int, int] = {}
-    row = _Row(body, byte_order)
-    try:
-        for index, prop in enumerate(element.properties):
-            if prop.count_type is not None:
-                counts[index] = row.take_count(prop.count_type)
-            row.take(prop.value_type, counts.get(index, 1))
-    except EOFError:
-        return None
-    return counts
-
-
-class _Row:
-    """A place in the body that moves on as values are taken."""
-
-    def __init__(self, body: npt.NDArray[Any], byte_order: str) -> None:
-        self.body, self.byte_order, self.position = body, byte_order, 0
-
-    def take(self, type_name: str, count: int = 1) -> npt.NDArray[Any]:
-        scalar = _scalar_type(type_name, self.byte_order)
-        size = count * (scalar.itemsize if self.byte_order else 1)
-        taken = self.body[self.position : self.position + size]
+    def take(type_name: str, count: int = 1) -> npt.NDArray[Any]:
+        nonlocal place
+        scalar = _scalar_type(type_name, byte_order)
+        size = count * (scalar.itemsize if byte_order else 1)
+        taken = body[place : place + size]
         if len(taken) < size:
-            raise EOFError
-        self.position += size
+            raise _cut_short(element, done)
+        place += size
         return taken.view(scalar)
 
-    def take_count(self, type_name: str) -> int:
-        count = float(self.take(type_name)[0])
+    values = []
+    for prop in element.properties:
+        count = 1.0 if prop.count_type is None else float(take(prop.count_type)[0])
         if not (0 <= count < 2**40 and count == int(count)):
             raise InputError(f"has a list of {count:g} entries")
-        return int(count)
-
-
-def _read_uneven(
-    element: _Element, body: npt.NDArray[Any], byte_order: str
-) -> tuple[dict[str, npt.NDArray[Any] | Lists], int]:
-    """Row by row, for lists of differing lengths."""
-    values: list[list[npt.NDArray[Any]]] = [[] for _ in element.properties]
-    row = _Row(body, byte_order)
-    for done in range(element.count):
-        try:
-            for index, prop in enumerate(element.properties):
-                count = 1 if prop.count_type is None else row.take_count(prop.count_type)
-                values[index].append(row.take(prop.value_type, count))
-        except EOFError:
-            raise _cut_short(element, done) from None
-    columns: dict[str, npt.NDArray[Any] | Lists] = {}
-    for index, prop in enumerate(element.properties):
-        joined = np.concatenate(values[index])
-        lengths = np.fromiter((len(part) for part in values[index]), np.int64, element.count)
-        columns[prop.name] = joined if prop.count_type is None else (joined, lengths)
-    return columns, row.position
+        values.append(take(prop.value_type, int(count)))
+    return values, place
 
 
 def _cut_short(element: _Element, available: int) -> InputError:

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.faults import printable
+from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.guarded import read_guarded
 from meshmash_viewer.io.polygons import RawMesh, fan_triangles, strip_triangles
 from meshmash_viewer.io.provenance import stated_unit
