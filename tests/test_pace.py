@@ -50,6 +50,22 @@ def test_a_stage_that_says_nothing_makes_nobody_expect_more(
     assert left[2:] == pytest.approx([left[1] - 2.0, left[1] - 4.0])
 
 
+def test_a_null_space_is_no_sign_of_how_long_slices_take(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr("time.perf_counter", lambda: now[0])
+    told: list[Progress] = []
+    pace = Pace(told.append, 300, partial(slice_sizes, 400_000))
+    left = []
+    for done in (0, 64, 64):
+        now[0] += 5.0
+        if done and len(left) == 2:
+            pace.begin_slices(236)
+        pace.pairs(done, 300, 0)  # the first 64 are constants of components
+        left.append(told[-1].remaining)
+    assert left[0] is not None
+    assert left[1:] == pytest.approx([left[0] - 5.0, left[0] - 10.0])
+
+
 def after_steps(monkeypatch: pytest.MonkeyPatch, seconds: float, lean: bool = False) -> Progress:
     """What is told after some steps of so many seconds each, where the stages before took ten."""
     now = [0.0]

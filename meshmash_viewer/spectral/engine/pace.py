@@ -16,7 +16,7 @@ __all__ = ["Pace"]
 _MATRICES, _COUNTS = 18.0, 14.0
 #: Steps that a slice takes over the usual ones, and what follows on them, in parts of them: its
 #: pairs are rotated, refined, measured and written. Its factor is mostly there from the counts.
-_OVER, _END = 1.13, 0.2
+_OVER, _END = 1.13, 0.36
 #: Steps after which their own pace says when the run will end.
 _TELLING = 8.0
 #: Seconds between two reports that nothing but time has brought about.
@@ -50,7 +50,8 @@ class Pace:
         self._pairs, self._expected = pairs, self._steps_for(pairs)
         self._before = self._done = self._taken = self._fraction = 0.0
         self._last: Progress | None = None
-        self._heard = self._slices_began = self._end = self.began
+        self._heard = self._end = self.began
+        self._slices_began: float | None = None
 
     def _steps_for(self, pairs: int) -> float:
         rows = [usual_rows(size) for size in self._sizes(pairs)]
@@ -82,13 +83,14 @@ class Pace:
             return
         now = self._heard = time.perf_counter()
         # The end of a slice has no steps: it is over where its pairs are there.
-        found = max(done - (total - self._pairs), 0) / max(self._pairs, 1) if total else 0.0
+        sliced = total and self._slices_began is not None  # a null space comes before
+        found = max(done - (total - self._pairs), 0) / max(self._pairs, 1) if sliced else 0.0
         taken = min(steps + found * self._expected * _END / (1.0 + _END), self._expected)
-        if taken > _TELLING:
+        if taken > _TELLING and self._slices_began is not None:
             if taken > self._taken:
                 spent = now - self._slices_began
                 self._end = self._slices_began + spent * self._expected / taken
-            remaining = max(self._end - now, 0.03 * (now - self.began))
+            remaining = max(self._end - now, 0.075 * (now - self.began))
             fraction = (now - self.began) / (now - self.began + remaining)
         else:
             fraction = (self._before + taken) / (_MATRICES + _COUNTS + self._expected)
