@@ -16,7 +16,9 @@ __all__ = ["Pace"]
 _MATRICES, _COUNTS = 18.0, 14.0
 #: Steps that a slice takes over the usual ones, and what follows on them, in parts of them: its
 #: pairs are rotated, refined, measured and written. Its factor is mostly there from the counts.
-_OVER, _END = 1.13, 0.36
+_OVER, _END = 1.13, 0.32
+#: Power of the steps left by which time is left: they grow dearer with their basis.
+_DEARER = 1.1
 #: Steps after which their own pace says when the run will end.
 _TELLING = 8.0
 #: Seconds between two reports that nothing but time has brought about.
@@ -89,7 +91,7 @@ class Pace:
         if taken > _TELLING and self._slices_began is not None:
             if taken > self._taken:
                 spent = now - self._slices_began
-                self._end = self._slices_began + spent * self._expected / taken
+                self._end = self._slices_began + spent * (self._expected / taken) ** _DEARER
             remaining = max(self._end - now, 0.075 * (now - self.began))
             fraction = (now - self.began) / (now - self.began + remaining)
         else:
