@@ -16,7 +16,7 @@ __all__ = ["Pace"]
 _MATRICES, _COUNTS = 18.0, 14.0
 #: Steps that a slice takes over the usual ones, and what follows on them, in parts of them: its
 #: pairs are rotated, refined, measured and written. Its factor is mostly there from the counts.
-_OVER, _END = 1.13, 0.32
+_OVER, _END = 1.13, 0.26
 #: Power of the steps left by which time is left: they grow dearer with their basis.
 _DEARER = 1.1
 #: Steps after which their own pace says when the run will end.
