@@ -192,8 +192,8 @@ def solve(
     on_pairs : callable, optional
         ``(start, eigenvalues, residuals)``, called after those rows are final.
     early : bool
-        Whether a run that takes long gives some sixteen of the lowest pairs first, after a third
-        of the time or less; all together then take about a tenth longer.
+        Whether a run that takes long gives some sixteen of the lowest pairs first, in less than
+        half the time; all together then take about a tenth longer.
     progress, cancel : callable, optional
         Reports, and a question asked often; `Cancelled` is raised after it returns True.
     op_inv : LinearOperator or array, optional
