@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, Qt, QThread, QTimer, Signal, Slot
 
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import first_a_frame
-from meshmash_viewer.app.look_ahead import LookAhead
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field, request_of
@@ -33,8 +31,7 @@ class FieldSource(QObject):
     `field_ready` carries each new `Field`, or None when there is nothing to show; `failed` one
     sentence if a field cannot be computed; `awaited` the title of the one that has been chosen
     while another is still on the render, and "" when it has come. One thread answers requests;
-    another builds the tables that make the next ones cheap, after which a draft is computed again;
-    a third computes what is likely to be asked for next.
+    another builds the tables that make the next ones cheap, after which a draft is computed again.
     """
 
     field_ready = Signal(object)
@@ -58,7 +55,6 @@ class FieldSource(QObject):
         self._prepared.connect(self._improve, queued)
         self._answers = LatestThread(self._answer, parent=self)
         self._tables = LatestThread(self._build, rest=_REST, parent=self)
-        self._ahead = LookAhead(self._compute, self._expected, parent=self)
         events = document.display.events
         self._signals = [
             events.kind, events.fields, document.spectrum_changed, document.mesh_changed
@@ -99,7 +95,6 @@ class FieldSource(QObject):
             self._answers.drop()
             self._tables.drop()
             self._live.forget()
-            self._ahead.forget()
             self._field = None
             self._come()
             self.field_ready.emit(None)
@@ -107,12 +102,7 @@ class FieldSource(QObject):
             if not self._late.isActive():
                 self._late.start()
             first_a_frame()
-            # what has been computed already, unless something older is on its way
-            there = None if self._answers.working else self._ahead.answer(request)
-            if there is not None:
-                self._computed.emit(request, there)
-            else:
-                self._answers.ask(request)
+            self._answers.ask(request)
 
     def close(self) -> None:
         """Stop both threads and wait for them."""
@@ -121,7 +111,6 @@ class FieldSource(QObject):
         self._late.stop()
         self._answers.close()
         self._tables.close()
-        self._ahead.close()
 
     # -- in the threads -----------------------------------------------------------------------
 
@@ -136,18 +125,14 @@ class FieldSource(QObject):
             # the solver's processes they make products several times slower. No longer than that:
             # the limit is that of the whole process, which may be somebody else's.
             with self._threads.limit(limits=1, user_api="blas"):
-                answer = self._compute(request)
+                answer = compute_field(request, self._live)
+                if answer is not None:
+                    # Known then, so that nobody waits for them.
+                    answer.limits(self._policy)
+                    answer.request.spectrum.has_all_vertices  # noqa: B018
         except Exception as error:  # noqa: BLE001  the window says it
             answer = error
         self._computed.emit(request, answer)
-
-    def _compute(self, request: FieldRequest) -> Field | None:
-        field = compute_field(request, self._live)
-        if field is not None:
-            # Known then, so that nobody waits for them.
-            field.limits(self._policy)
-            field.request.spectrum.has_all_vertices  # noqa: B018
-        return field
 
     def _build(self, request: FieldRequest, cancel: CancelCallback) -> None:
         try:
@@ -160,12 +145,6 @@ class FieldSource(QObject):
         self._prepared.emit(request)
 
     # -- in the interface thread --------------------------------------------------------------
-
-    def _expected(self, before: FieldRequest | None, request: FieldRequest) -> FieldRequest | None:
-        chosen = self._document.display.fields[request.family.name]
-        previous = None if before is None else before.family
-        following = request.family.likely_next(previous, chosen, request.spectrum)
-        return None if following is None else replace(request, family=following)
 
     @Slot(object, object)
     def _take(self, request: FieldRequest, answer: Field | Exception | None) -> None:
@@ -180,14 +159,13 @@ class FieldSource(QObject):
         if not self._live.prepared(wanted):
             self._tables.ask(wanted)
         if request != wanted and shown is not None and shown.request == wanted:
-            return  # it was overtaken by one that had been prepared
+            return  # what is wanted again is still on the render
         # What the slider has just left may be shown on the way; another kind of field would flash.
         if answer is not None and request.family.name == wanted.family.name:
             self._field = answer
             self._come()
             if request != wanted:
                 self._late.start()
-            self._ahead.follow(request)
             self.field_ready.emit(answer)
 
     @Slot()

@@ -22,9 +22,6 @@ from meshmash_viewer.units import format_quantity, named_quantity, power_unit, s
 
 __all__ = ["Eigenfunctions"]
 
-#: Steps farther than this are leaps, after which one goes on by single steps.
-_STRIDE = 10
-
 
 @dataclass(frozen=True)
 class Eigenfunctions(Family):
@@ -64,14 +61,6 @@ class Eigenfunctions(Family):
 
     def step(self, spectrum: Spectrum, steps: int) -> Self:
         return replace(self, index=min(max(self.index + steps, 0), len(spectrum) - 1))
-
-    def likely_next(self, before: Family | None, chosen: Self, spectrum: Spectrum) -> Self | None:
-        """One step farther in the direction of the last one."""
-        steps = self.index - before.index if isinstance(before, Eigenfunctions) else 1
-        index = self.index + (steps if abs(steps) <= _STRIDE else 1)
-        if not steps or not 0 <= index < len(spectrum):
-            return None
-        return replace(chosen, index=index).resolved(spectrum, {})
 
     def title(self) -> str:
         return f"Eigenfunction {self.index}"

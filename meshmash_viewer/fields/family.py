@@ -239,13 +239,6 @@ class Family:
         """Some steps on, or back by a negative number; stops at the ends."""
         return self
 
-    def likely_next(self, before: Family | None, chosen: Self, spectrum: Spectrum) -> Self | None:
-        """What is probably asked for after this one, if it takes long to have; resolved.
-
-        `before` is what was asked for before, `chosen` this one as it was before it was resolved.
-        """
-        return None
-
     # -- values, of resolved ones -------------------------------------------------------------
 
     def title(self) -> str:

@@ -106,39 +106,16 @@ def test_similarity_comes_as_soon_as_it_can(
     assert source.field.values[17] == 0.0
 
 
-def test_the_next_eigenfunction_is_there_already(
-    qtbot: QtBot,
-    document: Document,
-    source: FieldSource,
-    rectangle: Mesh,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    show(document, rectangle)
-    document.display.change(Eigenfunctions, index=7)
-    document.display.change(Eigenfunctions, flipped=frozenset({8}))
-    qtbot.waitUntil(lambda: source.idle and source._ahead._field is not None)
-    qtbot.waitUntil(lambda: source._ahead._field.family.index == 8)
-
-    def fails(*arguments: object) -> None:
-        raise AssertionError("computed although it was there")
-
-    monkeypatch.setattr(source._answers, "ask", fails)
-    with qtbot.waitSignal(source.field_ready):
-        document.display.change(Eigenfunctions, index=8)
-    assert source.idle
-    expected = -document.spectrum.rows[8]
-    np.testing.assert_allclose(source.field.values, expected, rtol=1e-5, atol=1e-12)
-    assert source.field.title == "Eigenfunction 8"
-
-
-def test_a_prepared_field_is_not_overtaken_by_an_older_one(
+def test_what_is_on_the_render_is_not_overtaken_by_an_older_field(
     qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh
 ) -> None:
     show(document, rectangle)
-    qtbot.waitUntil(lambda: source.idle and source._ahead._field is not None)
-    older, newer = source.field, source._ahead._field
-    document.display.change(Eigenfunctions, index=newer.family.index)
-    qtbot.waitUntil(lambda: source.field is newer)
+    qtbot.waitUntil(lambda: source.idle)
+    older = source.field
+    document.display.change(Eigenfunctions, index=older.family.index + 1)
+    qtbot.waitUntil(lambda: source.idle)
+    newer = source.field
+    assert newer is not older
     source._take(older.request, older)
     assert source.field is newer
 
@@ -220,15 +197,6 @@ def test_what_takes_long_is_said_until_it_comes(
     leave.set()
     qtbot.waitUntil(lambda: source.idle)
     assert set(said[1:]) == {""}
-
-
-def test_another_mesh_takes_away_what_was_prepared(
-    qtbot: QtBot, document: Document, source: FieldSource, rectangle: Mesh, sphere: Mesh
-) -> None:
-    show(document, rectangle)
-    qtbot.waitUntil(lambda: source._ahead._field is not None)
-    document.accept_mesh(MeshReady(sphere, mesh_health(sphere), sphere.vertex_normals))
-    assert source._ahead._field is None
 
 
 def test_field_that_cannot_be_computed_is_a_sentence(

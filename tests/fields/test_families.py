@@ -123,21 +123,6 @@ def test_zeros_alone_are_no_reason_to_stumble(family: type[Family]) -> None:
     assert chosen.resolved(zeros, CHOSEN).at_rest() == chosen.resolved(zeros, CHOSEN).at_rest()
 
 
-def test_what_is_likely_next_goes_on_in_the_direction_of_the_last_step(spectrum: Spectrum) -> None:
-    chosen = Eigenfunctions(flipped=frozenset({6}))
-
-    def likely(*visited: int) -> Eigenfunctions | None:
-        way = [None, *(replace(chosen, index=at).resolved(spectrum, {}) for at in visited)]
-        return way[-1].likely_next(way[-2], chosen, spectrum)
-
-    for visited, wanted in (((4,), 5), ((5, 4), 3), ((4, 7), 10), ((3, 25), 26), ((5,), 6)):
-        found = likely(*visited)
-        assert found is not None
-        assert (found.index, bool(found.flipped)) == (wanted, wanted == 6)
-    assert likely(58, 59) is None
-    assert likely(8, 8) is None
-
-
 def test_bands_sampled_on_their_supports_are_the_filter(spectrum: Spectrum) -> None:
     low, high = 10.0, 70.0
     for count in (1, 2, 3, 4, 5, 32):
