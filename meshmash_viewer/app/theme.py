@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 from weakref import WeakKeyDictionary
 
 import shiboken6
@@ -56,6 +56,7 @@ MARGIN = 12
 
 _FOLDER = Path(__file__).parent
 WidgetType = TypeVar("WidgetType", bound=QWidget)
+Kind = TypeVar("Kind")
 
 
 class Mode(StrEnum):
@@ -66,95 +67,64 @@ class Mode(StrEnum):
     DARK = "dark"
 
 
+class _Color(Generic[Kind]):
+    """A colour, or several, of a palette: one where it is light, another where it is dark."""
+
+    def __init__(self, light: Kind, dark: Kind) -> None:
+        self._pair = light, dark
+
+    def __get__(self, palette: Palette | PlotColors, owner: object) -> Kind:
+        return self._pair[palette.dark]
+
+
 @dataclass(frozen=True)
 class Palette:
     """Colours by what they are for, as ``#rrggbb``."""
 
-    window: str
-    surface: str
-    raised: str
-    field: str
-    border: str
-    border_strong: str
-    text: str
-    muted: str
-    disabled: str
-    accent: str
-    accent_hover: str
-    on_accent: str
-    selection: str
-    scene: str
-    missing: str
-    information: str
-    information_back: str
-    warning: str
-    warning_back: str
-    error: str
-    error_back: str
-    good: str
+    dark: bool
+
+    window = _Color("#f3f5f7", "#1a1e24")
+    surface = _Color("#ffffff", "#21262d")
+    raised = _Color("#ffffff", "#2a3038")
+    field = _Color("#ffffff", "#1a1e24")
+    border = _Color("#dde2e8", "#353c46")
+    border_strong = _Color("#bcc5cf", "#505a67")
+    text = _Color("#1b232d", "#e3e8ee")
+    muted = _Color("#5a6675", "#9ca8b6")
+    disabled = _Color("#a2abb6", "#626d7a")
+    accent = _Color("#1c66a8", "#5ba7e4")
+    accent_hover = _Color("#17578f", "#78b9ee")
+    on_accent = _Color("#ffffff", "#0d141b")
+    selection = _Color("#d6e6f5", "#264663")
+    scene = _Color("#eceff3", "#14171c")
+    missing = _Color("#b9bfc7", "#59616b")
+    information = _Color("#1c66a8", "#7cbcf0")
+    information_back = _Color("#e8f1fa", "#1f3245")
+    warning = _Color("#8a5a00", "#f0bd58")
+    warning_back = _Color("#fdf3dc", "#3b3017")
+    error = _Color("#b3261e", "#ff9b92")
+    error_back = _Color("#fdebe9", "#45201f")
+    good = _Color("#1b7a4b", "#62c793")
 
 
 @dataclass(frozen=True)
 class PlotColors:
     """Colours of the plots: their ground, axes and marks."""
 
-    background: str
-    foreground: str
-    grid: str
-    curve: str
-    reference: str
-    marker: str
-    handle: str
-    hatch: str
-    series: tuple[str, ...]
+    dark: bool
 
-
-#: By name, light and dark.
-_COLORS = {
-    "window": ("#f3f5f7", "#1a1e24"),
-    "surface": ("#ffffff", "#21262d"),
-    "raised": ("#ffffff", "#2a3038"),
-    "field": ("#ffffff", "#1a1e24"),
-    "border": ("#dde2e8", "#353c46"),
-    "border_strong": ("#bcc5cf", "#505a67"),
-    "text": ("#1b232d", "#e3e8ee"),
-    "muted": ("#5a6675", "#9ca8b6"),
-    "disabled": ("#a2abb6", "#626d7a"),
-    "accent": ("#1c66a8", "#5ba7e4"),
-    "accent_hover": ("#17578f", "#78b9ee"),
-    "on_accent": ("#ffffff", "#0d141b"),
-    "selection": ("#d6e6f5", "#264663"),
-    "scene": ("#eceff3", "#14171c"),
-    "missing": ("#b9bfc7", "#59616b"),
-    "information": ("#1c66a8", "#7cbcf0"),
-    "information_back": ("#e8f1fa", "#1f3245"),
-    "warning": ("#8a5a00", "#f0bd58"),
-    "warning_back": ("#fdf3dc", "#3b3017"),
-    "error": ("#b3261e", "#ff9b92"),
-    "error_back": ("#fdebe9", "#45201f"),
-    "good": ("#1b7a4b", "#62c793"),
-}
-_PLOT_COLORS = {
-    "background": ("#ffffff", "#21262d"),
-    "foreground": ("#3c4855", "#b4bfcb"),
-    "grid": ("#e3e7ec", "#343b45"),
-    "curve": ("#1c66a8", "#5ba7e4"),
-    "reference": ("#8a95a2", "#7f8b99"),
-    "marker": ("#d5530b", "#ff9a57"),
-    "handle": ("#d5530b", "#ff9a57"),
-    "hatch": ("#c9a227", "#d8b74a"),
-}
-_SERIES = (
-    ("#1c66a8", "#d5530b", "#1b7a4b", "#a3428b", "#8a6d00", "#0b7f99", "#5b4db0"),
-    ("#5ba7e4", "#ff9a57", "#62c793", "#dd8ac8", "#e0c34f", "#55c5dc", "#a79bf0"),
-)
-_PALETTES = tuple(
-    Palette(**{name: pair[dark] for name, pair in _COLORS.items()}) for dark in (0, 1)
-)
-_PLOTS = tuple(
-    PlotColors(**{name: pair[dark] for name, pair in _PLOT_COLORS.items()}, series=_SERIES[dark])
-    for dark in (0, 1)
-)
+    background = _Color("#ffffff", "#21262d")
+    foreground = _Color("#3c4855", "#b4bfcb")
+    grid = _Color("#e3e7ec", "#343b45")
+    curve = _Color("#1c66a8", "#5ba7e4")
+    reference = _Color("#8a95a2", "#7f8b99")
+    marker = _Color("#d5530b", "#ff9a57")
+    handle = _Color("#d5530b", "#ff9a57")
+    hatch = _Color("#c9a227", "#d8b74a")
+    series = _Color(
+        ("#1c66a8", "#d5530b", "#1b7a4b", "#a3428b", "#8a6d00", "#0b7f99", "#5b4db0"),
+        ("#5ba7e4", "#ff9a57", "#62c793", "#dd8ac8", "#e0c34f", "#55c5dc", "#a79bf0"),
+    )
 
 
 class _Notifier(QObject):
@@ -195,12 +165,12 @@ def is_dark() -> bool:
 
 def palette() -> Palette:
     """The colours in force."""
-    return _PALETTES[_State.dark]
+    return Palette(_State.dark)
 
 
 def plot_colors() -> PlotColors:
     """The colours of plots in force."""
-    return _PLOTS[_State.dark]
+    return PlotColors(_State.dark)
 
 
 def pad_fields(parent: QWidget) -> None:
@@ -360,7 +330,8 @@ def _qt_palette(colors: Palette) -> QPalette:
 
 def _style_sheet(colors: Palette, font: QFont) -> str:
     points = font.pointSizeF() if font.pointSizeF() > 0 else 9.0
-    values = {name: getattr(colors, name) for name in Palette.__dataclass_fields__}
+    names = [name for name, each in vars(Palette).items() if isinstance(each, _Color)]
+    values: dict[str, str] = {name: getattr(colors, name) for name in names}
     values |= {"small": f"{points * 0.92:.2f}pt", "large": f"{points * 1.5:.2f}pt"}
     values |= {"mode": "dark" if _State.dark else "light", "folder": _FOLDER.as_posix()}
     sheet = (_FOLDER / "style.qss").read_text(encoding="utf-8")
