@@ -177,6 +177,9 @@ class Family:
         Parameters that say where in the family one is; they come last in what is remembered.
     ordered : tuple of str
         Two parameters of which the first is below the second.
+    needs_pairs : bool
+        Whether there is nothing to see before the first eigenpair; if not, it is asked with a
+        spectrum of no pairs, which has its mesh.
     signed : bool
         Whether zero is in the middle of the values rather than at their end.
     interval : int
@@ -195,6 +198,7 @@ class Family:
     counted: ClassVar[str] = ""
     position: ClassVar[tuple[str, ...]] = ()
     ordered: ClassVar[tuple[str, str] | None] = None
+    needs_pairs: ClassVar[bool] = True
     signed: ClassVar[bool] = False
     interval: ClassVar[int] = 0
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (False, False, False)
@@ -214,7 +218,8 @@ class Family:
     def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
         """The same with what was left open filled in; equal ones have equal values.
 
-        The spectrum has a pair or more; `chosen` is every family, for one may build on another.
+        The spectrum has a pair or more if they are needed; `chosen` is every family, for one may
+        build on another.
         """
         raise NotImplementedError
 

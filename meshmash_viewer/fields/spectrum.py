@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,7 @@ from meshmash_viewer.spectral.alignment import Alignment, ShownRows, close_neigh
 if TYPE_CHECKING:
     from meshmash_viewer.features.filters import FilterBank
     from meshmash_viewer.laplacian import OperatorOptions
+    from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.certificate import Certificate
 
 __all__ = ["Multiplet", "Spectrum", "first_nonzero", "grew", "same_pairs"]
@@ -62,6 +63,8 @@ class Spectrum:
         The rows as they are drawn, where that differs from `rows` by signs and rotations.
     known_to : float
         Eigenvalue up to which these are proven to be all; 0 where no threshold was asked for.
+    mesh : Mesh, optional
+        The surface that they belong to, in the unit that it is said to be in.
     """
 
     eigenvalues: npt.NDArray[np.float64]
@@ -76,6 +79,13 @@ class Spectrum:
     shown: ShownRows | None = None
     known_to: float = 0.0
     stored: Any = None
+    mesh: Mesh | None = field(default=None, repr=False)
+
+    @classmethod
+    def without_pairs(cls, mesh: Mesh) -> Spectrum:
+        """What is known of a mesh before it has been decomposed."""
+        none = np.empty(0)
+        return cls(none, np.empty((0, mesh.n_vertices)), none, mesh=mesh)
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
@@ -93,6 +103,8 @@ class Spectrum:
     @cached_property
     def has_all_vertices(self) -> bool:
         """Whether the eigenvectors have a value at every vertex: where one has none, none has."""
+        if not len(self.rows):
+            return self.mesh is None or not len(self.mesh.unreferenced)
         return not np.isnan(np.min(self.rows[0], initial=np.inf))
 
     @cached_property
@@ -182,13 +194,14 @@ def first_nonzero(spectrum: Spectrum) -> int:
 def grew(old: Spectrum, new: Spectrum) -> bool:
     """Whether one spectrum is the other before it grew."""
     count = len(old)
+    last = slice(max(count - 1, 0), count)
     return (
         count <= len(new)
         and old.preview == new.preview
         and old.operator == new.operator
         and old.rows.shape[1] == new.rows.shape[1]
         and bool(np.array_equal(old.eigenvalues, new.eigenvalues[:count]))
-        and bool(np.array_equal(old.rows[count - 1], new.rows[count - 1], equal_nan=True))
+        and np.array_equal(old.rows[last], new.rows[last], equal_nan=True)
     )
 
 

@@ -100,7 +100,9 @@ class Document:
     def __init__(self) -> None:
         self.display = Display()
         self.ready: MeshReady | None = None
-        self.spectrum: Spectrum | None = None
+        #: The open mesh without pairs, for fields that need none; and with those that are known.
+        self._bare: Spectrum | None = None
+        self._spectrum: Spectrum | None = None
         self._preview: Spectrum | None = None
         self.pins: tuple[Pin, ...] = ()
         self.job: JobState | None = None
@@ -123,6 +125,22 @@ class Document:
     def unit(self) -> str:
         """The unit of the open mesh; "" where it has none, and where there is no mesh."""
         return self.mesh.unit if self.mesh is not None else ""
+
+    @property
+    def spectrum(self) -> Spectrum | None:
+        """The eigenpairs of the open mesh; None before there are any."""
+        return self._spectrum
+
+    @spectrum.setter
+    def spectrum(self, spectrum: Spectrum | None) -> None:
+        if spectrum is not None and spectrum.mesh is not self.mesh:
+            spectrum = replace(spectrum, mesh=self.mesh)
+        self._spectrum = spectrum
+
+    @property
+    def known(self) -> Spectrum | None:
+        """The spectrum, or one of no pairs before there are any; None without a mesh."""
+        return self._bare if self._spectrum is None else self._spectrum
 
     @property
     def scaled_spectrum(self) -> Spectrum | None:
@@ -177,7 +195,7 @@ class Document:
             return
         if voxel == self.ready.mesh.voxel:
             before = self.unit_text
-            self.ready = _in_unit(self.ready, unit)
+            self._take(_in_unit(self.ready, unit), self.spectrum)
             self._remember_unit(before, self.unit_text)
             self.mesh_changed.emit()
             self.pins_changed.emit()
@@ -274,8 +292,7 @@ class Document:
     def _show(
         self, ready: MeshReady, spectrum: Spectrum | None, pins: tuple[Pin, ...] = ()
     ) -> None:
-        self.ready = ready
-        self.spectrum = spectrum
+        self._take(ready, spectrum)
         self._preview = None
         self.pins = pins
         n_components = ready.health.n_components
@@ -286,6 +303,11 @@ class Document:
         self.mesh_changed.emit()
         self.pins_changed.emit()
         self.spectrum_changed.emit()
+
+    def _take(self, ready: MeshReady, spectrum: Spectrum | None) -> None:
+        self.ready = ready
+        self._bare = Spectrum.without_pairs(ready.mesh)
+        self.spectrum = spectrum
 
     # -- decomposition ----------------------------------------------------------------------
 
@@ -367,7 +389,7 @@ class Document:
 
     def leave_out_damaged(self, spectrum: Spectrum, index: int) -> None:
         """Show no pair from the one on that was found to be damaged, if it is still shown."""
-        if self.spectrum is not spectrum:
+        if self.spectrum is None or self.spectrum.rows is not spectrum.rows:
             return
         self.spectrum = None if index == 0 else spectrum.first(index)
         shown = self.display[Eigenfunctions].index

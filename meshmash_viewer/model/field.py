@@ -187,10 +187,12 @@ def expected_bytes(n_vertices: int, n_columns: int = 32) -> int:
 
 def request_of(document: Document) -> FieldRequest | None:
     """Snapshot of what a document wants on its render; None while there is nothing to show."""
-    spectrum, display, ready = document.spectrum, document.display, document.ready
-    if spectrum is None or len(spectrum) == 0 or ready is None:
+    spectrum, display, ready = document.known, document.display, document.ready
+    if spectrum is None or ready is None:
         return None
     chosen = display.family if display.family.usable else display.fields[next(iter(FAMILIES))]
+    if chosen.needs_pairs and not len(spectrum):
+        return None
     return FieldRequest(
         spectrum,
         ready.mesh.unit,

@@ -15,8 +15,8 @@ def step(document: Document, steps: int) -> bool:
 
     Says whether it moved: not at the end already, nor with nothing to step through.
     """
-    spectrum, display = document.spectrum, document.display
-    if spectrum is None or len(spectrum) == 0:
+    spectrum, display = document.known, document.display
+    if spectrum is None or (display.family.needs_pairs and not len(spectrum)):
         return False
     moved = display.family.step(spectrum, steps)
     if moved == display.family:

@@ -103,11 +103,11 @@ def test_a_preview_is_not_replaced_by_less(
     # and more takes its place
     more = spectrum_of(sphere, 30)
     document.accept_spectrum(more)
-    assert document.spectrum is more
+    assert document.spectrum.rows is more.rows
     # another mesh has another preview
     document.accept_mesh(ready_of(sphere, "b.ply"))
     document.accept_spectrum(exact)
-    assert document.spectrum is exact
+    assert document.spectrum.rows is exact.rows
 
 
 @pytest.mark.parametrize(("shown", "damaged", "left"), [(7, 3, 2), (1, 3, 1), (7, 1, 0)])
@@ -119,8 +119,8 @@ def test_pairs_from_a_damaged_one_on_are_not_shown(
     document.display.change(Eigenfunctions, index=shown)
     notices: list[Notice] = []
     document.noticed.connect(notices.append)
-    document.leave_out_damaged(replace(spectrum), damaged)
-    assert document.spectrum is spectrum, "another one is shown"
+    document.leave_out_damaged(spectrum_of(sphere, 9), damaged)
+    assert document.spectrum.rows is spectrum.rows, "another one is shown"
     document.leave_out_damaged(spectrum, damaged)
     assert document.spectrum is not None
     np.testing.assert_array_equal(document.spectrum.eigenvalues, spectrum.eigenvalues[:damaged])

@@ -26,7 +26,7 @@ class Player(QObject):
         listen(document.spectrum_changed, self._refresh)
 
     def _refresh(self) -> None:
-        display, spectrum = self._document.display, self._document.spectrum
+        display, spectrum = self._document.display, self._document.known
         interval = display.family.interval
         if display.playing and spectrum is not None and interval:
             self._timer.start(interval)
