@@ -26,7 +26,7 @@ from interaction_yardsticks import compressed, floor, readd, time_at
 from PySide6.QtCore import QEventLoop, QPoint, QPointF, Qt, QTimer
 from PySide6.QtGui import QWheelEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QTabWidget, QWidget
+from PySide6.QtWidgets import QApplication, QListWidget, QWidget
 
 import meshmash_viewer.app.view.picture as picture_module
 from meshmash_viewer.app import heap
@@ -205,9 +205,9 @@ class Session:
             yield 0.016
         yield self.at_rest
         self.phase("HKS, table being made")
-        tabs = self.part("field_tabs")
-        assert isinstance(tabs, QTabWidget) or hasattr(tabs, "setCurrentIndex")
-        tabs.setCurrentIndex(1)
+        families = self.part("field_list")
+        assert isinstance(families, QListWidget)
+        families.setCurrentRow(1)
         yield 0.1
         slider = self.part("hks_time_slider")
         yield from self.drag(slider, self.sweep(slider, 60))
@@ -216,7 +216,7 @@ class Session:
         yield from self.drag(slider, self.sweep(slider, 120))
         yield self.at_rest
         self.phase("bands, table being made")
-        tabs.setCurrentIndex(2)
+        families.setCurrentRow(2)
         yield 0.1
         for band in range(8):
             display.change(GeometryVectors, index=band)
@@ -244,7 +244,7 @@ class Session:
             yield 0.03
         yield self.at_rest
         self.phase("nodal lines")
-        tabs.setCurrentIndex(0)
+        families.setCurrentRow(0)
         yield 0.2
         display.nodal_lines = True
         for _ in range(20):

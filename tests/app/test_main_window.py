@@ -23,6 +23,7 @@ from PySide6.QtWidgets import (
     QDialog,
     QLabel,
     QLineEdit,
+    QListWidget,
     QWidget,
 )
 from pytestqt.qtbot import QtBot
@@ -241,7 +242,7 @@ def test_names_that_scripts_rely_on(window: MainWindow) -> None:
         "band_spin",
         "spectrum_plot",
         "profile_plot",
-        "field_tabs",
+        "field_list",
         "scene",
     ):
         assert len(window.findChildren(QWidget, name)) == 1, name
@@ -644,8 +645,12 @@ def test_nothing_is_cut_off_at_either_size(
     room = ball.mesh_panel.width()
     assert scrolled.mapTo(ball.mesh_panel, QPoint(scrolled.width(), 0)).x() <= room
     assert ball.scene.width() >= 380
-    tabs = ball.findChild(QWidget, "field_tab_bar")
-    assert tabs.tabRect(tabs.count() - 1).right() <= tabs.width()
+    families = ball.findChild(QListWidget, "field_list")
+    for row in range(families.count()):
+        rect = families.visualItemRect(families.item(row))
+        assert families.viewport().rect().contains(rect), "all families are in view"
+        text = families.fontMetrics().horizontalAdvance(families.item(row).text())
+        assert text + families.iconSize().width() + 20 <= rect.width()
 
 
 # -- pictures, exports and sessions ------------------------------------------------------------

@@ -45,7 +45,7 @@ def pixmap(name: str, color: str, size: int = 20, ratio: float = 2.0) -> QPixmap
     Parameters
     ----------
     name : str
-        A key of `PATHS`.
+        A key of `PATHS`, or a drawing like those.
     color : str
         Of the strokes, as ``#rrggbb``.
     size : int
@@ -56,7 +56,7 @@ def pixmap(name: str, color: str, size: int = 20, ratio: float = 2.0) -> QPixmap
     drawing = (
         '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 24 24" fill="none" '
         f'stroke="{color}" stroke-width="1.6" stroke-linecap="round" stroke-linejoin="round">'
-        f"{PATHS[name]}</svg>"
+        f"{PATHS.get(name, name)}</svg>"
     )
     image = QPixmap(round(size * ratio), round(size * ratio))
     image.fill(Qt.GlobalColor.transparent)

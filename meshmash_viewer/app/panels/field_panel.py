@@ -1,11 +1,21 @@
-"""The Field panel: which field is on the render, and in which colours."""
+"""The Field panel: which field is on the render, its controls, and its colours."""
 
 from __future__ import annotations
 
-from PySide6.QtCore import QSignalBlocker, Qt
-from PySide6.QtWidgets import QFrame, QScrollArea, QTabWidget, QWidget
+from PySide6.QtCore import QSignalBlocker, QSize, Qt
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import (
+    QFrame,
+    QListView,
+    QListWidget,
+    QListWidgetItem,
+    QScrollArea,
+    QStackedWidget,
+    QWidget,
+)
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.facts import note, show_note
 from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.app.listening import follow
@@ -16,35 +26,72 @@ from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 
-__all__ = ["FieldPanel"]
+__all__ = ["FamilyList", "FieldPanel"]
+
+#: Families side by side, and the height of their lines in pixels.
+_COLUMNS, _LINE = 2, 28
+
+
+class FamilyList(QListWidget):
+    """The families of fields, two side by side, of which one is chosen."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        theme.named(self, "field_list", "Family of fields", role="choices")
+        self.setFlow(QListView.Flow.LeftToRight)
+        self.setWrapping(True)
+        self.setResizeMode(QListView.ResizeMode.Adjust)
+        self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setIconSize(QSize(16, 16))
+        for name, family in FAMILIES.items():
+            item = QListWidgetItem(family.short, self)
+            item.setData(Qt.ItemDataRole.UserRole, name)
+            item.setToolTip(family.tip)
+        self.setFixedHeight(-(-len(FAMILIES) // _COLUMNS) * _LINE + 6)
+        theme.notifier().changed.connect(self._draw)
+        self._draw()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Qt's: the columns share the width."""
+        super().resizeEvent(event)
+        # a pixel less: Qt wraps a line that fills the width to the last
+        cell = QSize((self.viewport().width() - 1) // _COLUMNS, _LINE)
+        for row in range(self.count()):
+            self.item(row).setSizeHint(cell)
+        self.setGridSize(cell)
+
+    def _draw(self) -> None:
+        for row, family in enumerate(FAMILIES.values()):
+            self.item(row).setIcon(icons.icon(tab_of(family).icon))
 
 
 class FieldPanel(QWidget):
-    """One tab for each family of fields; turning to a tab puts its field on the render."""
+    """The families of fields; to choose one shows its controls and puts it on the render."""
 
     def __init__(self, document: Document) -> None:
         super().__init__()
         theme.named(self, "field_panel", "Field")
         self._document = document
         self._player = Player(document, self)
-        self.tabs = theme.named(QTabWidget(), "field_tabs", "Family of fields")
-        self.tabs.setDocumentMode(True)
-        theme.named(self.tabs.tabBar(), "field_tab_bar").setExpanding(False)
-        self.tabs.setUsesScrollButtons(True)
+        self.list = FamilyList()
+        self._stack = QStackedWidget()
         self._pages = {name: tab_of(family)(document) for name, family in FAMILIES.items()}
-        for name, page in self._pages.items():
+        for page in self._pages.values():
             area = QScrollArea(widgetResizable=True)
             area.setFrameShape(QFrame.Shape.NoFrame)
             area.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # it follows its fields
             area.setWidget(theme.named(page, "panel_content"))
-            family = FAMILIES[name]
-            self.tabs.setTabToolTip(self.tabs.addTab(area, family.short), family.tip)
-        self.tabs.currentChanged.connect(self._choose_kind)
+            self._stack.addWidget(area)
+        self.list.currentRowChanged.connect(self._choose_kind)
         self.hint = note("field_hint")
         self.hint.setContentsMargins(theme.MARGIN, 0, theme.MARGIN, theme.GAP)
         self.colors = ColorSection(document)
         line = theme.with_role(QFrame(), "line")
-        self.setLayout(column((self.tabs,), self.hint, line, self.colors, spacing=0))
+        above = theme.with_role(QFrame(), "line")
+        parts = (self.list, above, (self._stack,), self.hint, line, self.colors)
+        self.setLayout(column(*parts, spacing=0))
 
         follow(document.display.events.kind, self._refresh_tab)
         follow(document.spectrum_changed, self._refresh_use)
@@ -56,17 +103,20 @@ class FieldPanel(QWidget):
         """Show the limits of the field that has arrived on the render."""
         self.colors.set_field(field, limits)
 
-    def _choose_kind(self, tab: int) -> None:
-        self._document.display.kind = list(self._pages)[tab]
+    def _choose_kind(self, row: int) -> None:
+        self._document.display.kind = list(self._pages)[row]
 
     def _refresh_tab(self) -> None:
-        with QSignalBlocker(self.tabs):
-            self.tabs.setCurrentIndex(list(self._pages).index(self._document.display.kind))
+        row = list(self._pages).index(self._document.display.kind)
+        with QSignalBlocker(self.list):
+            self.list.setCurrentRow(row)
+        self._stack.setCurrentIndex(row)
 
     def _refresh_use(self) -> None:
-        usable = self._document.spectrum is not None and len(self._document.spectrum) > 0
-        for page in self._pages.values():
-            page.setEnabled(usable)
+        known = self._document.known
+        usable = known is not None and len(known) > 0
+        for name, page in self._pages.items():
+            page.setEnabled(usable or (known is not None and not FAMILIES[name].needs_pairs))
         if usable:
             show_note(self.hint, "")
         elif self._document.mesh is None:

@@ -20,6 +20,7 @@ class BandTab(ColumnStepper):
     """Step through the bands; their number and range are those of the exported feature."""
 
     family = GeometryVectors
+    icon = '<path d="M2 19c4 0 4-13 7-13s3 13 7 13"/><path d="M8 19c4 0 4-13 7-13s3 13 7 13"/>'
     one = "Band"
     many = "Bands"
     tip = "Columns of the exported feature; cubic B-splines that sum to 1"

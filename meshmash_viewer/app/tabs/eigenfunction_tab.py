@@ -31,6 +31,7 @@ class EigenfunctionTab(FieldStepper):
     """Scroll the eigenfunctions that have converged, and read what each one is."""
 
     family = Eigenfunctions
+    icon = '<path d="M3 12c3-10 6-10 9 0s6 10 9 0"/>'
 
     def _build(self) -> None:
         self.flip_button = theme.named(

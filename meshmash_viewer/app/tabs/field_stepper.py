@@ -24,10 +24,12 @@ __all__ = ["ColumnStepper", "FamilyTab", "FieldStepper"]
 class FamilyTab(QWidget):
     """The controls of one family of fields.
 
-    Subclasses build themselves in `_build` and show the document in `refresh`.
+    Subclasses build themselves in `_build` and show the document in `refresh`. `icon` is a drawing
+    like those of `meshmash_viewer.app.controls.icons`.
     """
 
     family: ClassVar[type[Family]]
+    icon: ClassVar[str]
 
     def __init__(self, document: Document) -> None:
         super().__init__()

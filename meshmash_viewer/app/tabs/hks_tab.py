@@ -36,6 +36,7 @@ class HksTab(FieldStepper):
     """Choose a time, in log scale, its range, and the number of times that are exported."""
 
     family = HeatKernelSignature
+    icon = '<path d="M4 4v16h16"/><path d="M6 6c2 8 6 11 13 11.5"/>'
     ends = "t_min", "t_max"
 
     def _build(self) -> None:

@@ -23,6 +23,9 @@ class SimilarityTab(FamilyTab):
     """Paint how far every vertex is from a pinned one in feature space; follows the last pin."""
 
     family = Similarity
+    icon = (
+        '<circle cx="12" cy="12" r="8.5"/><circle cx="12" cy="12" r="4.5"/><path d="M12 11.8v.4"/>'
+    )
 
     def __init__(self, document: Document) -> None:
         self._pins: tuple[Pin, ...] = ()

@@ -21,6 +21,7 @@ class WksTab(ColumnStepper):
     """Step through the energies, evenly spaced in log λ; the slider marks decades of λ."""
 
     family = WaveKernelSignature
+    icon = '<path d="M2 12c2 0 2-3 4-3s2 8 4 8 2-13 4-13 2 11 4 11 2-3 4-3"/>'
     one = "Energy"
     many = "Energies"
     tip = "Columns of the exported feature, evenly spaced in log λ"
