@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import shapes
 
+from meshmash_viewer.app.view import graphics
 from meshmash_viewer.cli import main as cli
 from meshmash_viewer.decompose import compute_geometry_vectors, compute_hks
 from meshmash_viewer.io.read import read_mesh
@@ -522,6 +523,19 @@ def test_render_draws(
 
 def environment(folder: Path) -> dict[str, str]:
     return os.environ | {"XDG_CACHE_HOME": str(folder), "HOME": str(folder)}
+
+
+def test_a_report_on_the_machine(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, err = run(capsys, "--info")
+    assert (status, err) == (0, "")
+    told = dict(line.strip().split(" : ", 1) for line in out.splitlines() if " : " in line)
+    assert told["numpy"] == np.__version__
+    assert {"RAM", "CPU(s)", "Graphics", "Eigenpairs kept", "vtk"} <= told.keys()
+
+
+def test_a_driver_that_crashes_is_part_of_the_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(graphics.sys, "executable", "false")
+    assert graphics.asked_graphics() == "none (its test ended with status 1)"
 
 
 def test_version_and_help_load_nothing_heavy(tmp_path: Path) -> None:

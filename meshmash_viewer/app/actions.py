@@ -166,6 +166,8 @@ COMMANDS: tuple[Command, ...] = (
     # -- Help
     Command("help", "Help and shortcuts", "Help", "All commands, keys and mouse gestures",
             ("F1",), toolbar="Help", icon="help", separated=True),
+    Command("system_report", "Copy system report", "Help",
+            "Copy versions, memory, graphics and stored eigenpairs, to paste into a report"),
     Command("about", "About MeshMash Viewer", "Help", "Version, licence and methods"),
 )  # fmt: skip
 

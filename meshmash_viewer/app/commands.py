@@ -409,6 +409,15 @@ class Commands:
 
         self._ask(HelpDialog(self._window))
 
+    def system_report(self) -> None:
+        """Put what a report of a fault needs to say of this machine on the clipboard."""
+        from meshmash_viewer.app.view.graphics import graphics
+        from meshmash_viewer.model.system_report import system_report
+
+        drawn = "none yet" if self.scene is None else graphics(self.scene.plotter.window_of_vtk)
+        QGuiApplication.clipboard().setText(system_report(drawn))
+        self._document.notify(Notice("System report copied: paste it where you report a fault."))
+
     def about(self) -> None:
         """Show version, licence and methods."""
         from meshmash_viewer.app.dialogs.help_dialog import AboutDialog

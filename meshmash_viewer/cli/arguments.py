@@ -53,6 +53,11 @@ def window_parser() -> argparse.ArgumentParser:
     parser.add_argument("mesh", nargs="*", help="mesh file or session")
     _add_unit(parser)
     parser.add_argument("--fresh", action="store_true", help="ignore stored settings")
+    parser.add_argument(
+        "--info",
+        action="store_true",
+        help="say what a report of a fault needs: versions, memory, graphics, stored eigenpairs",
+    )
     from meshmash_viewer import __version__
 
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")

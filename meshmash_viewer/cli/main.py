@@ -103,6 +103,12 @@ def _say_fault(fault: Exception, subject: str = "") -> int:
 
 
 def _window(options: argparse.Namespace) -> int:
+    if options.info:
+        from meshmash_viewer.app.view.graphics import asked_graphics
+        from meshmash_viewer.model.system_report import system_report
+
+        print(system_report(asked_graphics()))
+        return 0
     first = options.mesh[0] if options.mesh else ""
     if first.isidentifier() and not os.path.lexists(first):
         raise InputError(

@@ -826,6 +826,18 @@ def test_the_script_of_what_is_on_screen_is_python(ball: MainWindow) -> None:
     assert "meshmash_viewer" in text
 
 
+@pytest.mark.parametrize("opened", ["window", "ball"])
+def test_a_report_on_the_machine_is_copied(request: pytest.FixtureRequest, opened: str) -> None:
+    window: MainWindow = request.getfixturevalue(opened)
+    window.actions_["system_report"].trigger()
+    report = QGuiApplication.clipboard().text()
+    told = dict(line.strip().split(" : ", 1) for line in report.splitlines() if " : " in line)
+    assert told["numpy"] == np.__version__
+    assert "decompositions in" in told["Eigenpairs kept"]
+    assert re.search(r"\d+\.\d+", told["Graphics"]), "the version of OpenGL"
+    assert "paste it" in window.stage.message_bar.notice.text
+
+
 def test_a_picture_is_copied(ball: MainWindow) -> None:
     ball.actions_["copy_picture"].trigger()
     image = QGuiApplication.clipboard().image()

@@ -16,7 +16,7 @@ from meshmash_viewer.app.view.mesh_renderer import MeshRenderer, read_pixels
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, SymmetricLimits
 
-__all__ = ["RawPicture", "draw_in_steps", "draw_picture", "render_picture"]
+__all__ = ["RawPicture", "draw_in_steps", "draw_picture", "new_window", "render_picture"]
 
 #: Rows of pixels that are read back at a time.
 _ROWS = 256
@@ -132,7 +132,7 @@ def draw_in_steps(
     grows with the picture, so that text stays as legible as on the screen.
     """
     width, height = (int(side) for side in size)
-    window = _new_window()
+    window = new_window()
     try:
         window.SetOffScreenRendering(True)
         window.SetMultiSamples(8)
@@ -159,7 +159,7 @@ def draw_in_steps(
         window.Finalize()
 
 
-def _new_window() -> vtkRenderWindow:
+def new_window() -> vtkRenderWindow:
     """A render window that needs no display where there is none."""
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         # Asked for by name: the general one tries the display first, and complains.

@@ -1,0 +1,41 @@
+"""What a report of a fault needs to say of the machine, as text to paste."""
+
+from __future__ import annotations
+
+from importlib import metadata
+
+from meshmash_viewer.io.cache import EigenpairCache
+from meshmash_viewer.model import cost
+
+__all__ = ["system_report"]
+
+#: Whose versions are told, where they are installed.
+_PACKAGES = (
+    "meshmash-viewer",
+    *("numpy", "scipy", "numba", "robust_laplacian", "pymetis", "trimesh", "nibabel", "pyarrow"),
+    *("vtk", "pyvista", "pyvistaqt", "PySide6_Essentials", "pyqtgraph"),
+)
+
+
+def system_report(graphics: str) -> str:
+    """Versions, memory, cores, graphics, and what the store of eigenpairs holds.
+
+    Parameters
+    ----------
+    graphics : str
+        What draws, as `meshmash_viewer.app.view.graphics` tells it.
+    """
+    import scooby
+
+    cache = EigenpairCache()
+    stores = len(cache.stores())
+    kept = f"{cost.written_bytes(cache.size())} of {stores} decompositions in {cache.root}"
+    versions = []
+    for name in _PACKAGES:
+        try:
+            versions.append((name, metadata.version(name)))
+        except metadata.PackageNotFoundError:
+            versions.append((name, "not installed"))
+    more = [("Graphics", graphics), ("Eigenpairs kept", kept), *versions]
+    report = scooby.Report(core=[], optional=[], ncol=1, text_width=100, extra_meta=more)
+    return str(report).strip()
