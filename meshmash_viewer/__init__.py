@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.features.filters import hks_times as hks_times
     from meshmash_viewer.features.filters import low_pass_bank as low_pass_bank
     from meshmash_viewer.features.filters import wave_kernel_bank as wave_kernel_bank
+    from meshmash_viewer.features.formula import formula_bank as formula_bank
     from meshmash_viewer.features.shape import feature_distance as feature_distance
     from meshmash_viewer.features.shape import low_pass_vertices as low_pass_vertices
     from meshmash_viewer.features.shape import match_features as match_features
@@ -108,6 +109,7 @@ _CONTENTS = {
         "low_pass_bank",
         "wave_kernel_bank",
     ),
+    "features.formula": ("formula_bank",),
     "features.sums": ("Features", "compute_features"),
     "features.truncation": ("Truncation",),
     # Comparing shapes

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.similarity import Similarity
@@ -20,6 +21,7 @@ _LISTED: tuple[type[Family], ...] = (
     HeatKernelSignature,
     GeometryVectors,
     WaveKernelSignature,
+    Filters,
     Similarity,
 )
 

@@ -43,8 +43,9 @@ MOST_COUNT = 1024
 def parameter(default: Any = None, **bounds: Any) -> Any:
     """A parameter with what its values may be, for whoever reads them from a file.
 
-    These are ``type`` ("whole", "number", "flag", "indices", "vertex", or "family" for the name
-    of a feature) and, for numbers, ``least`` and ``most``. A default of None is a value, too.
+    These are ``type`` ("whole", "number", "flag", "indices", "vertex", "text", "named numbers", or
+    "family" for the name of a feature), for numbers ``least`` and ``most``, for a text the ``most``
+    characters and a ``check`` that raises `InputError`. A default of None is a value, too.
     """
     return field(default=default, metadata=bounds)
 

@@ -20,9 +20,11 @@ from meshmash_viewer.errors import InputError, printable
 __all__ = [
     "Check",
     "Refused",
+    "checked_text",
     "choice",
     "flag",
     "listing",
+    "named",
     "none_or",
     "number",
     "record",
@@ -129,6 +131,21 @@ def text(most: int = 4096) -> Check:
     return check
 
 
+def checked_text(most: int, sound: Callable[[str], object]) -> Check:
+    """A text that `sound` has nothing against, which raises `InputError` if it has."""
+    short = text(most)
+
+    def check(value: object) -> str:
+        taken: str = short(value)
+        try:
+            sound(taken)
+        except InputError as fault:
+            raise Refused(f"another one, as this fails: {str(fault).rstrip('.')}", value) from fault
+        return taken
+
+    return check
+
+
 def choice(values: Iterable[str], named: str = "") -> Check:
     """One of some texts; `named` says what they are where there are too many to list."""
     known = tuple(values)
@@ -175,6 +192,18 @@ def listing(check: Check, most: int, least: int = 0, *, different: bool = False)
         return taken
 
     return each
+
+
+def named(check: Check, most: int) -> Check:
+    """An object with so many entries of any names, as pairs of name and value."""
+
+    def entries(value: object) -> tuple[tuple[str, Any], ...]:
+        if not isinstance(value, dict) or len(value) > most:
+            raise Refused(f"an object with at most {most} entries", value)
+        taken = record(dict.fromkeys(value, check))(value)
+        return tuple(taken.items())
+
+    return entries
 
 
 def record(checks: Mapping[str, Check], *, whole: bool = False) -> Check:

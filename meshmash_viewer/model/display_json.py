@@ -12,9 +12,11 @@ from meshmash_viewer.fields.family import Family
 from meshmash_viewer.io.schema import (
     Check,
     Refused,
+    checked_text,
     choice,
     flag,
     listing,
+    named,
     none_or,
     number,
     record,
@@ -36,6 +38,8 @@ _POLICIES: dict[str, Any] = {
     policy.__name__: policy
     for policy in (SymmetricLimits, MinMaxLimits, PercentileLimits, LockedLimits)
 }
+#: Most numbers with names that a family has.
+_MOST_NAMED = 16
 #: What is written as it is; a window never opens playing.
 _PLAIN = ("kind", "nodal_lines", "diverging_colormap", "sequential_colormap")
 
@@ -96,6 +100,8 @@ def _kept(family: Family | type[Family]) -> list[Field[Any]]:
 
 
 def _plain(value: object) -> object:
+    if isinstance(value, tuple):
+        return dict(value)
     return sorted(value) if isinstance(value, frozenset) else value
 
 
@@ -129,6 +135,10 @@ def _parameter(each: Field[Any]) -> Check:
         check = choice(FEATURES)
     elif kind == "number":
         check = number(least)
+    elif kind == "text":
+        check = checked_text(most, about["check"])
+    elif kind == "named numbers":
+        check = named(number(), _MOST_NAMED)
     elif kind == "indices":
         every = listing(whole(least, most), 1_000_000)
         check = lambda value: frozenset(every(value))  # noqa: E731

@@ -1,0 +1,335 @@
+"""Eigenfunctions squared and summed with weights of one's own: a filter that is a formula in λ."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from meshmash_viewer.features.filters import (
+    FilterBank,
+    band_pass_bank,
+    gaussian_pyramid_bank,
+    low_pass_bank,
+)
+from meshmash_viewer.features.formula import MOST_CHARACTERS, Formula, formula_bank
+from meshmash_viewer.features.sums import sum_squares
+from meshmash_viewer.fields.bank_columns import MOST_COLUMNS
+from meshmash_viewer.fields.family import (
+    Answer,
+    Family,
+    FloatArray,
+    Profile,
+    Response,
+    Samples,
+    Table,
+    flag,
+    number,
+    parameter,
+    whole,
+)
+from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, same_pairs
+from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.units import format_quantity, named_quantity
+
+__all__ = ["READY", "Filters"]
+
+#: Ready filters: what they are called, and their formulas.
+READY: dict[str, str] = {
+    "Low-pass": "x < c",
+    "Band-pass": "a <= x <= b",
+    "Gaussian": "exp(-s*x)",
+    "Wave kernel": "exp(-log(x/c)**2 / (2*w**2))",
+}
+
+#: Pairs whose weight may have changed for the last sum to be mended instead of made anew.
+_FEW = 6
+#: Samples of a profile's curve, and steps of the arrow keys from one end of the range to the other.
+_FINE, _STEPS = 64, 32
+#: Ends of the slider of a pure number.
+_PURE = 0.1, 10.0
+#: How far beyond the ends of the spectrum an edge can be, so that all pairs can be on one side.
+_BEYOND = 1.001
+#: Times go on until the slowest mode has sunk to this power of 1/e.
+_DECAYED = 10.0
+_ABOVE_ZERO = 1e-150
+
+Values = tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True)
+class Filters(Family):
+    """One filter h, as ``Σ h(λ_k) φ_k²``.
+
+    Parameters
+    ----------
+    text : str
+        Its `meshmash_viewer.features.formula.Formula`. The first parameter is what one steps
+        through, and what tells exported columns apart.
+    values : tuple of (str, float)
+        Parameters that have been chosen; the others are taken from the spectrum.
+    count : int
+        Number of exported columns: with one, the filter as it is; with more, the first parameter
+        goes through its range.
+    automatic : bool
+        Whether that range comes from the spectrum or is the next two.
+    low, high : float or None
+    """
+
+    name: ClassVar[str] = "filter"
+    label: ClassVar[str] = "Filter"
+    short: ClassVar[str] = "Filter"
+    tip: ClassVar[str] = "Low-pass, band-pass, Gaussian, or any formula in λ"
+    export: ClassVar[str] = "filter"
+    counted: ClassVar[str] = "count"
+    ordered: ClassVar[tuple[str, str] | None] = ("low", "high")
+    position: ClassVar[tuple[str, ...]] = ("values",)
+    interval: ClassVar[int] = 100
+    logarithmic: ClassVar[tuple[bool, bool, bool]] = (True, False, False)
+
+    text: str = parameter(READY["Low-pass"], type="text", most=MOST_CHARACTERS, check=Formula)
+    values: Values = parameter((), type="named numbers")  # noqa: RUF009
+    count: int = whole(1, 1, MOST_COLUMNS)
+    automatic: bool = flag(True)
+    low: float | None = number(_ABOVE_ZERO)
+    high: float | None = number(_ABOVE_ZERO)
+
+    # -- parameters ---------------------------------------------------------------------------
+
+    @property
+    def formula(self) -> Formula:
+        """The filter."""
+        return Formula(self.text)
+
+    @property
+    def first(self) -> str:
+        """The parameter that one steps through; "" where there is none."""
+        return next(iter(self.formula.parameters), "")
+
+    def span(self, name: str, spectrum: Spectrum) -> tuple[float, float]:
+        """Smallest and largest value of a parameter that means something on these pairs."""
+        power = self.formula.powers[name]
+        zeros = first_nonzero(spectrum)
+        if not power or zeros >= len(spectrum):
+            return _PURE
+        low, high = float(spectrum.eigenvalues[zeros]), float(spectrum.eigenvalues[-1])
+        if power > 0:
+            return high ** (-power / 2), (_DECAYED / low) ** (power / 2)
+        return (low / _BEYOND) ** (-power / 2), (high * _BEYOND) ** (-power / 2)
+
+    def range(self, spectrum: Spectrum) -> tuple[float, float]:
+        """Values that the first parameter goes through."""
+        if not self.first:
+            return _PURE
+        low, high = self.span(self.first, spectrum)
+        if not self.automatic:
+            low, high = self.low or low, self.high or high
+        return (low, high) if low < high else (high, low)
+
+    def value(self, name: str, spectrum: Spectrum) -> float:
+        """A parameter as it was chosen, or spread over its span beside those of its kind."""
+        for known, value in self.values:
+            if known == name:
+                return value
+        powers = self.formula.powers
+        alike = [each for each in powers if powers[each] == powers[name]]
+        low, high = self.span(name, spectrum)
+        return low * math.pow(high / low, (alike.index(name) + 1) / (len(alike) + 1))
+
+    def with_values(self, **values: float) -> Self:
+        """The same with some parameters chosen."""
+        return replace(self, values=tuple({**dict(self.values), **values}.items()))
+
+    def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
+        names = self.formula.parameters
+        low, high = self.range(spectrum)
+        values = tuple((name, self.value(name, spectrum)) for name in names)
+        return replace(self, values=values, low=low, high=high, automatic=False)
+
+    def for_other_mesh(self, n_components: int) -> Self:
+        """The formula stays; its parameters were chosen for another spectrum."""
+        return replace(self, values=(), automatic=True, low=None, high=None)
+
+    def step(self, spectrum: Spectrum, steps: int) -> Self:
+        if not self.first:
+            return self
+        low, high = self.range(spectrum)
+        before = math.log(self.value(self.first, spectrum))
+        far = steps / (self.count - 1 or _STEPS) * math.log(high / low)
+        moved = min(max(before + far, math.log(low)), math.log(high))
+        there = self.with_values(**{self.first: math.exp(moved)})
+        return there if abs(moved - before) > 1e-9 else self
+
+    def quantity(self, spectrum: Spectrum, unit: str) -> str:
+        powers = self.formula.powers
+        chosen = [
+            f"{name} = {format_quantity(self.value(name, spectrum), unit, powers[name])}"
+            for name in powers
+        ]
+        return ", ".join([self.text, *chosen])
+
+    # -- values -------------------------------------------------------------------------------
+
+    def weights(self, spectrum: Spectrum) -> FloatArray:
+        """The filter at the eigenvalues, shape (k,)."""
+        values = {name: self.value(name, spectrum) for name in self.formula.parameters}
+        return self.formula(spectrum.eigenvalues, **values)
+
+    def compute(self, spectrum: Spectrum, table: Table | None) -> Answer:
+        """The last sum with the pairs whose weight has changed, if these are few."""
+        weights = self.weights(spectrum)
+        if table is None or not same_pairs(table.spectrum, spectrum):
+            return Answer(np.asarray(sum_squares(spectrum.rows, weights[None])[0]))
+        before, sums = table.content
+        changed = np.flatnonzero(weights != before)
+        if len(changed) > _FEW:
+            sums = sum_squares(spectrum.rows, weights[None], np.float64)[0]
+        else:
+            for index in changed:
+                row = np.asarray(spectrum.rows[index], dtype=np.float64)
+                sums = sums + (weights[index] - before[index]) * np.square(row)
+        table.content = weights, sums
+        return Answer(sums.astype(np.float32))
+
+    def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
+        return table is not None and same_pairs(table.spectrum, spectrum)
+
+    def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
+        weights = self.weights(spectrum)
+        sums = sum_squares(spectrum.rows, weights[None], np.float64, cancel)[0]
+        return Table(spectrum, self.at_rest(), (weights, sums))
+
+    # -- plots --------------------------------------------------------------------------------
+
+    def edges(self, spectrum: Spectrum) -> tuple[tuple[str, float], ...]:
+        """Parameters that are eigenvalues, in the order of their values."""
+        found = [
+            (name, self.value(name, spectrum))
+            for name, power in self.formula.powers.items()
+            if power == -2
+        ]
+        return tuple(sorted(found, key=lambda each: each[1]))
+
+    def response(self, spectrum: Spectrum, along: FloatArray) -> Response:
+        values = {name: self.value(name, spectrum) for name in self.formula.parameters}
+        curve = along, self.formula(along, **values)
+        legend, edges = html.escape(self.text), self.edges(spectrum)
+        if len(edges) == 2:
+            (_, low), (_, high) = edges
+            return Response(curve, math.sqrt(low * high), legend, ends=(low, high))
+        return Response(curve, self._held(spectrum), legend)
+
+    def _held(self, spectrum: Spectrum) -> float:
+        """The eigenvalue at which the first parameter of a length is held."""
+        for name, power in self.formula.powers.items():
+            if power:
+                return float(self.value(name, spectrum) ** (-2.0 / power))
+        return float(spectrum.eigenvalues[-1])
+
+    def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
+        if not value > 0.0:
+            return self
+        edges = self.edges(spectrum)
+        if len(edges) == 2:
+            moved = value / math.sqrt(edges[0][1] * edges[1][1])
+            return self.with_values(**{name: moved * edge for name, edge in edges})
+        for name, power in self.formula.powers.items():
+            if power:
+                low, high = (
+                    self.range(spectrum) if name == self.first else self.span(name, spectrum)
+                )
+                return self.with_values(**{name: min(max(value ** (-power / 2), low), high)})
+        return self
+
+    def between(self, low: float, high: float) -> Self:
+        names = [name for name, power in self.formula.powers.items() if power == -2]
+        order = sorted(names[:2], key=lambda name: dict(self.values).get(name, names.index(name)))
+        return self.with_values(**dict(zip(order, (low, high), strict=True)))
+
+    def profile(self, spectrum: Spectrum) -> Profile | None:
+        if not self.first or first_nonzero(spectrum) >= len(spectrum):
+            return None
+        return Profile(self._samples(spectrum, _FINE), self._samples(spectrum, self.count))
+
+    def _samples(self, spectrum: Spectrum, count: int) -> Samples:
+        places = self._columns(spectrum, count)
+        values: dict[str, FloatArray | float] = {
+            name: self.value(name, spectrum) for name in self.formula.parameters
+        }
+        bank = formula_bank(self.formula, **{**values, self.first: places})
+        return Samples(np.log10(places), bank(spectrum.eigenvalues))
+
+    def _columns(self, spectrum: Spectrum, count: int) -> FloatArray:
+        """Values of the first parameter in so many columns."""
+        if count == 1:
+            return np.array([self.value(self.first, spectrum)])
+        return np.geomspace(*self.range(spectrum), count)
+
+    def axes(self, unit: str) -> tuple[str, str]:
+        power = self.formula.powers.get(self.first, 0)
+        return named_quantity(self.first, unit, power), named_quantity("Filter", unit, -2)
+
+    def place(self, spectrum: Spectrum) -> float:
+        return math.log10(self.value(self.first, spectrum)) if self.first else 0.0
+
+    def at_place(self, spectrum: Spectrum, place: float) -> Self:
+        if not self.first:
+            return self
+        low, high = self.range(spectrum)
+        return self.with_values(**{self.first: min(max(10.0**place, low), high)})
+
+    # -- files --------------------------------------------------------------------------------
+
+    def bank(
+        self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None
+    ) -> FilterBank:
+        none = np.empty((0, 0))
+        spectrum = Spectrum(np.asarray(eigenvalues), none, none)
+        values: dict[str, float | FloatArray] = {
+            name: self.value(name, spectrum) for name in self.formula.parameters
+        }
+        if self.first:
+            values[self.first] = self._columns(spectrum, self.count)
+        return _bank(self.text, values)
+
+    def contents(self, spectrum: Spectrum, unit: str) -> str:
+        if not self.first or self.count == 1:
+            return f"{self.quantity(spectrum, unit)}."
+        power = self.formula.powers[self.first]
+        low, high = (format_quantity(each, unit, power) for each in self.range(spectrum))
+        return f"{self.text}, {self.first} from {low} to {high}."
+
+    def bank_script(self) -> str:
+        values = {name: repr(value) for name, value in self.values}
+        if self.first and self.count > 1:
+            values[self.first] = f"np.geomspace({self.low!r}, {self.high!r}, {self.count})"
+        return self._script(values)
+
+    def script(self, spectrum: Spectrum) -> list[str]:
+        chosen = self._script({name: repr(value) for name, value in self.values})
+        return [
+            f"features = mv.compute_features(decomposition, {chosen}, unit=mesh.unit)",
+            "values = features.values[:, 0]",
+        ]
+
+    def _script(self, values: dict[str, str]) -> str:
+        told = "".join(f", {name}={value}" for name, value in values.items())
+        return f"mv.formula_bank({self.text!r}{told})"
+
+
+def _bank(text: str, values: dict[str, float | FloatArray]) -> FilterBank:
+    """The ready bank of a formula, which also knows what truncation costs it, or that of any."""
+    columns = {name: np.atleast_1d(each) for name, each in values.items()}
+    if text == READY["Gaussian"]:
+        return gaussian_pyramid_bank(columns["s"])
+    if all(len(each) == 1 for each in columns.values()):
+        edges = [float(each[0]) for each in columns.values()]
+        if text == READY["Low-pass"]:
+            return low_pass_bank(*edges)
+        if text == READY["Band-pass"] and edges[0] <= edges[1]:
+            return band_pass_bank(*edges)
+    return formula_bank(text, **values)
