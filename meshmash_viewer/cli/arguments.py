@@ -10,6 +10,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.units import UNIT_FORMS
 
 if TYPE_CHECKING:
+    from meshmash_viewer.fields.family import Family
     from meshmash_viewer.laplacian import OperatorOptions
     from meshmash_viewer.spectral.weyl import Target
 
@@ -17,7 +18,7 @@ __all__ = [
     "FAULT",
     "PROGRAM",
     "check_repairs",
-    "check_times",
+    "chosen_family",
     "chosen_operator",
     "chosen_target",
     "command_parser",
@@ -85,9 +86,8 @@ def command_parser() -> argparse.ArgumentParser:
     features.add_argument(
         "--n-components",
         type=_positive,
-        default=32,
         metavar="N",
-        help="number of columns, default 32",
+        help="number of columns, default 32; 1 of --kind filter",
     )
     features.add_argument(
         "--t-min",
@@ -97,6 +97,16 @@ def command_parser() -> argparse.ArgumentParser:
         " where columns of many meshes are to agree",
     )
     features.add_argument("--t-max", type=float, metavar="T", help="longest diffusion time (unit²)")
+    features.add_argument(
+        "--formula",
+        help='of --kind filter: "exp(-t*x) * (x > 1e-8)", with x for λ; default "x < c"',
+    )
+    features.add_argument(
+        "--set",
+        action="append",
+        metavar="NAME=VALUE",
+        help="a parameter of the formula; NAME=LOW:HIGH takes the columns through a range",
+    )
     features.add_argument(
         "--tail",
         choices=("weyl",),
@@ -267,13 +277,17 @@ def chosen_operator(options: argparse.Namespace) -> OperatorOptions:
     return OperatorOptions(robust=not options.no_robust, mollify_factor=options.mollify_factor)
 
 
-def check_times(options: argparse.Namespace) -> None:
-    """Complain of diffusion times now, not after the first decomposition."""
-    if options.kind == "hks":
-        from meshmash_viewer.features.filters import get_hks_filter
+def chosen_family(options: argparse.Namespace) -> Family:
+    """The family that is asked for; complains now, not after the first decomposition."""
+    from meshmash_viewer.fields import EXPORTS
 
-        get_hks_filter(options.t_max, options.t_min)
-    elif options.t_min is not None or options.t_max is not None:
-        raise InputError(f"--t-min and --t-max are of --kind hks; {options.kind} has no times.")
-    elif options.tail is not None:
-        raise InputError(f"--tail is of --kind hks, not of {options.kind}.")
+    chosen = EXPORTS[options.kind]
+    for kind, family in EXPORTS.items():
+        for name in set(family.options) - set(chosen.options):
+            if getattr(options, name) is not None:
+                option = f"--{name.replace('_', '-')}"
+                raise InputError(f"{option} is of --kind {kind}, not of {options.kind}.")
+    given = {name: getattr(options, name) for name in chosen.options}
+    parameters = {name: value for name, value in given.items() if value is not None}
+    parameters.pop("tail", None)  # of the sum, not of the filters
+    return chosen.exported(options.n_components, **parameters)

@@ -23,6 +23,7 @@ from meshmash_viewer.spectral.weyl import Target, Translation, required_eigenval
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.sums import Features
+    from meshmash_viewer.fields.family import Family
     from meshmash_viewer.progress import CancelCallback, ProgressCallback
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
@@ -199,12 +200,9 @@ def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> lis
 def write_kind(
     mesh: Mesh,
     path: Path,
-    kind: str,
+    family: Family,
     solver: Solver,
     *,
-    n_components: int = 32,
-    t_min: float | None = None,
-    t_max: float | None = None,
     drop_first: bool = False,
     tail: Literal["weyl"] | None = None,
     automatic: bool = False,
@@ -218,19 +216,16 @@ def write_kind(
     mesh : Mesh
     path : Path
         Its ending says the format.
-    kind : str
-        One of `meshmash_viewer.fields.EXPORTS`.
+    family : Family
+        One of `meshmash_viewer.fields.EXPORTS`, with its parameters.
     solver : Solver
-    n_components : int
-        Number of columns: times, bands or energies.
-    t_min, t_max : float, optional
-        Range of diffusion times in squared unit; None takes that of Sun et al. 2009.
     drop_first : bool
         Whether to leave out the first pair.
     tail : {None, "weyl"}
         See `meshmash_viewer.features.sums.compute_features`.
     automatic : bool
-        Whether to take as many pairs as `t_min` needs, in place of the solver's target.
+        Whether to take as many pairs as the family's shortest time needs, in place of the solver's
+        target.
     component_column : bool
         Whether to add the connected component of each vertex as a column.
     repairs : tuple of str
@@ -247,13 +242,11 @@ def write_kind(
         mesh_limit,
         sufficient_target,
     )
-    from meshmash_viewer.fields import EXPORTS
     from meshmash_viewer.health import median_edge_length
     from meshmash_viewer.io.provenance import export_options
     from meshmash_viewer.io.write import write_eigenpairs, write_features
 
-    chosen = {name: time for name, time in (("t_min", t_min), ("t_max", t_max)) if time is not None}
-    family = EXPORTS[kind].exported(n_components, **chosen)
+    kind, t_min = family.export, getattr(family, "t_min", None)
     began = time.perf_counter()
     n = mesh.n_vertices - len(mesh.unreferenced)
     remarks: list[str] = []

@@ -20,7 +20,7 @@ from meshmash_viewer.cli.arguments import (
     FAULT,
     PROGRAM,
     check_repairs,
-    check_times,
+    chosen_family,
     chosen_operator,
     chosen_target,
     command_parser,
@@ -152,7 +152,7 @@ def _features(options: argparse.Namespace) -> int:
     from meshmash_viewer.io.write import check_output
 
     target, operator = chosen_target(options), chosen_operator(options)
-    check_times(options)
+    family = chosen_family(options)
     outputs = output_paths(options.mesh, options.output, options.kind, f".{options.format}")
 
     def work(index: int, mesh: Mesh) -> None:
@@ -160,11 +160,8 @@ def _features(options: argparse.Namespace) -> int:
             report = write_kind(
                 mesh,
                 outputs[index],
-                options.kind,
+                family,
                 solver,
-                n_components=options.n_components,
-                t_min=options.t_min,
-                t_max=options.t_max,
                 drop_first=options.drop_first,
                 tail=options.tail,
                 automatic=options.count == "auto",

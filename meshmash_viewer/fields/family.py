@@ -174,6 +174,8 @@ class Family:
         What that is called where it differs from `label`.
     counted : str
         Name of the parameter that is the number of exported columns.
+    options : tuple of str
+        What `exported` takes from the command line besides the number of columns.
     position : tuple of str
         Parameters that say where in the family one is; they come last in what is remembered.
     ordered : tuple of str
@@ -197,6 +199,7 @@ class Family:
     export: ClassVar[str] = ""
     export_label: ClassVar[str] = ""
     counted: ClassVar[str] = ""
+    options: ClassVar[tuple[str, ...]] = ()
     position: ClassVar[tuple[str, ...]] = ()
     ordered: ClassVar[tuple[str, str] | None] = None
     needs_pairs: ClassVar[bool] = True
@@ -312,9 +315,13 @@ class Family:
     # -- files --------------------------------------------------------------------------------
 
     @classmethod
-    def exported(cls, n_columns: int = 0, **chosen: Any) -> Self:
-        """One with so many columns, and other parameters as they are asked for."""
-        return cls(**({cls.counted: n_columns} if cls.counted else {}), **chosen)
+    def exported(cls, n_columns: int | None = None, **chosen: Any) -> Self:
+        """One with so many columns, and other parameters as they are asked for.
+
+        `InputError` is raised if they do not go together.
+        """
+        count = {cls.counted: n_columns} if cls.counted and n_columns is not None else {}
+        return cls(**count, **chosen)
 
     def bank(
         self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None

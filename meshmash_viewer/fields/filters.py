@@ -6,10 +6,11 @@ import html
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import (
     FilterBank,
     band_pass_bank,
@@ -86,6 +87,7 @@ class Filters(Family):
     tip: ClassVar[str] = "Low-pass, band-pass, Gaussian, or any formula in λ"
     export: ClassVar[str] = "filter"
     counted: ClassVar[str] = "count"
+    options: ClassVar[tuple[str, ...]] = ("formula", "set")
     ordered: ClassVar[tuple[str, str] | None] = ("low", "high")
     position: ClassVar[tuple[str, ...]] = ("values",)
     interval: ClassVar[int] = 100
@@ -283,6 +285,35 @@ class Filters(Family):
         return self.with_values(**{self.first: min(max(10.0**place, low), high)})
 
     # -- files --------------------------------------------------------------------------------
+
+    @classmethod
+    def exported(cls, n_columns: int | None = None, **chosen: Any) -> Self:
+        """`formula` is its text, `set` a list of ``name=value`` or, once, ``name=low:high``."""
+        family = cls(chosen.get("formula", cls.text), count=1 if n_columns is None else n_columns)
+        values: dict[str, float] = {}
+        for given in chosen.get("set", ()):
+            name, _, text = given.partition("=")
+            if name not in family.formula.parameters:
+                known = ", ".join(family.formula.parameters) or "none"
+                raise InputError(
+                    f"--set {given}: {family.text} has no parameter {name}; it has {known}."
+                )
+            try:
+                ends = [float(end) for end in text.split(":")]
+            except ValueError:
+                ends = []
+            if not 1 <= len(ends) <= 2 or not all(math.isfinite(end) for end in ends):
+                raise InputError(f"--set {given} is not {name}=3e6 or {name}=1e5:1e7.")
+            if len(ends) == 1:
+                values[name] = ends[0]
+            elif name != family.first or not 0.0 < ends[0] < ends[1]:
+                raise InputError(
+                    f"--set {given}: a range is for {family.first}, from a positive number to a"
+                    " larger one."
+                )
+            else:
+                family = replace(family, automatic=False, low=ends[0], high=ends[1])
+        return family.with_values(**values)
 
     def bank(
         self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None

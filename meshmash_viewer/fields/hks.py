@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from meshmash_viewer.features.filter_parameters import check_times
 from meshmash_viewer.features.filters import FilterBank, heat_kernel_bank, hks_times
 from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.fields.family import (
@@ -61,6 +62,7 @@ class HeatKernelSignature(Family):
     tip: ClassVar[str] = "Heat kernel signature"
     export: ClassVar[str] = "hks"
     counted: ClassVar[str] = "scales"
+    options: ClassVar[tuple[str, ...]] = ("t_min", "t_max", "tail")
     position: ClassVar[tuple[str, ...]] = ("time",)
     ordered: ClassVar[tuple[str, str] | None] = ("t_min", "t_max")
     interval: ClassVar[int] = 50  # times are a film
@@ -179,6 +181,11 @@ class HeatKernelSignature(Family):
         return math.log10(low), math.log10(min(resolved, high))
 
     # -- files --------------------------------------------------------------------------------
+
+    @classmethod
+    def exported(cls, n_columns: int | None = None, **chosen: Any) -> Self:
+        check_times(chosen.get("t_min"), chosen.get("t_max"))
+        return super().exported(n_columns, **chosen)
 
     def bank(
         self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None
