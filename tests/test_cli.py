@@ -18,8 +18,13 @@ import shapes
 
 from meshmash_viewer.app.view import graphics
 from meshmash_viewer.cli import main as cli
-from meshmash_viewer.decompose import compute_geometry_vectors, compute_hks
+from meshmash_viewer.decompose import (
+    compute_geometry_vectors,
+    compute_hks,
+    decompose_laplacian,
+)
 from meshmash_viewer.io.read import read_mesh
+from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.eigensolver import solve
 
@@ -523,6 +528,29 @@ def test_render_draws(
 
 def environment(folder: Path) -> dict[str, str]:
     return os.environ | {"XDG_CACHE_HOME": str(folder), "HOME": str(folder)}
+
+
+def test_a_filter_is_written_as_a_formula(
+    capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
+) -> None:
+    out, text = tmp_path / "filter.npz", "exp(-t*x) * (x > 0)"
+    chosen = ("--kind", "filter", "--formula", text, "--count", 20, "-o", out)
+    assert run(capsys, "features", ball, *chosen, "--set", "t=0.1:1", "--n-components", 3)[0] == 0
+    L, M = cotangent_laplacian(read_mesh(ball), robust=True)
+    eigenvalues, phi = decompose_laplacian(L, M, 20)
+    for column, t in enumerate(np.geomspace(0.1, 1.0, 3)):
+        wanted = np.square(phi) @ (np.exp(-t * eigenvalues) * (eigenvalues > 1e-9))
+        np.testing.assert_allclose(np.load(out)["features"][:, column], wanted, rtol=1e-6)
+    for wrong, said in (
+        (("--set", "q=1"), "has no parameter q; it has t"),
+        (("--set", "t=2:1"), "from a positive number to a larger one"),
+        (("--set", "t=one"), "is not t=3e6"),
+        (("--t-min", 1), "--t-min is of --kind hks, not of filter"),
+    ):
+        status, _, err = run(capsys, "features", ball, *chosen, *wrong)
+        assert (status, said in err) == (2, True), err
+    status, _, err = run(capsys, "features", ball, "-o", out, "--kind", "hks", "--formula", "x")
+    assert (status, "--formula is of --kind filter" in err) == (2, True)
 
 
 def test_a_report_on_the_machine(capsys: pytest.CaptureFixture[str]) -> None:

@@ -37,8 +37,8 @@ FloatArray: TypeAlias = npt.NDArray[np.float64]
 #: Longest line, deepest nesting, and most names, none of which a filter comes near.
 MOST_CHARACTERS, _DEEPEST, MOST_NAMES = 200, 30, 4
 
-#: The variable.
-_X = "x"
+#: The variable; whoever has the letter may write it.
+_X = "x", "λ"
 _CONSTANTS = {"pi": math.pi, "e": math.e}
 #: Functions by name, and how many values each takes.
 FUNCTIONS: dict[str, tuple[Callable[..., Any], int]] = {
@@ -92,7 +92,7 @@ class Formula:
     ----------
     text : str
         Arithmetic (``+ - * / **``), comparisons (``a <= x <= b``), ``and``, ``or``, ``not``,
-        parentheses, numbers, ``pi``, ``e``, the functions of `FUNCTIONS`, ``x`` for λ, and names of
+        parentheses, numbers, ``pi``, ``e``, the functions of `FUNCTIONS`, ``x`` or λ, and names of
         parameters. A comparison is 1 where it holds and 0 elsewhere.
 
     Raises
@@ -123,7 +123,7 @@ class Formula:
         """Names that need a value, in the order in which they are written."""
         names = [node for node in ast.walk(_parsed(self.text)) if isinstance(node, ast.Name)]
         ordered = sorted(names, key=lambda node: (node.lineno, node.col_offset))
-        known = {_X, *_CONSTANTS, *FUNCTIONS}
+        known = {*_X, *_CONSTANTS, *FUNCTIONS}
         return tuple(dict.fromkeys(node.id for node in ordered if node.id not in known))
 
     def __call__(self, eigenvalues: npt.ArrayLike, **values: float) -> FloatArray:
@@ -167,7 +167,7 @@ class Formula:
         """The filter, be it finite or not."""
         names = {**_CONSTANTS, **{name: float(value) for name, value in values.items()}}
         with np.errstate(all="ignore"):
-            found = _value(_parsed(self.text), {**names, _X: eigenvalues})
+            found = _value(_parsed(self.text), {**names, **dict.fromkeys(_X, eigenvalues)})
         return np.broadcast_to(np.asarray(found, np.float64), eigenvalues.shape).copy()
 
     def _complaint(self, eigenvalue: float, value: float) -> str:

@@ -79,6 +79,7 @@ class ParameterRow(QWidget):
         show_quietly(self.slider, round(min(max(share, 0.0), 1.0) * _POSITIONS))
         written = power_unit(unit, power) if power else ""
         self.unit.setText(written)
+        self.unit.setVisible(bool(written))
         self.field.show_value(value, written)
         self.length.setText(_length(value, power, unit))
 

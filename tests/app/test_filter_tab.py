@@ -1,0 +1,176 @@
+"""Filters by formula in the window: chosen, dragged, written, mended."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from closed_form import part, rectangle_document, shown
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+
+from meshmash_viewer.app.panels.field_panel import FieldPanel
+from meshmash_viewer.features.filters import (
+    band_pass_bank,
+    gaussian_pyramid_bank,
+    low_pass_bank,
+)
+from meshmash_viewer.features.formula import formula_bank
+from meshmash_viewer.features.sums import accumulate_features
+from meshmash_viewer.fields.filters import Filters
+from meshmash_viewer.model.display_json import display_from_json, display_to_json, read_display
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
+
+pytestmark = pytest.mark.usefixtures("shown_at_once")
+
+
+@pytest.fixture
+def document() -> Document:
+    document = rectangle_document()
+    document.display.kind = "filter"
+    return document
+
+
+@pytest.fixture
+def panel(qtbot, document: Document) -> FieldPanel:
+    return shown(qtbot, FieldPanel(document), 340, 760)
+
+
+def write(panel: FieldPanel, name: str, text: str) -> None:
+    field = part(panel, name)
+    field.setFocus()
+    field.selectAll()
+    QTest.keyClicks(field, text)
+
+
+def enter(panel: FieldPanel, name: str, text: str) -> None:
+    write(panel, name, text)
+    QTest.keyClick(part(panel, name), Qt.Key.Key_Return)
+
+
+def choose(panel: FieldPanel, text: str) -> None:
+    """One of the ready filters, by its first letter."""
+    combo = part(panel, "filter_combo")
+    combo.setFocus()
+    QTest.keyClicks(combo, text[0])
+    assert combo.currentText() == text
+    combo.activated.emit(combo.currentIndex())
+
+
+def on_the_render(document: Document, live: LiveFeatures | None = None) -> np.ndarray:
+    request = request_of(document)
+    assert request is not None
+    field = compute_field(request, live or LiveFeatures())
+    assert field is not None
+    return field.values
+
+
+def summed(document: Document, bank, column: int = 0) -> np.ndarray:
+    spectrum = document.spectrum
+    rows = spectrum.rows[: len(spectrum)]
+    return accumulate_features(rows, bank(spectrum.eigenvalues))[:, column]
+
+
+def test_a_low_pass_is_the_librarys(panel: FieldPanel, document: Document) -> None:
+    cutoff = 0.5 * float(document.spectrum.eigenvalues[40] + document.spectrum.eigenvalues[41])
+    enter(panel, "filter_parameter_0_field", f"{cutoff!r}")
+    np.testing.assert_allclose(
+        on_the_render(document), summed(document, low_pass_bank(cutoff)), rtol=1e-6
+    )
+    assert "nm⁻²" in request_of(document).family.quantity(document.spectrum, "nm")
+
+
+def test_a_band_pass_is_the_librarys(panel: FieldPanel, document: Document) -> None:
+    choose(panel, "Band-pass")
+    values = document.spectrum.eigenvalues
+    low, high = float(values[10]), float(values[70])
+    enter(panel, "filter_parameter_0_field", f"{low!r}")
+    enter(panel, "filter_parameter_1_field", f"{high!r}")
+    np.testing.assert_allclose(
+        on_the_render(document), summed(document, band_pass_bank(low, high)), rtol=1e-6
+    )
+    chosen = document.display[Filters]
+    response = chosen.response(document.spectrum, values)
+    assert response.ends == pytest.approx((low, high))
+    document.display.put(chosen.between(2.0 * low, high))
+    assert float(part(panel, "filter_parameter_0_field").text()) == pytest.approx(2 * low, rel=1e-3)
+
+
+def test_a_gaussian_pyramid_is_the_librarys(panel: FieldPanel, document: Document) -> None:
+    choose(panel, "Gaussian")
+    part(panel, "filter_count_spin").setValue(8)
+    chosen = document.display[Filters]
+    scales = np.geomspace(*chosen.range(document.spectrum), 8)
+    document.display.put(chosen.step(document.spectrum, -100))
+    for level in range(8):
+        np.testing.assert_allclose(
+            on_the_render(document),
+            summed(document, gaussian_pyramid_bank(scales), level),
+            rtol=1e-6,
+        )
+        document.display.put(document.display[Filters].step(document.spectrum, 1))
+
+
+def test_a_formula_of_ones_own(panel: FieldPanel, document: Document) -> None:
+    text = "exp(-t*x) * (x > 1e-8)"
+    enter(panel, "filter_formula_edit", text)
+    assert part(panel, "filter_label").text() == "Formula"
+    slider = part(panel, "filter_parameter_0_slider")
+    slider.setFocus()
+    QTest.keyClick(slider, Qt.Key.Key_PageDown)
+    time = document.display[Filters].value("t", document.spectrum)
+    assert not part(panel, "filter_parameter_1_slider").isVisible()
+    np.testing.assert_allclose(
+        on_the_render(document), summed(document, formula_bank(text, t=time)), rtol=1e-6
+    )
+
+
+def test_moving_an_edge_mends_the_last_sum(panel: FieldPanel, document: Document) -> None:
+    live, values = LiveFeatures(), document.spectrum.eigenvalues
+    on_the_render(document, live)
+    live.prepare(request_of(document))
+    for place in (30, 33, 31, 90, 92, 5):
+        cutoff = float(values[place]) * (1.0 + 1e-9)
+        document.display.put(document.display[Filters].with_values(c=cutoff))
+        np.testing.assert_allclose(
+            on_the_render(document, live), summed(document, low_pass_bank(cutoff)), rtol=1e-6
+        )
+
+
+def test_what_is_wrong_is_said_as_one_types(panel: FieldPanel, document: Document) -> None:
+    fault, before = part(panel, "filter_fault"), document.display[Filters]
+    height = fault.height()
+    write(panel, "filter_formula_edit", "exp(-t*x")
+    assert "cannot be read" in fault.text()
+    assert document.display[Filters] == before, "what was there stays"
+    QTest.keyClicks(part(panel, "filter_formula_edit"), ")")
+    assert "cannot" not in fault.text()
+    assert fault.height() == height, "nothing moves"
+    QTest.keyClick(part(panel, "filter_formula_edit"), Qt.Key.Key_Return)
+    assert document.display[Filters].text == "exp(-t*x)"
+    enter(panel, "filter_formula_edit", "1/x")
+    assert "infinite at λ = 0" in fault.text()
+    assert document.display[Filters].text == "exp(-t*x)"
+
+
+def test_a_session_brings_it_back(panel: FieldPanel, document: Document, tmp_path) -> None:
+    enter(panel, "filter_formula_edit", "exp(-t*x) * (x < c)")
+    slider = part(panel, "filter_parameter_1_slider")
+    slider.setFocus()
+    QTest.keyClick(slider, Qt.Key.Key_PageUp)
+    chosen, wanted = document.display[Filters], on_the_render(document)
+    kept = read_display(display_to_json(document.display), tmp_path / "s.json")
+    again = rectangle_document()
+    display_from_json(again.display, kept)
+    assert again.display[Filters] == chosen
+    np.testing.assert_array_equal(on_the_render(again), wanted)
+
+
+@pytest.mark.parametrize("text", ["__import__('os').system('touch x')", "x +", 7, None, "1" * 999])
+def test_a_strangers_session_runs_no_code(document: Document, tmp_path, text: object) -> None:
+    content = display_to_json(document.display)
+    content["fields"]["filter"]["text"] = text
+    from meshmash_viewer.errors import InputError
+
+    with pytest.raises(InputError, match=r"display\.fields\.filter\.text"):
+        read_display(content, tmp_path / "s.json")

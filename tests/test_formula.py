@@ -1,0 +1,140 @@
+"""Filters that are written as formulas."""
+
+from __future__ import annotations
+
+import builtins
+import io
+import os
+import sys
+
+import numpy as np
+import pytest
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.filters import (
+    band_pass_bank,
+    gaussian_pyramid_bank,
+    heat_kernel_bank,
+    low_pass_bank,
+)
+from meshmash_viewer.features.formula import Formula, formula_bank
+from tests.fuzz import formulas
+
+EIGENVALUES = np.concatenate([[0.0, 0.0], np.geomspace(1e-9, 1e-7, 50)])
+
+
+@pytest.mark.parametrize(
+    ("text", "values", "wanted"),
+    [
+        ("1", {}, np.ones(52)),
+        ("2*x - x + -x + +x", {}, EIGENVALUES),
+        ("x**2 / (x**2 + c**2)", {"c": 1e-8}, EIGENVALUES**2 / (EIGENVALUES**2 + 1e-16)),
+        ("exp(-t*x) * (x > 1e-8)", {"t": 1e8}, np.exp(-1e8 * EIGENVALUES) * (EIGENVALUES > 1e-8)),
+        ("1e-9 < λ < 1e-8 or not λ", {}, (EIGENVALUES < 1e-8) & (EIGENVALUES != 1e-9)),
+        ("(x >= 1e-9) & (x <= 1e-8)", {}, (EIGENVALUES >= 1e-9) & (EIGENVALUES <= 1e-8)),
+        ("where(x > 0, 1/x, 0)", {}, np.append([0.0, 0.0], 1.0 / EIGENVALUES[2:])),
+        ("minimum(x, 1e-8) + maximum(sin(pi/2), e)", {}, np.minimum(EIGENVALUES, 1e-8) + np.e),
+        ("sqrt(abs(cos(0) - 2)) + tanh(0) + log(1)", {}, np.ones(52)),
+    ],
+)  # fmt: skip
+def test_a_formula_is_what_it_says(text: str, values: dict[str, float], wanted: np.ndarray) -> None:
+    np.testing.assert_allclose(Formula(text)(EIGENVALUES, **values), wanted, rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("formula", "ready"),
+    [
+        (formula_bank("x < c", c=1e-8), low_pass_bank(1e-8)),
+        (formula_bank("a <= x <= b", a=2e-9, b=1e-8), band_pass_bank(2e-9, 1e-8)),
+        (formula_bank("exp(-s*x)", s=[1e7, 1e8, 1e9]), gaussian_pyramid_bank([1e7, 1e8, 1e9])),
+        (formula_bank("exp(-t*x)", t=[1e7, 1e8]), heat_kernel_bank([1e7, 1e8])),
+    ],
+)
+def test_ready_banks_are_formulas(formula, ready) -> None:
+    np.testing.assert_array_equal(formula(EIGENVALUES), ready(EIGENVALUES))
+    np.testing.assert_array_equal(len(formula.columns), len(ready.columns))
+
+
+@pytest.mark.parametrize(
+    ("text", "powers"),
+    [
+        ("x < c", {"c": -2}),
+        ("a <= x <= b", {"a": -2, "b": -2}),
+        ("exp(-t*x) * (x > 1e-8)", {"t": 2}),
+        ("exp(-log(x/c)**2 / (2*w**2))", {"c": -2, "w": 0}),
+        ("exp(-x*length**2)", {"length": 1}),
+        ("1 / (1 + (x/c)**n)", {"c": -2, "n": 0}),
+        ("g * (x < c)", {"g": 0, "c": -2}),
+        ("x", {}),
+    ],
+)
+def test_the_unit_of_a_parameter_follows_from_the_formula(text: str, powers: dict) -> None:
+    assert Formula(text).powers == powers
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "There is no formula"),
+        ("exp(-t*x", "cannot be read at character 4"),
+        ("__import__('os').system('true')", "wrong at character 1"),
+        ("x.real", "wrong at character 1"),
+        ("2 * x[0]", "wrong at character 5"),
+        ("f(x)", "f is no function: there are exp"),
+        ("exp", "exp is a function"),
+        ("where(x)", "where takes 3 values"),
+        ("x == 1", "only numbers"),
+        ("lambda: 1", "only numbers"),
+        ("True", "only numbers"),
+        ("1e400", "too large"),
+        ("x" * 201, "longer than 200"),
+        ("-" * 40 + "x", "nested deeper"),
+        ("a+b+c+d+x+g", "5 parameters"),
+    ],
+)
+def test_what_is_no_formula_is_one_sentence(text: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        Formula(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "values", "said"),
+    [
+        ("1/x", {}, "infinite at λ = 0: write where"),
+        ("0*log(x)", {}, "not a number at λ = 0"),
+        ("x - 1e-8", {}, "-1e-08 at λ = 0, and weights of squares are not negative"),
+        ("9**9**9", {}, "infinite"),
+        ("exp(t*x)", {"t": 1e30}, "infinite at λ = 1e-09: its parameters"),
+        ("exp(-t*x)", {}, "has a parameter t"),
+        ("x", {"t": 1.0}, "has no parameter t"),
+    ],
+)
+def test_what_is_no_filter_here_is_one_sentence(text: str, values: dict, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        Formula(text)(EIGENVALUES, **values)
+
+
+def test_one_parameter_alone_goes_through_columns() -> None:
+    with pytest.raises(InputError, match="only one can be a list"):
+        formula_bank("a <= x <= b", a=[1.0, 2.0], b=[3.0, 4.0])
+    bank = formula_bank("a <= x <= b", a=1e-9, b=[2e-9, 1e-8])
+    assert (bank.parameter_name, bank.parameter_power) == ("b", -2)
+    assert bank(EIGENVALUES).sum(axis=1).tolist() == [
+        np.count_nonzero(EIGENVALUES[2:] <= b) for b in (2e-9, 1e-8)
+    ]
+
+
+def test_broken_formulas_are_values_or_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    def reached(*_: object, **__: object) -> None:
+        raise AssertionError("a formula reached beyond arithmetic")
+
+    formulas.outcome(0)  # what the parser itself loads is there
+    loaded = set(sys.modules)
+    for owner, name in ((builtins, "open"), (io, "open"), (os, "open"), (os, "system")):
+        monkeypatch.setattr(owner, name, reached)
+    monkeypatch.setattr(builtins, "eval", reached)
+    monkeypatch.setattr(builtins, "exec", reached)
+    outcomes = [formulas.outcome(seed) for seed in range(2000)]
+    assert set(sys.modules) == loaded
+    assert outcomes.count("computed") > 200
+    assert outcomes.count("refused") > 1000
