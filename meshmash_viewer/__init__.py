@@ -30,6 +30,11 @@ if TYPE_CHECKING:
     from meshmash_viewer.decompose import spectral_geometry_filter as spectral_geometry_filter
     from meshmash_viewer.errors import InputError as InputError
     from meshmash_viewer.errors import TruncationWarning as TruncationWarning
+    from meshmash_viewer.features.distances import GeodesicSolver as GeodesicSolver
+    from meshmash_viewer.features.distances import biharmonic_distance as biharmonic_distance
+    from meshmash_viewer.features.distances import commute_time_distance as commute_time_distance
+    from meshmash_viewer.features.distances import diffusion_distance as diffusion_distance
+    from meshmash_viewer.features.distances import geodesic_distance as geodesic_distance
     from meshmash_viewer.features.filters import FilterBank as FilterBank
     from meshmash_viewer.features.filters import band_pass_bank as band_pass_bank
     from meshmash_viewer.features.filters import bspline_bank as bspline_bank
@@ -120,6 +125,14 @@ _CONTENTS = {
         "reconstruct",
         "spectral_coefficients",
         "spectral_distance",
+    ),
+    # Distances from a vertex
+    "features.distances": (
+        "GeodesicSolver",
+        "biharmonic_distance",
+        "commute_time_distance",
+        "diffusion_distance",
+        "geodesic_distance",
     ),
     # Meshes too large for one go
     "split.stitcher": ("MeshStitcher",),

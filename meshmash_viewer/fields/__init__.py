@@ -6,6 +6,7 @@ by name. To add one: its file here, its controls in ``app/tabs``, and a line bel
 
 from __future__ import annotations
 
+from meshmash_viewer.fields.distances import Distances
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.filters import Filters
@@ -23,6 +24,7 @@ _LISTED: tuple[type[Family], ...] = (
     WaveKernelSignature,
     Filters,
     Similarity,
+    Distances,
 )
 
 #: By name, as the window shows them; the first is shown unless another is chosen.

@@ -43,9 +43,10 @@ MOST_COUNT = 1024
 def parameter(default: Any = None, **bounds: Any) -> Any:
     """A parameter with what its values may be, for whoever reads them from a file.
 
-    These are ``type`` ("whole", "number", "flag", "indices", "vertex", "text", "named numbers", or
-    "family" for the name of a feature), for numbers ``least`` and ``most``, for a text the ``most``
-    characters and a ``check`` that raises `InputError`. A default of None is a value, too.
+    These are ``type`` ("whole", "number", "flag", "indices", "vertex", "text", "named numbers",
+    "choice" with its ``values``, or "family" for the name of a feature), for numbers ``least`` and
+    ``most``, for a text the ``most`` characters and a ``check`` that raises `InputError`. A default
+    of None is a value, too.
     """
     return field(default=default, metadata=bounds)
 
@@ -180,9 +181,6 @@ class Family:
         Parameters that say where in the family one is; they come last in what is remembered.
     ordered : tuple of str
         Two parameters of which the first is below the second.
-    needs_pairs : bool
-        Whether there is nothing to see before the first eigenpair; if not, it is asked with a
-        spectrum of no pairs, which has its mesh.
     signed : bool
         Whether zero is in the middle of the values rather than at their end.
     interval : int
@@ -202,7 +200,6 @@ class Family:
     options: ClassVar[tuple[str, ...]] = ()
     position: ClassVar[tuple[str, ...]] = ()
     ordered: ClassVar[tuple[str, str] | None] = None
-    needs_pairs: ClassVar[bool] = True
     signed: ClassVar[bool] = False
     interval: ClassVar[int] = 0
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (False, False, False)
@@ -212,6 +209,14 @@ class Family:
     @property
     def usable(self) -> bool:
         """Whether it is chosen what to show."""
+        return True
+
+    @property
+    def needs_pairs(self) -> bool:
+        """Whether there is nothing to see before the first eigenpair.
+
+        If not, it is asked with a spectrum of no pairs, which has its mesh.
+        """
         return True
 
     @property

@@ -131,6 +131,8 @@ def _parameter(each: Field[Any]) -> Check:
     check: Check
     if kind == "flag":
         check = flag
+    elif kind == "choice":
+        check = choice(about["values"])
     elif kind == "family":
         check = choice(FEATURES)
     elif kind == "number":

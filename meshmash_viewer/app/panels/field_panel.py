@@ -96,12 +96,15 @@ class FieldPanel(QWidget):
         follow(document.display.events.kind, self._refresh_tab)
         follow(document.spectrum_changed, self._refresh_use)
         follow(document.mesh_changed, self._refresh_use)
+        follow(document.display.events.fields, self._refresh_use)
         self._refresh_tab()
         self._refresh_use()
 
     def set_field(self, field: Field | None, limits: tuple[float, float] | None) -> None:
-        """Show the limits of the field that has arrived on the render."""
+        """Show the limits of the field that has arrived on the render, and what it tells."""
         self.colors.set_field(field, limits)
+        if field is not None:
+            self._pages[field.family.name].show_field(field)
 
     def _choose_kind(self, row: int) -> None:
         self._document.display.kind = list(self._pages)[row]
@@ -113,10 +116,10 @@ class FieldPanel(QWidget):
         self._stack.setCurrentIndex(row)
 
     def _refresh_use(self) -> None:
-        known = self._document.known
+        known, display = self._document.known, self._document.display
         usable = known is not None and len(known) > 0
         for name, page in self._pages.items():
-            page.setEnabled(usable or (known is not None and not FAMILIES[name].needs_pairs))
+            page.setEnabled(usable or (known is not None and not display.fields[name].needs_pairs))
         if usable:
             show_note(self.hint, "")
         elif self._document.mesh is None:

@@ -17,6 +17,7 @@ from meshmash_viewer.fields.bank_columns import MOST_COLUMNS, BankColumns
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.field import Field
 
 __all__ = ["ColumnStepper", "FamilyTab", "FieldStepper"]
 
@@ -47,6 +48,9 @@ class FamilyTab(QWidget):
     def refresh(self) -> None:
         """Show what the document says."""
         raise NotImplementedError
+
+    def show_field(self, field: Field | None) -> None:
+        """Say what is known of the field on the render, where the family has more to say."""
 
     def _build(self) -> None:
         raise NotImplementedError

@@ -1,0 +1,126 @@
+"""Controls of the distances: which one, from which pinned vertex, and how far the others are."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from PySide6.QtWidgets import QComboBox, QLabel
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
+from meshmash_viewer.app.controls.layout import row
+from meshmash_viewer.app.controls.scale_marks import decade_marks
+from meshmash_viewer.app.tabs.pin_chooser import PinChooser
+from meshmash_viewer.app.tabs.play_button import PlayButton
+from meshmash_viewer.features.truncation import percent
+from meshmash_viewer.fields.distances import MEASURES, Distances
+from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.model.field import Field
+from meshmash_viewer.units import format_quantity
+
+__all__ = ["DistanceTab"]
+
+#: Positions of the slider: finer than a pixel.
+_POSITIONS = 1000
+#: Missing share of a distance from which it is said.
+_TOLD = 0.01
+_ABOUT = {
+    "geodesic": "Along the surface, by the heat method: right to about an edge.",
+    "biharmonic": "Smooth at the vertex, and aware of the whole shape far from it.",
+    "commute": "How long a random walk is on its way there and back: a thin neck is far.",
+    "diffusion": "How differently heat from two vertices has spread after a time.",
+}
+
+
+class DistanceTab(PinChooser):
+    """Paint how far every vertex is from a pinned one; follows the last pin."""
+
+    family = Distances
+    icon = '<path d="M5 19L19 5"/><path d="M3 17l4 4M17 3l4 4"/><path d="M9 12l3 3M12 9l3 3"/>'
+
+    def _build(self) -> None:
+        self.measure_combo = theme.named(QComboBox(), "distance_measure_combo", "Kind of distance")
+        for name, (text, _) in MEASURES.items():
+            self.measure_combo.addItem(text, name)
+        self.measure_combo.activated.connect(self._choose_measure)
+        self.about = note("distance_about")
+        slider = self._make_slider("distance_time_slider", "Time of diffusion, in log scale")
+        slider.setRange(0, _POSITIONS)
+        slider.setSingleStep(10)
+        slider.setPageStep(100)
+        self.time_label = theme.named(QLabel(), "distance_time_label", "Time of diffusion")
+        self.play = PlayButton(self._document, "distance_play_button")
+        self.facts = Facts({"distance_pins_label": "To the other pins"})
+        self.missing_note = note("distance_missing_label", "warning")
+        self._fill(
+            "distance_label",
+            "",
+            *self._make_pin_choice(),
+            theme.with_role(QLabel("Distance"), "muted"),
+            self.measure_combo,
+            self.about,
+            row(self.time_label, None, self.play),
+            slider,
+            self.facts,
+            self.missing_note,
+            self.hint,
+        )
+
+    # -- from the person --------------------------------------------------------------------
+
+    def _choose_measure(self, index: int) -> None:
+        self._change(measure=self.measure_combo.itemData(index))
+
+    def _choose(self, position: int) -> None:
+        spectrum = self._document.scaled_spectrum
+        if spectrum is not None:
+            low, high = spectrum.time_range
+            self._change(time=low * math.exp(position / _POSITIONS * math.log(high / low)))
+
+    # -- from the model ---------------------------------------------------------------------
+
+    def refresh(self) -> None:
+        """Show what the model holds."""
+        chosen = self._document.display[Distances]
+        self.title.setText(f"Distance from {self._show_pin(chosen.vertex)}")
+        self.measure_combo.setCurrentIndex(self.measure_combo.findData(chosen.measure))
+        show_note(self.about, _ABOUT[chosen.measure])
+        spectrum = self._document.scaled_spectrum
+        for widget in (self.time_label, self.play, self.slider):
+            widget.setVisible(chosen.timed)
+        if chosen.timed and spectrum is not None:
+            self._show_time(chosen, spectrum)
+        if chosen.needs_pairs and spectrum is None:
+            show_note(self.hint, "This distance is a sum over eigenpairs: press Compute.")
+
+    def _show_time(self, chosen: Distances, spectrum: Spectrum) -> None:
+        low, high = spectrum.time_range
+        time, unit = chosen.time_in(spectrum), self._document.unit
+        share = math.log(time / low) / math.log(high / low)
+        show_quietly(self.slider, round(min(max(share, 0.0), 1.0) * _POSITIONS))
+        self.slider.set_marks(decade_marks(low, high))
+        length = format_quantity(math.sqrt(time), unit)
+        self.time_label.setText(f"t = {format_quantity(time, unit, 2)}, √t = {length}")
+
+    def show_field(self, field: Field | None) -> None:
+        """Say how far the other pins are, and what is missing."""
+        family = None if field is None else field.family
+        if field is None or not isinstance(family, Distances):
+            return
+        far = [
+            f"{pin.number}: {format_quantity(float(field.values[pin.vertex]), '', digits=4)}"
+            f" {field.unit}".rstrip()
+            for pin in self._document.pins
+            if pin.vertex != family.vertex and np.isfinite(field.values[pin.vertex])
+        ]
+        self.facts.show_value("distance_pins_label", "\n".join(far))
+        sample = field.request.sample
+        typical = float(np.nanmedian(field.values if sample is None else field.values[sample]))
+        missing = family.missing(field.request.spectrum, typical) if family.needs_pairs else 0.0
+        show_note(
+            self.missing_note,
+            f"About {percent(missing)} of a typical distance is missing for want of eigenpairs."
+            if missing > _TOLD
+            else "",
+        )

@@ -1,0 +1,294 @@
+"""Distances from one vertex to all others: spectral ones, and along the surface.
+
+The spectral ones are ``d(v, w)² = Σ_k h(λ_k) (φ_k(v) - φ_k(w))²`` over the eigenvalues above zero,
+with a weight h of each kind. They grow with the distance along the surface but notice how wide a
+way is: through a thin neck it is far. Zero eigenvalues tell components apart and nothing else, so
+they are left out, and vertices of other components are at no distance at all.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.filter_parameters import ZERO_SHARE, as_spectrum
+from meshmash_viewer.features.sums import sum_squares
+from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
+
+__all__ = [
+    "GeodesicSolver",
+    "RowsFrom",
+    "biharmonic_distance",
+    "commute_time_distance",
+    "diffusion_distance",
+    "geodesic_distance",
+    "missing_square",
+    "spectral_weights",
+]
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+
+def diffusion_distance(
+    eigenvalues: npt.ArrayLike, eigenvectors: npt.ArrayLike, vertex: int, time: float
+) -> FloatArray:
+    """How differently heat from two vertices has spread after a time [1]_.
+
+    Parameters
+    ----------
+    eigenvalues : array_like, shape (k,)
+        Per squared unit; zeros are left out.
+    eigenvectors : array_like, shape (n, k)
+        M-orthonormal columns.
+    vertex : int
+        From which it is measured.
+    time : float
+        Diffusion time in squared unit; √time is about how far apart vertices are told apart.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        ``(Σ exp(-2 λ t) (φ(v) - φ(w))²)^½``, per unit. NaN where the eigenvectors are.
+
+    Raises
+    ------
+    InputError
+        If the vertex does not exist, the time is not positive, or shapes do not agree.
+
+    References
+    ----------
+    .. [1] Coifman, R. R. and Lafon, S. (2006). "Diffusion Maps." Applied and Computational
+       Harmonic Analysis 21(1).
+
+    Examples
+    --------
+    >>> diffusion_distance([0.0, 1.0], [[1.0, 1.0], [1.0, -1.0]], 0, time=0.5).round(3)
+    array([0.   , 1.213])
+    """
+    if not (np.isfinite(time) and time > 0.0):
+        raise InputError(f"A diffusion time of {time} means nothing: give a positive one.")
+    return _distance("diffusion", eigenvalues, eigenvectors, vertex, time)
+
+
+def biharmonic_distance(
+    eigenvalues: npt.ArrayLike, eigenvectors: npt.ArrayLike, vertex: int
+) -> FloatArray:
+    """A distance that is smooth at its origin and counts the whole shape far from it [1]_.
+
+    Parameters are those of `diffusion_distance`.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        ``(Σ (φ(v) - φ(w))² / λ²)^½``, in the unit of the mesh.
+
+    References
+    ----------
+    .. [1] Lipman, Y., Rustamov, R. M. and Funkhouser, T. A. (2010). "Biharmonic Distance." ACM
+       Transactions on Graphics 29(3).
+
+    Examples
+    --------
+    >>> biharmonic_distance([0.0, 2.0], [[1.0, 1.0], [1.0, -1.0]], 0)
+    array([0., 1.])
+    """
+    return _distance("biharmonic", eigenvalues, eigenvectors, vertex)
+
+
+def commute_time_distance(
+    eigenvalues: npt.ArrayLike, eigenvectors: npt.ArrayLike, vertex: int
+) -> FloatArray:
+    """The root of the time that a random walk takes to another vertex and back [1]_.
+
+    On a surface its sum goes on growing with the number of pairs, by the logarithm: compare only
+    what was computed from as many. Parameters are those of `diffusion_distance`.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        ``(Σ (φ(v) - φ(w))² / λ)^½``, a pure number.
+
+    References
+    ----------
+    .. [1] Qiu, H. and Hancock, E. R. (2007). "Clustering and Embedding Using Commute Times." IEEE
+       TPAMI 29(11).
+
+    Examples
+    --------
+    >>> commute_time_distance([0.0, 4.0], [[1.0, 1.0], [1.0, -1.0]], 0)
+    array([0., 1.])
+    """
+    return _distance("commute", eigenvalues, eigenvectors, vertex)
+
+
+def spectral_weights(kind: str, eigenvalues: FloatArray, time: float = 1.0) -> FloatArray:
+    """Weight of each pair in a squared distance, 0 for zero eigenvalues, shape (k,).
+
+    `kind` is "diffusion", with a `time`, "biharmonic" or "commute".
+    """
+    weights = np.zeros(len(eigenvalues))
+    above = _above_zero(eigenvalues)
+    values = eigenvalues[above]
+    if kind == "diffusion":
+        weights[above] = np.exp(-2.0 * time * values)
+    else:
+        weights[above] = values ** {"biharmonic": -2.0, "commute": -1.0}[kind]
+    return weights
+
+
+def _above_zero(eigenvalues: FloatArray) -> npt.NDArray[np.bool_]:
+    return np.asarray(eigenvalues > ZERO_SHARE * eigenvalues.max(initial=0.0))
+
+
+def missing_square(kind: str, eigenvalues: FloatArray, area: float, n: int, time: float) -> float:
+    """What Weyl's law expects to be missing of a squared distance for want of further pairs.
+
+    Two vertices that are not close have ``Σ h φ(v)² + Σ h φ(w)²`` between them beyond the last
+    eigenvalue Λ, and by the local law either sum is ``1/4π ∫ h dλ`` from Λ to the last of the n
+    eigenvalues that the mesh has.
+    """
+    last, end = float(eigenvalues[-1]), 4.0 * math.pi * n / area
+    if not 0.0 < last < end:
+        return 0.0
+    integral = {
+        "diffusion": (math.exp(-2.0 * last * time) - math.exp(-2.0 * end * time)) / (2.0 * time),
+        "biharmonic": 1.0 / last - 1.0 / end,
+        "commute": math.log(end / last),
+    }[kind]
+    return 2.0 * integral / (4.0 * math.pi)
+
+
+class RowsFrom:
+    """Eigenvectors less what they are at one vertex, read like an array of shape (k, n)."""
+
+    def __init__(self, rows: Any, vertex: int) -> None:
+        self._rows = rows
+        self._here = np.asarray(rows[:, vertex], dtype=np.float64)
+        self.shape, self.dtype = rows.shape, np.dtype(np.float64)
+
+    def __len__(self) -> int:
+        return len(self._here)
+
+    def __getitem__(self, key: Any) -> FloatArray:
+        rows, columns = key if isinstance(key, tuple) else (key, slice(None))
+        here = self._here[rows]
+        read = np.asarray(self._rows[rows, columns], dtype=np.float64)
+        below = here[:, np.newaxis] if np.ndim(here) and read.ndim == 2 else here
+        return np.asarray(read - below)
+
+
+def _distance(
+    kind: str,
+    eigenvalues: npt.ArrayLike,
+    eigenvectors: npt.ArrayLike,
+    vertex: int,
+    time: float = 1.0,
+) -> FloatArray:
+    values = as_spectrum(eigenvalues)
+    columns = np.asarray(eigenvectors)
+    if columns.ndim != 2 or columns.shape[1] != len(values):
+        raise InputError(
+            f"Eigenvectors of shape {columns.shape} do not go with {len(values)} eigenvalues."
+        )
+    _check_vertex(vertex, len(columns))
+    rows: Any = RowsFrom(columns.T, vertex)
+    weights = spectral_weights(kind, values, time)
+    squares = np.asarray(sum_squares(rows, weights[np.newaxis], np.float64)[0])
+    # eigenfunctions of zero are constant on each component, and differ between two of them
+    zero = ~_above_zero(values)
+    elsewhere = np.square(rows[zero]).sum(axis=0) > 1e-6 * np.square(columns[:, zero]).sum(axis=1)
+    squares[elsewhere] = np.nan
+    return np.asarray(np.sqrt(squares, out=squares))
+
+
+def _check_vertex(vertex: int, n: int) -> None:
+    if not 0 <= vertex < n:
+        raise InputError(f"There is no vertex {vertex}: they are counted from 0 to {n - 1}.")
+
+
+@dataclass(frozen=True, eq=False)
+class GeodesicSolver:
+    """The heat method [1]_, factored once for a mesh, on its own robust Laplacian.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Non-manifold and in several components, if need be.
+
+    Raises
+    ------
+    InputError
+        If potpourri3d, which computes it, is not installed.
+
+    References
+    ----------
+    .. [1] Crane, K., Weischedel, C. and Wardetzky, M. (2013). "Geodesics in Heat." ACM
+       Transactions on Graphics 32(5).
+    """
+
+    mesh: Mesh
+
+    def __post_init__(self) -> None:
+        try:
+            from potpourri3d import MeshHeatMethodDistanceSolver
+        except ImportError:
+            raise InputError(
+                "Distances along the surface need potpourri3d: pip install potpourri3d, or choose"
+                " another distance."
+            ) from None
+        used = np.flatnonzero(self.mesh.referenced)
+        number = np.full(self.mesh.n_vertices, -1)
+        number[used] = np.arange(len(used))
+        faces = number[self.mesh.faces[self.mesh.distinct_corners]]
+        # about its middle and of size 1: numbers of any unit are as good
+        low, high = self.mesh.bounds
+        size = float((high - low).max())
+        places = (self.mesh.vertices[used] - 0.5 * (low + high)) / size
+        solver = MeshHeatMethodDistanceSolver(places, faces)
+        object.__setattr__(self, "_parts", (solver, used, number, size))
+
+    def from_vertex(self, vertex: int) -> FloatArray:
+        """Distance to all vertices in the unit of the mesh, shape (n,).
+
+        NaN in other components and at vertices of no face; from such a vertex, everywhere.
+
+        Raises
+        ------
+        InputError
+            If the vertex does not exist.
+        """
+        _check_vertex(vertex, self.mesh.n_vertices)
+        solver, used, number, size = self._parts  # type: ignore[attr-defined]
+        distances = np.full(self.mesh.n_vertices, np.nan)
+        if number[vertex] < 0:
+            return distances
+        # the package does not check what it is given
+        found = size * np.asarray(solver.compute_distance(int(number[vertex])))
+        labels = self.mesh.component_labels
+        here = labels[used] == labels[vertex]
+        distances[used[here]] = found[here]
+        return distances
+
+
+def geodesic_distance(mesh: MeshLike, vertex: int) -> FloatArray:
+    """Distance along the surface by the heat method; see `GeodesicSolver` for many of them.
+
+    It is right to about the length of an edge, and up to a few per cent too long or short where
+    edges are long beside the distance.
+
+    Parameters
+    ----------
+    mesh : MeshLike
+    vertex : int
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        In the unit of the mesh; NaN in other components.
+    """
+    return GeodesicSolver(as_mesh(mesh)).from_vertex(vertex)

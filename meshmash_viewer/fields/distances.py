@@ -1,0 +1,200 @@
+"""How far every vertex is from one of them: spectral distances, and the way along the surface."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from meshmash_viewer.features.distances import (
+    GeodesicSolver,
+    RowsFrom,
+    missing_square,
+    spectral_weights,
+)
+from meshmash_viewer.features.sums import sum_squares
+from meshmash_viewer.fields.family import Answer, ColumnArray, Family, Table, number, parameter
+from meshmash_viewer.fields.heat_table import build_heat_table
+from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, same_pairs
+from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.units import format_quantity, named_vertex, power_unit
+
+__all__ = ["MEASURES", "Distances"]
+
+#: Kinds of distance by name: what they are called, and what power of length they are.
+MEASURES: dict[str, tuple[str, int]] = {
+    "geodesic": ("Geodesic", 1),
+    "biharmonic": ("Biharmonic", 1),
+    "commute": ("Commute time", 0),
+    "diffusion": ("Diffusion", -1),
+}
+
+#: Steps of the arrow keys from the shortest to the longest time.
+_STEPS = 32
+_ABOVE_ZERO = 1e-300
+
+
+@dataclass(frozen=True)
+class Distances(Family):
+    """Distance from a vertex.
+
+    Parameters
+    ----------
+    measure : str
+        A key of `MEASURES`.
+    vertex : int or None
+        From which it is measured.
+    time : float or None
+        Of diffusion, in squared length units.
+    """
+
+    name: ClassVar[str] = "distance"
+    label: ClassVar[str] = "Distance from a vertex"
+    short: ClassVar[str] = "Distance"
+    tip: ClassVar[str] = "Geodesic, biharmonic, commute-time or diffusion distance from a pin"
+    position: ClassVar[tuple[str, ...]] = ("time",)
+    interval: ClassVar[int] = 50
+
+    measure: str = parameter("geodesic", type="choice", values=tuple(MEASURES))
+    vertex: int | None = parameter(type="vertex", least=0, most=2**31 - 1)
+    time: float | None = number(_ABOVE_ZERO)
+
+    # -- choices ------------------------------------------------------------------------------
+
+    @property
+    def usable(self) -> bool:
+        return self.vertex is not None
+
+    @property
+    def needs_pairs(self) -> bool:
+        return self.measure != "geodesic"
+
+    @property
+    def timed(self) -> bool:
+        """Whether there is a time to choose."""
+        return self.measure == "diffusion"
+
+    def time_in(self, spectrum: Spectrum) -> float:
+        """Time in force: the chosen one, or the middle of the range in log scale."""
+        low, high = spectrum.time_range
+        return math.sqrt(low) * math.sqrt(high) if self.time is None else self.time
+
+    def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
+        return replace(self, time=self.time_in(spectrum) if self.timed else None)
+
+    def for_other_mesh(self, n_components: int) -> Self:
+        return replace(self, vertex=None, time=None)
+
+    def behind(self, chosen: Mapping[str, Family]) -> Family:
+        """A distance has no filters of its own: the first family's are shown."""
+        return next(iter(chosen.values()))
+
+    def step(self, spectrum: Spectrum, steps: int) -> Self:
+        if not self.timed or first_nonzero(spectrum) >= len(spectrum):
+            return self
+        low, high = (math.log(end) for end in spectrum.time_range)
+        before = math.log(self.time_in(spectrum))
+        moved = min(max(before + steps / _STEPS * (high - low), low), high)
+        return replace(self, time=math.exp(moved)) if abs(moved - before) > 1e-9 else self
+
+    def title(self) -> str:
+        return f"{MEASURES[self.measure][0]} distance"
+
+    def quantity(self, spectrum: Spectrum, unit: str) -> str:
+        if self.vertex is None:
+            return ""
+        told = f"from {named_vertex(self.vertex)}"
+        if self.timed:
+            time = self.time_in(spectrum)
+            told += f", t = {format_quantity(time, unit, 2)}"
+        return told
+
+    def unit(self, length: str) -> str:
+        power = MEASURES[self.measure][1]
+        return power_unit(length, power) if power else ""
+
+    # -- values -------------------------------------------------------------------------------
+
+    def compute(self, spectrum: Spectrum, table: Table | None) -> Answer | None:
+        """A geodesic has to be prepared; the others come at once, and cheaper from a table."""
+        if self.vertex is None:
+            return None
+        if table is not None and self.prepared(spectrum, table):
+            content = table.content
+            if self.measure == "geodesic":
+                return Answer(content.from_vertex(self.vertex).astype(np.float32))
+            if not self.timed:
+                return Answer(content)
+            if content.covers(2.0 * self.time_in(spectrum)):
+                return Answer(self._root(content.at(2.0 * self.time_in(spectrum)), spectrum))
+        return None if self.measure == "geodesic" else Answer(self._sum(spectrum, None))
+
+    def _sum(self, spectrum: Spectrum, cancel: CancelCallback | None) -> ColumnArray:
+        """The distances by the sum over all pairs."""
+        weights = spectral_weights(self.measure, spectrum.eigenvalues, self._time(spectrum))
+        squares = sum_squares(self._rows(spectrum), weights[None], cancel=cancel)[0]
+        return self._root(np.asarray(squares), spectrum)
+
+    def _time(self, spectrum: Spectrum) -> float:
+        return self.time_in(spectrum) if self.timed else 1.0
+
+    def _rows(self, spectrum: Spectrum) -> Any:
+        assert self.vertex is not None
+        return RowsFrom(spectrum.rows, self.vertex)
+
+    def _root(self, squares: ColumnArray, spectrum: Spectrum) -> ColumnArray:
+        """Distances from their squares: NaN in other components, 0 at the vertex itself."""
+        assert self.vertex is not None
+        distances = np.sqrt(np.maximum(squares, 0.0, out=squares), out=squares)
+        distances[self.vertex] = 0.0
+        if spectrum.mesh is not None and spectrum.mesh.n_components > 1:
+            labels = spectrum.mesh.component_labels
+            distances[labels != labels[self.vertex]] = np.nan
+        return distances
+
+    def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
+        if table is None or not isinstance(table.family, Distances):
+            return False
+        if self.measure == "geodesic":
+            return table.family.measure == "geodesic" and table.content.mesh is spectrum.mesh
+        same = replace(table.family, time=None) == replace(self, time=None)
+        return same and same_pairs(table.spectrum, spectrum)
+
+    def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
+        content: Any
+        if self.measure == "geodesic":
+            assert spectrum.mesh is not None
+            content = GeodesicSolver(spectrum.mesh)
+        elif self.timed:
+            # squared differences decay with time as the squares of a heat kernel do
+            low, high = spectrum.time_range
+            from_here = replace(spectrum, rows=self._rows(spectrum))
+            content = build_heat_table(from_here, (2.0 * low, 2.0 * high), cancel)
+        else:
+            content = self._sum(spectrum, cancel)
+        return Table(spectrum, self, content)
+
+    def missing(self, spectrum: Spectrum, typical: float) -> float:
+        """Share of a typical distance that is missing for want of eigenpairs."""
+        mesh = spectrum.mesh
+        if mesh is None or self.measure == "geodesic" or not typical > 0.0:
+            return 0.0
+        n, values = spectrum.n_vertices, spectrum.eigenvalues
+        left = missing_square(self.measure, values, mesh.area, n, self._time(spectrum))
+        return 1.0 - typical / math.sqrt(typical**2 + left)
+
+    # -- files --------------------------------------------------------------------------------
+
+    def script(self, spectrum: Spectrum) -> list[str]:
+        if self.measure == "geodesic":
+            return [f"values = mv.geodesic_distance(mesh, {self.vertex})"]
+        name = "commute_time" if self.measure == "commute" else self.measure
+        time = f", {self.time_in(spectrum)!r}" if self.timed else ""
+        return [
+            f"values = mv.{name}_distance(",
+            f"    decomposition.eigenvalues, decomposition.eigenvectors, {self.vertex}{time}",
+            ")",
+        ]

@@ -1,0 +1,126 @@
+"""Distances from a pin in the window."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from closed_form import part, rectangle_document, shown
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+
+from meshmash_viewer.app.panels.field_panel import FieldPanel
+from meshmash_viewer.features.distances import (
+    biharmonic_distance,
+    commute_time_distance,
+    diffusion_distance,
+    geodesic_distance,
+)
+from meshmash_viewer.fields.distances import MEASURES, Distances
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.field import Field, LiveFeatures, compute_field, request_of
+from meshmash_viewer.units import format_quantity
+
+pytestmark = pytest.mark.usefixtures("shown_at_once")
+
+
+@pytest.fixture
+def document() -> Document:
+    document = rectangle_document()
+    document.display.kind = "distance"
+    return document
+
+
+@pytest.fixture
+def panel(qtbot, document: Document) -> FieldPanel:
+    return shown(qtbot, FieldPanel(document), 340, 760)
+
+
+def choose(panel: FieldPanel, text: str) -> None:
+    combo = part(panel, "distance_measure_combo")
+    combo.setFocus()
+    QTest.keyClicks(combo, text[0])
+    assert combo.currentText() == text
+    combo.activated.emit(combo.currentIndex())
+
+
+def on_the_render(document: Document, live: LiveFeatures, *, prepared: bool = True) -> Field:
+    request = request_of(document)
+    assert request is not None
+    if prepared:
+        live.prepare(request)
+    field = compute_field(request, live)
+    assert field is not None
+    return field
+
+
+def wanted(document: Document, name: str, time: float = 1.0) -> np.ndarray:
+    spectrum, vertex = document.spectrum, document.display[Distances].vertex
+    count = len(spectrum)
+    given = spectrum.eigenvalues, np.asarray(spectrum.rows[:count]).T, vertex
+    return {
+        "geodesic": lambda: geodesic_distance(document.mesh, vertex),
+        "biharmonic": lambda: biharmonic_distance(*given),
+        "commute": lambda: commute_time_distance(*given),
+        "diffusion": lambda: diffusion_distance(*given, time),
+    }[name]()
+
+
+@pytest.mark.parametrize("name", MEASURES)
+@pytest.mark.parametrize("prepared", [True, False])
+def test_each_is_the_librarys(
+    panel: FieldPanel, document: Document, name: str, prepared: bool
+) -> None:
+    choose(panel, MEASURES[name][0])
+    document.toggle_pin(20)
+    document.toggle_pin(70)
+    assert document.display[Distances].vertex == 70, "the newest pin"
+    live = LiveFeatures()
+    if name == "geodesic" and not prepared:
+        assert compute_field(request_of(document), live) is None, "there is no quick way"
+        return
+    field = on_the_render(document, live, prepared=prepared)
+    time = document.display[Distances].time_in(document.spectrum)
+    truth = wanted(document, name, time)
+    # a table of times is right to 1e-4 of the largest square
+    within = 5e-3 if name == "diffusion" and prepared else 1e-6
+    np.testing.assert_allclose(field.values, truth, atol=within * truth.max())
+    assert field.values[70] == 0.0
+    panel.set_field(field, (0.0, 1.0))
+    far = format_quantity(float(field.values[20]), "", digits=4)
+    assert part(panel, "distance_pins_label").text() == f"1: {far} {field.unit}".rstrip()
+
+
+def test_the_time_of_diffusion_is_dragged_without_the_pairs(
+    panel: FieldPanel, document: Document
+) -> None:
+    choose(panel, "Diffusion")
+    document.toggle_pin(70)
+    live = LiveFeatures()
+    on_the_render(document, live)
+    slider = part(panel, "distance_time_slider")
+    slider.setFocus()
+    for _ in range(3):
+        QTest.keyClick(slider, Qt.Key.Key_PageUp)
+        field = on_the_render(document, live, prepared=False)
+        truth = wanted(document, "diffusion", document.display[Distances].time)
+        np.testing.assert_allclose(field.values, truth, atol=5e-3 * truth.max())
+    assert "√t = " in part(panel, "distance_time_label").text()
+
+
+def test_along_the_surface_no_pairs_are_needed(panel: FieldPanel, document: Document) -> None:
+    document.spectrum = None
+    document.spectrum_changed.emit()
+    document.toggle_pin(70)
+    field = on_the_render(document, LiveFeatures())
+    np.testing.assert_allclose(field.values, geodesic_distance(document.mesh, 70), rtol=1e-6)
+    assert part(panel, "distance_measure_combo").isEnabled()
+    choose(panel, "Biharmonic")
+    assert "press Compute" in part(panel, "distance_hint").text()
+    assert request_of(document) is None
+
+
+def test_what_is_missing_is_said(panel: FieldPanel, document: Document) -> None:
+    choose(panel, "Commute time")
+    document.toggle_pin(70)
+    panel.set_field(on_the_render(document, LiveFeatures()), (0.0, 1.0))
+    assert "missing for want of eigenpairs" in part(panel, "distance_missing_label").text()

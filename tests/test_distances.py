@@ -1,0 +1,185 @@
+"""Distances from a vertex, against dense inverses and closed forms."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+import shapes
+from scipy.linalg import eigh, expm, pinvh
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.distances import (
+    GeodesicSolver,
+    biharmonic_distance,
+    commute_time_distance,
+    diffusion_distance,
+    geodesic_distance,
+    missing_square,
+)
+from meshmash_viewer.laplacian import cotangent_laplacian
+from meshmash_viewer.mesh import Mesh
+
+
+def torus() -> Mesh:
+    import trimesh
+
+    made = trimesh.creation.torus(3.0, 1.0, 24, 12)
+    return Mesh(made.vertices, made.faces)
+
+
+MESHES = {"sphere": lambda: shapes.icosphere(2), "torus": torus}
+
+
+def matrices(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """The symmetric form M^-½ L M^-½, and M^-½."""
+    L, M = cotangent_laplacian(mesh)
+    half = 1.0 / np.sqrt(M.diagonal())
+    return half[:, None] * L.toarray() * half, half
+
+
+def from_kernel(kernel: np.ndarray, vertex: int) -> np.ndarray:
+    """Distance in a space whose inner products are a kernel."""
+    square = kernel[vertex, vertex] + np.diag(kernel) - 2.0 * kernel[vertex]
+    return np.sqrt(np.maximum(square, 0.0))
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_of_all_pairs_they_are_those_of_dense_inverses(name: str) -> None:
+    mesh, vertex = MESHES[name](), 7
+    A, half = matrices(mesh)
+    values, vectors = eigh(A)
+    values[0], phi = 0.0, half[:, None] * vectors
+    inverse = pinvh(A)
+    scale = half[:, None] * half
+    for found, kernel in (
+        (biharmonic_distance(values, phi, vertex), inverse @ inverse),
+        (commute_time_distance(values, phi, vertex), inverse),
+        (diffusion_distance(values, phi, vertex, 0.3), expm(-0.6 * A)),
+    ):
+        wanted = from_kernel(scale * kernel, vertex)
+        np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-8 * wanted.max())
+
+
+@pytest.mark.parametrize(("power", "which"), [(1, "biharmonic"), (0, "commute"), (-1, "diffusion")])
+def test_they_scale_as_their_units_say(power: int, which: str) -> None:
+    mesh = torus()
+    larger = Mesh(5.0 * mesh.vertices, mesh.faces)
+    found = []
+    for each, time in ((mesh, 0.4), (larger, 10.0)):
+        A, half = matrices(each)
+        values, vectors = eigh(A)
+        given = np.maximum(values, 0.0), half[:, None] * vectors, 3
+        distances = {
+            "biharmonic": lambda given=given: biharmonic_distance(*given),
+            "commute": lambda given=given: commute_time_distance(*given),
+            "diffusion": lambda given=given, time=time: diffusion_distance(*given, time),
+        }
+        found.append(distances[which]())
+    np.testing.assert_allclose(found[1], 5.0**power * found[0], rtol=1e-6, atol=1e-9)
+
+
+def two_spheres(lonely: bool = True) -> Mesh:
+    ball = shapes.icosphere(3)
+    parts = [
+        ball.vertices,
+        ball.vertices + np.array([5.0, 0.0, 0.0]),
+        np.full((int(lonely), 3), 9.0),
+    ]
+    return Mesh(np.concatenate(parts), np.concatenate([ball.faces, ball.faces + ball.n_vertices]))
+
+
+def test_other_components_are_at_no_distance() -> None:
+    from meshmash_viewer.decompose import decompose_mesh
+
+    mesh = two_spheres()
+    n = (mesh.n_vertices - 1) // 2
+    values, phi = decompose_mesh(mesh, 20)
+    found = biharmonic_distance(values, phi, 3)
+    assert np.isfinite(found[:n]).all()
+    assert np.isnan(found[n:]).all()
+    along = geodesic_distance(mesh, 3)
+    assert np.isfinite(along[:n]).all()
+    assert np.isnan(along[n:]).all()
+    assert np.isnan(geodesic_distance(mesh, 2 * n)).all(), "from a vertex of no face"
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 3e5])
+def test_along_a_sphere(scale: float) -> None:
+    mesh = shapes.icosphere(4)
+    moved = Mesh(scale * mesh.vertices + 7.0 * scale, mesh.faces)
+    wanted = scale * np.arccos(np.clip(mesh.vertices @ mesh.vertices[11], -1.0, 1.0))
+    found = geodesic_distance(moved, 11)
+    assert found[11] == 0.0
+    # the method smooths the cut locus at the antipode by about an edge
+    assert np.abs(found - wanted).max() < 0.012 * np.pi * scale
+
+
+def test_along_a_flat_rectangle(rectangle: Mesh) -> None:
+    wanted = np.linalg.norm(rectangle.vertices - rectangle.vertices[500], axis=1)
+    found = GeodesicSolver(rectangle).from_vertex(500)
+    assert np.abs(found - wanted).max() < 0.04 * wanted.max()
+
+
+def test_a_rigid_motion_and_another_order_change_nothing() -> None:
+    mesh, rng = torus(), np.random.default_rng(3)
+    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    order = rng.permutation(mesh.n_vertices)
+    place = np.argsort(order)
+    other = Mesh((mesh.vertices @ turn.T + 4.0)[order], place[mesh.faces])
+    found = geodesic_distance(other, int(place[9]))
+    np.testing.assert_allclose(found, geodesic_distance(mesh, 9)[order], rtol=1e-3, atol=1e-3)
+
+
+def test_a_line_of_faces_that_meet_three_at_an_edge() -> None:
+    corners = [[x, y, z] for x in range(9) for y, z in ((0, 0), (1, 0), (0, 1), (-1, 0))]
+    faces = []
+    for x in range(8):
+        here, there = 4 * x, 4 * x + 4
+        for wing in (1, 2, 3):
+            faces += [[here, here + wing, there], [there, here + wing, there + wing]]
+    found = geodesic_distance((np.array(corners, float), np.array(faces)), 0)
+    np.testing.assert_allclose(found[::4], np.arange(9.0), atol=0.6)
+
+
+@pytest.mark.parametrize("vertex", [-1, 162, 10**9])
+def test_a_vertex_that_does_not_exist_is_one_sentence(vertex: int) -> None:
+    mesh = shapes.icosphere(2)
+    with pytest.raises(InputError, match=f"There is no vertex {vertex}: .* from 0 to 161"):
+        geodesic_distance(mesh, vertex)
+    with pytest.raises(InputError, match=f"There is no vertex {vertex}"):
+        biharmonic_distance([0.0, 1.0], np.ones((162, 2)), vertex)
+
+
+def test_without_the_package_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "potpourri3d", None)
+    with pytest.raises(InputError, match="pip install potpourri3d"):
+        geodesic_distance(shapes.icosphere(1), 0)
+
+
+def test_times_and_shapes_are_checked() -> None:
+    with pytest.raises(InputError, match="positive"):
+        diffusion_distance([0.0, 1.0], np.ones((3, 2)), 0, time=0.0)
+    with pytest.raises(InputError, match="do not go with 3 eigenvalues"):
+        commute_time_distance([0.0, 1.0, 2.0], np.ones((3, 2)), 0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "within"), [("biharmonic", 1.6), ("commute", 1.6), ("diffusion", 1.6)]
+)
+def test_what_is_missing_is_about_as_expected(kind: str, within: float) -> None:
+    mesh, time = shapes.icosphere(3), 0.02
+    A, half = matrices(mesh)
+    values, vectors = eigh(A)
+    values[0], phi = 0.0, half[:, None] * vectors
+    kept = 60
+    function = {
+        "biharmonic": biharmonic_distance,
+        "commute": commute_time_distance,
+        "diffusion": lambda *given: diffusion_distance(*given, time),
+    }[kind]
+    whole, part = function(values, phi, 5), function(values[:kept], phi[:, :kept], 5)
+    missing = np.median(whole**2 - part**2)
+    expected = missing_square(kind, values[:kept], mesh.area, mesh.n_vertices, time)
+    assert 1.0 / within < expected / missing < within
