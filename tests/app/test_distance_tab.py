@@ -115,7 +115,7 @@ def test_along_the_surface_no_pairs_are_needed(panel: FieldPanel, document: Docu
     np.testing.assert_allclose(field.values, geodesic_distance(document.mesh, 70), rtol=1e-6)
     assert part(panel, "distance_measure_combo").isEnabled()
     choose(panel, "Biharmonic")
-    assert "press Compute" in part(panel, "distance_hint").text()
+    assert "compute more of them" in part(panel, "distance_hint").text()
     assert request_of(document) is None
 
 

@@ -92,7 +92,10 @@ class DistanceTab(PinChooser):
         if chosen.timed and spectrum is not None:
             self._show_time(chosen, spectrum)
         if chosen.needs_pairs and spectrum is None:
-            show_note(self.hint, "This distance is a sum over eigenpairs: press Compute.")
+            show_note(
+                self.hint,
+                "This distance is a sum over eigenpairs above zero: compute more of them.",
+            )
 
     def _show_time(self, chosen: Distances, spectrum: Spectrum) -> None:
         low, high = spectrum.time_range
