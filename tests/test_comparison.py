@@ -1,0 +1,129 @@
+"""Two shapes compared: copies of one, and spectra that are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapes
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.comparison import (
+    compare_shapes,
+    distinct_matches,
+    match_functions,
+    unit_area_spectrum,
+)
+from meshmash_viewer.features.filters import bspline_bank, heat_kernel_bank, hks_times
+from meshmash_viewer.laplacian import cotangent_laplacian
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.spectral.eigensolver import Decomposition, solve
+
+
+def pairs_of(mesh: Mesh, count: int = 60) -> Decomposition:
+    return solve(*cotangent_laplacian(mesh, robust=True), count)
+
+
+@pytest.fixture(scope="module")
+def blob() -> Mesh:
+    """A sphere with dents and bumps, without any symmetry."""
+    ball = shapes.icosphere(4)
+    x, y, z = ball.vertices.T
+    radius = 1.0 + 0.3 * x + 0.2 * y * z + 0.25 * np.exp(-8.0 * ((x - 0.6) ** 2 + (y - 0.7) ** 2))
+    stretched = ball.vertices * radius[:, None] * [1.0, 1.3, 0.8]
+    return Mesh(stretched, ball.faces)
+
+
+@pytest.fixture(scope="module")
+def copy(blob: Mesh) -> tuple[Mesh, np.ndarray]:
+    """The same turned, larger, elsewhere and in another order, and where each vertex went."""
+    rng = np.random.default_rng(4)
+    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    order = rng.permutation(blob.n_vertices)
+    place = np.argsort(order)
+    return Mesh((2.5 * blob.vertices @ turn.T + 9.0)[order], place[blob.faces]), place
+
+
+BANKS = {
+    "wks": lambda values: None,
+    "hks": lambda values: heat_kernel_bank(hks_times(values, n_scales=32)),
+    "geometry-vectors": lambda values: bspline_bank(0.0, float(values[-1]), 24),
+}
+
+
+@pytest.mark.parametrize("kind", BANKS)
+def test_a_copy_is_at_no_distance_and_matches_itself(
+    blob: Mesh, copy: tuple[Mesh, np.ndarray], kind: str
+) -> None:
+    first, second = pairs_of(blob), pairs_of(copy[0])
+    found = compare_shapes(first, second, BANKS[kind](unit_area_spectrum(first)))
+    np.testing.assert_allclose(found.spectra[0], found.spectra[1], rtol=1e-6, atol=1e-6)
+    assert found.distance < 1e-6 * np.linalg.norm(found.spectra[0])
+    assert (found.forth.indices == copy[1]).mean() > 0.99
+    assert found.mutual.mean() > 0.99
+    assert found.functions.told.all()
+    assert (found.functions.indices == np.arange(60)).all()
+
+
+def test_swapped_and_flipped_eigenfunctions_are_told(blob: Mesh) -> None:
+    pairs = pairs_of(blob, 20)
+    rows = pairs.rows[:20].copy()
+    order = np.arange(20)
+    order[[5, 6, 11, 12]] = 6, 5, 12, 11
+    signs = np.where(np.isin(order, [2, 6, 17]), -1.0, 1.0)
+    other = replace(pairs, rows=signs[:, None] * rows[order])
+    found = match_functions(pairs, other, np.arange(blob.n_vertices))
+    np.testing.assert_array_equal(order[found.indices], np.arange(20))
+    np.testing.assert_array_equal(found.signs, signs[found.indices])
+
+
+def test_what_a_symmetry_hides_is_not_told() -> None:
+    ball = shapes.icosphere(3)
+    long = Mesh(ball.vertices * [1.0, 1.7, 0.6], ball.faces)  # three mirrors
+    first = pairs_of(long, 12)
+    found = compare_shapes(first, first)
+    even = [  # functions that are the same on both sides of all mirrors
+        index
+        for index, row in enumerate(first.rows[:12])
+        if all(_is_even(long, row, axis) for axis in range(3))
+    ]
+    assert 0 < len(even) < 12
+    assert set(even) <= set(np.flatnonzero(found.functions.told))
+    other = match_functions(first, first, np.random.default_rng(0).permutation(long.n_vertices))
+    assert other.told.sum() <= 1, "but for the constant"
+
+
+def _is_even(mesh: Mesh, row: np.ndarray, axis: int) -> bool:
+    mirrored = mesh.vertices.copy()
+    mirrored[:, axis] *= -1.0
+    gaps = np.linalg.norm(mirrored[:, None] - mesh.vertices[None], axis=2)
+    return bool(np.allclose(row[gaps.argmin(axis=1)], row, atol=1e-3 * np.abs(row).max()))
+
+
+def test_the_distance_of_rectangles_is_the_closed_form() -> None:
+    first, second = shapes.rectangle(80, 60, 2.0, 1.5), shapes.rectangle(80, 60, 2.4, 1.25)
+    found = compare_shapes(pairs_of(first, 12), pairs_of(second, 12))
+    wanted = 3.0 * (
+        shapes.rectangle_eigenvalues(12, 2.0, 1.5) - shapes.rectangle_eigenvalues(12, 2.4, 1.25)
+    )
+    assert found.distance == pytest.approx(np.linalg.norm(wanted), rel=0.01)
+
+
+def test_spheres_of_any_size_are_one_shape() -> None:
+    first, second = shapes.icosphere(3), shapes.icosphere(4, radius=7.0)
+    found = compare_shapes(pairs_of(first, 16), pairs_of(second, 16))
+    assert found.distance < 0.02 * np.linalg.norm(found.spectra[0])
+
+
+def test_the_next_best_match_is_somewhere_else() -> None:
+    places = np.column_stack([np.arange(10.0), np.zeros(10), np.zeros(10)])
+    distances = np.array([5.0, 1.0, 0.0, 1.0, 5.0, 9.0, 2.0, 0.5, 2.0, np.nan])
+    assert distinct_matches(distances, places, 1.5).tolist() == [2, 7, 0, 4]
+    assert distinct_matches(distances, places, 100.0).tolist() == [2]
+
+
+def test_vertices_that_do_not_exist_are_one_sentence(blob: Mesh) -> None:
+    pairs = pairs_of(blob, 5)
+    with pytest.raises(InputError, match="Give for each of 2562 vertices one of 2562"):
+        match_functions(pairs, pairs, np.full(blob.n_vertices, blob.n_vertices))
