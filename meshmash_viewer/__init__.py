@@ -30,6 +30,11 @@ if TYPE_CHECKING:
     from meshmash_viewer.decompose import spectral_geometry_filter as spectral_geometry_filter
     from meshmash_viewer.errors import InputError as InputError
     from meshmash_viewer.errors import TruncationWarning as TruncationWarning
+    from meshmash_viewer.features.comparison import Comparison as Comparison
+    from meshmash_viewer.features.comparison import FunctionMatches as FunctionMatches
+    from meshmash_viewer.features.comparison import compare_shapes as compare_shapes
+    from meshmash_viewer.features.comparison import distinct_matches as distinct_matches
+    from meshmash_viewer.features.comparison import match_functions as match_functions
     from meshmash_viewer.features.distances import GeodesicSolver as GeodesicSolver
     from meshmash_viewer.features.distances import biharmonic_distance as biharmonic_distance
     from meshmash_viewer.features.distances import commute_time_distance as commute_time_distance
@@ -125,6 +130,13 @@ _CONTENTS = {
         "reconstruct",
         "spectral_coefficients",
         "spectral_distance",
+    ),
+    "features.comparison": (
+        "Comparison",
+        "FunctionMatches",
+        "compare_shapes",
+        "distinct_matches",
+        "match_functions",
     ),
     # Distances from a vertex
     "features.distances": (

@@ -553,6 +553,33 @@ def test_a_filter_is_written_as_a_formula(
     assert (status, "--formula is of --kind filter" in err) == (2, True)
 
 
+def test_two_meshes_are_compared(
+    capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
+) -> None:
+    mesh, out = read_mesh(ball), tmp_path / "match.npz"
+    squeezed = tmp_path / "other.npz"
+    np.savez(squeezed, vertices=3.0 * mesh.vertices * [1.0, 1.5, 0.7], faces=mesh.faces)
+    status, said, err = run(capsys, "compare", ball, ball, "--count", 30, "-o", out, "--json")
+    assert (status, err) == (0, "")
+    report = json.loads(said)
+    assert report["spectral_distance"] == 0.0
+    assert report["mutual_share"] == 1.0
+    matches = np.load(out)["features"]
+    np.testing.assert_array_equal(matches[:, 0], np.arange(mesh.n_vertices))
+    status, said, _ = run(capsys, "compare", ball, squeezed, "--count", 30)
+    assert status == 0
+    share = float(re.search(r"spectral distance +\S+ \((\S+) %", said).group(1))
+    assert share > 5.0
+    few = tmp_path / "few.npz"
+    corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    np.savez(few, vertices=corners, faces=[[0, 1, 2], [0, 1, 3], [0, 2, 3]])
+    status, said, err = run(capsys, "compare", few, ball)
+    assert (status, said, err.count("\n")) == (2, "", 1)
+    assert "above zero to be compared" in err
+    assert run(capsys, "compare", ball, tmp_path / "none.obj")[0] == 2
+    assert run(capsys, "compare", ball, ball, "-o", tmp_path / "match.foo")[0] == 2
+
+
 def test_a_report_on_the_machine(capsys: pytest.CaptureFixture[str]) -> None:
     status, out, err = run(capsys, "--info")
     assert (status, err) == (0, "")

@@ -49,6 +49,7 @@ def window_parser() -> argparse.ArgumentParser:
         epilog="commands without a window (each has its own --help):\n"
         f"  {PROGRAM} info MESH...                 health, area, length of the spectrum\n"
         f"  {PROGRAM} features MESH... -o OUT      HKS, geometry vectors, WKS or eigenpairs\n"
+        f"  {PROGRAM} compare A B [-o OUT]         spectral distance, matches of vertices\n"
         f"  {PROGRAM} render MESH -o OUT.png       a picture\n",
     )
     parser.add_argument("mesh", nargs="*", help="mesh file or session")
@@ -132,6 +133,25 @@ def command_parser() -> argparse.ArgumentParser:
         "--format", choices=_FORMATS, default="npz", help="of the files in a folder, default npz"
     )
     _add_json(features)
+
+    compare = commands.add_parser("compare", help="compare two meshes")
+    compare.add_argument("mesh", nargs=2, type=Path)
+    kinds = tuple(kind for kind, family in EXPORTS.items() if family.counted)
+    compare.add_argument(
+        "--kind", choices=kinds, default="wks", help="features to match vertices in, default wks"
+    )
+    compare.add_argument("--n-components", type=_positive, metavar="N", help="number of columns")
+    _add_mesh(compare)
+    _add_target(compare)
+    _add_solver(compare)
+    compare.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="OUT",
+        help="file for the matches, one row for each vertex of the first mesh",
+    )
+    _add_json(compare)
 
     render = commands.add_parser("render", help="draw a picture of a mesh")
     render.add_argument("mesh", type=Path)

@@ -60,7 +60,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         interrupted.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    commands = {"info": _info, "features": _features, "render": _render}
+    commands = {
+        "info": _info,
+        "features": _features,
+        "compare": _compare,
+        "render": _render,
+    }
     try:
         if arguments and arguments[0] in commands:
             command = commands[arguments[0]]
@@ -112,8 +117,8 @@ def _window(options: argparse.Namespace) -> int:
     first = options.mesh[0] if options.mesh else ""
     if first.isidentifier() and not os.path.lexists(first):
         raise InputError(
-            f"There is neither a command nor a file {first}; the commands are info, features and"
-            " render."
+            f"There is neither a command nor a file {first}; the commands are info, features,"
+            " compare and render."
         )
     if (
         sys.platform.startswith("linux")
@@ -122,8 +127,8 @@ def _window(options: argparse.Namespace) -> int:
         and not os.environ.get("QT_QPA_PLATFORM")
     ):
         raise InputError(
-            "There is no display to open a window on; use the commands info, features and render,"
-            " or run it under xvfb-run."
+            "There is no display to open a window on; use the commands info, features, compare and"
+            " render, or run it under xvfb-run."
         )
     if options.unit is not None:
         from meshmash_viewer.units import parse_unit
@@ -176,6 +181,27 @@ def _features(options: argparse.Namespace) -> int:
         for path in outputs:
             check_output(path, "eigenpairs" if options.kind == "eigenpairs" else "features")
         return _for_each(options, work)
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from meshmash_viewer.cli.comparison import described_comparison, write_comparison
+    from meshmash_viewer.fields import EXPORTS
+    from meshmash_viewer.health import repair_mesh
+    from meshmash_viewer.io.read import read_mesh
+    from meshmash_viewer.io.write import check_output
+
+    check_repairs(options)
+    if options.output is not None:
+        check_output(options.output, "features")
+    target, operator = chosen_target(options), chosen_operator(options)
+    family = EXPORTS[options.kind].exported(options.n_components)
+    first, second = (
+        repair_mesh(read_mesh(path, options.unit), *options.repair) for path in options.mesh
+    )
+    with _solver(options, target, operator, first) as solver:
+        report = write_comparison((first, second), family, solver, options.output)
+    _tell(options, 0, report, described_comparison(report))
+    return 0
 
 
 def _render(options: argparse.Namespace) -> int:
