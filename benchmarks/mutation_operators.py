@@ -193,7 +193,7 @@ def _is_idle(node: ast.AST) -> bool:
         return any("overload" in ast.unparse(mark) for mark in node.decorator_list)
     if isinstance(node, ast.keyword):
         # What zip asserts, and what is text for a reader.
-        return node.arg in ("strict", "message", "name", "help", "prefix", "stage")
+        return node.arg in ("strict", "message", "name", "help", "prefix", "stage", "indent")
     if isinstance(node, ast.Call):
         return _name_of(node.func) in _SPOKEN | _DANGEROUS
     return False

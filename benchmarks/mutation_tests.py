@@ -301,6 +301,8 @@ class Tests:
     def noticing(self, mutation: Mutation, seconds: float, first: str = "") -> list[Reach]:
         """Tests that enter what a fault changes: those named like the module, then the quick ones.
 
+        Then those that enter its module: what is read in another process is not seen to be entered.
+
         Parameters
         ----------
         mutation : Mutation
@@ -309,14 +311,16 @@ class Tests:
         first : str
             The test that noticed it in an earlier run.
         """
-        found = self._entering(mutation)
+        entering = set(self._entering(mutation))
+        beside = {reach for reach in self._reaches if mutation.path in reach.modules}
         stem = Path(mutation.path).stem
         chosen, spent = [], 0.0
 
-        def rank(reach: Reach) -> tuple[bool, bool, float]:
-            return reach.test != first, Path(_file(reach)).stem != f"test_{stem}", reach.seconds
+        def rank(reach: Reach) -> tuple[bool, bool, bool, float, str]:
+            named = Path(_file(reach)).stem == f"test_{stem}"
+            return reach.test != first, reach not in entering, not named, reach.seconds, reach.test
 
-        for reach in sorted(found, key=rank):
+        for reach in sorted(entering | beside, key=rank):
             if spent + reach.seconds <= seconds or not chosen:
                 chosen.append(reach)
                 spent += reach.seconds
