@@ -237,11 +237,7 @@ def write_kind(
         JSON-able report.
     """
     from meshmash_viewer.features.sums import truncated_features
-    from meshmash_viewer.features.truncation import (
-        farther_target,
-        mesh_limit,
-        sufficient_target,
-    )
+    from meshmash_viewer.features.truncation import mesh_limit, sufficient_target
     from meshmash_viewer.health import median_edge_length
     from meshmash_viewer.io.provenance import export_options
     from meshmash_viewer.io.write import write_eigenpairs, write_features
@@ -254,17 +250,15 @@ def write_kind(
     if automatic:
         assert t_min is not None
         solver.target = sufficient_target(t_min, mesh.area, n)
-    while True:
-        try:
-            pairs = solver(mesh)
-        except InputError as fault:
-            if not automatic or t_min is None:
-                raise
-            reach = mesh_limit(t_min, mesh.area, n, mesh.unit, median_edge_length(mesh))
-            raise InputError(f"{fault} {reach}") from fault
-        solved = time.perf_counter()
-        if not family.counted:
-            break
+    try:
+        pairs = solver(mesh)
+    except InputError as fault:
+        if not automatic or t_min is None:
+            raise
+        reach = mesh_limit(t_min, mesh.area, n, mesh.unit, median_edge_length(mesh))
+        raise InputError(f"{fault} {reach}") from fault
+    solved = time.perf_counter()
+    if family.counted:
         bank = family.bank(pairs.eigenvalues, mesh.area, solver.target.max_eigenvalue)
         features = truncated_features(
             pairs,
@@ -274,10 +268,6 @@ def write_kind(
             tail=tail,
             known_to=solver.target.max_eigenvalue if pairs.complete else None,
         )
-        missing = features.truncation
-        if not automatic or missing is None or not len(missing.flagged):
-            break
-        solver.target = farther_target(solver.target, mesh.area, n)
 
     proof = pairs.proof(mesh.unit)
     options = export_options(kind, solver.operator, solver.target, proof, repairs)

@@ -32,7 +32,6 @@ from meshmash_viewer.features.sums import (
 )
 from meshmash_viewer.features.truncation import (
     Truncation,
-    farther_target,
     mesh_limit,
     sufficient_target,
 )
@@ -349,7 +348,6 @@ class _Sums:
         n_components: int | None,
         max_eigenvalue: float | None,
         allocate: Callable[[int, int], Array] | None,
-        known: Decomposition | None = None,
     ) -> Decomposition:
         """Eigenpairs by their number or up to a threshold."""
         stiffness, mass = self.matrices
@@ -361,7 +359,6 @@ class _Sums:
             tol=_TOLERANCE,
             dtype=self.dtype,
             allocate=allocate,
-            known=known,
             verbose=self.verbose,
             unit=self.mesh.unit if isinstance(self.mesh, Mesh) else "",
             progress=self.progress,
@@ -384,15 +381,8 @@ class _Sums:
         area, n = float(mass.sum()), int(np.count_nonzero(mass))
         target = sufficient_target(time, area, n)
         with scratch_rows(self.dtype) as allocate:
-            result: Decomposition | None = None
-            while True:
-                result = self.solve(
-                    target.n_components, target.max_eigenvalue, allocate, known=result
-                )
-                values, truncation = self._summed(result, target.max_eigenvalue, make)
-                if truncation is None or not len(truncation.flagged):
-                    break
-                target = farther_target(target, area, n)
+            result = self.solve(target.n_components, target.max_eigenvalue, allocate)
+            values, truncation = self._summed(result, target.max_eigenvalue, make)
         if result.n_components == n and result.eigenvalues[-1] < required_eigenvalue(time):
             warnings.warn(mesh_limit(time, area, n), TruncationWarning, stacklevel=3)
         return values, truncation

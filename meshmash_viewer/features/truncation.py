@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 __all__ = [
     "Remainder",
     "Truncation",
-    "farther_target",
     "mean_shares",
     "measure_truncation",
     "mesh_limit",
@@ -328,14 +327,6 @@ def sufficient_target(time: float, area: float, n_vertices: int) -> Target:
     if weyl_count(area, eigenvalue) >= n_vertices:
         return Target("count", n_vertices)
     return Target("max_eigenvalue", eigenvalue)
-
-
-def farther_target(target: Target, area: float, n_vertices: int) -> Target:
-    """What to ask for next where a `sufficient_target` was not, at most all pairs."""
-    eigenvalue = target.max_eigenvalue
-    if eigenvalue is None or weyl_count(area, 1.5 * eigenvalue) >= n_vertices:
-        return Target("count", n_vertices)
-    return Target("max_eigenvalue", 1.5 * eigenvalue)
 
 
 def mesh_limit(
