@@ -85,7 +85,7 @@ class ReadLimits:
     memory: float
 
     @classmethod
-    def of(cls, n_bytes: int, unpacked: int = 0) -> ReadLimits:
+    def of(cls, n_bytes: int, *, unpacked: int = 0) -> ReadLimits:
         """Limits for a file of so many bytes.
 
         Parameters

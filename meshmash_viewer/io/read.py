@@ -259,7 +259,7 @@ def _unpacked(path: Path, ending: str) -> Iterator[tuple[Path, ReadLimits | None
         if size == 0:
             raise InputError("is empty once unpacked")
         grown = ReadLimits.are_needed(packed_size, size)
-        yield plain, ReadLimits.of(packed_size, size) if grown else None
+        yield plain, ReadLimits.of(packed_size, unpacked=size) if grown else None
 
 
 def _blocks(packed: gzip.GzipFile) -> Iterator[bytes]:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from meshmash_viewer.errors import InputError, printable
-from meshmash_viewer.io.formats import vtk
+from meshmash_viewer.io.formats import npz, vtk
 from meshmash_viewer.io.formats.vtk import vtk_legacy_surface
 from meshmash_viewer.io.guarded import ReadLimits, convert, read_guarded
 from meshmash_viewer.io.read import read_mesh
@@ -218,10 +218,22 @@ def test_limits_grow_with_the_file_and_with_what_it_may_honestly_unpack_to() -> 
         assert large - base == pytest.approx(10.0 * (small - base))
     assert least.memory > 5e8, "which the interpreter and its libraries need"
     # Compressed a file may be a fifth of a plain one's size as well, but not a thousandth.
-    assert ReadLimits.of(10**7, 10**7) == one
-    assert ReadLimits.of(10**7, 5 * 10**7) == one
-    assert ReadLimits.of(10**7, 10**8).memory == ReadLimits.of(2 * 10**7).memory
-    assert ReadLimits.of(10**7, 10**12) == ReadLimits.of(10**7, 10**10)
+    assert ReadLimits.of(10**7, unpacked=10**7) == one
+    assert ReadLimits.of(10**7, unpacked=5 * 10**7) == one
+    assert ReadLimits.of(10**7, unpacked=10**8).memory == ReadLimits.of(2 * 10**7).memory
+    assert ReadLimits.of(10**7, unpacked=10**12) == ReadLimits.of(10**7, unpacked=10**10)
+
+
+def test_an_archive_is_read_under_the_limits_of_what_it_unpacks_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "packed.npz"
+    np.savez_compressed(path, vertices=np.zeros((600_000, 3)), faces=FACES, more=np.ones(10**6))
+    given: list[ReadLimits] = []
+    monkeypatch.setattr(npz, "read_guarded", lambda reader, _, limits: given.append(limits))
+    npz.read_npz(path)
+    n_bytes, unpacked = path.stat().st_size, 128 + 600_000 * 24 + 128 + FACES.nbytes
+    assert given == [ReadLimits.of(n_bytes, unpacked=unpacked)] != [ReadLimits.of(n_bytes)]
 
 
 def test_a_vtk_file_without_points_has_no_vertices(tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ def read_npz(path: Path) -> RawMesh:
     unpacked = sum(sizes.get(name, 0) for name in ("vertices", "faces", "meta"))
     size = path.stat().st_size
     if ReadLimits.are_needed(size, unpacked):
-        return read_guarded(npz_mesh, path, ReadLimits.of(size, unpacked))
+        return read_guarded(npz_mesh, path, ReadLimits.of(size, unpacked=unpacked))
     return npz_mesh(path)
 
 
