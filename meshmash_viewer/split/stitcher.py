@@ -106,7 +106,7 @@ class MeshStitcher:
             )
         mesh = self.mesh
         n_used = int(np.count_nonzero(mesh.referenced))
-        width = overlap * float(np.sqrt(mesh.area * min(1.0, threshold / n_used)))
+        width = overlap * float(np.sqrt(mesh.area * threshold / n_used))
         graph = edge_graph(mesh)
         pieces = overlapping_pieces(graph, mesh.component_labels, threshold, width)
 

@@ -35,7 +35,7 @@ class _Holder:
         self._lock = threading.Lock()
         self._users = 0
         self._done = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._thread: threading.Thread
 
     def enter(self) -> None:
         with self._lock:
@@ -52,7 +52,7 @@ class _Holder:
     def leave(self) -> None:
         with self._lock:
             self._users -= 1
-            if self._users == 0 and self._thread is not None:
+            if self._users == 0:
                 self._done.set()
                 self._thread.join()
 

@@ -45,9 +45,8 @@ def compiled(signature: str, *fast: str) -> Callable[[Any], Any]:
 
 
 def _can_write_below(folder: Path) -> bool:
-    while not folder.exists() and folder != folder.parent:
-        folder = folder.parent
-    return folder.is_dir() and os.access(folder, os.W_OK)
+    nearest = next(place for place in (folder, *folder.parents) if place.exists())
+    return nearest.is_dir() and os.access(nearest, os.W_OK)
 
 
 def _provide_cache() -> None:

@@ -104,9 +104,9 @@ class KnownPairs:
                 continue
             if not self._are_lowest(plan, int(part[0]) - 1):
                 return None
-            low, high = self._border(int(part[0]), -1), self._border(int(part[-1]) + 1, 1)
-            if high is not None and high >= wanted:
-                high = None
+            values = self.values[:wanted]  # above them the end is `top`
+            low = self._border(values, int(part[0]), -1)
+            high = self._border(values, int(part[-1]) + 1, 1)
             ends = []
             for index, otherwise in ((low, 0.0), (high, top)):
                 end = otherwise if index is None else self._between(plan, index)
@@ -144,9 +144,9 @@ class KnownPairs:
             return None
         return border if border < above and plan.count(border) == index else None
 
-    def _border(self, index: int, direction: int) -> int | None:
+    def _border(self, values: FloatArray, index: int, direction: int) -> int | None:
         """The known pair above the widest gap, beside a place in one direction; None for none."""
-        values, widest, best, looked_at = self.values, 0.0, None, 0
+        widest, best, looked_at = 0.0, None, 0
         # Equal eigenvalues, of equal components say, may be many more than are looked at.
         while looked_at < _TAIL or best is None:
             index += direction

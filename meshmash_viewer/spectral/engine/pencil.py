@@ -285,22 +285,15 @@ def _real_matrix(stiffness: Any) -> Any:
 
 def mass_diagonal(mass: Any, n: int) -> FloatArray:
     """Take the diagonal of a mass matrix given as matrix or as vector, shape (n,)."""
-    given: Any = mass
-    if sp.issparse(mass):
-        rest: Any = sp.coo_array(given)
+    if sp.issparse(mass) or np.ndim(mass) == 2:
+        rest: Any = sp.coo_array(mass)
         if rest.shape != (n, n):
             raise InputError(f"The mass matrix is {rest.shape}, the Laplacian ({n}, {n}).")
         diagonal = np.asarray(rest.diagonal(), dtype=np.float64)
         if np.any(rest.data[rest.row != rest.col] != 0.0):
             raise InputError("The mass matrix is not diagonal; lump it first.")
     else:
-        given = np.asarray(given, dtype=np.float64)
-        if given.shape == (n, n):
-            diagonal = np.diagonal(given).copy()
-            if np.any(given != np.diag(diagonal)):
-                raise InputError("The mass matrix is not diagonal; lump it first.")
-        else:
-            diagonal = given
+        diagonal = np.asarray(mass, dtype=np.float64)
     if diagonal.shape != (n,):
         raise InputError(f"The mass matrix is {diagonal.shape}, the Laplacian ({n}, {n}).")
     if not np.isfinite(diagonal).all() or diagonal.min(initial=0.0) < 0.0:

@@ -281,7 +281,7 @@ class SpectrumPlan:
         value = value if value > self._ordered.pencil.noise else 0.0
         for _ in range(60):
             low, high = max(value - radius, 0.0), min(value + radius, self.top)
-            (below, above) = self._each([low, high], self._below)
+            (below, above) = self._each([low, high], self._count_below)
             inside = above - (below if low > 0.0 else 0)
             if inside >= wanted:
                 enough = radius
@@ -298,11 +298,10 @@ class SpectrumPlan:
         low = self.settle(low, -1.0) if low > 0.0 else 0.0
         return low, self.settle(high) if high < self.top else self.top
 
-    def _below(self, value: float) -> int:
+    def _count_below(self, value: float) -> int:
         """Eigenvalues below a value or next to it."""
-        if value <= 0.0 or value >= self.top:
-            return self._counts[self.top if value > 0.0 else 0.0]
-        return self._count_near(value)[1]
+        known = self._counts.get(value)
+        return self._count_near(value)[1] if known is None else known
 
     def slices(self, low: float, high: float, settled: bool = False) -> Iterator[Interval]:
         """Slices from low to high, lowest first; borders are counted as they are reached.
