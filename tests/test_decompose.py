@@ -514,6 +514,27 @@ def test_progress_and_cancel(neuron):
         decompose_mesh(neuron, 100, cancel=cancel)
 
 
+@pytest.mark.parametrize(
+    "compute",
+    [
+        lambda mesh, **how: decompose_laplacian(*cotangent_laplacian(mesh), 30, **how),
+        lambda mesh, **how: decompose_mesh(mesh, 30, **how),
+        lambda mesh, **how: decompose_laplacian_by_bands(*cotangent_laplacian(mesh), 40.0, **how),
+        lambda mesh, **how: spectral_geometry_filter(mesh, max_eigenvalue=40.0, **how),
+        lambda mesh, **how: compute_hks(mesh, 40.0, t_min=0.2, t_max=1.0, **how),
+        lambda mesh, **how: compute_hks(mesh, t_min=0.2, t_max=1.0, count="auto", **how),
+        lambda mesh, **how: compute_geometry_vectors(mesh, 40.0, **how),
+    ],
+)
+def test_whatever_computes_tells_how_far_it_is_and_hears_that_it_is_to_stop(sphere, compute):
+    reports = []
+    compute(sphere, progress=reports.append)
+    assert reports[-1].fraction == 1.0
+    assert reports[-1].converged == reports[-1].total >= 25
+    with pytest.raises(Cancelled):
+        compute(sphere, cancel=lambda: True)
+
+
 def test_verbose_draws_on_stderr_and_ends_with_the_proof(neuron, capsys):
     reports = []
     compute_hks(neuron.in_unit("nm"), 1e-5, verbose=True, progress=reports.append)

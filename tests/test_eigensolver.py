@@ -178,8 +178,8 @@ def test_every_sparse_kind_and_a_mass_vector_are_taken() -> None:
     halves = np.repeat(0.5 * csr.data, 2), np.repeat(csr.indices, 2), 2 * csr.indptr
     in_parts = solve(sp.csr_array(halves, shape=csr.shape), mass, 10).eigenvalues
     np.testing.assert_array_equal(in_parts, reference)
-    vector = solve(stiffness, mass.diagonal(), 10).eigenvalues
-    np.testing.assert_array_equal(vector, reference)
+    for given in (mass.diagonal(), mass.toarray()):
+        np.testing.assert_array_equal(solve(stiffness, given, 10).eigenvalues, reference)
 
 
 def test_single_precision_rows() -> None:
@@ -366,8 +366,15 @@ def test_nonsense_is_refused_in_a_sentence() -> None:
         solve(-stiffness, mass, 5)
     with pytest.raises(InputError, match="sigma is nan"):
         solve(stiffness, mass, 5, sigma=np.nan)
-    with pytest.raises(InputError, match="diagonal"):
-        solve(stiffness, stiffness, 5)
+    across = mass.toarray()
+    across[3, 8] = across[8, 3] = 1e-9
+    for wrong in (stiffness, across):
+        with pytest.raises(InputError, match="not diagonal"):
+            solve(stiffness, wrong, 5)
+    for wrong in (np.ones(5), np.eye(5), sp.eye_array(5)):
+        said = rf"The mass matrix is {re.escape(str(wrong.shape))}, the Laplacian \({N_POINTS}, "
+        with pytest.raises(InputError, match=said):
+            solve(stiffness, wrong, 5)
     with pytest.raises(InputError, match="no area"):
         solve(stiffness, np.zeros(N_POINTS), 5)
     with pytest.raises(InputError, match="no face"):

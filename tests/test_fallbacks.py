@@ -98,6 +98,21 @@ def test_known_pairs_that_are_not_the_lowest_are_not_built_on(
     check(solve(*matrices, 60, known=known), exact[:60])
 
 
+def test_known_pairs_above_a_gap_are_not_built_on_where_their_numbers_are_wrong(
+    matrices: Matrices, exact: npt.NDArray[np.float64], whole: Decomposition
+) -> None:
+    # One more is missing in the gap than it says, and one above it is there twice: the lowest and
+    # the highest have the right numbers, and there are as many as the count says.
+    order = [*range(26), *range(27, 51), 50, *range(51, 60)]
+    eigenvalues = whole.eigenvalues[order]
+    eigenvalues[20:30] = np.nan
+    known = replace(
+        whole, eigenvalues=eigenvalues, rows=whole.rows[order], residuals=whole.residuals[order]
+    )
+    threshold = 0.5 * float(exact[59] + exact[60])
+    check(solve(*matrices, max_eigenvalue=threshold, known=known), exact[:60])
+
+
 def _with_row(rows: npt.NDArray[Any], i: int, row: npt.NDArray[Any]) -> npt.NDArray[Any]:
     rows = rows.copy()
     rows[i] = row

@@ -8,7 +8,7 @@ from solved import spectrum_of
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import Cancelled
-from meshmash_viewer.spectral import eigensolver
+from meshmash_viewer.spectral import preview as preview_module
 from meshmash_viewer.spectral.preview import Preview, expected_error, preview_eigenpairs
 
 
@@ -94,7 +94,7 @@ def test_it_can_be_given_up_and_says_how_good_it_is(
     sphere: Mesh, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(eigensolver, "solve", None)  # it is not come to
+        patch.setattr(preview_module, "solve", None)  # it is not come to
         with pytest.raises(Cancelled):
             preview_eigenpairs(sphere, 5, cancel=lambda: True)
     assert expected_error(5000, 50) < expected_error(2000, 50) < 0.1

@@ -59,6 +59,19 @@ def test_pieces_are_as_few_as_the_threshold_allows(fine_sphere: Mesh) -> None:
     assert 2562 / 640 < len(stitcher.pieces) < 2 * 2.5 * 2562 / 640
 
 
+@pytest.mark.parametrize("overlap", [0.5, 2.0])
+def test_an_overlap_that_would_fill_a_piece_becomes_narrower(
+    fine_sphere: Mesh, overlap: float
+) -> None:
+    stitcher = MeshStitcher(fine_sphere)
+    stitcher.split_mesh(300, overlap=overlap)
+    sizes = [len(piece) for piece in stitcher.pieces]
+    assert max(sizes) <= 300
+    # A core is halved as long as it is more than a quarter of a piece, and no further.
+    assert len(sizes) <= fine_sphere.n_vertices / (0.125 * 300)
+    assert min(sizes) == 300
+
+
 def test_a_piece_is_in_one_part_and_its_faces_in_the_order_of_the_mesh(fine_sphere: Mesh) -> None:
     stitcher = MeshStitcher(fine_sphere)
     stitcher.split_mesh(333, overlap=0.0)

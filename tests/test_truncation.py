@@ -209,6 +209,24 @@ def test_a_proven_threshold_says_that_bands_up_to_it_are_whole(sphere):
         spectral_geometry_filter((stiffness, mass), low_pass_bank(25.0), 25.0)
 
 
+@pytest.mark.parametrize("told", [False, True])
+def test_what_is_missing_begins_where_the_count_ends(told):
+    # The sixteen pairs of degrees 0 to 3 lie below 12.1, and the next at 20.
+    stiffness, mass = cotangent_laplacian(shapes.icosphere(4))
+    pairs = solve(stiffness, mass, max_eigenvalue=19.0)
+    assert pairs.certificate.counted == len(pairs.eigenvalues) == 16
+    features = truncated_features(pairs, heat_kernel_bank([0.1]), known_to=19.5 if told else None)
+    end = 19.5 if told else pairs.certificate.bound
+    assert end > 18.9
+    missing = 1.0 / mass.diagonal() - (pairs.rows**2).sum(axis=0)
+    _, bound = features.truncation_at_vertices()
+    np.testing.assert_allclose(bound[:, 0], math.exp(-0.1 * end) * missing, rtol=1e-9)
+    # Fewer of them end at their last.
+    some = dataclasses.replace(pairs, eigenvalues=pairs.eigenvalues[:9], rows=pairs.rows[:9])
+    known_to = truncated_features(some, heat_kernel_bank([0.1])).truncation.known_to
+    assert known_to == pytest.approx(pairs.eigenvalues[8], rel=1e-6)
+
+
 def test_filters_that_say_nothing_of_their_tail_have_no_truncation(wholes):
     bank = FilterBank("own", ("a",), np.ones(1), "t", 2, lambda x: np.exp(-1e-9 * x)[None])
     features = compute_features(lowest(wholes["sphere"], 30), bank)

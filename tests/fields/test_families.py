@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 from solved import spectrum_of
 
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import bspline_bank
 from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.fields import EXPORTS, FAMILIES, FEATURES
@@ -121,6 +123,10 @@ def test_zeros_alone_are_no_reason_to_stumble(family: type[Family]) -> None:
     chosen = family()
     assert chosen.step(zeros, 1).within(zeros) is not None
     assert chosen.resolved(zeros, CHOSEN).at_rest() == chosen.resolved(zeros, CHOSEN).at_rest()
+    if chosen.counted:
+        for area in (None, 3.0):
+            with suppress(InputError):  # times cannot be chosen
+                assert np.isfinite(chosen.bank(zeros.eigenvalues, area)(zeros.eigenvalues)).all()
 
 
 def test_bands_sampled_on_their_supports_are_the_filter(spectrum: Spectrum) -> None:

@@ -110,6 +110,24 @@ def test_a_preview_is_not_replaced_by_less(
     assert document.spectrum.rows is exact.rows
 
 
+def test_what_is_there_and_whole_need_not_be_computed_again(
+    document: Document, sphere: Mesh
+) -> None:
+    assert not document.is_computed
+    whole = replace(spectrum_of(sphere, 9), operator=document.operator)
+    for spectrum, count, there in (
+        (approximate(whole), 9, False),
+        (replace(whole, certificate=None), 9, False),  # nothing proves it yet
+        (whole, 8, True),
+        (whole, 9, True),
+        (whole, 10, False),
+    ):
+        document.accept_spectrum(spectrum)
+        document.target = Target("count", count)
+        assert document.is_computed == there
+        assert document.can_compute != there
+
+
 @pytest.mark.parametrize(("shown", "damaged", "left"), [(7, 3, 2), (1, 3, 1), (7, 1, 0)])
 def test_pairs_from_a_damaged_one_on_are_not_shown(
     document: Document, sphere: Mesh, shown: int, damaged: int, left: int

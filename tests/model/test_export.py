@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -89,3 +90,14 @@ def test_features_are_the_sum_over_the_pairs_asked_for(sphere: Mesh, listener: L
         )
         np.testing.assert_array_equal(content["eigenvalues"], values)
         assert tuple(content["columns"]) == bank.columns
+
+
+def test_pairs_up_to_a_threshold_are_known_to_be_all_below_it(
+    sphere: Mesh, listener: Listener
+) -> None:
+    grew = decompose(sphere, OPERATOR, Target("max_eigenvalue", 19.0), listener)
+    assert grew.eigenvalues[-1] < 13.0
+    for n_pairs, known_to in ((16, 19.0), (9, float(grew.eigenvalues[8]))):
+        content = exported(sphere, "hks", n_pairs, listener, n_columns=2, t_min=0.1, t_max=0.2)
+        said = json.loads(str(content["meta"]))["options"]["truncation"]["known_to"]
+        assert said == pytest.approx(known_to, rel=1e-6)

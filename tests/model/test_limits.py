@@ -12,7 +12,14 @@ from meshmash_viewer.model.limits import (
     automatic_limits,
 )
 
-POLICIES = [SymmetricLimits(), MinMaxLimits(), PercentileLimits(), LockedLimits(3.0, 3.0)]
+POLICIES = [
+    SymmetricLimits(),
+    MinMaxLimits(),
+    PercentileLimits(),
+    LockedLimits(3.0, 3.0),
+    LockedLimits(np.nan, 1.0),
+    LockedLimits(0.0, np.inf),
+]
 
 
 @pytest.mark.parametrize("policy", POLICIES, ids=str)
