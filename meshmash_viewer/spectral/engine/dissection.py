@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import threading
 import weakref
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -35,10 +34,7 @@ Ask = Callable[[int, sp.csr_array], IndexArray]
 
 #: From so many vertices on METIS takes longer than processes take to start: halves, quarters.
 #: How often a graph is cut depends on nothing else, or results would depend on the machine.
-_VERTICES_TO_HALVE, _VERTICES_TO_QUARTER = 100_000, 600_000
-#: Fewer vertices than this are halved here, in a fifth of a second, while a process starts for
-#: one half; the other is ordered here, too. Two processes would start at the cost of this one.
-_VERTICES_TO_SHARE = 150_000
+_VERTICES_TO_HALVE, _VERTICES_TO_QUARTER = 150_000, 600_000
 
 
 class DissectionCrew:
@@ -52,34 +48,25 @@ class DissectionCrew:
 
     def __init__(self, n_vertices: int) -> None:
         self._processes: list[_Process] = []
-        self._idle: Queue[_Process | None] = Queue()
-        self._asking = threading.Lock()
+        self._idle: Queue[_Process] = Queue()
         self._abandoned = False
         cuts = _cuts(n_vertices)
         # Inside another program the interpreter has no name to be started by.
         if cuts == 0 or not sys.executable or find_spec("pymetis") is None:
             return
-        shared = n_vertices < _VERTICES_TO_SHARE
-        for _ in range(1 if shared else min(2**cuts, core_count())):
+        for _ in range(min(2**cuts, core_count())):
             self._processes.append(_Process())
             self._idle.put(self._processes[-1])
-        if shared:
-            self._idle.put(None)
 
     def __bool__(self) -> bool:
         return bool(self._processes)
 
     def ask(self, question: int, part: sp.csr_array) -> IndexArray:
         """Have the next idle process answer, or METIS here if that dies over it."""
-        if question == HALVE and part.shape[0] < _VERTICES_TO_SHARE:
-            return _ask_here(question, part)
-        # METIS here holds the interpreter lock: a process has to have its question before.
-        with self._asking:
-            process = self._idle.get()
-            if process is not None:
-                process.ask(question, part)
+        process = self._idle.get()
         try:
-            return _ask_here(question, part) if process is None else process.answer()
+            process.ask(question, part)
+            return process.answer()
         except ChildProcessError:
             if self._abandoned:
                 raise
