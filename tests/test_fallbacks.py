@@ -98,6 +98,22 @@ def test_known_pairs_that_are_not_the_lowest_are_not_built_on(
     check(solve(*matrices, 60, known=known), exact[:60])
 
 
+@pytest.mark.parametrize("off", [-1e-5, 1e-5])
+@pytest.mark.parametrize("n_components", [60, 700])  # in slices, and dense
+def test_known_eigenvalues_that_are_not_those_of_their_vectors_are_not_believed(
+    matrices: Matrices,
+    exact: npt.NDArray[np.float64],
+    whole: Decomposition,
+    n_components: int,
+    off: float,
+) -> None:
+    eigenvalues = whole.eigenvalues.copy()
+    eigenvalues[20] *= 1.0 + off
+    eigenvalues[30] = np.nan
+    known = replace(whole, eigenvalues=eigenvalues)
+    check(solve(*matrices, n_components, known=known), exact[:n_components])
+
+
 def test_known_pairs_above_a_gap_are_not_built_on_where_their_numbers_are_wrong(
     matrices: Matrices, exact: npt.NDArray[np.float64], whole: Decomposition
 ) -> None:

@@ -143,6 +143,20 @@ def test_quotients_and_residuals_are_those_of_the_definition(p: int, exactly: bo
     np.testing.assert_allclose(residuals, np.linalg.norm(defects, axis=1) / sizes, rtol=1e-12)
 
 
+@pytest.mark.parametrize("p", [1, 11])
+def test_rounding_is_that_of_the_entries_of_the_matrix_and_the_row(p: int) -> None:
+    ordered = order_pencil(reduce_pencil(*icosphere(2)))
+    pencil, random = ordered.pencil, np.random.default_rng(p)
+    rows = random.standard_normal((p, pencil.n)) * 10.0 ** random.uniform(-3, 3, (p, 1))
+    matrix = abs(pencil.matrix.toarray())
+    half = 0.5 * np.finfo(np.float64).eps
+    for row, found in zip(rows, lanczos._rounding(ordered, rows), strict=True):
+        # Every product changed by half a unit in its last place, all in the worst direction.
+        change = half * (matrix @ abs(row)) * pencil.root_mass
+        size = np.linalg.norm(row * pencil.root_mass)
+        assert found == pytest.approx(np.linalg.norm(change) / size, rel=1e-12)
+
+
 def test_memory_that_cannot_be_written_is_not_lent_again() -> None:
     ordered = order_pencil(reduce_pencil(*torus(30, 26, 1.0, 1.2)[0]))
     shape = (10, ordered.pencil.n)
