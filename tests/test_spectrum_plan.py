@@ -7,11 +7,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from test_eigensolver import torus
 
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.spectral.engine import factorization, workers
+from meshmash_viewer.spectral.engine.factorization import FactorizationError
 from meshmash_viewer.spectral.engine.plan import SpectrumPlan
 from meshmash_viewer.spectral.engine.workers import slice_sizes
 
@@ -118,3 +120,126 @@ def test_no_factor_is_made_twice(monkeypatch: pytest.MonkeyPatch, n_jobs: int) -
     assert found.complete
     # One at a time keeps the first slice's factor only: two would be memory that it spares.
     assert len(shifts) - len(set(shifts)) <= 2 - n_jobs
+
+
+class Listed:
+    """Stands for a pencil in elimination order whose eigenvalues are listed."""
+
+    def __init__(self, values: npt.NDArray[np.float64], n_null: int, blur: float = 0.0) -> None:
+        self.values, self.blur = values, blur
+        self.pencil = SimpleNamespace(
+            n=len(values), n_null=n_null, norm=float(values[-1]), noise=1e-12
+        )
+        self.kept: dict[float, Any] = {}
+        self.made: list[float] = []
+
+    def below(self, value: float) -> int:
+        return int(np.searchsorted(self.values, value))
+
+    def factor_at(self, shift: float, _stop: Any) -> Any:
+        """A factor, or None on an eigenvalue."""
+        self.made.append(shift)
+        if np.abs(self.values - shift).min() <= 1e-12 * shift:
+            return None
+        return SimpleNamespace(shift=shift, count_below=self.below(shift), blur=self.blur)
+
+    def factor(self, shift: float, nudge: float, stop: Any) -> Any:
+        """A factor at the shift or a little aside."""
+        moved = (shift + move * nudge for move in (0.0, 1e-6, -1e-6, 1e-3))
+        return next(filter(None, (self.factor_at(place, stop) for place in moved)))
+
+
+def listed(seed: int, blur: float = 0.0) -> Listed:
+    """Some zeros, then single eigenvalues and copies of up to forty, about as many as values."""
+    random = np.random.default_rng(seed)
+    n_null = int(random.integers(1, 5))
+    copies = random.choice([1, 1, 1, 2, 5, 40], size=250)
+    distinct = np.cumsum(copies * random.uniform(0.3, 1.7, len(copies)))
+    return Listed(np.append(np.zeros(n_null), np.repeat(distinct, copies)), n_null, blur)
+
+
+def assert_clear(spectrum: Listed, plan: SpectrumPlan, border: float) -> None:
+    """The count at a border is right, and no eigenvalue is so near that it is in doubt."""
+    assert plan.count(border) == spectrum.below(border)
+    distance = np.abs(spectrum.values[spectrum.pencil.n_null :] - border).min()
+    assert distance > plan._clearance[border] > 0.0
+    assert distance > 16.0 * spectrum.blur
+
+
+@pytest.mark.parametrize("blur", [0.0, 1e-8])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_border_is_settled_beside_an_eigenvalue_and_nowhere_else(seed: int, blur: float) -> None:
+    spectrum = listed(seed, blur)
+    random = np.random.default_rng(seed)
+    for eigenvalue in random.choice(spectrum.values[10:-60], 12):
+        for outward in (1.0, -1.0):
+            for wide in (False, True):
+                plan = SpectrumPlan(spectrum, STOP, SIZES)  # type: ignore[arg-type]
+                border = plan.settle(float(eigenvalue), outward, wide=wide)
+                assert_clear(spectrum, plan, border)
+                assert 0.0 < outward * (border - eigenvalue) < 0.1 * eigenvalue
+                n_made = len(spectrum.made)
+                assert plan.settle(border) == border
+                assert len(spectrum.made) == n_made, "settled once"
+        # A place with room to both sides stays where it is, and two counts prove it.
+        clear = 0.5 * (eigenvalue + spectrum.values[spectrum.values > eigenvalue][0])
+        spectrum.made.clear()
+        plan = SpectrumPlan(spectrum, STOP, SIZES)  # type: ignore[arg-type]
+        border = plan.settle(float(clear))
+        assert_clear(spectrum, plan, border)
+        if blur == 0.0:
+            assert border == clear
+            assert len(spectrum.made) == 2
+
+
+@pytest.mark.parametrize("n_jobs", [1, 2])
+@pytest.mark.parametrize("settled", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_slices_share_out_the_spectrum(seed: int, settled: bool, n_jobs: int) -> None:
+    spectrum = listed(seed)
+    plan = SpectrumPlan(spectrum, STOP, SIZES, n_jobs=n_jobs)  # type: ignore[arg-type]
+    top = plan.find_top(300, 307)
+    assert plan.count(top) >= 300
+    assert spectrum.below(top) == plan.count(top)
+    slices = list(plan.slices(0.0, top, settled))
+    assert [interval.index for interval in slices] == list(range(len(slices)))
+    assert slices[0].low < 0.0
+    assert slices[-1].high == top
+    first = spectrum.pencil.n_null
+    for interval, before in zip(slices, [None, *slices], strict=False):
+        assert interval.first == first
+        assert interval.owed == spectrum.below(interval.high) - first > 0
+        assert interval.low < interval.shift <= interval.high
+        if before is not None:
+            # What the count below leaves in doubt is looked at from both sides.
+            overlap = before.high - interval.low
+            assert overlap == pytest.approx(0.5 * before.clearance, rel=1e-3)
+        first += interval.owed
+    # Most of them where a multiple eigenvalue leaves no place for a border.
+    assert len(spectrum.made) <= (60 if settled else 48)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("wanted", [1, 7, 60])
+def test_pairs_around_a_value_lie_between_its_borders(seed: int, wanted: int) -> None:
+    spectrum = listed(seed)
+    random = np.random.default_rng(seed)
+    for value in random.uniform(0.0, 1.2 * spectrum.values[-1], 6):
+        spectrum.made.clear()
+        plan = SpectrumPlan(spectrum, STOP, SIZES)  # type: ignore[arg-type]
+        low, high = plan.around(float(min(value, plan.top)), wanted)
+        nearest = spectrum.values[np.argsort(np.abs(spectrum.values - value))[:wanted]]
+        assert low <= nearest.min()
+        assert nearest.max() < high
+        if low > 0.0:
+            assert_clear(spectrum, plan, low)
+        inside = spectrum.below(high) - spectrum.below(low)
+        assert inside <= 1.5 * wanted + 10 + 2 * 40, "but for two sets of copies at the ends"
+        assert len(spectrum.made) <= (18 if wanted == 60 else 66)
+
+
+def test_where_no_gap_is_there_is_no_border() -> None:
+    values = np.append(0.0, 50.0 * np.exp(np.linspace(-0.5, 0.5, 2_000_001)))
+    plan = SpectrumPlan(Listed(values, 1, blur=1e-3), STOP, SIZES)  # type: ignore[arg-type]
+    with pytest.raises(FactorizationError, match="no gap in the spectrum near 50"):
+        plan.settle(50.0)

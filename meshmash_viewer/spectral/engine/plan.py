@@ -122,7 +122,7 @@ class SpectrumPlan:
         Raises
         ------
         FactorizationError
-            If there is no gap within a hundredth of the value.
+            If there is no gap within an eighth of the value.
         """
         if value in self._settled:
             return value
