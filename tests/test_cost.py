@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from hard_verdict import judge_seed
-from test_eigensolver import random_mesh, torus
+from scipy.sparse.linalg import LinearOperator, splu
+from test_eigensolver import dense, random_mesh, torus
 from test_eigensolver_hard import icosphere, strip
 
 from meshmash_viewer.spectral.eigensolver import Decomposition, solve
@@ -39,6 +40,9 @@ _COUNTED: dict[str, tuple[Any, str]] = {
 #: one more of what depends on when pairs have converged.
 _MARGIN = 1.12
 _AT_THE_END = ("blocks", "passes", "searches", "looks")
+
+#: Pairs that an inverse is asked for beyond those wanted.
+_BESIDE = 6
 
 Ask: TypeAlias = Callable[[], Decomposition]
 
@@ -176,6 +180,29 @@ def test_what_is_known_is_not_found_again(
     part = replace(known, eigenvalues=eigenvalues)
     assert solve(*twice(), wanted, known=part, n_jobs=1).complete
     assert_no_more(taken, most)
+
+
+@pytest.mark.parametrize("lift", [0.0, 1.0])  # with a null space, and without
+@pytest.mark.parametrize("place", [-1, 0, 7, 60])
+def test_what_a_given_inverse_has_found_is_counted_and_not_found_again(
+    taken: Counter[str], place: int, lift: float
+) -> None:
+    stiffness, mass = random_mesh(8)
+    exact = dense((stiffness, mass))
+    stiffness, exact = stiffness + lift * exact[1] * mass, exact + lift * exact[1]
+    # Below all, or between two.
+    shift = -exact[1] if place < 0 else 0.5 * float(exact[place] + exact[place + 1])
+    solver = splu(sp.csc_matrix(stiffness - shift * mass)).solve
+    inverse = LinearOperator(stiffness.shape, matvec=solver, dtype=np.float64)
+    found = solve(stiffness, mass, 20, sigma=shift, op_inv=inverse, n_jobs=1)
+    nearest = np.sort(np.argsort(np.abs(exact - max(shift, 0.0)), kind="stable")[:20])
+    np.testing.assert_allclose(found.eigenvalues, exact[nearest], rtol=1e-9, atol=1e-9 * exact[1])
+    assert found.complete
+    low = found.certificate.low
+    assert (low is None) == (nearest[0] == 0)
+    if low is not None:
+        assert exact[nearest[0] - 1 - _BESIDE] < low < exact[nearest[0]]
+    assert_no_more(taken, (4, 0, 0, 0, 0, 0, 0, 0))
 
 
 @pytest.mark.parametrize(

@@ -61,11 +61,13 @@ def pairs_around(pencil: Pencil, request: Request, poll: Callable[[], None]) -> 
         return None
     found, rows = _pairs_of_inverse(pencil, request.op_inv, asked, request.ncv, poll)
     values = np.concatenate([np.zeros(pencil.n_null), found])
-    if len(values) <= wanted:
-        return None
     shift = (request.target or 0.0) / pencil.unit
     distance = np.abs(values - shift)
     order = np.argsort(distance, kind="stable")
+    # Beyond the last one found lie others, so zeros count only as far as that.
+    order = order[distance[order] <= distance[pencil.n_null :].max(initial=0.0)]
+    if len(order) <= wanted:
+        return None
     away = distance[order]
     last = wanted - 1 + int(np.argmax(np.diff(away[wanted - 1 :])))
     radius = 0.5 * float(away[last] + away[last + 1])
@@ -74,7 +76,8 @@ def pairs_around(pencil: Pencil, request: Request, poll: Callable[[], None]) -> 
     rows = np.concatenate([pencil.null_rows(wanted)[null], rows[rest - pencil.n_null]])
     orthonormalise(rows)
     low, high = max(shift - radius, 0.0), shift + radius
-    return PairsAround(values[chosen], rows, low, high, last + 1, int(chosen[0]))
+    first = int(np.count_nonzero(order[: last + 1] < chosen[0]))
+    return PairsAround(values[chosen], rows, low, high, last + 1, first)
 
 
 def _pairs_of_inverse(

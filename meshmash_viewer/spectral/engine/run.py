@@ -450,14 +450,15 @@ class Run:
         plan = SpectrumPlan(ordered, self._stop, self._sizes, self._poll)
         low = plan.settle(found.low) if found.low > 0.0 else 0.0
         high = plan.settle(found.high)
-        counted = plan.count(high) - (plan.count(low) if low > 0.0 else 0)
+        below = plan.count(low) if low > 0.0 else 0
+        counted = plan.count(high) - below
         self._spend("given inverse", started)
         if counted != found.count:
             return None
         unit = self.pencil.unit
-        self._count = Certificate(
-            "inertia", counted, counted, high * unit, low * unit if found.first else None
-        )
+        # Without any below them they are the lowest pairs.
+        begin = low * unit if below + found.first else None
+        self._count = Certificate("inertia", counted, counted, high * unit, begin)
         return found.values, measure_pairs(ordered, found.rows)[1], found.rows
 
     # What comes out ------------------------------------------------------------------------------
