@@ -174,6 +174,7 @@ def test_a_border_is_settled_beside_an_eigenvalue_and_nowhere_else(seed: int, bl
     for eigenvalue in random.choice(spectrum.values[10:-60], 12):
         for outward in (1.0, -1.0):
             for wide in (False, True):
+                spectrum.made.clear()
                 plan = SpectrumPlan(spectrum, STOP, SIZES)  # type: ignore[arg-type]
                 border = plan.settle(float(eigenvalue), outward, wide=wide)
                 assert_clear(spectrum, plan, border)
@@ -181,6 +182,9 @@ def test_a_border_is_settled_beside_an_eigenvalue_and_nowhere_else(seed: int, bl
                 n_made = len(spectrum.made)
                 assert plan.settle(border) == border
                 assert len(spectrum.made) == n_made, "settled once"
+                # Farther out than the gap is wide nothing is counted but where it ends.
+                behind = [place for place in spectrum.made if not outward * (border - place) > 0.0]
+                assert len(behind) <= 2
         # A place with room to both sides stays where it is, and two counts prove it.
         clear = 0.5 * (eigenvalue + spectrum.values[spectrum.values > eigenvalue][0])
         spectrum.made.clear()
@@ -236,6 +240,30 @@ def test_pairs_around_a_value_lie_between_its_borders(seed: int, wanted: int) ->
         inside = spectrum.below(high) - spectrum.below(low)
         assert inside <= 1.5 * wanted + 10 + 2 * 40, "but for two sets of copies at the ends"
         assert len(spectrum.made) <= (18 if wanted == 60 else 66)
+
+
+def test_above_the_largest_the_count_is_known() -> None:
+    spectrum = listed(0)
+    plan = SpectrumPlan(spectrum, STOP, SIZES)  # type: ignore[arg-type]
+    border = plan.settle(float(spectrum.values[-1]))
+    assert spectrum.values[-1] < border <= plan.top
+    assert plan.count(border) == plan.count(plan.top) == len(spectrum.values)
+
+
+def test_of_several_counts_the_nearest_to_the_middle_is_taken() -> None:
+    plan = SpectrumPlan(Spectrum(1, 0.95, 1.0), STOP, SIZES)  # type: ignore[arg-type]
+    for count in (20, 49, 75):
+        plan.find(count, count + 1)
+    assert abs(plan.count(plan.find(10, 90)) - 50) <= 2
+    assert plan.count(plan.find(70, 90)) in (75, 76)
+
+
+@pytest.mark.parametrize(("lowest", "n_negative"), [(-1e-7, 0), (-1e-5, 2), (-0.5, 2)])
+def test_below_zero_by_more_than_rounding_is_negative(lowest: float, n_negative: int) -> None:
+    spectrum = listed(0)
+    spectrum.values[:2] = lowest
+    plan = SpectrumPlan(spectrum, STOP, SIZES)  # type: ignore[arg-type]
+    assert plan.negative() == n_negative
 
 
 def test_where_no_gap_is_there_is_no_border() -> None:

@@ -202,9 +202,9 @@ def _cell_stiffness(mesh: Mesh, cells: IntArray, centroids: FloatArray) -> Spars
     # vertices these are the cotangent weights themselves, which are right as they are.
     single = np.bincount(cells[cells >= 0], minlength=n) == 1
     both = flow.tocoo()
-    kept = (both.data > 0.0) | (single[both.row] & single[both.col])
-    downhill = coo_array((both.data[kept], (both.row[kept], both.col[kept])), shape=(n, n))
-    return (diags_array(np.asarray(downhill.sum(axis=1)).ravel()) - downhill).tocsr()
+    both.data[(both.data < 0.0) & ~(single[both.row] & single[both.col])] = 0.0
+    both.eliminate_zeros()
+    return (diags_array(np.asarray(both.sum(axis=1)).ravel()) - both).tocsr()
 
 
 # -- eigenpairs -------------------------------------------------------------------------------

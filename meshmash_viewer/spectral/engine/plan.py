@@ -10,7 +10,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right, insort
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from itertools import accumulate
+from itertools import accumulate, chain
 from math import log
 from typing import NamedTuple, TypeVar
 
@@ -131,22 +131,20 @@ class SpectrumPlan:
         begin: tuple[float, int] | None = None
         end: float | None = None
         # Two sides are always needed, so they are counted side by side.
-        for group in (places[:2], *([place] for place in places[2:])):
-            for place, counted in zip(group, self._each(group, self._count_at), strict=True):
-                if counted is None or _BLURS * counted[1] > abs(place - value):
-                    continue
-                inside = min(max(place, 0.0), self.top)
-                if begin is not None and begin[1] == counted[0]:
-                    end = inside
-                    if not wide and place is places[1]:
-                        return self._settled_at(value, begin[1], 0.25 * abs(end - begin[0]))
-                elif end is None:
-                    begin = inside, counted[0]
-                else:
-                    break
-            else:
+        groups = (places[:2], *([place] for place in places[2:]))
+        counts = chain.from_iterable(self._each(group, self._count_at) for group in groups)
+        for place, counted in zip(places, counts, strict=True):
+            if counted is None or _BLURS * counted[1] > abs(place - value):
                 continue
-            break
+            inside = min(max(place, 0.0), self.top)
+            if begin is not None and begin[1] == counted[0]:
+                end = inside
+                if not wide and place is places[1]:
+                    return self._settled_at(value, begin[1], 0.25 * abs(end - begin[0]))
+            elif end is None:
+                begin = inside, counted[0]
+            else:
+                break
         if begin is None or end is None:
             raise FactorizationError(f"no gap in the spectrum near {value:.6g}")
         middle = end if end in (0.0, self.top) else 0.5 * (begin[0] + end)
