@@ -301,7 +301,8 @@ class Tests:
     def noticing(self, mutation: Mutation, seconds: float, first: str = "") -> list[Reach]:
         """Tests that enter what a fault changes: those named like the module, then the quick ones.
 
-        Then those that enter its module: what is read in another process is not seen to be entered.
+        Then those that enter its module, or bear its name: what runs in another process is not
+        seen to be entered.
 
         Parameters
         ----------
@@ -312,15 +313,16 @@ class Tests:
             The test that noticed it in an earlier run.
         """
         entering = set(self._entering(mutation))
+        own = f"test_{Path(mutation.path).stem}"
+        named = {reach for reach in self._reaches if Path(_file(reach)).stem == own}
         beside = {reach for reach in self._reaches if mutation.path in reach.modules}
-        stem = Path(mutation.path).stem
         chosen, spent = [], 0.0
 
         def rank(reach: Reach) -> tuple[bool, bool, bool, float, str]:
-            named = Path(_file(reach)).stem == f"test_{stem}"
-            return reach.test != first, reach not in entering, not named, reach.seconds, reach.test
+            entered = reach in entering or reach in named
+            return reach.test != first, not entered, reach not in named, reach.seconds, reach.test
 
-        for reach in sorted(entering | beside, key=rank):
+        for reach in sorted(entering | named | beside, key=rank):
             if spent + reach.seconds <= seconds or not chosen:
                 chosen.append(reach)
                 spent += reach.seconds
