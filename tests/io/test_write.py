@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import datetime
 import hashlib
 import json
 import os
@@ -116,7 +117,9 @@ def test_features_come_back(ending: str, mesh: Mesh, features: Features, tmp_pat
     assert meta["options"] == {"kind": "hks", "values_unit": "nm⁻²"} | OPTIONS
     assert meta["program"].startswith("meshmash-viewer ")
     assert set(meta["versions"]) >= {"numpy", "scipy", "robust_laplacian"}
-    assert meta["created"].endswith("+00:00")
+    made_at = datetime.datetime.fromisoformat(meta["created"])
+    assert made_at.utcoffset() == datetime.timedelta(0)
+    assert made_at.microsecond == 0
     left = {file.name for file in tmp_path.iterdir()}
     assert left == {path.name} | ({f"{path.name}.json"} if ending in (".npy", ".csv") else set())
 

@@ -117,6 +117,18 @@ def test_cancelled_run_keeps_what_converged(tmp_path: Path) -> None:
     assert len(listener.messages[0].eigenvalues) >= 50
 
 
+def test_what_a_cancelled_run_has_found_is_told_to_the_last(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(decomposition, "_GROWTH_SECONDS", 1e9)  # the first is told, then no more
+    mesh, listener = shapes.icosphere(4), Listener(tmp_path, stop_at=200)
+    with pytest.raises(Cancelled):
+        decompose(mesh, OPERATOR, Target("count", 600), listener)
+    known, _ = find_known(mesh, OPERATOR)
+    assert known is not None
+    assert len(listener.messages[-1].eigenvalues) == len(known.eigenvalues) >= 200
+
+
 def test_what_cannot_fit_is_refused_with_a_way_out(
     sphere: Mesh, listener: Listener, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -68,6 +68,15 @@ def test_comes_back(limits: LimitPolicy | None) -> None:
 
 
 @pytest.mark.parametrize(
+    "part", [{"t_min": None, "t_max": 2.0}, {"t_min": 2.0, "t_max": None}, {"scales": 1024}, {}]
+)
+def test_an_end_that_is_not_said_is_in_order(part: dict[str, object]) -> None:
+    taken = read_display(CONTENT | {"fields": {"hks": part}}, PATH)
+    for name, value in part.items():
+        assert taken["fields"]["hks"][name] == value
+
+
+@pytest.mark.parametrize(
     ("entry", "value", "clause"),
     [
         ("kind", "x", 'display.kind = "x", which should be "eigenfunction" or'),
