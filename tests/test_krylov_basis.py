@@ -16,7 +16,7 @@ from meshmash_viewer.spectral.engine import lanczos
 from meshmash_viewer.spectral.engine.basis import BLOCK, KrylovBasis
 from meshmash_viewer.spectral.engine.factorization import order_pencil
 from meshmash_viewer.spectral.engine.lanczos import Interval, measure_pairs, rotate_to_pairs
-from meshmash_viewer.spectral.engine.orthogonality import add_product
+from meshmash_viewer.spectral.engine.orthogonality import add_product, orthonormalise
 from meshmash_viewer.spectral.engine.pencil import reduce_pencil
 
 STOP = np.zeros(1, dtype=np.uint8)
@@ -141,6 +141,24 @@ def test_quotients_and_residuals_are_those_of_the_definition(p: int, exactly: bo
     defects = (images - values[:, None] * rows) * pencil.root_mass
     sizes = np.linalg.norm(rows * pencil.root_mass, axis=1)
     np.testing.assert_allclose(residuals, np.linalg.norm(defects, axis=1) / sizes, rtol=1e-12)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize("size", [1e-12, 1e-6, 0.1])
+def test_rows_are_made_orthonormal_whatever_the_sign_of_their_products(
+    sign: float, size: float
+) -> None:
+    random = np.random.default_rng(7)
+    rows = np.ascontiguousarray(np.linalg.qr(random.standard_normal((9000, 3)))[0].T)
+    span = rows.copy()
+    rows[1] += sign * size * rows[0]
+    rows[2] *= 1.0 + sign * size
+    assert orthonormalise(rows) < 1e-13
+    assert np.abs(rows @ rows.T - np.eye(3)).max() < 1e-13
+    np.testing.assert_allclose(np.linalg.svd(rows @ span.T, compute_uv=False), 1.0, rtol=1e-12)
+    rows[2] = rows[0] + 0.2 * rows[1]
+    with pytest.raises(ArithmeticError, match="twice"):
+        orthonormalise(rows)
 
 
 @pytest.mark.parametrize("p", [1, 11])
