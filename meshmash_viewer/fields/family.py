@@ -279,6 +279,10 @@ class Family:
         """Build the table for fields like this one; `Cancelled` is raised if `cancel` says so."""
         raise NotImplementedError
 
+    def improve(self, spectrum: Spectrum, table: Table, cancel: CancelCallback | None) -> Table:
+        """The table for fields like this one, made from an older one that serves."""
+        return self.prepare(spectrum, cancel)
+
     def serves(self, spectrum: Spectrum, table: Table) -> bool:
         """Whether an older table tells something until the next is built."""
         return False

@@ -33,8 +33,6 @@ from meshmash_viewer.units import format_quantity, named_quantity
 
 __all__ = ["HeatKernelSignature", "resolved_from"]
 
-#: Numbers read (pairs times vertices) by a direct sum that nobody feels.
-_SMALL = 3_000_000
 #: Times of a profile's curve; the exported ones are dots on it.
 _FINE = 96
 _ABOVE_ZERO = 1e-300
@@ -124,7 +122,7 @@ class HeatKernelSignature(Family):
         if table is not None and table.content.covers(time):
             if table.spectrum is spectrum:
                 return Answer(table.content.at(time))
-            if grew(table.spectrum, spectrum) and spectrum.rows.size > _SMALL:
+            if grew(table.spectrum, spectrum) and not spectrum.small:
                 return Answer(table.content.at(time), draft=True)
         decay = np.exp(-spectrum.eigenvalues * time)
         return Answer(np.asarray(sum_squares(spectrum.rows, decay[None])[0]))

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 __all__ = ["Multiplet", "Spectrum", "first_nonzero", "grew", "same_pairs"]
 
 
+#: Numbers read (pairs times vertices) by a sum that nobody feels.
+_SMALL = 3_000_000
+
+
 @dataclass(frozen=True)
 class Multiplet:
     """Neighbouring eigenvalues that agree to a relative gap: any rotation of them is as good."""
@@ -94,6 +98,11 @@ class Spectrum:
     def complete(self) -> bool:
         """Whether the solve has ended and its certificate proves the pairs."""
         return self.certificate is not None and self.certificate.complete
+
+    @property
+    def small(self) -> bool:
+        """Whether a sum over its pairs is there at once, without a table."""
+        return self.rows.size <= _SMALL
 
     @property
     def shown_rows(self) -> npt.NDArray[np.floating] | ShownRows:

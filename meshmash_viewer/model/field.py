@@ -169,8 +169,10 @@ class LiveFeatures:
         table = tables.get(family.name)
         if family.prepared(spectrum, table):
             return
-        if table is not None and not family.serves(spectrum, table):
-            del tables[family.name]  # before the new one takes room
+        if table is not None and family.serves(spectrum, table):
+            tables[family.name] = family.improve(spectrum, table, cancel)
+            return
+        tables.pop(family.name, None)  # before the new one takes room
         tables[family.name] = family.prepare(spectrum, cancel)
 
 
