@@ -114,6 +114,13 @@ def test_what_is_no_filter_here_is_one_sentence(text: str, values: dict, said: s
         Formula(text)(EIGENVALUES, **values)
 
 
+def test_an_eigenvalue_that_is_zero_but_for_rounding_is_zero() -> None:
+    for rounding in (1e-20, -1e-20):
+        values = np.append(rounding, EIGENVALUES[2:])
+        assert Formula("where(x > 0, 1/x, 5)")(values)[0] == 5.0
+        assert Formula("sqrt(x)")(values)[0] == 0.0
+
+
 def test_one_parameter_alone_goes_through_columns() -> None:
     with pytest.raises(InputError, match="only one can be a list"):
         formula_bank("a <= x <= b", a=[1.0, 2.0], b=[3.0, 4.0])

@@ -28,6 +28,7 @@ from meshmash_viewer.features.filters import (
     low_pass_bank,
     wave_kernel_bank,
 )
+from meshmash_viewer.features.formula import formula_bank
 from meshmash_viewer.features.sums import compute_features, truncated_features
 from meshmash_viewer.features.truncation import mean_shares
 from meshmash_viewer.laplacian import cotangent_laplacian
@@ -76,6 +77,7 @@ def banks_at(eigenvalues: np.ndarray) -> dict[str, FilterBank]:
         "step": low_pass_bank(1.5 * last),
         "band": band_pass_bank(0.5 * last, 1.3 * last),
         "pyramid": gaussian_pyramid_bank([0.0, 1.0 / last]),
+        "formula": formula_bank("exp(-t*x) * (x < c)", t=1.0 / last, c=[3.0 * last, 1.4 * last]),
     }
 
 
@@ -225,6 +227,13 @@ def test_what_is_missing_begins_where_the_count_ends(told):
     some = dataclasses.replace(pairs, eigenvalues=pairs.eigenvalues[:9], rows=pairs.rows[:9])
     known_to = truncated_features(some, heat_kernel_bank([0.1])).truncation.known_to
     assert known_to == pytest.approx(pairs.eigenvalues[8], rel=1e-6)
+
+
+def test_of_a_formula_that_ends_in_no_number_all_may_be_missing(wholes):
+    pairs = lowest(wholes["sphere"], 30)
+    last = float(pairs.eigenvalues[-1])
+    missing = compute_features(pairs, formula_bank("sqrt(c - x)", c=1.01 * last), warn=False)
+    np.testing.assert_allclose(missing.truncation.estimate, 1.0)
 
 
 def test_filters_that_say_nothing_of_their_tail_have_no_truncation(wholes):

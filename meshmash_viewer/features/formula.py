@@ -20,7 +20,12 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
-from meshmash_viewer.features.filter_parameters import as_parameters, as_spectrum, short_text
+from meshmash_viewer.features.filter_parameters import (
+    ZERO_SHARE,
+    as_parameters,
+    as_spectrum,
+    short_text,
+)
 from meshmash_viewer.features.filters import FilterBank
 
 __all__ = [
@@ -75,6 +80,9 @@ _COMPARISONS: dict[type[ast.cmpop], Callable[..., Any]] = {
 }
 #: Largest number that can be written.
 _LARGEST = 1e300
+#: Places where a formula is looked at beyond the last eigenvalue, and what stands for its values
+#: where it has none.
+_PLACES, _ANYTHING = 2048, 1e200
 #: Powers of length that a parameter may be, the likeliest first.
 _POWERS = (0, 2, -2, 1, -1, 4, -4)
 #: Shares of samples at which a formula is the same on a mesh of another size, for it to be so:
@@ -136,8 +144,11 @@ class Formula:
             is negative at one of the eigenvalues.
         """
         spectrum = as_spectrum(eigenvalues)
+        # zero but for rounding is zero: 1 / x, or a root, tells these apart
+        zero = spectrum <= ZERO_SHARE * spectrum.max(initial=0.0)
+        spectrum = np.where(zero, 0.0, spectrum)
         self._check_names(values)
-        found = self._sample(spectrum, values)
+        found = self.sampled(spectrum, values)
         wrong = np.flatnonzero(~(np.isfinite(found) & (found >= 0.0)))
         if len(wrong):
             raise InputError(self._complaint(spectrum[wrong[0]], found[wrong[0]]))
@@ -163,8 +174,8 @@ class Formula:
             if name not in self.parameters:
                 raise InputError(f"The formula {printable(self.text)} has no parameter {name}.")
 
-    def _sample(self, eigenvalues: FloatArray, values: Mapping[str, float]) -> FloatArray:
-        """The filter, be it finite or not."""
+    def sampled(self, eigenvalues: FloatArray, values: Mapping[str, float]) -> FloatArray:
+        """The filter at eigenvalues of shape (k,), be it a sound one or not: shape (k,)."""
         names = {**_CONSTANTS, **{name: float(value) for name, value in values.items()}}
         with np.errstate(all="ignore"):
             found = _value(_parsed(self.text), {**names, **dict.fromkeys(_X, eigenvalues)})
@@ -185,7 +196,11 @@ class Formula:
 
 @dataclass(frozen=True)
 class FormulaResponse:
-    """A formula with the values of its parameters in each of f columns."""
+    """A formula with the values of its parameters in each of f columns.
+
+    Nothing is known of a formula but its values, so what it does beyond an eigenvalue is looked at
+    in many places, ever further apart.
+    """
 
     formula: Formula
     values: tuple[tuple[tuple[str, float], ...], ...]
@@ -193,6 +208,28 @@ class FormulaResponse:
     def __call__(self, eigenvalues: FloatArray) -> FloatArray:
         """Values at eigenvalues of shape (k,): shape (f, k)."""
         return np.stack([self.formula(eigenvalues, **dict(column)) for column in self.values])
+
+    def supremum(self, start: float) -> FloatArray:
+        """Largest value found from an eigenvalue on, shape (f,)."""
+        start = max(start, 0.0)
+        distances = (start or 1.0) * np.geomspace(1e-9, 1e9, _PLACES)
+        return np.asarray(self._sizes(start + np.append(0.0, distances)).max(axis=1))
+
+    def integral(self, start: float, ends: FloatArray) -> FloatArray:
+        """``∫ h dλ`` from `start` to each of `ends` by trapezoids between places: shape (m, f)."""
+        start = max(start, 0.0)
+        widths = np.maximum(np.nan_to_num(ends) - start, 0.0)
+        steps = np.append(0.0, widths.max(initial=0.0) * np.geomspace(1e-9, 1.0, _PLACES))
+        sizes = self._sizes(start + steps)
+        areas = 0.5 * (sizes[:, 1:] + sizes[:, :-1]) * np.diff(steps)
+        sums = np.pad(np.cumsum(areas, axis=1), ((0, 0), (1, 0)))
+        columns = [np.interp(widths, steps, column) for column in sums]
+        return np.asarray(np.stack(columns, axis=1), dtype=np.float64)
+
+    def _sizes(self, places: FloatArray) -> FloatArray:
+        """Sizes of the values; what is no number may be anything, so it counts as very large."""
+        found = np.stack([self.formula.sampled(places, dict(column)) for column in self.values])
+        return np.asarray(np.nan_to_num(np.minimum(np.abs(found), _ANYTHING), nan=_ANYTHING))
 
 
 def formula_bank(formula: str | Formula, **values: npt.ArrayLike) -> FilterBank:
@@ -247,11 +284,11 @@ def _powers(formula: Formula) -> tuple[int, ...]:
     """See `Formula.powers`; tried where λ and all parameters are about 1."""
     names, eigenvalues = formula.parameters, np.geomspace(0.03, 30.0, 301)
     values = np.array([1.0 + 0.37 * place for place in range(len(names))])
-    here = formula._sample(eigenvalues, dict(zip(names, values, strict=True)))
+    here = formula.sampled(eigenvalues, dict(zip(names, values, strict=True)))
 
     def same(powers: tuple[int, ...]) -> float:
         scaled = values * _LARGER ** np.array(powers)
-        there = formula._sample(eigenvalues / _LARGER**2, dict(zip(names, scaled, strict=True)))
+        there = formula.sampled(eigenvalues / _LARGER**2, dict(zip(names, scaled, strict=True)))
         return float(np.isclose(here, there, rtol=1e-9, atol=1e-300, equal_nan=True).mean())
 
     # of those that are as good, the likeliest

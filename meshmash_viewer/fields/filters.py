@@ -22,6 +22,7 @@ from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.fields.bank_columns import MOST_COLUMNS
 from meshmash_viewer.fields.family import (
     Answer,
+    ColumnArray,
     Family,
     FloatArray,
     Profile,
@@ -33,9 +34,11 @@ from meshmash_viewer.fields.family import (
     parameter,
     whole,
 )
+from meshmash_viewer.fields.pair_table import MOST_COLUMNS as MOST_BENDS
+from meshmash_viewer.fields.pair_table import PairTable, build_pair_table
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, same_pairs
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.units import format_quantity, named_quantity
+from meshmash_viewer.units import format_number, format_quantity, named_quantity
 
 __all__ = ["READY", "Filters"]
 
@@ -47,8 +50,6 @@ READY: dict[str, str] = {
     "Wave kernel": "exp(-log(x/c)**2 / (2*w**2))",
 }
 
-#: Pairs whose weight may have changed for the last sum to be mended instead of made anew.
-_FEW = 6
 #: Samples of a profile's curve, and steps of the arrow keys from one end of the range to the other.
 _FINE, _STEPS = 64, 32
 #: Ends of the slider of a pure number.
@@ -181,29 +182,43 @@ class Filters(Family):
         values = {name: self.value(name, spectrum) for name in self.formula.parameters}
         return self.formula(spectrum.eigenvalues, **values)
 
+    @property
+    def table_columns(self) -> int:
+        return MOST_BENDS
+
     def compute(self, spectrum: Spectrum, table: Table | None) -> Answer:
-        """The last sum with the pairs whose weight has changed, if these are few."""
+        """The last sum, or the table's near one until there is another, or the sum itself."""
         weights = self.weights(spectrum)
-        if table is None or not same_pairs(table.spectrum, spectrum):
-            return Answer(np.asarray(sum_squares(spectrum.rows, weights[None])[0]))
-        before, sums = table.content
-        changed = np.flatnonzero(weights != before)
-        if len(changed) > _FEW:
-            sums = sum_squares(spectrum.rows, weights[None], np.float64)[0]
-        else:
-            for index in changed:
-                row = np.asarray(spectrum.rows[index], dtype=np.float64)
-                sums = sums + (weights[index] - before[index]) * np.square(row)
-        table.content = weights, sums
-        return Answer(sums.astype(np.float32))
+        if table is not None and not spectrum.small and self.serves(spectrum, table):
+            table.spectrum = spectrum  # next time it is the very same
+            content = table.content
+            if np.array_equal(weights, content.weights):
+                return Answer(content.values)
+            return Answer(content.near.at(weights, spectrum.rows), draft=True)
+        return Answer(_summed(spectrum, weights))
 
     def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
-        return table is not None and same_pairs(table.spectrum, spectrum)
+        if spectrum.small:
+            return True
+        if table is None or not self.serves(spectrum, table):
+            return False
+        return np.array_equal(self.weights(spectrum), table.content.weights)
 
     def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
+        return self._with_sum(spectrum, build_pair_table(spectrum, cancel), cancel)
+
+    def improve(self, spectrum: Spectrum, table: Table, cancel: CancelCallback | None) -> Table:
+        return self._with_sum(spectrum, table.content.near, cancel)
+
+    def serves(self, spectrum: Spectrum, table: Table) -> bool:
+        return same_pairs(table.spectrum, spectrum)
+
+    def _with_sum(
+        self, spectrum: Spectrum, near: PairTable, cancel: CancelCallback | None
+    ) -> Table:
         weights = self.weights(spectrum)
-        sums = sum_squares(spectrum.rows, weights[None], np.float64, cancel)[0]
-        return Table(spectrum, self.at_rest(), (weights, sums))
+        values = _summed(spectrum, weights, cancel)
+        return Table(spectrum, self.at_rest(), _Content(near, weights, values))
 
     # -- plots --------------------------------------------------------------------------------
 
@@ -218,8 +233,12 @@ class Filters(Family):
 
     def response(self, spectrum: Spectrum, along: FloatArray) -> Response:
         values = {name: self.value(name, spectrum) for name in self.formula.parameters}
-        curve = along, self.formula(along, **values)
+        heights = self.formula.sampled(along, values)
         legend, edges = html.escape(self.text), self.edges(spectrum)
+        highest = float(np.max(heights, initial=0.0, where=np.isfinite(heights)))
+        if highest > 1.0:  # the axis ends there
+            heights, legend = heights / highest, f"{legend}, ÷ {format_number(highest)}"
+        curve = along, np.where(np.isfinite(heights), np.maximum(heights, 0.0), np.nan)
         if len(edges) == 2:
             (_, low), (_, high) = edges
             return Response(curve, math.sqrt(low * high), legend, ends=(low, high))
@@ -350,6 +369,21 @@ class Filters(Family):
     def _script(self, values: dict[str, str]) -> str:
         told = "".join(f", {name}={value}" for name, value in values.items())
         return f"mv.formula_bank({self.text!r}{told})"
+
+
+@dataclass(frozen=True, eq=False)
+class _Content:
+    """What tells any filter nearly, and the last one that was summed while the sliders rested."""
+
+    near: PairTable
+    weights: FloatArray
+    values: ColumnArray
+
+
+def _summed(
+    spectrum: Spectrum, weights: FloatArray, cancel: CancelCallback | None = None
+) -> ColumnArray:
+    return np.asarray(sum_squares(spectrum.rows, weights[None], cancel=cancel)[0])
 
 
 def _bank(text: str, values: dict[str, float | FloatArray]) -> FilterBank:

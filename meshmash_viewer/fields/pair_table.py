@@ -1,0 +1,100 @@
+"""Any filter's field from a few stored columns and a few pairs: for filters that are dragged.
+
+A filter is a broken line over λ, bent at chosen eigenvalues, and what is left of it at the others.
+The columns tell the broken line; of what is left, the largest few are added pair by pair. A smooth
+filter is near its broken line, and a sharp edge is far from it for the pairs beside it alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.features.sums import sum_squares
+from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.progress import CancelCallback
+
+__all__ = ["MOST_COLUMNS", "PairTable", "build_pair_table"]
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+ColumnArray: TypeAlias = npt.NDArray[np.float32]
+
+#: Columns that are stored, and pairs that are read beside them, or alone: together less than a
+#: frame at a million vertices.
+MOST_COLUMNS, _MOST_PAIRS, _MOST_ALONE = 32, 6, 10
+#: Share of its sum that a pair, or all of them that are left, has to be for it to be seen; and
+#: share of the largest below which a column is nothing.
+_SEEN, _NOTHING = 5e-4, 1e-7
+#: Vertices at a time, whose squares stay in the processor's cache.
+_VERTICES = 8192
+
+
+@dataclass(frozen=True, eq=False)
+class PairTable:
+    """Stored columns of broken lines over λ.
+
+    Parameters
+    ----------
+    hats : ndarray of float64, shape (m, k)
+        For each bend, what is 1 at its eigenvalue, 0 at those of the others, and straight between.
+    bends : ndarray of int64, shape (m,)
+        Pairs at whose eigenvalues the lines are bent.
+    columns : ndarray of float32, shape (m, n)
+        ``Σ_k hats[j, k] φ_k²``.
+    """
+
+    hats: FloatArray
+    bends: npt.NDArray[np.int64]
+    columns: ColumnArray
+
+    def at(self, weights: FloatArray, rows: Any) -> ColumnArray:
+        """About ``Σ_k weights[k] rows[k]²``, shape (n,)."""
+        heights, apart = self._split(weights)
+        used = np.flatnonzero(np.abs(heights) > _NOTHING * np.abs(heights).max(initial=0.0))
+        # one product of what lies together is faster than a gathering of the columns
+        if len(used):
+            which = slice(int(used[0]), int(used[-1]) + 1)
+            values: ColumnArray = heights[which].astype(np.float32) @ self.columns[which]
+        else:
+            values = 0.0 * self.columns[0]  # NaN stays NaN
+        if len(apart):
+            rest = (weights - heights @ self.hats)[apart]
+            pairs = [np.asarray(rows[index]) for index in apart]
+            for start in range(0, len(values), _VERTICES):
+                part = slice(start, start + _VERTICES)
+                values[part] += rest @ np.square([each[part] for each in pairs])
+        return values
+
+    def _split(self, weights: FloatArray) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+        """Heights of the broken line at its bends, and the pairs that are added one by one."""
+        seen = _SEEN * np.abs(weights).sum()
+        alone = np.flatnonzero(np.abs(weights) > seen)
+        if len(alone) <= _MOST_ALONE:
+            return np.zeros(len(self.bends)), alone
+        heights = weights[self.bends]
+        left = np.abs(weights - heights @ self.hats)
+        apart = np.sort(np.argsort(left)[-_MOST_PAIRS:])
+        apart = apart[left[apart] > seen]
+        if left.sum() - left[apart].sum() > seen:
+            # the line that is nearest to all other pairs, rather than one through those it bends at
+            others = np.delete(self.hats, apart, axis=1)
+            wanted = others @ np.delete(weights, apart)
+            heights = np.asarray(np.linalg.lstsq(others @ others.T, wanted, rcond=1e-10)[0])
+        return heights, apart
+
+
+def build_pair_table(spectrum: Spectrum, cancel: CancelCallback | None = None) -> PairTable:
+    """Compute the columns for a spectrum."""
+    values, count = spectrum.eigenvalues, len(spectrum)
+    # close together at the low end, where filters change by the logarithm of λ
+    density = np.log1p(np.arange(count)) / np.log1p(count) + np.arange(count) / count
+    wanted = np.linspace(0.0, density[-1], MOST_COLUMNS)
+    bends = np.unique(np.searchsorted(density, wanted * (1.0 - 1e-12)))
+    # equal eigenvalues bend a line at one place
+    bends = bends[np.unique(values[bends], return_index=True)[1]]
+    hats = np.stack([np.interp(values, values[bends], unit) for unit in np.eye(len(bends))])
+    columns = sum_squares(spectrum.rows, hats, cancel=cancel)
+    return PairTable(hats, bends, np.asarray(columns, dtype=np.float32))
