@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.features.shape import reconstruct as reconstruct
     from meshmash_viewer.features.shape import spectral_coefficients as spectral_coefficients
     from meshmash_viewer.features.shape import spectral_distance as spectral_distance
+    from meshmash_viewer.features.smoothing import filter_map as filter_map
     from meshmash_viewer.features.sums import Features as Features
     from meshmash_viewer.features.sums import compute_features as compute_features
     from meshmash_viewer.features.truncation import Truncation as Truncation
@@ -122,6 +123,8 @@ _CONTENTS = {
     "features.formula": ("formula_bank",),
     "features.sums": ("Features", "compute_features"),
     "features.truncation": ("Truncation",),
+    # Maps through a filter
+    "features.smoothing": ("filter_map",),
     # Comparing shapes
     "features.shape": (
         "feature_distance",
