@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import builtins
-import io
-import os
-import sys
-
 import numpy as np
 import pytest
 
@@ -131,17 +126,15 @@ def test_one_parameter_alone_goes_through_columns() -> None:
     ]
 
 
-def test_broken_formulas_are_values_or_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    def reached(*_: object, **__: object) -> None:
-        raise AssertionError("a formula reached beyond arithmetic")
-
-    formulas.outcome(0)  # what the parser itself loads is there
-    loaded = set(sys.modules)
-    for owner, name in ((builtins, "open"), (io, "open"), (os, "open"), (os, "system")):
-        monkeypatch.setattr(owner, name, reached)
-    monkeypatch.setattr(builtins, "eval", reached)
-    monkeypatch.setattr(builtins, "exec", reached)
-    outcomes = [formulas.outcome(seed) for seed in range(2000)]
-    assert set(sys.modules) == loaded
+def test_broken_formulas_are_values_or_one_sentence() -> None:
+    with formulas.watched() as done:
+        outcomes = [formulas.outcome(seed) for seed in range(2000)]
+    assert done == [], "a formula reached beyond arithmetic"
     assert outcomes.count("computed") > 200
     assert outcomes.count("refused") > 1000
+
+
+def test_what_a_formula_must_not_do_would_be_seen() -> None:
+    with formulas.watched() as done:
+        exec("import os")
+    assert {"exec"} <= set(done)

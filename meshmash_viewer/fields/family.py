@@ -105,8 +105,8 @@ class Response:
     ----------
     curve : tuple of two ndarrays of float64, shape (m,)
         Eigenvalues, and the response of the filter whose field is chosen.
-    handle : float
-        Eigenvalue at which that filter is held.
+    handle : float or None
+        Eigenvalue at which that filter is held; None if it cannot be moved along λ.
     legend : str
         What it is, as HTML.
     others : tuple of such curves
@@ -116,7 +116,7 @@ class Response:
     """
 
     curve: tuple[FloatArray, FloatArray]
-    handle: float
+    handle: float | None
     legend: str
     others: tuple[tuple[FloatArray, FloatArray], ...] = ()
     ends: tuple[float, float] | None = None

@@ -45,7 +45,9 @@ __all__ = ["READY", "Filters"]
 #: Ready filters: what they are called, and their formulas.
 READY: dict[str, str] = {
     "Low-pass": "x < c",
+    "Low-pass, smooth": "1 / (1 + (x/c)**8)",
     "Band-pass": "a <= x <= b",
+    "Band-pass, smooth": "1 / (1 + (a/x)**8 + (x/b)**8)",
     "Gaussian": "exp(-s*x)",
     "Wave kernel": "exp(-log(x/c)**2 / (2*w**2))",
 }
@@ -233,8 +235,11 @@ class Filters(Family):
 
     def response(self, spectrum: Spectrum, along: FloatArray) -> Response:
         values = {name: self.value(name, spectrum) for name in self.formula.parameters}
-        heights = self.formula.sampled(along, values)
         legend, edges = html.escape(self.text), self.edges(spectrum)
+        # on both sides of an edge, so that a sharp one is drawn upright
+        beside = [edge * side for _, edge in edges for side in (1.0 - 1e-9, 1.0 + 1e-9)]
+        along = np.sort(np.concatenate([along, beside]))
+        heights = self.formula.sampled(along, values)
         highest = float(np.max(heights, initial=0.0, where=np.isfinite(heights)))
         if highest > 1.0:  # the axis ends there
             heights, legend = heights / highest, f"{legend}, ÷ {format_number(highest)}"
@@ -244,12 +249,12 @@ class Filters(Family):
             return Response(curve, math.sqrt(low * high), legend, ends=(low, high))
         return Response(curve, self._held(spectrum), legend)
 
-    def _held(self, spectrum: Spectrum) -> float:
-        """The eigenvalue at which the first parameter of a length is held."""
+    def _held(self, spectrum: Spectrum) -> float | None:
+        """The eigenvalue at which the first parameter that is a power of length is held."""
         for name, power in self.formula.powers.items():
             if power:
                 return float(self.value(name, spectrum) ** (-2.0 / power))
-        return float(spectrum.eigenvalues[-1])
+        return None
 
     def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
         if not value > 0.0:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from closed_form import part, rectangle_document, shown
+from closed_form import drag, part, rectangle_document, shown
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
 from meshmash_viewer.app.panels.field_panel import FieldPanel
+from meshmash_viewer.app.panels.spectrum_panel import SpectrumPanel
 from meshmash_viewer.features.filters import (
     band_pass_bank,
     gaussian_pyramid_bank,
@@ -16,7 +17,7 @@ from meshmash_viewer.features.filters import (
 )
 from meshmash_viewer.features.formula import formula_bank
 from meshmash_viewer.features.sums import accumulate_features
-from meshmash_viewer.fields.filters import Filters
+from meshmash_viewer.fields.filters import READY, Filters
 from meshmash_viewer.model.display_json import display_from_json, display_to_json, read_display
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
@@ -174,3 +175,49 @@ def test_a_strangers_session_runs_no_code(document: Document, tmp_path, text: ob
 
     with pytest.raises(InputError, match=r"display\.fields\.filter\.text"):
         read_display(content, tmp_path / "s.json")
+
+
+@pytest.fixture
+def plot(qtbot, document: Document) -> SpectrumPanel:
+    plot = shown(qtbot, SpectrumPanel(document), 900, 260)
+    QTest.qWait(80)  # the plot takes its range when it is painted
+    return plot
+
+
+def move(plot: SpectrumPanel, start: float, end: float, height: float) -> None:
+    """Drag what is held at an eigenvalue to another one."""
+    QTest.qWait(60)
+    way = [plot.plot.pixel_of(x, height).toPoint() for x in (start, 0.5 * (start + end), end)]
+    drag(plot.plot.viewport(), *way)
+    QTest.qWait(20)
+
+
+def test_edges_are_dragged_on_the_spectrum(plot: SpectrumPanel, document: Document) -> None:
+    spectrum = document.spectrum
+    values = spectrum.eigenvalues
+    document.display.put(document.display[Filters].with_values(c=float(values[60])))
+    move(plot, values[60], values[90], 0.4)
+    cutoff = document.display[Filters].value("c", spectrum)
+    assert cutoff == pytest.approx(values[90], rel=0.02)
+    np.testing.assert_allclose(
+        on_the_render(document), summed(document, low_pass_bank(cutoff)), rtol=1e-6
+    )
+    band = Filters(READY["Band-pass"]).with_values(a=float(values[30]), b=float(values[80]))
+    document.display.put(band)
+    move(plot, values[80], values[100], 1.2)
+    low, high = (document.display[Filters].value(name, spectrum) for name in "ab")
+    assert low == values[30]
+    assert high == pytest.approx(values[100], rel=0.02)
+    np.testing.assert_allclose(
+        on_the_render(document), summed(document, band_pass_bank(low, high)), rtol=1e-6
+    )
+
+
+def test_a_filter_without_a_length_has_nothing_to_drag(
+    plot: SpectrumPanel, document: Document
+) -> None:
+    lines = plot.view.low, plot.view.high, plot.view.handle
+    assert [line.isVisible() for line in lines] == [False, False, True]
+    document.display.put(Filters("1 + p * (x > 0)"))
+    QTest.qWait(60)
+    assert not any(line.isVisible() for line in lines)

@@ -117,6 +117,16 @@ def test_a_response_is_drawn_wherever_it_is_a_number(spectrum: Spectrum) -> None
     assert "÷" not in plain.legend
 
 
+def test_a_narrow_band_is_drawn(spectrum: Spectrum) -> None:
+    along = np.linspace(0.0, float(spectrum.eigenvalues[-1]), 11)
+    width = 1e-3 * along[1]
+    low, high = along[3] + width, along[3] + 2.0 * width
+    chosen = Filters(READY["Band-pass"]).with_values(a=low, b=high)
+    places, heights = chosen.response(spectrum, along).curve
+    assert heights.max() == 1.0
+    assert np.trapezoid(heights, places) == pytest.approx(width, rel=1e-3)
+
+
 @pytest.mark.parametrize("name", READY)
 def test_every_ready_filter_says_what_truncation_costs_it(spectrum: Spectrum, name: str) -> None:
     family = Filters(READY[name]).resolved(spectrum, {})

@@ -143,16 +143,16 @@ class ResponseView:
             y = [part for _, heights in mine for part in (heights, gap)]
             item.setData(np.concatenate([gap, *x]), np.concatenate([gap, *y]))
         self.response.setData(self._x(response.curve[0]), response.curve[1])
-        low, high = response.ends or (0.0, 0.0)
+        low, high = response.ends or (None, None)
         known = float(spectrum.eigenvalues[-1])
         for line, value in ((self.low, low), (self.high, high), (self.handle, response.handle)):
-            line.setVisible(line is self.handle or response.ends is not None)
-            if not line.moving:
+            line.setVisible(value is not None)
+            if value is not None and not line.moving:
                 line.setBounds((None, None))
                 line.setValue(float(self._x(value)))
-        beyond = bool(high > known * (1.0 + 1e-9))
+        beyond = high is not None and bool(high > known * (1.0 + 1e-9))
         self.missing.setVisible(beyond)
-        if beyond:
+        if beyond and high is not None:
             self.missing.setRegion([float(self._x(each)) for each in (known, high)])
 
     @property
@@ -205,7 +205,7 @@ class ResponseView:
             family, one = self.family, values[-1:]
             ends = (family.at_eigenvalue(spectrum, each) for each in (1e-6 * known, 1e6 * known))
             responses = [each.response(spectrum, one) for each in ends]
-            held = sorted(response.handle for response in responses if response is not None)
+            held = sorted(each.handle for each in responses if each and each.handle is not None)
             return (held[0], held[-1]) if held else (0.0, known)
         low, high = self._ends(spectrum)
         if line is self.low:
