@@ -56,6 +56,11 @@ class FieldRequest:
     sample: npt.NDArray[np.int64] | None = field(default=None, compare=False, repr=False)
     places: npt.NDArray[np.float64] | None = field(default=None, compare=False, repr=False)
 
+    @property
+    def quantity(self) -> str:
+        """Which field of the family it is, with its unit."""
+        return self.family.quantity(self.spectrum, self.unit)
+
     def same_mesh(self, other: FieldRequest) -> bool:
         """Whether two requests are about one surface, be it in another unit."""
         return self.places is other.places
@@ -106,7 +111,7 @@ class Field:
     @property
     def quantity(self) -> str:
         """Which one, with its unit: "λ₅ = 1.2e-08 nm⁻²", "t = 3.1e+05 nm² (√t = 557 nm)"."""
-        return self.family.quantity(self.request.spectrum, self.request.unit)
+        return self.request.quantity
 
     @property
     def unit(self) -> str:

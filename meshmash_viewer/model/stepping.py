@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
+from meshmash_viewer.fields.sweep import FAR
 from meshmash_viewer.model.document import Document
 
 __all__ = ["advance", "go_to_end", "go_to_start", "step"]
-
-#: Farther than any family goes.
-_FAR = 1_000_000_000
 
 
 def step(document: Document, steps: int) -> bool:
@@ -27,12 +25,12 @@ def step(document: Document, steps: int) -> bool:
 
 def go_to_start(document: Document) -> None:
     """Go to the first eigenfunction or column, or the shortest time."""
-    step(document, -_FAR)
+    step(document, -FAR)
 
 
 def go_to_end(document: Document) -> None:
     """Go to the last eigenfunction that is known, the last column, or the longest time."""
-    step(document, _FAR)
+    step(document, FAR)
 
 
 def advance(document: Document) -> None:

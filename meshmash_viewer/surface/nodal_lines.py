@@ -7,7 +7,7 @@ import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-__all__ = ["line_lengths", "nodal_lines"]
+__all__ = ["line_lengths", "nodal_lines", "nodal_segments"]
 
 
 def nodal_lines(
@@ -60,3 +60,22 @@ def line_lengths(segments: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
     joined = coo_array((np.ones(len(start), dtype=np.int8), (start, end)), (point.max() + 1,) * 2)
     _, line = connected_components(joined, directed=False)
     return np.asarray(np.bincount(line[start], lengths)[line[start]])
+
+
+def nodal_segments(
+    vertices: npt.NDArray[np.floating],
+    faces: npt.NDArray[np.integer],
+    values: npt.NDArray[np.floating],
+    centre: npt.NDArray[np.floating],
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]]:
+    """`nodal_lines` relative to a centre, with the width of the branch that each goes around.
+
+    Returns
+    -------
+    segments : ndarray of float32, shape (s, 2, 3)
+    widths : ndarray of float64, shape (s,)
+        The length of a line that goes around a branch is as wide as that times π.
+    """
+    segments = nodal_lines(vertices, faces, values)
+    widths = np.asarray(line_lengths(segments) / np.pi, dtype=np.float64)
+    return (segments - centre).astype(np.float32), widths

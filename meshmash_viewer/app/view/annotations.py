@@ -41,6 +41,7 @@ __all__ = [
     "Caption",
     "Page",
     "Pin",
+    "font_file",
     "margins",
     "text_size",
     "title_size",
@@ -147,7 +148,7 @@ def title_size(caption: Caption) -> tuple[int, int]:
 
 
 @cache
-def _font_file(bold: bool) -> str:
+def font_file(bold: bool) -> str:
     """DejaVu Sans as matplotlib brings it: VTK's own fonts lack Greek letters and superscripts."""
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
     return str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name)
@@ -155,7 +156,7 @@ def _font_file(bold: bool) -> str:
 
 def _style(properties: vtkTextProperty, size: float, color: str, bold: bool = False) -> None:
     properties.SetFontFamily(VTK_FONT_FILE)
-    properties.SetFontFile(_font_file(bold))
+    properties.SetFontFile(font_file(bold))
     properties.SetFontSize(round(size))
     properties.SetColor(*rgb(color))
     properties.BoldOff()

@@ -65,8 +65,8 @@ class MeshRenderer:
         self.mesh: Mesh | None = None
         self.normals: npt.NDArray[np.float32] | None = None
         self.centre = np.zeros(3)
-        self._sample = np.zeros((1, 3))
-        self._axes = np.eye(3)
+        #: Points and directions by which the whole mesh is shown from its best side.
+        self.sample, self.axes = np.zeros((1, 3)), np.eye(3)
         self._bounds = np.zeros((2, 3))
         self.view: View | None = None
         self._placed: tuple[Any, ...] | None = None
@@ -82,6 +82,8 @@ class MeshRenderer:
         self._coarse_of: npt.NDArray[np.float32] | None = None
         self._segments: tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]] | None = None
         self._pins: tuple[tuple[int, str, str], ...] = ()
+        #: Whether anything is written over the mesh.
+        self.annotated = True
         self.set_theme(dark)
 
     # -- what is drawn ----------------------------------------------------------------------
@@ -123,7 +125,7 @@ class MeshRenderer:
         self.mesh, self.normals = mesh, normals
         self._placed = None
         geometry = geometry_of(mesh)
-        self._sample, self._axes = geometry.sample, geometry.axes
+        self.sample, self.axes = geometry.sample, geometry.axes
         self.centre, self._bounds = geometry.centre, geometry.bounds
         self.surface = self._new_surface(geometry.points, geometry.faces, normals)
         if picking:
@@ -253,14 +255,14 @@ class MeshRenderer:
     def reset_view(self, width: int, height: int, scale: float) -> None:
         """Show the whole mesh from its best side."""
         if self.mesh is not None:
-            self.fit_view(self._axes, width, height, scale)
+            self.fit_view(self.axes, width, height, scale)
 
     def fit_view(
         self, axes: npt.NDArray[np.float64], width: int, height: int, scale: float
     ) -> None:
         """Show the whole mesh along given axes."""
         space = margins(self.caption is not None, width, height, scale)
-        self.view = fitted_view(self._sample, axes, width, height, space)
+        self.view = fitted_view(self.sample, axes, width, height, space)
 
     def prepare(self, width: int, height: int, scale: float, plates: bool = True) -> None:
         """Set field, camera and annotations for a frame of this size.
@@ -289,7 +291,8 @@ class MeshRenderer:
             self._lines.fade(length_per_point, rgb(self.theme.line))
         page = Page(self.theme, width, height, scale, plates)
         unit = "" if self.mesh is None else self.mesh.unit
-        self.annotations.show(page, self.view, self.caption, unit, self._placed_pins())
+        view = self.view if self.annotated else None
+        self.annotations.show(page, view, self.caption, unit, self._placed_pins())
 
     def _write_coarse(self) -> None:
         """Give the stand-in the values of the mesh at its vertices, if they are new."""

@@ -24,7 +24,7 @@ from meshmash_viewer.app.view.picture import draw_picture
 from meshmash_viewer.app.view.render_widget import RenderWidget, Ring
 from meshmash_viewer.app.view.stand_in import StandIn
 from meshmash_viewer.mesh import Mesh, mesh_to_poly
-from meshmash_viewer.surface.nodal_lines import line_lengths, nodal_lines
+from meshmash_viewer.surface.nodal_lines import nodal_segments
 
 __all__ = ["MeshView"]
 
@@ -405,10 +405,7 @@ class MeshView(QWidget):
             return
 
         def compute() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]]:
-            segments = nodal_lines(mesh.vertices, mesh.faces, values)
-            # a line around a branch is as long as that is wide times π
-            widths = line_lengths(segments) / np.pi
-            return (segments - centre).astype(np.float32), widths
+            return nodal_segments(mesh.vertices, mesh.faces, values, centre)
 
         self._run("lines", compute, values)
 

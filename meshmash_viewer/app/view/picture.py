@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 from collections.abc import Generator
@@ -16,7 +17,16 @@ from meshmash_viewer.app.view.mesh_renderer import MeshRenderer, read_pixels
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, SymmetricLimits
 
-__all__ = ["RawPicture", "draw_in_steps", "draw_picture", "new_window", "render_picture"]
+__all__ = [
+    "OffScreen",
+    "RawPicture",
+    "all_steps",
+    "draw_in_steps",
+    "draw_picture",
+    "new_window",
+    "render_picture",
+    "text_scale",
+]
 
 #: Rows of pixels that are read back at a time.
 _ROWS = 256
@@ -114,13 +124,17 @@ def draw_picture(
     drawing: MeshRenderer, size: tuple[int, int], transparent: bool = False
 ) -> npt.NDArray[np.uint8]:
     """Draw off the screen; returns RGBA, shape (height, width, 4), first row on top."""
-    steps = draw_in_steps(drawing, size, transparent)
+    return all_steps(draw_in_steps(drawing, size, transparent)).rgba()
+
+
+def all_steps(steps: Generator[None, None, RawPicture]) -> RawPicture:
+    """Take all steps at once."""
     while True:
         try:
             next(steps)
         except StopIteration as end:
             drawn: RawPicture = end.value
-            return drawn.rgba()
+            return drawn
 
 
 def draw_in_steps(
@@ -128,35 +142,67 @@ def draw_in_steps(
 ) -> Generator[None, None, RawPicture]:
     """The part of `draw_picture` that needs the thread of the graphics, in steps.
 
-    Between them it may do something else; the last one returns the picture. What is written
-    grows with the picture, so that text stays as legible as on the screen.
+    Between them it may do something else; the last one returns the picture.
     """
-    width, height = (int(side) for side in size)
-    window = new_window()
-    try:
-        window.SetOffScreenRendering(True)
-        window.SetMultiSamples(8)
-        window.SetAlphaBitPlanes(transparent)
-        window.SetSize(width, height)
-        drawing.add_to(window)
+    with contextlib.closing(OffScreen(drawing, size, transparent)) as window:
+        return (yield from window.draw())
+
+
+class OffScreen:
+    """A window that nobody sees, for one picture of a drawing or for many of the same size.
+
+    What is written grows with the picture, so that text stays as legible as on the screen.
+
+    Parameters
+    ----------
+    drawing : MeshRenderer
+        Nobody else's (`MeshRenderer.twin`).
+    size : (int, int)
+        Width and height in pixels.
+    transparent : bool
+        Leave the background out.
+    """
+
+    def __init__(
+        self, drawing: MeshRenderer, size: tuple[int, int], transparent: bool = False
+    ) -> None:
+        self.drawing, self.transparent = drawing, transparent
+        self.size = int(size[0]), int(size[1])
+        self._window = new_window()
+        self._window.SetOffScreenRendering(True)
+        self._window.SetMultiSamples(8)
+        self._window.SetAlphaBitPlanes(transparent)
+        self._window.SetSize(*self.size)
+        drawing.add_to(self._window)
         if transparent:
             # What comes out is colour times opacity, which is then undone.
             drawing.leave_background()
-        scale = max(1.0, min(width / 1000, height / 750))
-        window.SetDPI(round(72 * scale))
-        drawing.prepare(width, height, scale, plates=not transparent)
+        self._window.SetDPI(round(72 * text_scale(self.size)))
+
+    def draw(self) -> Generator[None, None, RawPicture]:
+        """Draw it as it is now, in steps, see `draw_in_steps`."""
+        width, height = self.size
+        self.drawing.prepare(width, height, text_scale(self.size), plates=not self.transparent)
         yield
-        window.Render()
+        self._window.Render()
         yield
-        pixels = np.empty((height, width, 4 if transparent else 3), dtype=np.uint8)
+        pixels = np.empty((height, width, 4 if self.transparent else 3), dtype=np.uint8)
         for bottom in range(0, height, _ROWS):
-            part = read_pixels(window, transparent, bottom, min(_ROWS, height - bottom))
+            rows = min(_ROWS, height - bottom)
+            part = read_pixels(self._window, self.transparent, bottom, rows)
             pixels[height - bottom - len(part) : height - bottom] = part
             yield
         return RawPicture(pixels)
-    finally:
-        drawing.remove_from(window)
-        window.Finalize()
+
+    def close(self) -> None:
+        """Give back what it takes of the card."""
+        self.drawing.remove_from(self._window)
+        self._window.Finalize()
+
+
+def text_scale(size: tuple[int, int]) -> float:
+    """Pixels to one point of what is written on a picture."""
+    return max(1.0, min(size[0] / 1000, size[1] / 750))
 
 
 def new_window() -> vtkRenderWindow:

@@ -1,0 +1,105 @@
+"""The positions of a family in a row: the columns that a gallery or a film goes through."""
+
+from __future__ import annotations
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.units import counted
+
+__all__ = ["FAR", "chosen_columns", "evenly", "n_columns", "sweep"]
+
+#: Farther than any family goes.
+FAR = 1_000_000_000
+#: More columns than anybody looks through; a family without an end is cut off here.
+_MOST = 1 << 20
+
+
+def n_columns(family: Family, spectrum: Spectrum) -> int:
+    """Number of positions that `Family.step` goes through; 1 where there is nothing to step."""
+    first = family.step(spectrum, -FAR)
+
+    def is_last(column: int) -> bool:
+        here = first.step(spectrum, column)
+        return here.step(spectrum, 1) == here
+
+    below, at = -1, 0
+    while not is_last(at) and at < _MOST:
+        below, at = at, 2 * at + 1
+    while at - below > 1:
+        middle = (below + at) // 2
+        below, at = (below, middle) if is_last(middle) else (middle, at)
+    return at + 1
+
+
+def chosen_columns(text: str, most: int) -> range:
+    """Columns that "START:STOP:STEP" means among so many, as in Python; each may be left out.
+
+    Raises
+    ------
+    InputError
+        If it is not written so, or names none of them or one that there is not.
+    """
+    parts = text.split(":")
+    try:
+        numbers = [int(part) if part.strip() else None for part in parts]
+        if not 1 <= len(parts) <= 3 or (len(parts) == 1 and numbers[0] is None):
+            raise ValueError
+    except ValueError:
+        raise InputError(
+            f"{text!r} does not say which columns: write START:STOP or START:STOP:STEP, such as"
+            " 0:32:4, or one number."
+        ) from None
+    start, stop, step = (*numbers, None, None)[:3]
+    if len(parts) == 1 and start is not None:
+        stop = start + 1
+    start, stop, step = start or 0, most if stop is None else stop, 1 if step is None else step
+    if step < 1 or start < 0 or stop <= start:
+        raise InputError(f"{text!r} names no column: count up from 0, to a later one.")
+    if stop > most:
+        raise InputError(
+            f"{text!r} goes beyond the {counted(most, 'column')}: the last that STOP may be is"
+            f" {most}."
+        )
+    return range(start, stop, step)
+
+
+def evenly(most: int, count: int) -> range:
+    """About so many of the columns, evenly spread and the first of them among these."""
+    return range(0, most, -(-most // count))
+
+
+def sweep(
+    family: Family, spectrum: Spectrum, columns: range, frames: int | None = None
+) -> list[Family]:
+    """The family at some of its columns, or at so many places from the first of them to the last.
+
+    Parameters
+    ----------
+    family : Family
+        Resolved.
+    spectrum : Spectrum
+    columns : range
+        Counted from 0, see `n_columns`; not empty.
+    frames : int, optional
+        None for one each column.
+
+    Raises
+    ------
+    InputError
+        If there are more frames than different fields.
+    """
+    first = family.step(spectrum, -FAR)
+    if frames is None or frames == len(columns):
+        return [first.step(spectrum, column) for column in columns]
+    ends = [first.step(spectrum, column) for column in (columns[0], columns[-1])]
+    low, high = (end.place(spectrum) for end in ends)
+    way = high - low
+    places = [low + way * frame / max(frames - 1, 1) for frame in range(frames)]
+    found = [first.at_place(spectrum, place) for place in places]
+    if len(set(found)) < frames:
+        raise InputError(
+            f"{counted(frames, 'frame')} are more than the {counted(len(columns), 'column')} that"
+            " they would show: choose fewer seconds, a lower rate or more columns."
+        )
+    return found

@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+import gc
+import weakref
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapes
+from closed_form import A, B, rectangle_spectrum
+from PIL import Image
+
+from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
+from meshmash_viewer.app.view.picture import render_picture
+from meshmash_viewer.app.view.series import Look, Shot, draw_series, series_view, turntable
+from meshmash_viewer.fields import FAMILIES
+from meshmash_viewer.fields.sweep import sweep
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.field import FieldRequest
+
+SIZE = (320, 240)
+
+
+@pytest.fixture(scope="module")
+def plate() -> Mesh:
+    flat = shapes.rectangle(12, 30, A, B)
+    return Mesh(flat.vertices, flat.faces, unit="nm", name="plate")
+
+
+def eigenfunctions(mesh: Mesh, columns: range) -> list[Shot]:
+    spectrum = rectangle_spectrum(mesh, 40)
+    family = FAMILIES["eigenfunction"]()
+    found = sweep(family.resolved(spectrum, {}), spectrum, columns)
+    return [Shot(FieldRequest(spectrum, "nm", each, places=mesh.vertices)) for each in found]
+
+
+def drawing_of(mesh: Mesh) -> MeshRenderer:
+    drawing = MeshRenderer()
+    drawing.set_mesh(mesh, mesh.vertex_normals)
+    return drawing
+
+
+def test_a_picture_of_a_series_is_the_one_of_its_field(plate: Mesh, tmp_path: Path) -> None:
+    shots = eigenfunctions(plate, range(1, 30, 7))
+    series = draw_series(drawing_of(plate), SIZE, shots, Look("RdBu_r"))
+    found = [picture.rgba() for _, picture in series]
+    assert len(found) == len(shots)
+    for shot, picture in zip(shots, found, strict=True):
+        assert shot.request is not None
+        spectrum, family = shot.request.spectrum, shot.request.family
+        render_picture(
+            plate,
+            np.asarray(spectrum.rows[family.index]),
+            tmp_path / "one.png",
+            size=SIZE,
+            title=family.title(),
+            quantity=shot.request.quantity,
+            unit=family.unit("nm"),
+        )
+        with Image.open(tmp_path / "one.png") as image:
+            alone = np.asarray(image.convert("RGBA")).astype(int)
+        assert np.abs(alone - picture).mean() < 0.5
+    assert np.abs(found[0].astype(int) - found[1]).mean() > 5.0
+
+
+def test_no_more_pictures_are_held_however_many_there_are(plate: Mesh) -> None:
+    alive: list[weakref.ref[np.ndarray]] = []
+    most = 0
+    for _, picture in draw_series(
+        drawing_of(plate), (64, 48), eigenfunctions(plate, range(24)), Look("RdBu_r")
+    ):
+        alive.append(weakref.ref(picture.pixels))
+        del picture
+        gc.collect(0)
+        most = max(most, sum(each() is not None for each in alive))
+    assert len(alive) == 24
+    assert most <= 2
+
+
+def test_a_mesh_on_a_turntable_comes_round_and_stays_in_the_picture(plate: Mesh) -> None:
+    drawing = drawing_of(plate)
+    drawing.view = series_view(drawing, SIZE, turning=True)
+    views = turntable(drawing, drawing.view, 8)
+    quarter = np.array([each.axes for each in views])
+    np.testing.assert_allclose(quarter[4][[0, 2]], -quarter[0][[0, 2]], atol=1e-9)
+    np.testing.assert_allclose(quarter[:, 1], quarter[:1, 1].repeat(8, axis=0), atol=1e-9)
+    for view in views:
+        x, y = view.to_pixels(plate.vertices, *SIZE)[:, :2].T
+        assert 0 <= x.min() <= x.max() <= SIZE[0]
+        assert 0 <= y.min() < y.max() <= SIZE[1]
+        assert (x.min() + x.max()) / 2 == pytest.approx(SIZE[0] / 2, abs=2.0)
+    pictures = [
+        picture.rgba().astype(int)
+        for _, picture in draw_series(
+            drawing, SIZE, [Shot(view=each) for each in (*views, views[0])], Look("RdBu_r")
+        )
+    ]
+    assert np.abs(pictures[0] - pictures[8]).mean() < 0.01
+    assert np.abs(pictures[0] - pictures[2]).mean() > 1.0
+
+
+def test_what_was_looked_at_is_what_the_series_shows(plate: Mesh) -> None:
+    """The whole mesh where all of it was seen; the same part of it where not."""
+    drawing = drawing_of(plate)
+    drawing.view = series_view(drawing, (800, 600))
+    far = drawing.view.zoomed(0.25, 400, 300, 800, 600)
+    near = drawing.view.zoomed(6.0, 300, 300, 800, 600)
+    drawing.view = far
+    again = series_view(drawing, (200, 300), (800, 600))
+    assert again.to_pixels(plate.vertices, 200, 300)[:, 0].max() > 150
+    drawing.view = near
+    part = series_view(drawing, (200, 300), (800, 600))
+    np.testing.assert_array_equal(part.focus, near.focus)
+    corners = np.array([near.from_pixels(x, y, 800, 600) for x in (0, 800) for y in (0, 600)])
+    places = part.to_pixels(corners, 200, 300)[:, :2]
+    np.testing.assert_allclose((places.min(axis=0)[0], places.max(axis=0)[0]), (0, 200), atol=1e-6)
