@@ -50,7 +50,8 @@ def window_parser() -> argparse.ArgumentParser:
         f"  {PROGRAM} info MESH...                 health, area, length of the spectrum\n"
         f"  {PROGRAM} features MESH... -o OUT      HKS, geometry vectors, WKS or eigenpairs\n"
         f"  {PROGRAM} compare A B [-o OUT]         spectral distance, matches of vertices\n"
-        f"  {PROGRAM} render MESH -o OUT.png       a picture\n",
+        f"  {PROGRAM} render MESH -o OUT.png       a picture\n"
+        f"  {PROGRAM} gallery MESH -o OUT.png      many fields side by side\n",
     )
     parser.add_argument("mesh", nargs="*", help="mesh file or session")
     _add_unit(parser)
@@ -167,13 +168,56 @@ def command_parser() -> argparse.ArgumentParser:
     _add_target(render)
     _add_solver(render)
     render.add_argument("-o", "--output", required=True, type=Path, metavar="OUT.png")
-    render.add_argument("--size", type=_size, default=(1600, 1200), metavar="WIDTHxHEIGHT")
-    render.add_argument("--colormap", metavar="NAME", help="one of matplotlib's")
-    render.add_argument("--limits", type=float, nargs=2, metavar=("LOW", "HIGH"))
+    _add_looks(render, (1600, 1200))
     render.add_argument("--transparent", action="store_true", help="leave the background out")
-    render.add_argument("--dark", action="store_true", help="light text on a dark ground")
     _add_json(render)
+    _add_gallery(commands.add_parser("gallery", help="draw many fields of a mesh side by side"))
     return parser
+
+
+def _add_gallery(gallery: argparse.ArgumentParser) -> None:
+    _add_series(gallery)
+    gallery.add_argument(
+        "--columns",
+        metavar="START:STOP:STEP",
+        help="which, from 0 and without STOP, as in Python; default two dozen, evenly spread",
+    )
+    gallery.add_argument("-o", "--output", required=True, type=Path, metavar="OUT.png")
+    _add_looks(gallery, (2400, 1800))
+    gallery.add_argument("--transparent", action="store_true", help="leave the background out")
+    _add_json(gallery)
+
+
+def _add_series(parser: argparse.ArgumentParser) -> None:
+    """Of which mesh, and which fields."""
+    from meshmash_viewer.fields import FAMILIES
+
+    kinds = tuple(name for name, family in FAMILIES.items() if family.position)
+    parser.add_argument("mesh", type=Path)
+    parser.add_argument("--kind", choices=kinds, default=kinds[0], help=f"default: {kinds[0]}")
+    parser.add_argument(
+        "--n-components",
+        type=_positive,
+        default=32,
+        metavar="N",
+        help="number of columns of the kinds that have as many as one likes, default 32",
+    )
+    _add_mesh(parser)
+    _add_target(parser)
+    _add_solver(parser)
+
+
+def _add_looks(parser: argparse.ArgumentParser, size: tuple[int, int]) -> None:
+    parser.add_argument(
+        "--size",
+        type=_size,
+        default=size,
+        metavar="WIDTHxHEIGHT",
+        help=f"in pixels, default {size[0]}x{size[1]}",
+    )
+    parser.add_argument("--colormap", metavar="NAME", help="one of matplotlib's")
+    parser.add_argument("--limits", type=float, nargs=2, metavar=("LOW", "HIGH"))
+    parser.add_argument("--dark", action="store_true", help="light text on a dark ground")
 
 
 def _add_unit(parser: argparse.ArgumentParser) -> None:

@@ -29,6 +29,7 @@ from meshmash_viewer.cli.arguments import (
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import Cancelled, ProgressBar
 from meshmash_viewer.spectral.engine.compiler import check_compiler
+from meshmash_viewer.units import counted
 
 if TYPE_CHECKING:
     import argparse
@@ -65,6 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "features": _features,
         "compare": _compare,
         "render": _render,
+        "gallery": _gallery,
     }
     try:
         if arguments and arguments[0] in commands:
@@ -118,7 +120,7 @@ def _window(options: argparse.Namespace) -> int:
     if first.isidentifier() and not os.path.lexists(first):
         raise InputError(
             f"There is neither a command nor a file {first}; the commands are info, features,"
-            " compare and render."
+            " compare, render and gallery."
         )
     if (
         sys.platform.startswith("linux")
@@ -127,8 +129,8 @@ def _window(options: argparse.Namespace) -> int:
         and not os.environ.get("QT_QPA_PLATFORM")
     ):
         raise InputError(
-            "There is no display to open a window on; use the commands info, features, compare and"
-            " render, or run it under xvfb-run."
+            "There is no display to open a window on; use the commands that need none (see"
+            " --help), or run it under xvfb-run."
         )
     if options.unit is not None:
         from meshmash_viewer.units import parse_unit
@@ -221,17 +223,50 @@ def _render(options: argparse.Namespace) -> int:
                 index=options.index,
                 diffusion_time=options.time,
                 n_components=options.n_components,
-                size=options.size,
-                colormap=options.colormap,
-                limits=None if options.limits is None else tuple(options.limits),
                 transparent=options.transparent,
-                dark=options.dark,
+                **_looks(options),
             )
         reached = f": {_reach(report, mesh)}" if "max_eigenvalue" in report else ""
         _tell(options, index, report, f"{report['output']}{reached}")
 
     options.mesh = [options.mesh]
     return _for_each(options, work)
+
+
+def _gallery(options: argparse.Namespace) -> int:
+    from meshmash_viewer.cli.series import write_gallery
+    from meshmash_viewer.io.write import check_output
+
+    target, operator = chosen_target(options), chosen_operator(options)
+    check_output(options.output, "picture")
+
+    def work(index: int, mesh: Mesh) -> None:
+        with _solver(options, target, operator, mesh) as solver:
+            report = write_gallery(
+                mesh,
+                options.output,
+                options.kind,
+                solver,
+                columns=options.columns,
+                n_components=options.n_components,
+                transparent=options.transparent,
+                **_looks(options),
+            )
+        pictures = counted(len(report["columns"]), "picture")
+        _tell(options, index, report, f"{report['output']}: {pictures}")
+
+    options.mesh = [options.mesh]
+    return _for_each(options, work)
+
+
+def _looks(options: argparse.Namespace) -> dict[str, Any]:
+    """Size and colours of pictures."""
+    return {
+        "size": options.size,
+        "colormap": options.colormap,
+        "limits": None if options.limits is None else tuple(options.limits),
+        "dark": options.dark,
+    }
 
 
 def _tell(options: argparse.Namespace, index: int, report: dict[str, Any], said: str) -> None:

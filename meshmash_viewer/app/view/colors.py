@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib import colormaps
 
+from meshmash_viewer.errors import InputError
+
 __all__ = ["DARK", "LIGHT", "NAN_COLOR", "RenderTheme", "color_table", "rgb"]
 
 #: Where a field has no value: a grey that neither end nor middle of a colour map has.
@@ -66,11 +68,13 @@ def color_table(name: str, count: int = 256) -> npt.NDArray[np.uint8]:
 
     Raises
     ------
-    ValueError
+    InputError
         If there is no colour map of that name.
     """
     if name not in colormaps:
-        raise ValueError(f"{name!r} is not a colour map of matplotlib.")
+        raise InputError(
+            f"{name!r} is not a colour map of matplotlib; RdBu_r, viridis and magma are some."
+        )
     table = colormaps[name].resampled(count)(np.arange(count), bytes=True)
     table.setflags(write=False)  # shared by the cache
     return np.asarray(table)

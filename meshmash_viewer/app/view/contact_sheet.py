@@ -1,0 +1,178 @@
+"""Many small pictures on one sheet, each with its caption and its colours; without Qt and VTK."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageDraw, ImageFont
+
+from meshmash_viewer.app.view.annotations import Caption, font_file
+from meshmash_viewer.app.view.colors import DARK, LIGHT
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.units import format_quantity
+
+__all__ = ["ContactSheet"]
+
+#: Least width and height in pixels of a picture on a sheet: smaller ones show nothing.
+_LEAST = 24
+#: Heights in those of a line of text: of a caption, and of the strip with the ends of the colours.
+_CAPTION, _STRIP = 1.5, 1.5
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Pixels: of the head, of the pictures and of the text under them."""
+
+    columns: int
+    head: int
+    cell: tuple[int, int]
+    picture: tuple[int, int]
+    text: float
+
+
+class ContactSheet:
+    """A sheet that is filled picture by picture.
+
+    Parameters
+    ----------
+    captions : sequence of str
+        One for each picture.
+    size : (int, int)
+        Width and height of the sheet in pixels.
+    aspect : float
+        Width over height of what the pictures show.
+    title : str
+        Above all of them.
+    dark, transparent : bool
+        Light text on a dark ground; no ground at all.
+
+    Attributes
+    ----------
+    picture_size : (int, int)
+        In which the pictures are to be drawn, without a background.
+
+    Raises
+    ------
+    InputError
+        If the sheet is too small for so many.
+    """
+
+    def __init__(
+        self,
+        captions: list[str],
+        size: tuple[int, int],
+        aspect: float,
+        title: str,
+        *,
+        dark: bool = False,
+        transparent: bool = False,
+    ) -> None:
+        self._captions, self._theme = captions, DARK if dark else LIGHT
+        layouts = [_layout(columns, len(captions), size, aspect) for columns in _counts(captions)]
+        self._layout = max(layouts, key=lambda each: _drawn_width(each, aspect))
+        self.picture_size = self._layout.picture
+        if min(self.picture_size) < _LEAST:
+            raise InputError(
+                f"{len(captions)} pictures on a sheet of {size[0]} × {size[1]} pixels are too"
+                " small to show anything: make it larger, or choose fewer columns."
+            )
+        ground = self._theme.background_top
+        self._sheet = Image.new("RGBA", size, (0, 0, 0, 0) if transparent else ground)
+        self._draw = ImageDraw.Draw(self._sheet)
+        widest = max((self._font(1.0).getlength(text) for text in captions), default=1.0)
+        free = 0.94 * self._layout.cell[0]
+        self._caption_font = self._font(min(1.0, max(free / max(widest, 1.0), 0.7)))
+        head = self._font(1.25, bold=True, of=self._layout.head / 2.6)
+        edge = self._layout.head * 0.4
+        self._draw.text(
+            (edge, self._layout.head / 2),
+            _fitted(title, head, size[0] - 2 * edge),
+            fill=self._theme.ink,
+            font=head,
+            anchor="lm",
+        )
+
+    def _font(
+        self, share: float, *, bold: bool = False, of: float | None = None
+    ) -> ImageFont.FreeTypeFont:
+        height = self._layout.text if of is None else of
+        return ImageFont.truetype(font_file(bold), max(share * height, 6.0))
+
+    def put(self, at: int, picture: npt.NDArray[np.uint8], caption: Caption) -> None:
+        """Take a picture of `picture_size`, RGBA, with what is said of its field."""
+        layout, text = self._layout, self._layout.text
+        row, column = divmod(at, layout.columns)
+        # what is left over at the right goes to both sides
+        beside = (self._sheet.width - layout.columns * layout.cell[0]) // 2
+        left = beside + column * layout.cell[0]
+        top = layout.head + row * layout.cell[1]
+        place = left + (layout.cell[0] - layout.picture[0]) // 2, top
+        self._sheet.alpha_composite(Image.fromarray(picture), place)
+        middle = left + layout.cell[0] / 2
+        below = top + layout.picture[1]
+        self._draw.text(
+            (middle, below + 0.5 * _CAPTION * text),
+            _fitted(self._captions[at], self._caption_font, 0.96 * layout.cell[0]),
+            fill=self._theme.ink,
+            font=self._caption_font,
+            anchor="mm",
+        )
+        self._draw_strip(middle, below + (_CAPTION + 0.35 * _STRIP) * text, caption)
+
+    def _draw_strip(self, middle: float, at: float, caption: Caption) -> None:
+        """The colours between their two ends, in the middle of a cell."""
+        font, gap = self._font(0.72), 0.4 * self._layout.text
+        low = format_quantity(caption.low, "", digits=2)
+        high = f"{format_quantity(caption.high, '', digits=2)} {caption.unit}".rstrip()
+        free = 0.94 * self._layout.cell[0] - 2 * gap
+        strip = free - font.getlength(low) - font.getlength(high)
+        if strip < 2.0 * self._layout.text:
+            low = high = ""
+            strip = 0.6 * free
+        strip = min(strip, 9.0 * self._layout.text)
+        wide = font.getlength(low) + strip + font.getlength(high) + 2 * gap
+        left = middle - wide / 2
+        start = left + font.getlength(low) + gap
+        tall = max(round(0.4 * self._layout.text), 2)
+        colors = Image.fromarray(np.ascontiguousarray(caption.table[None]))
+        bar = colors.resize((max(round(strip), 2), tall))
+        self._sheet.paste(bar, (round(start), round(at - tall / 2)))
+        for text, place, anchor in ((low, left, "lm"), (high, start + strip + gap, "lm")):
+            self._draw.text((place, at), text, fill=self._theme.faint_ink, font=font, anchor=anchor)
+
+    def pixels(self) -> npt.NDArray[np.uint8]:
+        """The sheet as it is now, RGBA, shape (height, width, 4)."""
+        return np.asarray(self._sheet)
+
+
+def _counts(captions: list[str]) -> range:
+    return range(1, len(captions) + 1)
+
+
+def _layout(columns: int, count: int, size: tuple[int, int], aspect: float) -> _Layout:
+    rows = math.ceil(count / columns)
+    head = round(max(0.045 * min(size), 16.0))
+    edge = round(0.4 * head)
+    wide = (size[0] - 2 * edge) // columns
+    tall = (size[1] - head - edge) // rows
+    # as large as the caption of an eigenvalue needs, and no larger than the title
+    text = min(max(wide / 15.0, 7.0), 0.36 * head, 0.2 * tall)
+    picture = round(0.96 * wide), int(tall - (_CAPTION + _STRIP) * text)
+    return _Layout(columns, head, (wide, tall), picture, text)
+
+
+def _drawn_width(layout: _Layout, aspect: float) -> float:
+    """How wide something of an aspect is drawn."""
+    return min(layout.picture[0], layout.picture[1] * aspect)
+
+
+def _fitted(text: str, font: ImageFont.FreeTypeFont, width: float) -> str:
+    """The text, or as much of it as fits with an ellipsis."""
+    if font.getlength(text) <= width:
+        return text
+    while text and font.getlength(text + "…") > width:
+        text = text[:-1].rstrip()
+    return text + "…" if text else ""

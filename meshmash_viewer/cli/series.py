@@ -1,0 +1,148 @@
+"""Galleries and movies without a window: many pictures of one mesh from one command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.fields import FAMILIES
+from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.fields.sweep import chosen_columns, evenly, n_columns, sweep
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.progress import Progress
+
+if TYPE_CHECKING:
+    from meshmash_viewer.cli.commands import Solver
+
+__all__ = ["write_gallery"]
+
+#: Pictures of a gallery of which it is not said which.
+_PICTURES = 24
+
+
+def write_gallery(
+    mesh: Mesh,
+    path: Path,
+    kind: str,
+    solver: Solver,
+    *,
+    columns: str | None = None,
+    n_components: int = 32,
+    size: tuple[int, int] = (2400, 1800),
+    colormap: str | None = None,
+    limits: tuple[float, float] | None = None,
+    transparent: bool = False,
+    dark: bool = False,
+) -> dict[str, Any]:
+    """Draw columns of a family of fields side by side.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    path : Path
+        Ends in ".png".
+    kind : str
+        A name of `meshmash_viewer.fields.FAMILIES`.
+    solver : Solver
+    columns : str, optional
+        "START:STOP:STEP" as in Python; None takes some two dozen, evenly spread.
+    n_components : int
+        Number of columns of a family in which that can be chosen.
+    size : (int, int)
+        Of the sheet in pixels.
+    colormap, limits, transparent, dark
+        See `meshmash_viewer.app.view.picture.render_picture`.
+
+    Returns
+    -------
+    dict
+        JSON-able report.
+    """
+    from meshmash_viewer.app.view.contact_sheet import ContactSheet
+    from meshmash_viewer.app.view.series import aspect, draw_series, series_view
+    from meshmash_viewer.io.write import write_picture
+
+    family, spectrum, report = _solved(mesh, path, kind, solver, n_components)
+    most = n_columns(family, spectrum)
+    chosen = evenly(most, _PICTURES) if columns is None else chosen_columns(columns, most)
+    drawing, look = _drawing(mesh, family, colormap, limits, dark)
+    drawing.annotated = False
+    shots = _shots(sweep(family, spectrum, chosen), spectrum, mesh)
+    captions = [each.request.quantity for each in shots if each.request is not None]
+    title = f"{mesh.name} · {family.label}" if mesh.name else family.label
+    sheet = ContactSheet(captions, size, aspect(drawing), title, dark=dark, transparent=transparent)
+    drawing.view = series_view(drawing, sheet.picture_size)
+    series = draw_series(drawing, sheet.picture_size, shots, look, transparent=True)
+    for at, (_, picture) in enumerate(series):
+        assert drawing.caption is not None
+        sheet.put(at, picture.rgba(), drawing.caption)
+        _tell(solver, at + 1, len(shots), "pictures")
+    write_picture(path, sheet.pixels())
+    return {**report, "columns": list(chosen), "size": list(size)}
+
+
+def _solved(
+    mesh: Mesh, path: Path, kind: str, solver: Solver, n_components: int
+) -> tuple[Family, Spectrum, dict[str, Any]]:
+    """A family with its parameters filled in, the eigenpairs, and what is reported of them."""
+    pairs = solver(mesh)
+    spectrum = Spectrum(
+        pairs.eigenvalues,
+        pairs.rows,
+        pairs.residuals,
+        total=pairs.n_components,
+        certificate=pairs.certificate,
+        operator=solver.operator,
+        mesh=mesh,
+    )
+    families = {name: each() for name, each in FAMILIES.items()}
+    family = FAMILIES[kind].exported(n_components).resolved(spectrum, families)
+    report = {
+        "mesh": mesh.name,
+        "output": str(path),
+        "kind": kind,
+        "proof": pairs.proof(mesh.unit),
+        "max_eigenvalue": float(pairs.eigenvalues[-1]),
+    }
+    return family, spectrum, report
+
+
+def _drawing(
+    mesh: Mesh,
+    family: Family,
+    colormap: str | None,
+    limits: tuple[float, float] | None,
+    dark: bool,
+) -> tuple[Any, Any]:
+    """A `MeshRenderer` with the mesh, and the `Look` of all pictures."""
+    from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
+    from meshmash_viewer.app.view.series import Look
+    from meshmash_viewer.model.display import Display
+    from meshmash_viewer.model.limits import LockedLimits
+
+    if limits is not None and not limits[0] < limits[1]:
+        raise InputError(f"The limits {limits[0]:g} and {limits[1]:g} leave no range: swap them.")
+    usual = Display()
+    usual_colormap = usual.diverging_colormap if family.signed else usual.sequential_colormap
+    drawing = MeshRenderer(dark)
+    drawing.set_mesh(mesh, mesh.vertex_normals)
+    return drawing, Look(colormap or usual_colormap, LockedLimits(*limits) if limits else None)
+
+
+def _shots(families: list[Family], spectrum: Spectrum, mesh: Mesh) -> list[Any]:
+    """A `Shot` of each."""
+    from meshmash_viewer.app.view.series import Shot
+    from meshmash_viewer.model.field import FieldRequest
+
+    sample = mesh.area_sample()
+    return [
+        Shot(FieldRequest(spectrum, mesh.unit, each, sample=sample, places=mesh.vertices))
+        for each in families
+    ]
+
+
+def _tell(solver: Solver, done: int, of: int, what: str) -> None:
+    if solver.progress is not None:
+        solver.progress(Progress(what, done / of, message=f"{done} of {of} {what}"))
