@@ -27,6 +27,7 @@ from meshmash_viewer.model.failure import Failure
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
+    from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
     from meshmash_viewer.app.dialogs.picture_dialog import PictureChoice, PictureDialog
     from meshmash_viewer.app.view.mesh_view import MeshView
 
@@ -76,6 +77,7 @@ class Commands:
         self.restoration: Restoration | None = None
         self._export_ending = self._pictured = ""
         self._picture: PictureChoice | None = None
+        self._gallery: GalleryDialog | None = None
         self.pictures = PictureWriter(window)
         self.pictures.written.connect(
             lambda path: document.notify(Notice(f"Picture saved to {path}."))
@@ -284,6 +286,37 @@ class Commands:
         self._picture, self._pictured = choice, mesh.name if mesh is not None else ""
         self.pictures.write(choice.path, self.scene.twin(), choice.size, choice.transparent)
         self._settings.folder = choice.path.parent
+
+    def gallery(self) -> None:
+        """Show the columns of the family on the render side by side."""
+        from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
+
+        if self._gallery is not None:
+            self._gallery.raise_()
+            self._gallery.activateWindow()
+            return
+        scene, mesh = self.scene, self._document.mesh
+        assert scene is not None and mesh is not None  # noqa: PT018  the command needs them
+        path = self._settings.folder / f"{mesh.name or 'mesh'}_gallery.png"
+        self._gallery = dialog = GalleryDialog(self._document, scene, path, self._window)
+        dialog.saved.connect(self._say_saved)
+        dialog.finished.connect(self._forget_gallery)
+        dialog.show()
+
+    def _forget_gallery(self) -> None:
+        if self._gallery is not None:
+            self._gallery.deleteLater()
+            self._gallery = None
+
+    def close(self) -> None:
+        """Finish the pictures that are being written, and close what stands open."""
+        self.pictures.wait()
+        if self._gallery is not None:
+            self._gallery.close()
+
+    def _say_saved(self, path: Path) -> None:
+        self._settings.folder = path.parent
+        self._document.notify(Notice(f"Picture saved to {path}."))
 
     def _say_not_saved(self, failure: Failure) -> None:
         text = f"The picture was not saved: {failure.text}"

@@ -408,7 +408,7 @@ class MainWindow(QMainWindow):
             self.document.noticed.disconnect(self._on_notice)
             theme.notifier().changed.disconnect(self._on_theme_changed)
             self._focus_keys.stop()
-            self.commands.pictures.wait()
+            self.commands.close()
             self.tasks.close()
             if self.loaded:
                 self.field_source.close()

@@ -20,6 +20,7 @@ __all__ = ["write_gallery"]
 
 #: Pictures of a gallery of which it is not said which.
 _PICTURES = 24
+_AS_IT_COMES = {name: family() for name, family in FAMILIES.items()}
 
 
 def write_gallery(
@@ -61,7 +62,7 @@ def write_gallery(
         JSON-able report.
     """
     from meshmash_viewer.app.view.contact_sheet import ContactSheet
-    from meshmash_viewer.app.view.series import aspect, draw_series, series_view
+    from meshmash_viewer.app.view.series import aspect, draw_series, series_view, shots_of
     from meshmash_viewer.io.write import write_picture
 
     family, spectrum, report = _solved(mesh, path, kind, solver, n_components)
@@ -69,7 +70,8 @@ def write_gallery(
     chosen = evenly(most, _PICTURES) if columns is None else chosen_columns(columns, most)
     drawing, look = _drawing(mesh, family, colormap, limits, dark)
     drawing.annotated = False
-    shots = _shots(sweep(family, spectrum, chosen), spectrum, mesh)
+    families = sweep(family, spectrum, chosen)
+    shots = shots_of(families, spectrum, mesh, mesh.area_sample(), _AS_IT_COMES)
     captions = [each.request.quantity for each in shots if each.request is not None]
     title = f"{mesh.name} · {family.label}" if mesh.name else family.label
     sheet = ContactSheet(captions, size, aspect(drawing), title, dark=dark, transparent=transparent)
@@ -97,8 +99,7 @@ def _solved(
         operator=solver.operator,
         mesh=mesh,
     )
-    families = {name: each() for name, each in FAMILIES.items()}
-    family = FAMILIES[kind].exported(n_components).resolved(spectrum, families)
+    family = FAMILIES[kind].exported(n_components)
     report = {
         "mesh": mesh.name,
         "output": str(path),
@@ -129,18 +130,6 @@ def _drawing(
     drawing = MeshRenderer(dark)
     drawing.set_mesh(mesh, mesh.vertex_normals)
     return drawing, Look(colormap or usual_colormap, LockedLimits(*limits) if limits else None)
-
-
-def _shots(families: list[Family], spectrum: Spectrum, mesh: Mesh) -> list[Any]:
-    """A `Shot` of each."""
-    from meshmash_viewer.app.view.series import Shot
-    from meshmash_viewer.model.field import FieldRequest
-
-    sample = mesh.area_sample()
-    return [
-        Shot(FieldRequest(spectrum, mesh.unit, each, sample=sample, places=mesh.vertices))
-        for each in families
-    ]
 
 
 def _tell(solver: Solver, done: int, of: int, what: str) -> None:

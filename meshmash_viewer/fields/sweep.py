@@ -77,7 +77,6 @@ def sweep(
     Parameters
     ----------
     family : Family
-        Resolved.
     spectrum : Spectrum
     columns : range
         Counted from 0, see `n_columns`; not empty.

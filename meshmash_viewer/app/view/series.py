@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,12 +13,24 @@ from meshmash_viewer.app.view.annotations import margins
 from meshmash_viewer.app.view.camera import Margins, View, fitted_view
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import OffScreen, RawPicture, all_steps, text_scale
+from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field
 from meshmash_viewer.model.limits import LimitPolicy
 from meshmash_viewer.surface.nodal_lines import nodal_segments
 
-__all__ = ["Dress", "Look", "Shot", "aspect", "draw_series", "dressed", "series_view", "turntable"]
+__all__ = [
+    "Dress",
+    "Look",
+    "Shot",
+    "aspect",
+    "draw_series",
+    "dressed",
+    "series_view",
+    "shots_of",
+    "turntable",
+]
 
 
 @dataclass(frozen=True)
@@ -54,6 +66,7 @@ class Dress:
 
     shot: Shot
     field: Field | None = None
+    values: npt.NDArray[np.float32] | None = None
     limits: tuple[float, float] = (0.0, 1.0)
     colormap: str = ""
     lines: tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]] | None = None
@@ -62,10 +75,10 @@ class Dress:
         """Show it, from where the shot says."""
         if self.shot.view is not None:
             drawing.view = self.shot.view
-        if self.field is None or drawing.mesh is None:
+        if self.field is None:
             return
         drawing.set_field(
-            drawing.mesh.on_surface(self.field.values),
+            self.values,
             self.limits,
             self.colormap,
             self.field.title,
@@ -79,10 +92,43 @@ class Dress:
             drawing.set_segments(*self.lines)
 
 
+def shots_of(
+    families: Sequence[Family],
+    spectrum: Spectrum,
+    mesh: Mesh,
+    sample: npt.NDArray[np.int64],
+    chosen: Mapping[str, Family],
+) -> list[Shot]:
+    """A shot of each; the parameters that they leave open are filled in.
+
+    Parameters
+    ----------
+    families : sequence of Family
+    spectrum : Spectrum
+    mesh : Mesh
+    sample : ndarray of int64
+        Vertices that limits are taken over (`Mesh.area_sample`).
+    chosen : mapping of str to Family
+        Every family, for one may build on another.
+    """
+    resolved = (each.resolved(spectrum, chosen) for each in families)
+    return [
+        Shot(FieldRequest(spectrum, mesh.unit, each, sample=sample, places=mesh.vertices))
+        for each in resolved
+    ]
+
+
 def dressed(
-    shot: Shot, look: Look, live: LiveFeatures, mesh: Mesh, centre: npt.NDArray[np.float64]
+    shot: Shot,
+    look: Look,
+    live: LiveFeatures,
+    drawing: MeshRenderer,
+    picked: npt.NDArray[np.int64] | None = None,
 ) -> Dress:
-    """Compute what a shot shows, by the direct sum; `centre` is that of the drawing."""
+    """Compute what a shot shows, by the direct sum where there is one.
+
+    `picked` are the vertices of the field's mesh that are those of the drawing's, if not all.
+    """
     if shot.request is None:
         return Dress(shot)
     found = compute_field(shot.request, live)
@@ -90,10 +136,12 @@ def dressed(
         live.prepare(shot.request)
         found = compute_field(shot.request, live)
     assert found is not None, "its table is there"
-    lines = None
+    mesh, lines = drawing.mesh, None
+    assert mesh is not None
+    values = mesh.on_surface(found.values if picked is None else found.values[picked])
     if look.nodal_lines and found.signed:
-        lines = nodal_segments(mesh.vertices, mesh.faces, found.values, centre)
-    return Dress(shot, found, found.limits(look.policy), look.colormap, lines)
+        lines = nodal_segments(mesh.vertices, mesh.faces, values, drawing.centre)
+    return Dress(shot, found, values, found.limits(look.policy), look.colormap, lines)
 
 
 def draw_series(
@@ -105,10 +153,9 @@ def draw_series(
 ) -> Iterator[tuple[Dress, RawPicture]]:
     """Draw one picture after the other, all of one size; none of them is kept."""
     live = LiveFeatures()
-    assert drawing.mesh is not None
     with contextlib.closing(OffScreen(drawing, size, transparent)) as window:
         for shot in shots:
-            dress = dressed(shot, look, live, drawing.mesh, drawing.centre)
+            dress = dressed(shot, look, live, drawing)
             dress.put_on(drawing)
             yield dress, all_steps(window.draw())
 

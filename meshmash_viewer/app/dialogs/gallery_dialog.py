@@ -1,0 +1,447 @@
+"""The columns of the family on the render side by side, to look through, go to and save."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from PySide6.QtCore import QObject, QSize, Qt, QThreadPool, QTimer, Signal
+from PySide6.QtGui import QIcon, QImage, QKeyEvent, QPixmap
+from PySide6.QtWidgets import (
+    QDialog,
+    QLabel,
+    QListView,
+    QListWidget,
+    QListWidgetItem,
+    QProgressBar,
+    QPushButton,
+    QSpinBox,
+    QWidget,
+)
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.facts import keep_room, reserved_note
+from meshmash_viewer.app.controls.layout import column, row
+from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
+from meshmash_viewer.app.listening import follow, stop_listening
+from meshmash_viewer.app.series_painter import SeriesPainter
+from meshmash_viewer.app.view.annotations import Caption
+from meshmash_viewer.app.view.contact_sheet import ContactSheet
+from meshmash_viewer.app.view.geometry import geometry_of
+from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
+from meshmash_viewer.app.view.mesh_view import MeshView
+from meshmash_viewer.app.view.picture import RawPicture
+from meshmash_viewer.app.view.series import Look, Shot, aspect, series_view, shots_of
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.sweep import evenly, n_columns, sweep
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.display import Display
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.failure import Failure
+from meshmash_viewer.surface.clustering import cluster_vertices
+from meshmash_viewer.units import counted
+
+__all__ = ["GalleryDialog", "look_of"]
+
+#: Thumbnails that are shown at first, and their width and most height in logical pixels.
+_SHOWN, _WIDTH, _MOST_HEIGHT = 24, 190, 190
+#: From so many vertices on thumbnails are drawn of a coarse mesh of about so many.
+_LARGE, _COARSE = 100_000, 40_000
+#: Milliseconds that a range must rest before its pictures are begun.
+_REST = 250
+
+
+def look_of(display: Display) -> Look:
+    """The colours of what is on the render."""
+    signed = display.family.signed
+    colormap = display.diverging_colormap if signed else display.sequential_colormap
+    return Look(colormap, display.limits, display.nodal_lines)
+
+
+class GalleryDialog(QDialog):
+    """Thumbnails of a family's columns.
+
+    Parameters
+    ----------
+    document : Document
+        With a mesh and at least one eigenpair.
+    scene : MeshView
+        Whose camera the pictures share.
+    path : Path
+        Where to suggest to save the sheet.
+
+    Signals
+    -------
+    saved(Path)
+        The sheet is there.
+    """
+
+    saved = Signal(object)
+
+    def __init__(
+        self, document: Document, scene: MeshView, path: Path, parent: QWidget | None = None
+    ) -> None:
+        super().__init__(parent)
+        theme.named(self, "gallery_dialog").setWindowTitle("Gallery")
+        self.resize(1160, 740)
+        self._document, self._scene, self._path = document, scene, path
+        self._mesh = document.mesh
+        self._shown: tuple[object, ...] = ()
+        self._families: list[Family] = []
+        self._stand_in = _StandIn(self)
+        self._stand_in.ready.connect(self._fill)
+        self._thumbnails, self._sheet = SeriesPainter(self), SeriesPainter(self)
+        self._thumbnails.drawn.connect(self._show_thumbnail)
+        self._thumbnails.failed.connect(self._say_failed)
+        self._sheet.drawn.connect(self._show_progress)
+        self._sheet.finished.connect(self._say_saved)
+        self._sheet.failed.connect(self._say_failed)
+        self._rest = QTimer(self, singleShot=True, interval=_REST)
+        self._rest.timeout.connect(self._fill)
+        self._build()
+        display = document.display
+        for signal in (
+            display.events.kind, display.events.fields, display.events.policies,
+            display.events.diverging_colormap, display.events.sequential_colormap,
+            display.events.nodal_lines, document.spectrum_changed, document.mesh_changed,
+        ):  # fmt: skip
+            follow(signal, self._refresh)
+        theme.notifier().changed.connect(self._fill)
+        self._refresh()
+
+    # -- building -----------------------------------------------------------------------------
+
+    def _build(self) -> None:
+        self.first_spin = self._spin("gallery_first_spin", "First column")
+        self.last_spin = self._spin("gallery_last_spin", "Last column")
+        self.step_spin = self._spin("gallery_step_spin", "Every how many columns", 1)
+        self.count_label = theme.named(QLabel(), "gallery_count_label", role="muted")
+        self.list = theme.named(_Thumbnails(), "gallery_list", "Thumbnails", role="gallery")
+        self.list.itemClicked.connect(self._go)
+        self.list.itemActivated.connect(self._go)
+        self.progress_bar = theme.named(QProgressBar(), "gallery_progress_bar", "Pictures drawn")
+        self.progress_bar.setTextVisible(False)
+        self.cancel_button = theme.named(
+            QPushButton("Cancel", autoDefault=False), "gallery_cancel_button", "Stop saving"
+        )
+        self.cancel_button.clicked.connect(self._cancel)
+        for widget in (self.progress_bar, self.cancel_button):
+            keep_room(widget)
+            widget.hide()
+        self.save_button = theme.named(
+            QPushButton("Save picture…", autoDefault=False), "gallery_save_button", role="primary"
+        )
+        self.save_button.clicked.connect(self._ask_where)
+        self.close_button = theme.named(
+            QPushButton("Close", autoDefault=False), "gallery_close_button"
+        )
+        self.close_button.clicked.connect(self.close)
+        self.remark_label = reserved_note("gallery_remark_label", 1)
+        self.setLayout(
+            column(
+                row(
+                    QLabel("Columns"), self.first_spin, QLabel("to"), self.last_spin,
+                    QLabel("every"), self.step_spin, self.count_label, None,
+                ),
+                (self.list,),
+                self.remark_label,
+                row(
+                    (self.progress_bar,), self.cancel_button, self.save_button, self.close_button
+                ),
+                margins=(16, 12, 16, 12),
+            )
+        )  # fmt: skip
+        theme.pad_fields(self)
+
+    def _spin(self, name: str, accessible: str, least: int = 0) -> QSpinBox:
+        spin = theme.named(QSpinBox(minimum=least), name, accessible)
+        spin.valueChanged.connect(self._rest.start)
+        return spin
+
+    # -- which are shown ----------------------------------------------------------------------
+
+    def _refresh(self) -> None:
+        """Follow the model: another family or spectrum is another gallery."""
+        document, display = self._document, self._document.display
+        if document.mesh is not self._mesh or document.spectrum is None:
+            self.close()
+            return
+        policy = display.limits
+        now = (
+            display.kind, display.family.at_rest(), document.spectrum, policy, look_of(display)
+        )  # fmt: skip
+        if now != self._shown:
+            same = self._shown[:1] == now[:1]
+            self._shown = now
+            self._set_range(n_columns(display.family, document.spectrum), keep=same)
+            self._fill()
+        self._mark()
+
+    def _set_range(self, most: int, *, keep: bool) -> None:
+        found = evenly(most, _SHOWN)
+        before = self.first_spin.value(), self.last_spin.value(), self.step_spin.value()
+        kept = keep and before[1] < most
+        values = before if kept else (0, most - 1, found.step)
+        for spin, value in zip(
+            (self.first_spin, self.last_spin, self.step_spin), values, strict=True
+        ):
+            spin.blockSignals(True)
+            spin.setMaximum(max(most - 1, 1))
+            spin.setValue(value)
+            spin.blockSignals(False)
+
+    @property
+    def columns(self) -> range:
+        """Those that are shown."""
+        first, last = sorted((self.first_spin.value(), self.last_spin.value()))
+        return range(first, last + 1, self.step_spin.value())
+
+    def _shots(self) -> list[Shot]:
+        document, ready = self._document, self._document.ready
+        assert ready is not None
+        assert document.spectrum is not None
+        sample = ready.mesh.area_sample() if ready.sample is None else ready.sample
+        return shots_of(
+            self._families, document.spectrum, ready.mesh, sample, document.display.fields
+        )
+
+    def _fill(self) -> None:
+        """Begin anew with the thumbnails."""
+        self._rest.stop()
+        self._thumbnails.stop()
+        document, display = self._document, self._document.display
+        if document.mesh is None or document.spectrum is None or not self._stand_in.of(self._mesh):
+            return
+        self._families = sweep(display.family, document.spectrum, self.columns)
+        shots = self._shots()
+        drawing, picked = self._small_drawing()
+        size = QSize(_WIDTH, min(round(_WIDTH / aspect(drawing)), _MOST_HEIGHT))
+        captions = [each.request.quantity for each in shots if each.request is not None]
+        self.list.begin(captions, size)
+        most = self.first_spin.maximum() + 1
+        self.count_label.setText(f"{counted(len(shots), 'picture')} · {display.family.label}")
+        only = most == 2 and n_columns(display.family, document.spectrum) == 1
+        self.remark_label.setText(
+            f"{display.family.label} is one field; the others have columns to look through."
+            if only
+            else ""
+        )
+        ratio = self.devicePixelRatioF()
+        pixels = round(size.width() * ratio), round(size.height() * ratio)
+        drawing.view = series_view(drawing, pixels, self._scene.plotter.pixels()[:2])
+        self._thumbnails.start(
+            drawing,
+            pixels,
+            shots,
+            look_of(display),
+            contextlib.nullcontext(_image),
+            transparent=True,
+            picked=picked,
+        )
+        self._mark()
+
+    def _small_drawing(self) -> tuple[MeshRenderer, npt.NDArray[np.int64] | None]:
+        scene, coarse = self._scene.renderer, self._stand_in.coarse
+        if coarse is None:
+            drawing = self._scene.twin()
+        else:
+            mesh, picked = coarse
+            normals = None if scene.normals is None else scene.normals[picked]
+            drawing = MeshRenderer(scene.dark)
+            drawing.set_mesh(mesh, normals)
+            drawing.view = scene.view
+        drawing.annotated = False
+        return drawing, None if coarse is None else coarse[1]
+
+    def _show_thumbnail(self, at: int, image: object) -> None:
+        assert isinstance(image, QImage)
+        self.list.show_picture(at, image)
+
+    # -- going there --------------------------------------------------------------------------
+
+    def _go(self, item: QListWidgetItem) -> None:
+        """Move the display to a column; what else is chosen of the family stays."""
+        chosen, display = self._families[self.list.row(item)], self._document.display
+        places = {name: getattr(chosen, name) for name in chosen.position}
+        display.show(replace(display.fields[chosen.name], **places))
+
+    def _mark(self) -> None:
+        """Mark the thumbnail of what is on the render, if there is one."""
+        family = self._document.display.family
+        here = [getattr(family, name) for name in family.position]
+        for at, each in enumerate(self._families):
+            if here and [getattr(each, name) for name in each.position] == here:
+                self.list.setCurrentRow(at)
+                return
+        self.list.clearSelection()
+
+    # -- saving -------------------------------------------------------------------------------
+
+    def _ask_where(self) -> None:
+        ratio = self.devicePixelRatioF()
+        size = (round(self.list.width() * ratio), round(self.list.height() * ratio))
+        dialog = PictureDialog(size, self._path, self)
+        dialog.accepted.connect(lambda: self._save(dialog))
+        dialog.finished.connect(dialog.deleteLater)
+        dialog.open()
+
+    def _save(self, dialog: PictureDialog) -> None:
+        choice = dialog.choice
+        self._path, mesh = choice.path, self._document.mesh
+        if mesh is None:
+            return
+        drawing, shots = self._scene.twin(), self._shots()
+        drawing.annotated = False
+        captions = [each.request.quantity for each in shots if each.request is not None]
+        label = self._document.display.family.label
+        try:
+            sheet = ContactSheet(
+                captions,
+                choice.size,
+                aspect(drawing),
+                f"{mesh.name} · {label}" if mesh.name else label,
+                dark=theme.is_dark(),
+                transparent=choice.transparent,
+            )
+        except InputError as fault:
+            self.remark_label.setText(str(fault))
+            return
+        seen = self._scene.plotter.pixels()[:2]
+        drawing.view = series_view(drawing, sheet.picture_size, seen)
+        self.remark_label.setText("")
+        self.progress_bar.setRange(0, len(shots))
+        self.progress_bar.setValue(0)
+        self._show_saving(True)
+        look = look_of(self._document.display)
+        sink = _sheet_file(choice.path, sheet)
+        self._sheet.start(drawing, sheet.picture_size, shots, look, sink, transparent=True)
+
+    def _show_saving(self, saving: bool) -> None:
+        for widget in (self.progress_bar, self.cancel_button):
+            widget.setVisible(saving)
+        self.save_button.setEnabled(not saving)
+
+    def _show_progress(self, at: int, _made: object) -> None:
+        self.progress_bar.setValue(at + 1)
+
+    def _cancel(self) -> None:
+        self._sheet.stop()
+        self._show_saving(False)
+
+    def _say_saved(self) -> None:
+        self._show_saving(False)
+        self.saved.emit(self._path)
+
+    def _say_failed(self, failure: Failure) -> None:
+        self._show_saving(False)
+        self.remark_label.setText(failure.text)
+
+    def done(self, result: int) -> None:
+        """Stop what is being drawn, and close."""
+        stop_listening(self)
+        theme.notifier().changed.disconnect(self._fill)
+        self._rest.stop()
+        for painter in (self._thumbnails, self._sheet):
+            painter.close()
+        self._stand_in.close()
+        super().done(result)
+
+
+class _Thumbnails(QListWidget):
+    """Pictures with their captions in as many columns as there is room for."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setViewMode(QListView.ViewMode.IconMode)
+        self.setResizeMode(QListView.ResizeMode.Adjust)
+        self.setMovement(QListView.Movement.Static)
+        self.setUniformItemSizes(True)
+        self.setWordWrap(True)
+        self.setSpacing(4)
+
+    def begin(self, captions: list[str], size: QSize) -> None:
+        """Make room for pictures that have not come yet."""
+        self.clear()
+        self.setIconSize(size)
+        self.setGridSize(size + QSize(30, 2 * self.fontMetrics().lineSpacing() + 18))
+        empty = QPixmap(size)
+        empty.fill(Qt.GlobalColor.transparent)
+        for caption in captions:
+            item = QListWidgetItem(QIcon(empty), caption, self)
+            item.setTextAlignment(Qt.AlignmentFlag.AlignHCenter | Qt.AlignmentFlag.AlignTop)
+            item.setToolTip(caption)
+
+    def show_picture(self, at: int, image: QImage) -> None:
+        """Put a picture over its caption."""
+        item = self.item(at)
+        if item is not None:
+            pixmap = QPixmap.fromImage(image)
+            pixmap.setDevicePixelRatio(self.devicePixelRatioF())
+            icon = QIcon(pixmap)
+            icon.addPixmap(pixmap, QIcon.Mode.Selected)
+            item.setIcon(icon)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Go to the thumbnail that the keys are at with Return."""
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter) and self.currentItem():
+            self.itemActivated.emit(self.currentItem())
+        else:
+            super().keyPressEvent(event)
+
+
+class _StandIn(QObject):
+    """The coarse mesh that thumbnails of a large one are drawn of; made in a thread."""
+
+    ready = Signal()
+
+    def __init__(self, parent: QObject) -> None:
+        super().__init__(parent)
+        self._pool = QThreadPool(self)
+        self._asked = False
+        #: With the vertices of the mesh that it has; None for a mesh that is small itself.
+        self.coarse: tuple[Mesh, npt.NDArray[np.int64]] | None = None
+
+    def of(self, mesh: Mesh | None) -> bool:
+        """Whether it is there, or not needed; otherwise it will say so."""
+        if mesh is None or mesh.n_vertices <= _LARGE or self.coarse is not None:
+            return True
+        if not self._asked:
+            self._asked = True
+            self._pool.start(lambda: self._make(mesh))
+        return False
+
+    def _make(self, mesh: Mesh) -> None:
+        made = cluster_vertices(mesh.vertices, mesh.faces, _COARSE)
+        coarse = Mesh(mesh.vertices[made.representatives], made.faces, unit=mesh.unit)
+        geometry_of(coarse)
+        self.coarse = coarse, made.representatives
+        self.ready.emit()
+
+    def close(self) -> None:
+        """Wait until it is made."""
+        self._pool.waitForDone()
+
+
+def _image(_at: int, picture: RawPicture, _caption: Caption | None) -> QImage:
+    pixels = picture.rgba()
+    height, width, _ = pixels.shape
+    return QImage(pixels.tobytes(), width, height, QImage.Format.Format_RGBA8888).copy()
+
+
+@contextlib.contextmanager
+def _sheet_file(
+    path: Path, sheet: ContactSheet
+) -> Iterator[Callable[[int, RawPicture, Caption | None], None]]:
+    from meshmash_viewer.io.write import write_picture
+
+    def put(at: int, picture: RawPicture, caption: Caption | None) -> None:
+        assert caption is not None
+        sheet.put(at, picture.rgba(), caption)
+
+    yield put
+    write_picture(path, sheet.pixels())

@@ -1,0 +1,138 @@
+"""The gallery, by mouse and keys."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from closed_form import part, rectangle_document
+from PIL import Image
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QDialog, QListWidget
+from pytestqt.qtbot import QtBot
+
+from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.fields import FAMILIES
+
+LEFT = Qt.MouseButton.LeftButton
+KEYS = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier
+PATIENCE = 60_000
+
+
+@pytest.fixture
+def window(open_window: Callable[..., MainWindow]) -> MainWindow:
+    return open_window(rectangle_document(60))
+
+
+def opened(qtbot: QtBot, window: MainWindow) -> QDialog:
+    """The gallery, with all its thumbnails."""
+    window.activateWindow()
+    qtbot.waitUntil(window.isActiveWindow, timeout=PATIENCE)
+    QTest.keyClick(window, Qt.Key.Key_G, KEYS)
+    return filled(qtbot, window)
+
+
+def filled(qtbot: QtBot, window: MainWindow) -> QDialog:
+    dialog = next(each for each in window.findChildren(QDialog, "gallery_dialog"))
+    found = dialog.findChild(QListWidget, "gallery_list")
+    qtbot.waitUntil(
+        lambda: found.count() > 0 and all(picture(found, at).any() for at in range(found.count())),
+        timeout=PATIENCE,
+    )
+    return dialog
+
+
+def picture(found: QListWidget, at: int) -> np.ndarray:
+    """Colours and opacity of a thumbnail."""
+    image = found.item(at).icon().pixmap(found.iconSize()).toImage()
+    pixels = np.frombuffer(image.constBits(), np.uint8)
+    return pixels.reshape(image.height(), -1, 4)
+
+
+def test_a_click_on_a_thumbnail_goes_there(qtbot: QtBot, window: MainWindow) -> None:
+    display = window.document.display
+    display.change(FAMILIES["eigenfunction"], flipped=frozenset({6}))
+    dialog = opened(qtbot, window)
+    found = dialog.findChild(QListWidget, "gallery_list")
+    captions = [found.item(at).text() for at in range(found.count())]
+    assert len(captions) == 20
+    assert captions[0].startswith("λ₀ = ")
+    assert captions[19].startswith("λ₅₇ = ")
+    QTest.mouseClick(found.viewport(), LEFT, pos=found.visualItemRect(found.item(2)).center())
+    assert display.family.index == 6
+    assert display.family.flipped == {6}, "what else was chosen stays"
+    # the render's own steps are marked, and keys go, too
+    QTest.keyClick(window, Qt.Key.Key_Right)
+    QTest.keyClick(window, Qt.Key.Key_Right)
+    QTest.keyClick(window, Qt.Key.Key_Right)
+    qtbot.waitUntil(lambda: found.currentRow() == 3, timeout=PATIENCE)
+    dialog.activateWindow()
+    qtbot.waitUntil(dialog.isActiveWindow, timeout=PATIENCE)
+    QTest.keyClick(found, Qt.Key.Key_Right)
+    QTest.keyClick(found, Qt.Key.Key_Return)
+    assert display.family.index == 12
+    a_row = sum(found.visualItemRect(found.item(at)).top() == 0 for at in range(found.count()))
+    QTest.keyClick(found, Qt.Key.Key_Down)
+    assert found.currentRow() == 4 + a_row
+    # another family is another gallery
+    display.kind = "band"
+    qtbot.waitUntil(lambda: found.count() == 16, timeout=PATIENCE)
+    filled(qtbot, window)
+    QTest.mouseClick(found.viewport(), LEFT, pos=found.visualItemRect(found.item(1)).center())
+    assert display.fields["band"].index == 2
+
+
+def test_a_range_is_chosen_and_saved(qtbot: QtBot, window: MainWindow, tmp_path: Path) -> None:
+    dialog = opened(qtbot, window)
+    found = dialog.findChild(QListWidget, "gallery_list")
+    for name, value in (("first", 4), ("last", 9), ("step", 1)):
+        spin = part(dialog, f"gallery_{name}_spin")
+        spin.selectAll()
+        QTest.keyClicks(spin, str(value))
+        QTest.keyClick(spin, Qt.Key.Key_Return)
+    qtbot.waitUntil(lambda: found.count() == 6, timeout=PATIENCE)
+    filled(qtbot, window)
+    out = tmp_path / "sheet.png"
+    ask(qtbot, dialog, out)
+    qtbot.waitUntil(out.exists, timeout=PATIENCE)
+    qtbot.waitUntil(part(dialog, "gallery_save_button").isEnabled, timeout=PATIENCE)
+    with Image.open(out) as image:
+        sheet = np.asarray(image.convert("RGB")).astype(int)
+    width, height = (part(dialog, "gallery_list").width(), part(dialog, "gallery_list").height())
+    assert sheet.shape == (height, width, 3)
+    # each is there in the colours of its thumbnail
+    shares = [
+        (sheet[..., 0] - sheet[..., 2] > 60).mean(),
+        (sheet[..., 2] - sheet[..., 0] > 60).mean(),
+    ]
+    assert min(shares) > 0.02
+
+
+def ask(qtbot: QtBot, dialog: QDialog, path: Path) -> None:
+    QTest.mouseClick(part(dialog, "gallery_save_button"), LEFT)
+    asked = dialog.findChild(QDialog, "picture_dialog")
+    qtbot.waitUntil(asked.isVisible, timeout=PATIENCE)
+    edit = part(asked, "file_edit")
+    edit.selectAll()
+    QTest.keyClicks(edit, str(path))
+    QTest.keyClick(edit, Qt.Key.Key_Return)
+
+
+def test_cancel_and_closing_leave_no_file(qtbot: QtBot, window: MainWindow, tmp_path: Path) -> None:
+    dialog = opened(qtbot, window)
+    for name in ("cancel", "close"):
+        ask(qtbot, dialog, tmp_path / "sheet.png")
+        progress = part(dialog, "gallery_progress_bar")
+        qtbot.waitUntil(lambda: progress.value() >= 1, timeout=PATIENCE)  # noqa: B023
+        assert progress.value() < progress.maximum()
+        button = part(dialog, f"gallery_{name}_button")
+        QTest.mouseClick(button, LEFT, pos=QPoint(5, 5))
+        qtbot.wait(300)
+        assert not list(tmp_path.iterdir())
+    assert not window.findChildren(QDialog, "gallery_dialog")
+    again = opened(qtbot, window)
+    window.close()
+    assert not again.isVisible()
