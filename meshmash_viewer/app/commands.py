@@ -295,13 +295,26 @@ class Commands:
             self._gallery.raise_()
             self._gallery.activateWindow()
             return
-        scene, mesh = self.scene, self._document.mesh
-        assert scene is not None and mesh is not None  # noqa: PT018  the command needs them
-        path = self._settings.folder / f"{mesh.name or 'mesh'}_gallery.png"
-        self._gallery = dialog = GalleryDialog(self._document, scene, path, self._window)
+        assert self.scene is not None
+        self._gallery = dialog = GalleryDialog(self._document, self.scene, self._window)
+        dialog.save_requested.connect(self._save_gallery)
         dialog.saved.connect(self._say_saved)
         dialog.finished.connect(self._forget_gallery)
         dialog.show()
+
+    def _save_gallery(self) -> None:
+        from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
+
+        gallery, mesh = self._gallery, self._document.mesh
+        assert gallery is not None and mesh is not None  # noqa: PT018  it has been asked for there
+        path = self._settings.folder / f"{mesh.name or 'mesh'}_gallery.png"
+        dialog = PictureDialog(gallery.size_on_screen, path, gallery)
+
+        def save() -> None:
+            choice = dialog.choice
+            gallery.save(choice.path, choice.size, choice.transparent)
+
+        self._ask(dialog, save)
 
     def _forget_gallery(self) -> None:
         if self._gallery is not None:

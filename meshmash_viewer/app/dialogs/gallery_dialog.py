@@ -26,7 +26,6 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import keep_room, reserved_note
 from meshmash_viewer.app.controls.layout import column, row
-from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
 from meshmash_viewer.app.listening import follow, stop_listening
 from meshmash_viewer.app.series_painter import SeriesPainter
 from meshmash_viewer.app.view.annotations import Caption
@@ -72,24 +71,23 @@ class GalleryDialog(QDialog):
         With a mesh and at least one eigenpair.
     scene : MeshView
         Whose camera the pictures share.
-    path : Path
-        Where to suggest to save the sheet.
 
     Signals
     -------
+    save_requested()
+        Somebody wants it as a picture: `save` makes one.
     saved(Path)
-        The sheet is there.
+        It is there.
     """
 
+    save_requested = Signal()
     saved = Signal(object)
 
-    def __init__(
-        self, document: Document, scene: MeshView, path: Path, parent: QWidget | None = None
-    ) -> None:
+    def __init__(self, document: Document, scene: MeshView, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         theme.named(self, "gallery_dialog").setWindowTitle("Gallery")
         self.resize(1160, 740)
-        self._document, self._scene, self._path = document, scene, path
+        self._document, self._scene, self._path = document, scene, Path()
         self._mesh = document.mesh
         self._shown: tuple[object, ...] = ()
         self._families: list[Family] = []
@@ -136,7 +134,7 @@ class GalleryDialog(QDialog):
         self.save_button = theme.named(
             QPushButton("Save picture…", autoDefault=False), "gallery_save_button", role="primary"
         )
-        self.save_button.clicked.connect(self._ask_where)
+        self.save_button.clicked.connect(self.save_requested)
         self.close_button = theme.named(
             QPushButton("Close", autoDefault=False), "gallery_close_button"
         )
@@ -282,17 +280,24 @@ class GalleryDialog(QDialog):
 
     # -- saving -------------------------------------------------------------------------------
 
-    def _ask_where(self) -> None:
+    @property
+    def size_on_screen(self) -> tuple[int, int]:
+        """Width and height of the thumbnails together, in pixels."""
         ratio = self.devicePixelRatioF()
-        size = (round(self.list.width() * ratio), round(self.list.height() * ratio))
-        dialog = PictureDialog(size, self._path, self)
-        dialog.accepted.connect(lambda: self._save(dialog))
-        dialog.finished.connect(dialog.deleteLater)
-        dialog.open()
+        return round(self.list.width() * ratio), round(self.list.height() * ratio)
 
-    def _save(self, dialog: PictureDialog) -> None:
-        choice = dialog.choice
-        self._path, mesh = choice.path, self._document.mesh
+    def save(self, path: Path, size: tuple[int, int], transparent: bool) -> None:
+        """Write a sheet of what is shown, in pictures of their own; `saved` says that it is there.
+
+        Parameters
+        ----------
+        path : Path
+        size : (int, int)
+            Of the sheet in pixels.
+        transparent : bool
+            Leave the background out.
+        """
+        self._path, mesh = path, self._document.mesh
         if mesh is None:
             return
         drawing, shots = self._scene.twin(), self._shots()
@@ -302,11 +307,11 @@ class GalleryDialog(QDialog):
         try:
             sheet = ContactSheet(
                 captions,
-                choice.size,
+                size,
                 aspect(drawing),
                 f"{mesh.name} · {label}" if mesh.name else label,
                 dark=theme.is_dark(),
-                transparent=choice.transparent,
+                transparent=transparent,
             )
         except InputError as fault:
             self.remark_label.setText(str(fault))
@@ -318,7 +323,7 @@ class GalleryDialog(QDialog):
         self.progress_bar.setValue(0)
         self._show_saving(True)
         look = look_of(self._document.display)
-        sink = _sheet_file(choice.path, sheet)
+        sink = _sheet_file(path, sheet)
         self._sheet.start(drawing, sheet.picture_size, shots, look, sink, transparent=True)
 
     def _show_saving(self, saving: bool) -> None:
