@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -67,16 +68,102 @@ def test_a_gallery_of_every_kind_is_drawn(
     assert all(sheet.std() > 5.0 for sheet in sheets)
 
 
+def moving(path: Path) -> tuple[list[np.ndarray], float]:
+    """Frames and milliseconds of a movie."""
+    with Image.open(path) as image:
+        shown, length = [], 0.0
+        for at in range(image.n_frames):
+            image.seek(at)
+            image.load()
+            shown.append(np.asarray(image.convert("RGB")).astype(int))
+            length += image.info["duration"]
+        return shown, length
+
+
+def test_a_sweep_shows_the_picture_of_each_column(
+    capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
+) -> None:
+    out, alone = tmp_path / "film.apng", tmp_path / "alone.png"
+    options = ("--count", 12, "--size", "320x240")
+    done = run(capsys, "movie", ball, *options, "--sweep", "2:10:2", "-o", out, "--json")
+    assert (done[0], done[2]) == (0, "")
+    report = json.loads(done[1])
+    assert (report["frames"], report["rate"], report["seconds"]) == (4, 4.0, 1.0)
+    assert report["bytes"] == out.stat().st_size
+    shown, length = moving(out)
+    assert (len(shown), length) == (4, 1000.0)
+    for at, column in enumerate(range(2, 10, 2)):
+        field = ("--field", "eigenfunction", "--index", column)
+        assert run(capsys, "render", ball, *options, *field, "-o", alone)[0] == 0
+        wanted = np.asarray(Image.open(alone).convert("RGB")).astype(int)
+        low = (slice(60, None), slice(None))  # under the title, which `render` words otherwise
+        assert np.abs(shown[at][low] - wanted[low]).mean() < 0.5
+    # the frames of a film are as many as one likes, and two seconds of times are two
+    film = ("--kind", "hks", "--sweep", ":", "--seconds", 2, "--rate", 10)
+    assert run(capsys, "movie", ball, *options, *film, "-o", tmp_path / "film.gif")[0] == 0
+    shown, length = moving(tmp_path / "film.gif")
+    assert (len(shown), length) == (20, 2000.0)
+
+
+def test_a_turn_shows_the_mesh_from_all_around(
+    capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("imageio_ffmpeg")
+    from imageio_ffmpeg import count_frames_and_secs
+
+    out = tmp_path / "turn.webp"
+    options = ("--count", 9, "--size", "160x120", "--turntable", "--column", 2)
+    options += ("--rate", 8, "--seconds", 1)
+    status, text, err = run(capsys, "movie", ball, *options, "-o", out)
+    assert (status, err) == (0, "")
+    assert "8 frames, 1 s" in text
+    shown, length = moving(out)
+    assert (len(shown), length) == (8, 1000.0)
+    assert min(np.abs(a - b).mean() for a, b in pairwise(shown)) > 0.5
+    assert run(capsys, "movie", ball, *options, "-o", tmp_path / "turn.mp4")[0] == 0
+    assert count_frames_and_secs(str(tmp_path / "turn.mp4")) == (8, pytest.approx(1.0))
+
+
+def test_an_interrupted_movie_leaves_nothing(
+    capsys: pytest.CaptureFixture[str],
+    ball: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from meshmash_viewer.cli import series
+
+    def interrupt(_solver: object, done: int, *_: object) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(series, "_tell", interrupt)
+    options = ("--count", 9, "--size", "160x120", "--sweep", ":")
+    assert run(capsys, "movie", ball, *options, "-o", tmp_path / "film.gif")[0] == 130
+    assert list(tmp_path.iterdir()) == [ball]
+
+
 @pytest.mark.parametrize(
     ("arguments", "clause"),
     [
-        (["gallery", "{ball}", "-o", "out.jpg"], ".png"),
-        (["gallery", "{ball}", "-o", "out.png", "--kind", "similarity"], "invalid choice"),
-        (["gallery", "{ball}", "-o", "out.png", "--count", "9", "--columns", "0:12"], "9 columns"),
-        (["gallery", "{ball}", "-o", "out.png", "--count", "9", "--columns", "x"], "START:STOP"),
-        (["gallery", "{ball}", "-o", "out.png", "--count", "9", "--size", "40x40"], "too small"),
-        (["gallery", "{ball}", "-o", "out.png", "--count", "9", "--colormap", "x"], "colour map"),
-        (["gallery", "{ball}", "-o", "out.png", "--count", "9", "--limits", "2", "1"], "swap"),
+        ("gallery {ball} -o out.jpg", ".png"),
+        ("gallery {ball} -o out.png --kind similarity", "invalid choice"),
+        ("gallery {ball} -o out.png --count 9 --columns 0:12", "9 columns"),
+        ("gallery {ball} -o out.png --count 9 --columns x", "START:STOP"),
+        ("gallery {ball} -o out.png --count 9 --size 40x40", "too small"),
+        ("gallery {ball} -o out.png --count 9 --colormap x", "colour map"),
+        ("gallery {ball} -o out.png --count 9 --limits 2 1", "swap"),
+        ("movie {ball} -o film.gif", "--sweep --turntable"),
+        ("movie {ball} -o film.avi --turntable", ".webp"),
+        ("movie {ball} -o no/film.gif --turntable", "no folder"),
+        ("movie {ball} -o film.mp4 --turntable --size 65x64", "64x64"),
+        ("movie {ball} -o film.gif --turntable --rate 80", "up to 50"),
+        ("movie {ball} -o film.gif --turntable --seconds -1", "no film"),
+        ("movie {ball} -o film.gif --count 9 --sweep 0:12", "9 columns"),
+        (
+            "movie {ball} -o film.gif --count 9 --sweep 0:9 --rate 20 --seconds 3",
+            "60 frames are more than the 9 columns",
+        ),
+        ("movie {ball} -o film.gif --count 9 --sweep 0:9 --column 3", "--turntable"),
     ],
 )
 def test_what_can_be_mended_is_one_line_and_no_file(
@@ -84,11 +171,11 @@ def test_what_can_be_mended_is_one_line_and_no_file(
     ball: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    arguments: list[str],
+    arguments: str,
     clause: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    status, out, err = run(capsys, *[each.format(ball=ball) for each in arguments])
+    status, out, err = run(capsys, *arguments.format(ball=ball).split())
     assert (status, out) == (2, "")
     assert clause in err
     assert err.count("\n") == 1

@@ -51,7 +51,8 @@ def window_parser() -> argparse.ArgumentParser:
         f"  {PROGRAM} features MESH... -o OUT      HKS, geometry vectors, WKS or eigenpairs\n"
         f"  {PROGRAM} compare A B [-o OUT]         spectral distance, matches of vertices\n"
         f"  {PROGRAM} render MESH -o OUT.png       a picture\n"
-        f"  {PROGRAM} gallery MESH -o OUT.png      many fields side by side\n",
+        f"  {PROGRAM} gallery MESH -o OUT.png      many fields side by side\n"
+        f"  {PROGRAM} movie MESH -o OUT.mp4        a sweep through fields, or a turn\n",
     )
     parser.add_argument("mesh", nargs="*", help="mesh file or session")
     _add_unit(parser)
@@ -172,6 +173,7 @@ def command_parser() -> argparse.ArgumentParser:
     render.add_argument("--transparent", action="store_true", help="leave the background out")
     _add_json(render)
     _add_gallery(commands.add_parser("gallery", help="draw many fields of a mesh side by side"))
+    _add_movie(commands.add_parser("movie", help="draw a sweep through fields, or a turn"))
     return parser
 
 
@@ -186,6 +188,42 @@ def _add_gallery(gallery: argparse.ArgumentParser) -> None:
     _add_looks(gallery, (2400, 1800))
     gallery.add_argument("--transparent", action="store_true", help="leave the background out")
     _add_json(gallery)
+
+
+def _add_movie(movie: argparse.ArgumentParser) -> None:
+    _add_series(movie)
+    moves = movie.add_mutually_exclusive_group(required=True)
+    moves.add_argument(
+        "--sweep",
+        metavar="START:STOP:STEP",
+        help="through these columns, from 0 and without STOP, as in Python; : is all of them",
+    )
+    moves.add_argument(
+        "--turntable", action="store_true", help="once around the mesh, which shows one column"
+    )
+    movie.add_argument("--column", type=int, metavar="I", help="which, on the turntable")
+    movie.add_argument(
+        "--rate",
+        type=float,
+        metavar="FPS",
+        help="frames a second; default as the window plays these fields, 25 on the turntable",
+    )
+    movie.add_argument(
+        "--seconds",
+        type=float,
+        metavar="S",
+        help="how long; default every column once, 6 on the turntable",
+    )
+    movie.add_argument(
+        "-o",
+        "--output",
+        required=True,
+        type=Path,
+        metavar="OUT",
+        help="file that ends in .mp4, .gif, .webp or .apng",
+    )
+    _add_looks(movie, (1280, 720))
+    _add_json(movie)
 
 
 def _add_series(parser: argparse.ArgumentParser) -> None:

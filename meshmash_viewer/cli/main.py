@@ -27,6 +27,7 @@ from meshmash_viewer.cli.arguments import (
     window_parser,
 )
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.atomic import writing_errors
 from meshmash_viewer.progress import Cancelled, ProgressBar
 from meshmash_viewer.spectral.engine.compiler import check_compiler
 from meshmash_viewer.units import counted
@@ -67,6 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "compare": _compare,
         "render": _render,
         "gallery": _gallery,
+        "movie": _movie,
     }
     try:
         if arguments and arguments[0] in commands:
@@ -120,7 +122,7 @@ def _window(options: argparse.Namespace) -> int:
     if first.isidentifier() and not os.path.lexists(first):
         raise InputError(
             f"There is neither a command nor a file {first}; the commands are info, features,"
-            " compare, render and gallery."
+            " compare, render, gallery and movie."
         )
     if (
         sys.platform.startswith("linux")
@@ -254,6 +256,39 @@ def _gallery(options: argparse.Namespace) -> int:
             )
         pictures = counted(len(report["columns"]), "picture")
         _tell(options, index, report, f"{report['output']}: {pictures}")
+
+    options.mesh = [options.mesh]
+    return _for_each(options, work)
+
+
+def _movie(options: argparse.Namespace) -> int:
+    from meshmash_viewer.cli.series import write_movie
+    from meshmash_viewer.io.movie import check_movie
+    from meshmash_viewer.model.cost import written_bytes
+
+    target, operator = chosen_target(options), chosen_operator(options)
+    check_movie(options.output, options.size, 1.0 if options.rate is None else options.rate)
+    with writing_errors(options.output):
+        pass  # said before the eigenpairs are computed
+
+    def work(index: int, mesh: Mesh) -> None:
+        with _solver(options, target, operator, mesh) as solver:
+            report = write_movie(
+                mesh,
+                options.output,
+                options.kind,
+                solver,
+                columns=options.sweep,
+                column=options.column,
+                rate=options.rate,
+                seconds=options.seconds,
+                n_components=options.n_components,
+                announce=_say if sys.stderr.isatty() else None,
+                **_looks(options),
+            )
+        length = f"{counted(report['frames'], 'frame')}, {report['seconds']:.4g} s"
+        size = written_bytes(report["bytes"])
+        _tell(options, index, report, f"{report['output']}: {length}, {size}")
 
     options.mesh = [options.mesh]
     return _for_each(options, work)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,17 +11,20 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.spectrum import Spectrum
-from meshmash_viewer.fields.sweep import chosen_columns, evenly, n_columns, sweep
+from meshmash_viewer.fields.sweep import chosen_columns, evenly, film, n_columns, n_frames, sweep
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import Progress
+from meshmash_viewer.units import counted
 
 if TYPE_CHECKING:
     from meshmash_viewer.cli.commands import Solver
 
-__all__ = ["write_gallery"]
+__all__ = ["write_gallery", "write_movie"]
 
 #: Pictures of a gallery of which it is not said which.
 _PICTURES = 24
+#: Frames that the size of a movie is told from.
+_MEASURED = 6
 _AS_IT_COMES = {name: family() for name, family in FAMILIES.items()}
 
 
@@ -83,6 +88,106 @@ def write_gallery(
         _tell(solver, at + 1, len(shots), "pictures")
     write_picture(path, sheet.pixels())
     return {**report, "columns": list(chosen), "size": list(size)}
+
+
+def write_movie(
+    mesh: Mesh,
+    path: Path,
+    kind: str,
+    solver: Solver,
+    *,
+    columns: str | None = None,
+    column: int | None = None,
+    rate: float | None = None,
+    seconds: float | None = None,
+    n_components: int = 32,
+    size: tuple[int, int] = (1280, 720),
+    colormap: str | None = None,
+    limits: tuple[float, float] | None = None,
+    dark: bool = False,
+    announce: Callable[[str], None] | None = None,
+) -> dict[str, Any]:
+    """Film a sweep through the columns of a family, or a turn of the mesh.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    path : Path
+        With one of `meshmash_viewer.io.movie.MOVIE_ENDINGS`.
+    kind, solver, n_components, size, colormap, limits, dark
+        See `write_gallery`.
+    columns : str, optional
+        "START:STOP:STEP" of the sweep; None turns the mesh.
+    column : int, optional
+        Which one is on it while it turns; None takes one that is not constant.
+    rate, seconds : float, optional
+        Frames a second, and length; see `meshmash_viewer.fields.sweep.film`.
+    announce : callable, optional
+        Told how long and how large the movie will be once a few frames are drawn.
+
+    Returns
+    -------
+    dict
+        JSON-able report.
+    """
+    from meshmash_viewer.app.view.series import (
+        Shot,
+        draw_series,
+        dressed,
+        series_view,
+        shots_of,
+        turntable,
+    )
+    from meshmash_viewer.io.movie import (
+        TURN_RATE,
+        TURN_SECONDS,
+        check_movie,
+        estimated_bytes,
+        movie_file,
+    )
+    from meshmash_viewer.model.cost import written_bytes
+    from meshmash_viewer.model.field import LiveFeatures
+
+    family, spectrum, report = _solved(mesh, path, kind, solver, n_components)
+    most = n_columns(family, spectrum)
+    drawing, look = _drawing(mesh, family, colormap, limits, dark)
+    if columns is not None:
+        if column is not None:
+            raise InputError("--column is of --turntable; a sweep has those that it goes through.")
+        families, rate = film(family, spectrum, chosen_columns(columns, most), rate, seconds)
+        shots = shots_of(families, spectrum, mesh, mesh.area_sample(), _AS_IT_COMES)
+    else:
+        rate = TURN_RATE if rate is None else rate
+        count = n_frames(rate, TURN_SECONDS if seconds is None else seconds)
+        shown = family.for_other_mesh(mesh.n_components)
+        if column is not None:
+            shown = sweep(family, spectrum, chosen_columns(str(column), most))[0]
+        one = shots_of([shown], spectrum, mesh, mesh.area_sample(), _AS_IT_COMES)[0]
+        dressed(one, look, LiveFeatures(), drawing).put_on(drawing)
+        view = series_view(drawing, size, turning=True)
+        shots = [Shot(view=each) for each in turntable(drawing, view, count)]
+    check_movie(path, size, rate)
+    length = f"{counted(len(shots), 'frame')}, {len(shots) / rate:.4g} s"
+    frames: Iterator[Any] = (
+        picture.pixels for _, picture in draw_series(drawing, size, shots, look)
+    )
+    if announce is not None:
+        first = list(islice(frames, _MEASURED))
+        about = estimated_bytes(path.suffix.lower(), first, rate, len(shots))
+        announce(f"{length}, about {written_bytes(about)}")
+        frames = chain(first, frames)
+    with movie_file(path, size, rate, len(shots)) as add:
+        for done, frame in enumerate(frames, 1):
+            add(frame)
+            _tell(solver, done, len(shots), "frames")
+    return {
+        **report,
+        "frames": len(shots),
+        "rate": rate,
+        "seconds": len(shots) / rate,
+        "size": list(size),
+        "bytes": path.stat().st_size,
+    }
 
 
 def _solved(

@@ -7,12 +7,16 @@ from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.units import counted
 
-__all__ = ["FAR", "chosen_columns", "evenly", "n_columns", "sweep"]
+__all__ = ["FAR", "chosen_columns", "evenly", "film", "n_columns", "n_frames", "sweep"]
 
 #: Farther than any family goes.
 FAR = 1_000_000_000
 #: More columns than anybody looks through; a family without an end is cut off here.
 _MOST = 1 << 20
+#: Milliseconds that a column of a film is shown where its family is not played.
+_PAUSE = 250
+#: Frames of the longest film: more than an hour.
+_MOST_FRAMES = 100_000
 
 
 def n_columns(family: Family, spectrum: Spectrum) -> int:
@@ -102,3 +106,57 @@ def sweep(
             " they would show: choose fewer seconds, a lower rate or more columns."
         )
     return found
+
+
+def film(
+    family: Family,
+    spectrum: Spectrum,
+    columns: range,
+    rate: float | None = None,
+    seconds: float | None = None,
+) -> tuple[list[Family], float]:
+    """A sweep as frames of a film: of each frame its field, and the number of frames a second.
+
+    Parameters
+    ----------
+    family : Family
+    spectrum : Spectrum
+    columns : range
+        See `sweep`.
+    rate : float, optional
+        Frames a second; None takes that at which the family is played, or the lower one at which
+        its columns last as long as they should.
+    seconds : float, optional
+        None shows every column once.
+
+    Raises
+    ------
+    InputError
+        If there are more frames than different fields.
+    """
+    usual = 1000.0 / (family.interval or _PAUSE)
+    if seconds is None:
+        return sweep(family, spectrum, columns), rate or usual
+    try:
+        return sweep(family, spectrum, columns, n_frames(rate or usual, seconds)), rate or usual
+    except InputError:
+        if rate is not None:
+            raise
+    return sweep(family, spectrum, columns), len(columns) / seconds
+
+
+def n_frames(rate: float, seconds: float) -> int:
+    """How many frames a film has.
+
+    Raises
+    ------
+    InputError
+        If there are none, or more than anybody looks at.
+    """
+    frames = rate * seconds
+    if not (rate > 0.0 and seconds > 0.0 and frames <= _MOST_FRAMES):
+        raise InputError(
+            f"{seconds:g} s at {rate:g} frames a second are no film: choose both above 0, and up to"
+            f" {_MOST_FRAMES:,} frames."
+        )
+    return max(round(frames), 1)
