@@ -28,6 +28,7 @@ from meshmash_viewer.model.failure import Failure
 if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
     from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
+    from meshmash_viewer.app.dialogs.movie_dialog import MovieDialog
     from meshmash_viewer.app.dialogs.picture_dialog import PictureChoice, PictureDialog
     from meshmash_viewer.app.view.mesh_view import MeshView
 
@@ -78,6 +79,7 @@ class Commands:
         self._export_ending = self._pictured = ""
         self._picture: PictureChoice | None = None
         self._gallery: GalleryDialog | None = None
+        self._movie: MovieDialog | None = None
         self.pictures = PictureWriter(window)
         self.pictures.written.connect(
             lambda path: document.notify(Notice(f"Picture saved to {path}."))
@@ -300,6 +302,7 @@ class Commands:
         dialog.save_requested.connect(self._save_gallery)
         dialog.saved.connect(self._say_saved)
         dialog.finished.connect(self._forget_gallery)
+        dialog.finished.connect(dialog.deleteLater)
         dialog.show()
 
     def _save_gallery(self) -> None:
@@ -316,16 +319,40 @@ class Commands:
 
         self._ask(dialog, save)
 
+    def save_movie(self) -> None:
+        """Ask for motion, size, rate and place, and film the render."""
+        from meshmash_viewer.app.dialogs.movie_dialog import MovieDialog
+
+        if self._movie is not None:
+            self._movie.raise_()
+            self._movie.activateWindow()
+            return
+        scene, mesh = self.scene, self._document.mesh
+        assert scene is not None and mesh is not None  # noqa: PT018  the command needs them
+        path = self._settings.folder / (mesh.name or "mesh")
+        self._movie = dialog = MovieDialog(self._document, scene, path, self._window)
+        dialog.saved.connect(self._say_filmed)
+        dialog.finished.connect(self._forget_movie)
+        dialog.finished.connect(dialog.deleteLater)
+        dialog.show()
+
     def _forget_gallery(self) -> None:
-        if self._gallery is not None:
-            self._gallery.deleteLater()
-            self._gallery = None
+        self._gallery = None
+
+    def _forget_movie(self) -> None:
+        self._movie = None
 
     def close(self) -> None:
         """Finish the pictures that are being written, and close what stands open."""
         self.pictures.wait()
         if self._gallery is not None:
             self._gallery.close()
+        if self._movie is not None:
+            self._movie.reject_all()
+
+    def _say_filmed(self, path: Path) -> None:
+        self._settings.folder = path.parent
+        self._document.notify(Notice(f"Movie saved to {path}."))
 
     def _say_saved(self, path: Path) -> None:
         self._settings.folder = path.parent

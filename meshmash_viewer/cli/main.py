@@ -27,7 +27,6 @@ from meshmash_viewer.cli.arguments import (
     window_parser,
 )
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.atomic import writing_errors
 from meshmash_viewer.progress import Cancelled, ProgressBar
 from meshmash_viewer.spectral.engine.compiler import check_compiler
 from meshmash_viewer.units import counted
@@ -264,12 +263,12 @@ def _gallery(options: argparse.Namespace) -> int:
 def _movie(options: argparse.Namespace) -> int:
     from meshmash_viewer.cli.series import write_movie
     from meshmash_viewer.io.movie import check_movie
+    from meshmash_viewer.io.write import check_output
     from meshmash_viewer.model.cost import written_bytes
 
     target, operator = chosen_target(options), chosen_operator(options)
     check_movie(options.output, options.size, 1.0 if options.rate is None else options.rate)
-    with writing_errors(options.output):
-        pass  # said before the eigenpairs are computed
+    check_output(options.output, "movie")
 
     def work(index: int, mesh: Mesh) -> None:
         with _solver(options, target, operator, mesh) as solver:

@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_together, written_whole
+from meshmash_viewer.io.movie import MOVIE_ENDINGS
 from meshmash_viewer.io.provenance import provenance
 from meshmash_viewer.io.writers import EIGENPAIR_WRITERS, WITHOUT_PROVENANCE, WRITERS, FeatureTable
 
@@ -158,7 +159,7 @@ def check_output(path: str | Path, kind: str = "features") -> None:
     Parameters
     ----------
     path : str or Path
-    kind : "features", "eigenpairs" or "picture"
+    kind : "features", "eigenpairs", "picture" or "movie"
 
     Raises
     ------
@@ -170,8 +171,9 @@ def check_output(path: str | Path, kind: str = "features") -> None:
         "features": WRITERS,
         "eigenpairs": EIGENPAIR_WRITERS,
         "picture": {".png": write_picture},
+        "movie": dict.fromkeys(MOVIE_ENDINGS),
     }
-    _writer(tables[kind], path, "pictures" if kind == "picture" else kind)
+    _writer(tables[kind], path, f"{kind}s" if kind in ("picture", "movie") else kind)
     with writing_errors(path):
         if not os.access(path.parent, os.W_OK):
             raise PermissionError(13, "Permission denied")

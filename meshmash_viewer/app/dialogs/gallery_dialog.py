@@ -19,11 +19,11 @@ from PySide6.QtWidgets import (
     QListWidgetItem,
     QProgressBar,
     QPushButton,
-    QSpinBox,
     QWidget,
 )
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.column_range import ColumnRange
 from meshmash_viewer.app.controls.facts import keep_room, reserved_note
 from meshmash_viewer.app.controls.layout import column, row
 from meshmash_viewer.app.listening import follow, stop_listening
@@ -34,18 +34,17 @@ from meshmash_viewer.app.view.geometry import geometry_of
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.app.view.picture import RawPicture
-from meshmash_viewer.app.view.series import Look, Shot, aspect, series_view, shots_of
+from meshmash_viewer.app.view.series import Shot, aspect, look_of, series_view, shots_of
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.sweep import evenly, n_columns, sweep
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.surface.clustering import cluster_vertices
 from meshmash_viewer.units import counted
 
-__all__ = ["GalleryDialog", "look_of"]
+__all__ = ["GalleryDialog"]
 
 #: Thumbnails that are shown at first, and their width and most height in logical pixels.
 _SHOWN, _WIDTH, _MOST_HEIGHT = 24, 190, 190
@@ -53,13 +52,6 @@ _SHOWN, _WIDTH, _MOST_HEIGHT = 24, 190, 190
 _LARGE, _COARSE = 100_000, 40_000
 #: Milliseconds that a range must rest before its pictures are begun.
 _REST = 250
-
-
-def look_of(display: Display) -> Look:
-    """The colours of what is on the render."""
-    signed = display.family.signed
-    colormap = display.diverging_colormap if signed else display.sequential_colormap
-    return Look(colormap, display.limits, display.nodal_lines)
 
 
 class GalleryDialog(QDialog):
@@ -115,9 +107,8 @@ class GalleryDialog(QDialog):
     # -- building -----------------------------------------------------------------------------
 
     def _build(self) -> None:
-        self.first_spin = self._spin("gallery_first_spin", "First column")
-        self.last_spin = self._spin("gallery_last_spin", "Last column")
-        self.step_spin = self._spin("gallery_step_spin", "Every how many columns", 1)
+        self.range = ColumnRange("gallery")
+        self.range.changed.connect(self._rest.start)
         self.count_label = theme.named(QLabel(), "gallery_count_label", role="muted")
         self.list = theme.named(_Thumbnails(), "gallery_list", "Thumbnails", role="gallery")
         self.list.itemClicked.connect(self._go)
@@ -142,10 +133,7 @@ class GalleryDialog(QDialog):
         self.remark_label = reserved_note("gallery_remark_label", 1)
         self.setLayout(
             column(
-                row(
-                    QLabel("Columns"), self.first_spin, QLabel("to"), self.last_spin,
-                    QLabel("every"), self.step_spin, self.count_label, None,
-                ),
+                row(QLabel("Columns"), self.range, self.count_label, None),
                 (self.list,),
                 self.remark_label,
                 row(
@@ -155,11 +143,6 @@ class GalleryDialog(QDialog):
             )
         )  # fmt: skip
         theme.pad_fields(self)
-
-    def _spin(self, name: str, accessible: str, least: int = 0) -> QSpinBox:
-        spin = theme.named(QSpinBox(minimum=least), name, accessible)
-        spin.valueChanged.connect(self._rest.start)
-        return spin
 
     # -- which are shown ----------------------------------------------------------------------
 
@@ -181,23 +164,9 @@ class GalleryDialog(QDialog):
         self._mark()
 
     def _set_range(self, most: int, *, keep: bool) -> None:
-        found = evenly(most, _SHOWN)
-        before = self.first_spin.value(), self.last_spin.value(), self.step_spin.value()
-        kept = keep and before[1] < most
-        values = before if kept else (0, most - 1, found.step)
-        for spin, value in zip(
-            (self.first_spin, self.last_spin, self.step_spin), values, strict=True
-        ):
-            spin.blockSignals(True)
-            spin.setMaximum(max(most - 1, 1))
-            spin.setValue(value)
-            spin.blockSignals(False)
-
-    @property
-    def columns(self) -> range:
-        """Those that are shown."""
-        first, last = sorted((self.first_spin.value(), self.last_spin.value()))
-        return range(first, last + 1, self.step_spin.value())
+        kept = keep and self.range.columns[-1] < most
+        columns = self.range.columns if kept else evenly(most, _SHOWN)
+        self.range.choose(columns, most)
 
     def _shots(self) -> list[Shot]:
         document, ready = self._document, self._document.ready
@@ -215,18 +184,16 @@ class GalleryDialog(QDialog):
         document, display = self._document, self._document.display
         if document.mesh is None or document.spectrum is None or not self._stand_in.of(self._mesh):
             return
-        self._families = sweep(display.family, document.spectrum, self.columns)
+        self._families = sweep(display.family, document.spectrum, self.range.columns)
         shots = self._shots()
         drawing, picked = self._small_drawing()
         size = QSize(_WIDTH, min(round(_WIDTH / aspect(drawing)), _MOST_HEIGHT))
         captions = [each.request.quantity for each in shots if each.request is not None]
         self.list.begin(captions, size)
-        most = self.first_spin.maximum() + 1
         self.count_label.setText(f"{counted(len(shots), 'picture')} · {display.family.label}")
-        only = most == 2 and n_columns(display.family, document.spectrum) == 1
         self.remark_label.setText(
             f"{display.family.label} is one field; the others have columns to look through."
-            if only
+            if self.range.most == 1
             else ""
         )
         ratio = self.devicePixelRatioF()

@@ -16,6 +16,7 @@ from meshmash_viewer.app.view.picture import OffScreen, RawPicture, all_steps, t
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field
 from meshmash_viewer.model.limits import LimitPolicy
 from meshmash_viewer.surface.nodal_lines import nodal_segments
@@ -27,6 +28,7 @@ __all__ = [
     "aspect",
     "draw_series",
     "dressed",
+    "look_of",
     "series_view",
     "shots_of",
     "turntable",
@@ -90,6 +92,13 @@ class Dress:
             drawing.set_segments(None)
         else:
             drawing.set_segments(*self.lines)
+
+
+def look_of(display: Display) -> Look:
+    """The colours of what is on the render."""
+    signed = display.family.signed
+    colormap = display.diverging_colormap if signed else display.sequential_colormap
+    return Look(colormap, display.limits, display.nodal_lines)
 
 
 def shots_of(
