@@ -228,9 +228,9 @@ def _add_movie(movie: argparse.ArgumentParser) -> None:
 
 def _add_series(parser: argparse.ArgumentParser) -> None:
     """Of which mesh, and which fields."""
-    from meshmash_viewer.fields import FAMILIES
+    from meshmash_viewer.fields.sweep import SWEPT
 
-    kinds = tuple(name for name, family in FAMILIES.items() if family.position)
+    kinds = tuple(SWEPT)
     parser.add_argument("mesh", type=Path)
     parser.add_argument("--kind", choices=kinds, default=kinds[0], help=f"default: {kinds[0]}")
     parser.add_argument(

@@ -50,7 +50,7 @@ def write_gallery(
     path : Path
         Ends in ".png".
     kind : str
-        A name of `meshmash_viewer.fields.FAMILIES`.
+        A name of `meshmash_viewer.fields.sweep.SWEPT`.
     solver : Solver
     columns : str, optional
         "START:STOP:STEP" as in Python; None takes some two dozen, evenly spread.

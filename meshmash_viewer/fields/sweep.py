@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.units import counted
 
-__all__ = ["FAR", "chosen_columns", "evenly", "film", "n_columns", "n_frames", "sweep"]
+__all__ = ["FAR", "SWEPT", "chosen_columns", "evenly", "film", "n_columns", "n_frames", "sweep"]
 
+#: Families with positions to go through that need nobody to choose something first, by name.
+SWEPT: dict[str, type[Family]] = {
+    name: family for name, family in FAMILIES.items() if family.position and family().usable
+}
 #: Farther than any family goes.
 FAR = 1_000_000_000
 #: More columns than anybody looks through; a family without an end is cut off here.

@@ -15,6 +15,7 @@ from meshmash_viewer.model.limits import LimitPolicy, automatic_limits
 from meshmash_viewer.progress import CancelCallback
 
 if TYPE_CHECKING:
+    from meshmash_viewer.model.display import Display
     from meshmash_viewer.model.document import Document
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "compute_field",
     "expected_bytes",
     "request_of",
+    "shown_family",
 ]
 
 
@@ -192,12 +194,17 @@ def expected_bytes(n_vertices: int, n_columns: int = 32) -> int:
     return 4 * n_vertices * columns
 
 
+def shown_family(display: Display) -> Family:
+    """The family that is chosen, or the first one where that still lacks what to show."""
+    return display.family if display.family.usable else display.fields[next(iter(FAMILIES))]
+
+
 def request_of(document: Document) -> FieldRequest | None:
     """Snapshot of what a document wants on its render; None while there is nothing to show."""
     spectrum, display, ready = document.known, document.display, document.ready
     if spectrum is None or ready is None:
         return None
-    chosen = display.family if display.family.usable else display.fields[next(iter(FAMILIES))]
+    chosen = shown_family(display)
     if chosen.needs_pairs and not len(spectrum):
         return None
     return FieldRequest(

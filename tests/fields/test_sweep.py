@@ -8,9 +8,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.spectrum import Spectrum
-from meshmash_viewer.fields.sweep import chosen_columns, evenly, n_columns, sweep
-
-SWEPT = [name for name, family in FAMILIES.items() if family.position]
+from meshmash_viewer.fields.sweep import SWEPT, chosen_columns, evenly, n_columns, sweep
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +41,7 @@ def test_columns_are_all_that_there_are_and_each_is_another(name: str, spectrum:
 
 
 @pytest.mark.parametrize("name", sorted(set(FAMILIES) - set(SWEPT)))
-def test_what_has_no_position_has_one_column(name: str, spectrum: Spectrum) -> None:
+def test_what_nobody_has_chosen_has_one_column(name: str, spectrum: Spectrum) -> None:
     assert n_columns(FAMILIES[name](), spectrum) == 1
 
 

@@ -41,6 +41,7 @@ from meshmash_viewer.fields.sweep import evenly, n_columns, sweep
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import Failure
+from meshmash_viewer.model.field import shown_family
 from meshmash_viewer.surface.clustering import cluster_vertices
 from meshmash_viewer.units import counted
 
@@ -149,17 +150,15 @@ class GalleryDialog(QDialog):
     def _refresh(self) -> None:
         """Follow the model: another family or spectrum is another gallery."""
         document, display = self._document, self._document.display
-        if document.mesh is not self._mesh or document.spectrum is None:
+        if document.mesh is not self._mesh or not document.spectrum:
             self.close()
             return
-        policy = display.limits
-        now = (
-            display.kind, display.family.at_rest(), document.spectrum, policy, look_of(display)
-        )  # fmt: skip
+        family = shown_family(display)
+        now = family.name, family.at_rest(), document.spectrum, look_of(display)
         if now != self._shown:
             same = self._shown[:1] == now[:1]
             self._shown = now
-            self._set_range(n_columns(display.family, document.spectrum), keep=same)
+            self._set_range(n_columns(family, document.spectrum), keep=same)
             self._fill()
         self._mark()
 
@@ -184,15 +183,16 @@ class GalleryDialog(QDialog):
         document, display = self._document, self._document.display
         if document.mesh is None or document.spectrum is None or not self._stand_in.of(self._mesh):
             return
-        self._families = sweep(display.family, document.spectrum, self.range.columns)
+        family = shown_family(display)
+        self._families = sweep(family, document.spectrum, self.range.columns)
         shots = self._shots()
         drawing, picked = self._small_drawing()
         size = QSize(_WIDTH, min(round(_WIDTH / aspect(drawing)), _MOST_HEIGHT))
         captions = [each.request.quantity for each in shots if each.request is not None]
         self.list.begin(captions, size)
-        self.count_label.setText(f"{counted(len(shots), 'picture')} · {display.family.label}")
+        self.count_label.setText(f"{counted(len(shots), 'picture')} · {family.label}")
         self.remark_label.setText(
-            f"{display.family.label} is one field; the others have columns to look through."
+            f"{family.label} is one field; the others have columns to look through."
             if self.range.most == 1
             else ""
         )
@@ -237,7 +237,7 @@ class GalleryDialog(QDialog):
 
     def _mark(self) -> None:
         """Mark the thumbnail of what is on the render, if there is one."""
-        family = self._document.display.family
+        family = shown_family(self._document.display)
         here = [getattr(family, name) for name in family.position]
         for at, each in enumerate(self._families):
             if here and [getattr(each, name) for name in each.position] == here:
@@ -270,7 +270,7 @@ class GalleryDialog(QDialog):
         drawing, shots = self._scene.twin(), self._shots()
         drawing.annotated = False
         captions = [each.request.quantity for each in shots if each.request is not None]
-        label = self._document.display.family.label
+        label = shown_family(self._document.display).label
         try:
             sheet = ContactSheet(
                 captions,

@@ -47,6 +47,7 @@ from meshmash_viewer.io.movie import (
 from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import Failure
+from meshmash_viewer.model.field import shown_family
 from meshmash_viewer.units import counted
 
 __all__ = ["MovieDialog"]
@@ -204,9 +205,9 @@ class MovieDialog(SaveDialog):
         spectrum, display = self._document.spectrum, self._document.display
         rate, seconds = self.rate_spin.value(), self.seconds_spin.value()
         check_movie(f"movie{self.ending}", self.frame_size, rate)
-        if self.turns or spectrum is None:
+        if self.turns or not spectrum:
             return [], n_frames(rate, seconds), rate
-        families, rate = film(display.family, spectrum, self.range.columns, rate, seconds)
+        families, rate = film(shown_family(display), spectrum, self.range.columns, rate, seconds)
         return families, len(families), rate
 
     def _plan(self) -> tuple[list[Shot], float, MeshRenderer]:
@@ -234,16 +235,17 @@ class MovieDialog(SaveDialog):
         if document.mesh is not self._mesh:
             self.reject_all()
             return
-        now = display.kind, display.family.at_rest(), document.spectrum
+        family = shown_family(display)
+        now = family.name, family.at_rest(), document.spectrum
         if self._painter.busy or now == self._shown:
             return
-        most = n_columns(display.family, document.spectrum) if document.spectrum else 1
+        most = n_columns(family, document.spectrum) if document.spectrum else 1
         columns = range(most)
         if self._shown[:1] == now[:1] and self.range.columns[-1] < most:
             columns = self.range.columns
         self._shown = now
         self.range.choose(columns, most)
-        self.motion_combo.setItemText(0, f"Through the columns: {display.family.label}")
+        self.motion_combo.setItemText(0, f"Through the columns: {family.label}")
         model = self.motion_combo.model()
         assert isinstance(model, QStandardItemModel)
         model.item(0).setEnabled(most > 1)
@@ -255,8 +257,8 @@ class MovieDialog(SaveDialog):
         """Suggest a rate and a length that suit what moves."""
         rate, seconds = TURN_RATE, TURN_SECONDS
         spectrum = self._document.spectrum
-        if not self.turns and spectrum is not None:
-            family = self._document.display.family
+        if not self.turns and spectrum:
+            family = shown_family(self._document.display)
             families, rate = film(family, spectrum, self.range.columns)
             seconds = len(families) / rate
         show_quietly(self.rate_spin, rate)

@@ -17,7 +17,13 @@ from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
-from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field
+from meshmash_viewer.model.field import (
+    Field,
+    FieldRequest,
+    LiveFeatures,
+    compute_field,
+    shown_family,
+)
 from meshmash_viewer.model.limits import LimitPolicy
 from meshmash_viewer.surface.nodal_lines import nodal_segments
 
@@ -96,9 +102,9 @@ class Dress:
 
 def look_of(display: Display) -> Look:
     """The colours of what is on the render."""
-    signed = display.family.signed
-    colormap = display.diverging_colormap if signed else display.sequential_colormap
-    return Look(colormap, display.limits, display.nodal_lines)
+    family = shown_family(display)
+    colormap = display.diverging_colormap if family.signed else display.sequential_colormap
+    return Look(colormap, display.policies.get(family.name), display.nodal_lines)
 
 
 def shots_of(
