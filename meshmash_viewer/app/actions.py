@@ -106,6 +106,8 @@ COMMANDS: tuple[Command, ...] = (
     Command("save_movie", "Save movie…", "File",
             "Film a sweep through this family, or a turn of the mesh, at any size and rate",
             ("Ctrl+Shift+M",), needs="render"),
+    Command("save_scene", "Save scene…", "File",
+            "Save the mesh with its field as glTF, or as a web page to turn it in", needs="render"),
     Command("copy_picture", "Copy picture", "File", "Copy the render to the clipboard",
             ("Ctrl+Shift+C",), needs="render"),
     Command("copy_script", "Copy script", "File",

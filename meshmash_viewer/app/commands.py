@@ -14,6 +14,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS, Actions, Command
 from meshmash_viewer.app.arrangement import Arrangement
 from meshmash_viewer.app.faults import notice_of
+from meshmash_viewer.app.scene_writer import SceneWriter
 from meshmash_viewer.app.sessions import Restoration, store_session
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
@@ -85,6 +86,9 @@ class Commands:
             lambda path: document.notify(Notice(f"Picture saved to {path}."))
         )
         self.pictures.failed.connect(self._say_not_saved)
+        self.scenes = SceneWriter(window)
+        self.scenes.written.connect(lambda path: document.notify(Notice(f"Scene saved to {path}.")))
+        self.scenes.failed.connect(lambda failure: document.notify(notice_of(failure)))
         for each in COMMANDS:
             actions[each.name].triggered.connect(
                 lambda checked=False, each=each: self._do(each, checked)
@@ -336,6 +340,21 @@ class Commands:
         dialog.finished.connect(dialog.deleteLater)
         dialog.show()
 
+    def save_scene(self) -> None:
+        """Ask for format and place, and save the mesh with its field as a scene."""
+        from meshmash_viewer.app.dialogs.scene_dialog import SceneDialog
+
+        mesh = self._document.mesh
+        assert mesh is not None
+        dialog = SceneDialog(self._settings.folder / f"{mesh.name or 'mesh'}.gltf", self._window)
+        self._ask(dialog, lambda: self._write_scene(dialog.path))
+
+    def _write_scene(self, path: Path) -> None:
+        assert self.scene is not None
+        self._settings.folder = path.parent
+        self._document.notify(Notice(f"Writing {path.name} …"))
+        self.scenes.write(self.scene.to_pyvista(), path)
+
     def _forget_gallery(self) -> None:
         self._gallery = None
 
@@ -345,6 +364,7 @@ class Commands:
     def close(self) -> None:
         """Finish the pictures that are being written, and close what stands open."""
         self.pictures.wait()
+        self.scenes.close()
         if self._gallery is not None:
             self._gallery.close()
         if self._movie is not None:

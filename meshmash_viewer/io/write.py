@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "EIGENPAIR_WRITERS",
+    "SCENE_ENDINGS",
     "WRITERS",
     "FeatureTable",
     "check_output",
@@ -39,6 +40,9 @@ __all__ = [
     "write_features",
     "write_picture",
 ]
+
+#: Of scenes, which pyvista writes from the render.
+SCENE_ENDINGS = (".gltf", ".html")
 
 
 def write_features(
@@ -159,7 +163,7 @@ def check_output(path: str | Path, kind: str = "features") -> None:
     Parameters
     ----------
     path : str or Path
-    kind : "features", "eigenpairs", "picture" or "movie"
+    kind : "features", "eigenpairs", "picture", "movie" or "scene"
 
     Raises
     ------
@@ -172,8 +176,9 @@ def check_output(path: str | Path, kind: str = "features") -> None:
         "eigenpairs": EIGENPAIR_WRITERS,
         "picture": {".png": write_picture},
         "movie": dict.fromkeys(MOVIE_ENDINGS),
+        "scene": dict.fromkeys(SCENE_ENDINGS),
     }
-    _writer(tables[kind], path, f"{kind}s" if kind in ("picture", "movie") else kind)
+    _writer(tables[kind], path, kind if kind.endswith("s") else f"{kind}s")
     with writing_errors(path):
         if not os.access(path.parent, os.W_OK):
             raise PermissionError(13, "Permission denied")

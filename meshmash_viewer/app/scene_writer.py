@@ -1,0 +1,79 @@
+"""Writes scenes in a process of its own: pyvista takes seconds, and holds the interpreter."""
+
+from __future__ import annotations
+
+import pickle
+import subprocess
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QObject, QThreadPool, Signal
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.atomic import remove_left_overs
+from meshmash_viewer.model.failure import failure_of
+
+if TYPE_CHECKING:
+    import pyvista
+
+__all__ = ["SceneWriter"]
+
+
+class SceneWriter(QObject):
+    """Writes one scene after the other.
+
+    Signals
+    -------
+    written(Path)
+        A scene is there.
+    failed(Failure)
+        Why it is not.
+    """
+
+    written = Signal(object)
+    failed = Signal(object)
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._pool = QThreadPool(self)
+        self._pool.setMaxThreadCount(1)
+        self._process: subprocess.Popen[bytes] | None = None
+        self._closed = False
+
+    def write(self, surface: pyvista.PolyData, path: Path) -> None:
+        """Write a surface with its field, which is nobody else's."""
+        self._pool.start(lambda: self._write(surface, path))
+
+    def close(self) -> None:
+        """Give up what is being written."""
+        self._closed = True
+        process = self._process
+        if process is not None:
+            process.kill()
+        self._pool.waitForDone()
+
+    def _write(self, surface: pyvista.PolyData, path: Path) -> None:
+        from meshmash_viewer.app.view.scene import child_command
+
+        if self._closed:
+            return
+        asked = pickle.dumps((surface, path))
+        pipe = subprocess.PIPE
+        try:
+            with subprocess.Popen(
+                child_command(), stdin=pipe, stdout=subprocess.DEVNULL, stderr=pipe
+            ) as process:
+                self._process = process
+                if self._closed:  # in this very moment
+                    process.kill()
+                said = process.communicate(asked)[1].decode(errors="replace")
+            if process.returncode:
+                raise InputError(said) if process.returncode == 2 else RuntimeError(said)
+        except Exception as fault:  # noqa: BLE001  said to the person
+            if not self._closed:
+                self.failed.emit(failure_of(fault, f"Writing {path.name}"))
+        else:
+            self.written.emit(path)
+        finally:
+            self._process = None
+            remove_left_overs(path.parent)  # of a process that was ended
