@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import subprocess
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,7 +39,7 @@ class SceneWriter(QObject):
         self._pool = QThreadPool(self)
         self._pool.setMaxThreadCount(1)
         self._process: subprocess.Popen[bytes] | None = None
-        self._closed = False
+        self._closed = threading.Event()
 
     def write(self, surface: pyvista.PolyData, path: Path) -> None:
         """Write a surface with its field, which is nobody else's."""
@@ -46,7 +47,7 @@ class SceneWriter(QObject):
 
     def close(self) -> None:
         """Give up what is being written."""
-        self._closed = True
+        self._closed.set()
         process = self._process
         if process is not None:
             process.kill()
@@ -55,7 +56,7 @@ class SceneWriter(QObject):
     def _write(self, surface: pyvista.PolyData, path: Path) -> None:
         from meshmash_viewer.app.view.scene import child_command
 
-        if self._closed:
+        if self._closed.is_set():
             return
         asked = pickle.dumps((surface, path))
         pipe = subprocess.PIPE
@@ -64,13 +65,13 @@ class SceneWriter(QObject):
                 child_command(), stdin=pipe, stdout=subprocess.DEVNULL, stderr=pipe
             ) as process:
                 self._process = process
-                if self._closed:  # in this very moment
+                if self._closed.is_set():  # in this very moment
                     process.kill()
                 said = process.communicate(asked)[1].decode(errors="replace")
             if process.returncode:
                 raise InputError(said) if process.returncode == 2 else RuntimeError(said)
         except Exception as fault:  # noqa: BLE001  said to the person
-            if not self._closed:
+            if not self._closed.is_set():
                 self.failed.emit(failure_of(fault, f"Writing {path.name}"))
         else:
             self.written.emit(path)
