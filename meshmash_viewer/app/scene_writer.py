@@ -6,16 +6,13 @@ import pickle
 import subprocess
 import threading
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from PySide6.QtCore import QObject, QThreadPool, Signal
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import remove_left_overs
 from meshmash_viewer.model.failure import failure_of
-
-if TYPE_CHECKING:
-    import pyvista
 
 __all__ = ["SceneWriter"]
 
@@ -41,8 +38,8 @@ class SceneWriter(QObject):
         self._process: subprocess.Popen[bytes] | None = None
         self._closed = threading.Event()
 
-    def write(self, surface: pyvista.PolyData, path: Path) -> None:
-        """Write a surface with its field, which is nobody else's."""
+    def write(self, surface: Any, path: Path) -> None:
+        """Write a surface with its field, a pyvista PolyData which is nobody else's."""
         self._pool.start(lambda: self._write(surface, path))
 
     def close(self) -> None:
@@ -53,7 +50,7 @@ class SceneWriter(QObject):
             process.kill()
         self._pool.waitForDone()
 
-    def _write(self, surface: pyvista.PolyData, path: Path) -> None:
+    def _write(self, surface: Any, path: Path) -> None:
         from meshmash_viewer.app.view.scene import child_command
 
         if self._closed.is_set():
