@@ -553,6 +553,54 @@ def test_a_filter_is_written_as_a_formula(
     assert (status, "--formula is of --kind filter" in err) == (2, True)
 
 
+@pytest.mark.parametrize(
+    "chosen",
+    [
+        ("--kind", "hks", "--t-min", 1e-3, "--t-max", 4e-3, "--n-components", 3),
+        ("--kind", "geometry-vectors", "--n-components", 4),
+    ],
+)
+def test_pieces_are_the_whole_but_for_their_seams(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, chosen: tuple[object, ...]
+) -> None:
+    mesh, path = shapes.icosphere(4), tmp_path / "sphere.npz"
+    np.savez(path, vertices=mesh.vertices, faces=mesh.faces)
+    whole, parts = tmp_path / "whole.npz", tmp_path / "parts.npz"
+    asked = ("features", path, *chosen, "--max-eigenvalue", 1500, "--no-cache", "--json")
+    assert run(capsys, *asked, "-o", whole)[0] == 0
+    status, out, err = run(capsys, *asked, "-o", parts, "--pieces", 3, "--jobs", 1)
+    assert (status, err) == (0, "")
+    report = json.loads(out)
+    assert report["pieces"] >= 3
+    assert 1.35 * mesh.n_vertices / 3 + 1 >= report["largest_piece"]
+    assert report["seam_vertices"] > 50
+    here, there = np.load(parts)["features"], np.load(whole)["features"]
+    differences = np.abs(here - there).max(axis=0) / np.abs(there).max(axis=0)
+    # what neighbours differ by is about what either is off
+    assert (differences <= 2.0 * np.array(report["seam_largest"]) + 1e-6).all()
+    if "hks" in chosen:
+        assert max(report["seam_largest"]) < 0.01, "heat has not seen the cut yet"
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (("--kind", "hks"), "give what they are taken from, as --t-min"),
+        (("--kind", "wks"), "depend on the spectrum of the whole"),
+        (("--kind", "eigenpairs"), "--kind eigenpairs is of the whole mesh"),
+        (("--kind", "geometry-vectors", "--drop-first"), "--drop-first is of the whole mesh"),
+        (("--kind", "geometry-vectors", "--pieces", 5), "would have fewer than 500 each"),
+    ],
+)
+def test_what_cannot_be_had_in_pieces_is_one_sentence(
+    capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path, given: tuple, said: str
+) -> None:
+    out = tmp_path / "x.npz"
+    status, _, err = run(capsys, "features", ball, "--pieces", 1, *given, "-o", out)
+    assert (status, err.count("\n"), said in err) == (2, 1, True), err
+    assert not out.exists()
+
+
 def test_two_meshes_are_compared(
     capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
 ) -> None:

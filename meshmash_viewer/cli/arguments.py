@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = [
     "FAULT",
     "PROGRAM",
+    "check_pieces",
     "check_repairs",
     "chosen_family",
     "chosen_operator",
@@ -119,6 +120,12 @@ def command_parser() -> argparse.ArgumentParser:
         "--component-column",
         action="store_true",
         help="a last column with the connected component of each vertex, from 0",
+    )
+    features.add_argument(
+        "--pieces",
+        type=_positive,
+        metavar="N",
+        help="compute in about N overlapping pieces, for a mesh too large to be solved whole",
     )
     features.add_argument("--drop-first", action="store_true", help="leave out the first eigenpair")
     _add_solver(features)
@@ -366,6 +373,20 @@ def check_repairs(options: argparse.Namespace) -> None:
     for name in options.repair:
         if name not in REPAIRS:
             raise InputError(f"There is no repair {name}; the repairs are {', '.join(REPAIRS)}.")
+
+
+def check_pieces(options: argparse.Namespace) -> None:
+    """Complain of what cannot be had in pieces."""
+    wrong = {
+        "--drop-first": options.drop_first,
+        "--tail": options.tail is not None,
+        "--count auto": options.count == "auto",
+        "--component-column": options.component_column,
+        "--kind eigenpairs": options.kind == "eigenpairs",
+    }
+    for name, given in wrong.items():
+        if given:
+            raise InputError(f"{name} is of the whole mesh; leave it out, or --pieces.")
 
 
 def chosen_operator(options: argparse.Namespace) -> OperatorOptions:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 from meshmash_viewer.cli.arguments import (
     FAULT,
     PROGRAM,
+    check_pieces,
     check_repairs,
     chosen_family,
     chosen_operator,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     import argparse
 
     from meshmash_viewer.cli.commands import Solver
+    from meshmash_viewer.fields.family import Family
     from meshmash_viewer.laplacian import OperatorOptions
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.weyl import Target
@@ -163,7 +165,13 @@ def _features(options: argparse.Namespace) -> int:
     family = chosen_family(options)
     outputs = output_paths(options.mesh, options.output, options.kind, f".{options.format}")
 
+    if options.pieces is not None:
+        check_pieces(options)
+
     def work(index: int, mesh: Mesh) -> None:
+        if options.pieces is not None:
+            _in_pieces(options, index, mesh, outputs[index], family)
+            return
         with _solver(options, target, operator, mesh) as solver:
             report = write_kind(
                 mesh,
@@ -184,6 +192,34 @@ def _features(options: argparse.Namespace) -> int:
         for path in outputs:
             check_output(path, "eigenpairs" if options.kind == "eigenpairs" else "features")
         return _for_each(options, work)
+
+
+def _in_pieces(
+    options: argparse.Namespace, index: int, mesh: Mesh, output: Path, family: Family
+) -> None:
+    from meshmash_viewer.cli.pieces import write_in_pieces
+
+    shown = ProgressBar(mesh.name, leave=False) if sys.stderr.isatty() else contextlib.nullcontext()
+    with shown as bar, _interruptible() as cancel:
+        report = write_in_pieces(
+            mesh,
+            output,
+            family,
+            options.pieces,
+            chosen_target(options),
+            chosen_operator(options),
+            n_jobs=options.jobs,
+            progress=bar,
+            cancel=cancel,
+        )
+    worst = max(report["seam_largest"], default=0.0)
+    typical = max(report["seam_median"], default=0.0)
+    said = f"{report['output']}: {counted(report['pieces'], 'piece')} of at most"
+    said += (
+        f" {counted(report['largest_piece'], 'vertex')}; at {report['seam_vertices']:,} vertices"
+    )
+    said += f" beside seams they differ by {100 * worst:.2g} % at most, by {100 * typical:.2g} % in"
+    _tell(options, index, report, f"{said} the median of the worst column")
 
 
 def _compare(options: argparse.Namespace) -> int:

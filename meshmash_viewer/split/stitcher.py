@@ -195,7 +195,46 @@ class MeshStitcher:
                 done, total = len(results), len(self.pieces)
                 message = f"{done} of {total} pieces"
                 progress(Progress("pieces", done / total, message=message))
-        return self._stitched(results) if stitch else results
+        return self.stitched(results) if stitch else results
+
+    def seams(self, results: list[Any]) -> FloatArray:
+        """How far neighbouring pieces differ where the one takes over from the other.
+
+        Parameters
+        ----------
+        results : list of ndarray, each of shape (n_i, f)
+            What `apply` returned with ``stitch=False``.
+
+        Returns
+        -------
+        ndarray of float64, shape (s, f)
+            At each vertex beside a seam that two pieces hold, the difference of their values, over
+            the larger of the two. Without seams, as where each piece is a component of its own,
+            shape (0, f).
+        """
+        first, second = edge_graph(self.mesh).tocoo().coords
+        owners = self._piece_of
+        across = (owners[first] != owners[second]) & (owners[first] >= 0) & (owners[second] >= 0)
+        # each vertex beside a seam, its own piece and that of its neighbour
+        told = np.unique(
+            np.stack([first[across], owners[first[across]], owners[second[across]]], axis=1), axis=0
+        )
+        differences = [np.empty((0, np.asarray(results[0]).reshape(len(results[0]), -1).shape[1]))]
+        for one, other in np.unique(told[:, 1:], axis=0):
+            vertices = told[(told[:, 1] == one) & (told[:, 2] == other), 0]
+            vertices = vertices[np.isin(vertices, self.pieces[other])]
+            both = [
+                np.asarray(results[piece])[np.searchsorted(self.pieces[piece], vertices)]
+                for piece in (one, other)
+            ]
+            here, there = (np.reshape(values, (len(vertices), -1)) for values in both)
+            largest = np.maximum(np.abs(here), np.abs(there))
+            differences.append(
+                np.divide(
+                    np.abs(here - there), largest, out=np.zeros(here.shape), where=largest > 0.0
+                )
+            )
+        return np.concatenate(differences)
 
     def _results(
         self, function: Callable[[PieceMesh], Any], cancel: CancelCallback | None
@@ -235,7 +274,8 @@ class MeshStitcher:
         if outcome is not None:
             raise outcome
 
-    def _stitched(self, results: list[Any]) -> npt.NDArray[Any]:
+    def stitched(self, results: list[Any]) -> npt.NDArray[Any]:
+        """Put together what `apply` returned with ``stitch=False``."""
         arrays = [np.asarray(result) for result in results]
         first = arrays[0]
         for number, (array, piece) in enumerate(zip(arrays, self.pieces, strict=True)):
