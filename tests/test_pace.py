@@ -11,6 +11,8 @@ import scipy.sparse as sp
 
 import meshmash_viewer as mv
 from meshmash_viewer.progress import Progress
+from meshmash_viewer.spectral.engine.basis import BLOCK
+from meshmash_viewer.spectral.engine.lanczos import usual_rows
 from meshmash_viewer.spectral.engine.pace import Pace
 from meshmash_viewer.spectral.engine.workers import slice_sizes
 
@@ -106,3 +108,44 @@ def test_a_run_tells_of_a_share_that_only_grows_and_ends_at_one() -> None:
     assert fractions[0] < 0.5
     assert fractions[-1] == 1.0
     assert {report.stage for report in told} >= {"matrices", "order", "eigenpairs"}
+
+
+@pytest.mark.parametrize("n_pairs", [100, 300, 1000])
+def test_the_time_left_is_that_of_slices_of_the_usual_length(
+    monkeypatch: pytest.MonkeyPatch, n_pairs: int
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr("time.perf_counter", lambda: now[0])
+    told: list[tuple[float, float]] = []
+    sizes = slice_sizes(5000, n_pairs)
+    # A second a step, and a quarter of that again to make pairs of them in the end.
+    steps_of_slice = [round(usual_rows(size) / BLOCK * 1.13) for size in sizes]
+    end = 32.0 + 1.26 * sum(steps_of_slice)
+
+    def tell(progress: Progress) -> None:
+        if progress.remaining is not None and now[0] < 0.9 * end:
+            told.append((now[0], progress.remaining))
+
+    pace = Pace(tell, n_pairs, partial(slice_sizes, 5000))
+    pace.stage("matrices")
+    now[0] = 18.0
+    pace.stage("order")
+    now[0] = 32.0
+    pace.begin_slices(n_pairs)
+    taken, done = 0, 0
+    for size, steps in zip(sizes, steps_of_slice, strict=True):
+        for _ in range(steps):
+            now[0] += 1.0
+            taken += 1
+            pace.step(taken)
+        now[0] += 0.26 * steps
+        done += round(size)
+        pace.pairs(done, n_pairs, taken)
+    assert now[0] == pytest.approx(end, rel=0.02)
+    times, left = np.array(told).T
+    ratio = left / (end - times)
+    # Dearer steps to come make it more at first; a share of what is over is the least.
+    assert 0.98 < ratio.min()
+    assert np.median(ratio) < 1.25
+    assert ratio.max() < 2.3
+    assert len(told) > 30

@@ -161,6 +161,7 @@ def test_the_line_of_a_faulty_face_is_named(
     with pytest.raises(InputError, match=words) as caught:
         read_mesh(path)
     assert re.search(rf"\bline {line}\b", str(caught.value))
+    assert "('" not in str(caught.value), "a sentence, not what it is made of"
 
 
 @pytest.mark.parametrize(("n_vertices", "n_faces"), [(-1, 2), (4, -2), (-5, -5), (5, 3), (4, 4)])

@@ -202,6 +202,9 @@ def test_picture_comes_back(channels: int, mesh: Mesh, tmp_path: Path) -> None:
         about: Any = image.info
         assert json.loads(about["meshmash-viewer"])["mesh"]["name"] == "ball"
         assert about["Software"] == "meshmash-viewer"
+    write_picture(path, pixels)
+    with Image.open(path) as image:
+        assert "meshmash-viewer" not in image.info
     with pytest.raises(InputError, match=r"\.png"):
         write_picture(tmp_path / "picture.jpg", pixels)
 
