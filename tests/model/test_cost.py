@@ -75,9 +75,9 @@ def test_memory_holds_bases_and_pairs_at_once_where_none_can_be_let_go(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     n, k = 200_000, 280
-    basis_and_pairs = 8.0 * n * (2.3 * 140 + k)
+    basis_and_pairs = 8.0 * n * (2.3 * 140 + 110 + k)
     before = estimate_memory(n, 7 * n, k, 1)
-    assert before > 8.0 * n * max(2.3 * 140, k)
+    assert before > 8.0 * n * max(2.3 * 140 + 110, k)
     monkeypatch.setattr(workers, "CAN_LET_GO", False)
     assert estimate_memory(n, 7 * n, k, 1) > max(basis_and_pairs, before)
 
