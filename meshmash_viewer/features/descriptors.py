@@ -403,7 +403,7 @@ class _Sums:
             )
             features.values[result.mass == 0.0] = np.nan
             return features.values, features.truncation
-        coefficients = _checked_coefficients(made(eigenvalues.copy()), eigenvalues)
+        coefficients = _checked_coefficients(made(eigenvalues), eigenvalues)
         values = accumulate_features(result.rows[self.start :], coefficients)
         values[result.mass == 0.0] = np.nan
         return values.astype(self.dtype, copy=False), None

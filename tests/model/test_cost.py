@@ -75,11 +75,11 @@ def test_memory_holds_bases_and_pairs_at_once_where_none_can_be_let_go(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     n, k = 200_000, 280
-    basis_and_pairs = 8.0 * n * (2.3 * 140 + 110 + k)
-    before = estimate_memory(n, 7 * n, k, 1)
-    assert before > 8.0 * n * max(2.3 * 140 + 110, k)
+    basis_and_pairs = 8.0 * n * (2 * (2.3 * 140 + 110) + k)
+    before = estimate_memory(n, 7 * n, k, 2)
+    assert before > 8.0 * n * max(2 * (2.3 * 140 + 110), k)
     monkeypatch.setattr(workers, "CAN_LET_GO", False)
-    assert estimate_memory(n, 7 * n, k, 1) > max(basis_and_pairs, before)
+    assert estimate_memory(n, 7 * n, k, 2) > max(basis_and_pairs, before)
 
 
 @pytest.mark.parametrize(
