@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import IntArray, Mesh, MeshLike, as_mesh, first_equal
+from meshmash_viewer.vertex_map import VertexMap
 
 __all__ = [
     "REPAIRS",
@@ -183,7 +185,23 @@ def _with_faces(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> Mesh:
 
 def _without_vertices(mesh: Mesh, kept: npt.NDArray[np.bool_], faces: IntArray) -> Mesh:
     number = np.cumsum(kept) - 1
-    return replace(mesh, vertices=mesh.vertices[kept], faces=number[faces])
+    before = np.ones(mesh.n_vertices, dtype=np.bool_) if mesh.kept is None else mesh.kept
+    since = before.copy()
+    since[before] = kept
+    return replace(
+        mesh,
+        vertices=mesh.vertices[kept],
+        faces=number[faces],
+        maps=tuple(_maps_left(mesh, kept)),
+        kept=since,
+    )
+
+
+def _maps_left(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> Iterator[VertexMap]:
+    for each in mesh.maps:
+        # one that has no value there any more is none
+        with contextlib.suppress(InputError):
+            yield each.at(kept)
 
 
 def _merge_coincident_vertices(mesh: Mesh) -> Mesh:

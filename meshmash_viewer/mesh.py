@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import PurePath
 from typing import Any, TypeAlias
@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.units import LENGTH_UNITS, NO_VOXEL, Voxel, is_voxel
+from meshmash_viewer.vertex_map import VertexMap, named_apart
 
 __all__ = ["Mesh", "MeshLike", "as_mesh", "first_equal", "mesh_to_poly"]
 
@@ -49,13 +50,18 @@ class Mesh:
     voxel : tuple of three floats
         What the coordinates of its file were multiplied by to be `vertices`, see
         `meshmash_viewer.units.parse_unit`.
+    maps : tuple of VertexMap
+        Values per vertex that came with it or were added, see `with_maps`. They make no other mesh
+        of it: `content_hash` does not know them.
+    kept : ndarray of bool, shape (n_read,), optional
+        Which vertices of the mesh as it was read are left, where a repair has left some out.
 
     Raises
     ------
     InputError
         If an array has the wrong shape, a coordinate is not finite, an index is out of range,
-        there is no face, the faces have no area at all, the unit is unknown, or the voxel has not
-        three positive sizes.
+        there is no face, the faces have no area at all, the unit is unknown, the voxel has not
+        three positive sizes, or a map is of another number of vertices.
     """
 
     vertices: FloatArray
@@ -63,6 +69,8 @@ class Mesh:
     unit: str = ""
     name: str = ""
     voxel: Voxel = NO_VOXEL
+    maps: tuple[VertexMap, ...] = ()
+    kept: npt.NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         vertices = _checked_vertices(self.vertices)
@@ -77,6 +85,7 @@ class Mesh:
             raise InputError(f"{self.unit!r} is not a unit a mesh can have: give one of {known}.")
         if not is_voxel(self.voxel):
             raise InputError(f"A voxel has three positive sizes, not {self.voxel!r}.")
+        object.__setattr__(self, "maps", named_apart([self._fitted(each) for each in self.maps]))
         if not self.area > 0.0:
             raise InputError(
                 "The faces have no area: all their vertices coincide or lie on lines. "
@@ -224,20 +233,70 @@ class Mesh:
         """The same numbers said to be in another unit; what was derived from them is kept."""
         if unit not in LENGTH_UNITS:
             raise InputError(f"{unit!r} is not a unit a mesh can have.")
+        return self._but(unit=unit)
+
+    def with_maps(self, *maps: VertexMap) -> Mesh:
+        """The same mesh with more maps; one whose name is taken gets a number after it.
+
+        Raises
+        ------
+        InputError
+            If one has neither a value for each vertex nor for each that was read.
+        """
+        taken = [each.name for each in self.maps]
+        more = named_apart([self._fitted(each) for each in maps], taken)
+        return self._but(maps=self.maps + more)
+
+    def map_named(self, name: str) -> VertexMap:
+        """The map of a name.
+
+        Raises
+        ------
+        InputError
+            If there is none.
+        """
+        found = next((each for each in self.maps if each.name == name), None)
+        if found is None:
+            names = ", ".join(repr(each.name) for each in self.maps) or "none"
+            raise InputError(f"The mesh has no map {name!r}: its maps are {names}.")
+        return found
+
+    @cached_property
+    def derived(self) -> dict[Any, Any]:
+        """What others have derived from vertices and faces, and keep with them."""
+        return {}
+
+    def without_map(self, name: str) -> Mesh:
+        """The same mesh without the map of a name."""
+        return self._but(maps=tuple(each for each in self.maps if each.name != name))
+
+    def _fitted(self, given: VertexMap) -> VertexMap:
+        """A map of these vertices, of one of these or of all that were read."""
+        if given.n_vertices == self.n_vertices:
+            return given
+        if self.kept is not None and given.n_vertices == len(self.kept):
+            return given.at(self.kept)
+        raise InputError(
+            f"Map {given.name!r} has {given.n_vertices:,} values and the mesh"
+            f" {self.n_vertices:,} vertices: give the one that was made for this surface."
+        )
+
+    def _but(self, **attributes: Any) -> Mesh:
+        """Another one with some attributes that nothing is derived from."""
         mesh = copy.copy(self)
-        mesh.__dict__.update(self.__dict__, unit=unit)
+        mesh.__dict__.update(self.__dict__, **attributes)
         return mesh
 
     def in_voxels(self, voxel: Voxel, unit: str) -> Mesh:
         """The mesh of the same file whose voxels are of another size, given in `unit`."""
         # divided first: the numbers of the file come back, and with them what is stored for them
         vertices = self.vertices / self.voxel * voxel
-        return Mesh(vertices, self.faces, unit, self.name, voxel)
+        return Mesh(vertices, self.faces, unit, self.name, voxel, self.maps, self.kept)
 
     def __getstate__(self) -> dict[str, Any]:
         """What goes to another process: derived arrays that are large are derived there."""
-        small = ("vertices", "faces", "unit", "name", "voxel", "content_hash", "area", "bounds")
-        return {name: self.__dict__[name] for name in small if name in self.__dict__}
+        sent = (*(each.name for each in fields(self)), "content_hash", "area", "bounds")
+        return {name: self.__dict__[name] for name in sent if name in self.__dict__}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)

@@ -16,14 +16,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from meshmash_viewer.errors import InputError, printable
-from meshmash_viewer.io.polygons import RawMesh
+from meshmash_viewer.io.polygons import RawMap, RawMesh
 from meshmash_viewer.io.scratch import ScratchFolder
+from meshmash_viewer.vertex_map import Label
 
 __all__ = ["RAISE_LIMITS", "LimitExceeded", "ReadLimits", "convert", "read_guarded", "unreadable"]
 
@@ -175,7 +177,12 @@ def read_guarded(
             raise InputError("is so broken that the library that reads it ends on it")
         with np.load(result) as arrays:
             unit = str(arrays["unit"])
-            return RawMesh(arrays["vertices"], arrays["faces"], unit or None)
+            told = json.loads(str(arrays["maps"]))
+            maps = tuple(
+                RawMap(name, arrays[f"map_{at}"], tuple(Label(*each) for each in labels), indices)
+                for at, (name, labels, indices) in enumerate(told)
+            )
+            return RawMesh(arrays["vertices"], arrays["faces"], unit or None, maps)
 
 
 def _watch(child: subprocess.Popen[bytes], limits: ReadLimits) -> bytes:
@@ -225,7 +232,7 @@ def convert(reader: str, source: str, result: str, memory: str) -> None:
     try:
         with contextlib.redirect_stdout(io.StringIO()):
             raw: RawMesh = read(Path(source))
-            np.savez(result, vertices=raw.vertices, faces=raw.faces, unit=np.array(raw.unit or ""))
+            _save(raw, result)
     except MemoryError:
         sys.exit(_TOO_LARGE)
     except Exception as fault:  # noqa: BLE001  the parent says it
@@ -234,6 +241,16 @@ def convert(reader: str, source: str, result: str, memory: str) -> None:
         sys.exit(_FAULT)
     finally:
         _watched = False
+
+
+def _save(raw: RawMesh, result: str) -> None:
+    """Write what was read to where the parent looks for it."""
+    told = [
+        (each.name, [astuple(label) for label in each.labels], each.indices) for each in raw.maps
+    ]
+    arrays: dict[str, Any] = {f"map_{at}": each.values for at, each in enumerate(raw.maps)}
+    arrays |= {"unit": np.array(raw.unit or ""), "maps": np.array(json.dumps(told))}
+    np.savez(result, vertices=raw.vertices, faces=raw.faces, **arrays)
 
 
 def unreadable(fault: BaseException) -> InputError:

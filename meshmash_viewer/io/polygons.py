@@ -12,9 +12,12 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.mesh import FloatArray, IntArray, first_equal
+from meshmash_viewer.vertex_map import Label
 
 __all__ = [
+    "MOST_MAPS",
     "NotANumber",
+    "RawMap",
     "RawMesh",
     "fan_triangles",
     "merge_equal_vertices",
@@ -28,11 +31,33 @@ __all__ = [
 _SAMPLE, _MOST_NEIGHBOURS = 256, 64.0
 #: Beyond it squared distances are no numbers any more.
 _LARGEST = 1e150
+#: Maps that are taken of one file.
+MOST_MAPS = 64
+
+
+@dataclass(frozen=True)
+class RawMap:
+    """Values per vertex as a file has them, before any check.
+
+    Parameters
+    ----------
+    name : str
+        "" for that of the file.
+    values : ndarray, shape (n,)
+    labels : tuple of Label
+    indices : bool
+        Whether the values are the indices of the vertices that are in a label.
+    """
+
+    name: str
+    values: npt.NDArray[Any]
+    labels: tuple[Label, ...] = ()
+    indices: bool = False
 
 
 @dataclass(frozen=True)
 class RawMesh:
-    """What a file holds, before any check.
+    """What a file holds, before any check; a file of maps alone has no vertices and no faces.
 
     Parameters
     ----------
@@ -42,11 +67,14 @@ class RawMesh:
         Vertex indices, counted from zero; they may be out of range.
     unit : str, optional
         The unit the format or the file states; None where it states none.
+    maps : tuple of RawMap
+        What it has at each vertex besides.
     """
 
     vertices: FloatArray
     faces: IntArray
     unit: str | None = None
+    maps: tuple[RawMap, ...] = ()
 
 
 class NotANumber(InputError):
@@ -167,7 +195,9 @@ def strip_triangles(indices: IntArray, counts: IntArray) -> IntArray:
     return np.column_stack([a[kept], b[kept], c[kept]]).astype(np.int64)
 
 
-def merge_equal_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+def merge_equal_vertices(
+    vertices: FloatArray, faces: IntArray
+) -> tuple[FloatArray, IntArray, IntArray]:
     """Join vertices at the same place, and drop the triangles that collapse by it.
 
     The same place means closer than a quarter of a float32 step of the largest coordinate.
@@ -185,6 +215,8 @@ def merge_equal_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatAr
     -------
     vertices : ndarray of float64, shape (n', 3)
     faces : ndarray of int64, shape (m', 3)
+    kept : ndarray of int64, shape (n',)
+        Which vertices are left.
 
     Raises
     ------
@@ -192,7 +224,7 @@ def merge_equal_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatAr
         If a coordinate is not finite, or so large that there would be no end of vertices to join.
     """
     if not len(vertices):
-        return vertices, faces
+        return vertices, faces, np.arange(0)
     if not np.isfinite(vertices).all():
         raise InputError("has a vertex with a coordinate that is not finite")
     points = vertices + 0.0  # -0.0 and 0.0 are the same place
@@ -203,7 +235,7 @@ def merge_equal_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatAr
     kept = np.unique(representative)
     faces = np.searchsorted(kept, representative[faces])
     a, b, c = faces.T
-    return vertices[kept], faces[(a != b) & (b != c) & (a != c)]
+    return vertices[kept], faces[(a != b) & (b != c) & (a != c)], kept
 
 
 def _join_near(points: FloatArray, distinct: IntArray) -> IntArray:

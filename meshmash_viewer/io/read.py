@@ -27,12 +27,21 @@ from meshmash_viewer.io.formats.ply import read_ply
 from meshmash_viewer.io.formats.stl import read_stl
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtp
 from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded, unreadable
-from meshmash_viewer.io.polygons import RawMesh
+from meshmash_viewer.io.polygons import RawMap, RawMesh
 from meshmash_viewer.io.scratch import ScratchFolder, remove_abandoned
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.units import NO_VOXEL, counted, parse_unit
+from meshmash_viewer.vertex_map import Label, VertexMap
 
-__all__ = ["READABLE_ENDINGS", "READERS", "mesh_name", "read_mesh"]
+__all__ = [
+    "READABLE_ENDINGS",
+    "READERS",
+    "Reader",
+    "check_file",
+    "mesh_name",
+    "read_mesh",
+    "vertex_map",
+]
 
 Reader: TypeAlias = Callable[[Path], RawMesh]
 
@@ -54,6 +63,9 @@ READERS: dict[str, Reader] = {
 #: Formats that are packed or refer to other files are not found gzipped.
 _NEVER_GZIPPED = (".npz", ".gltf", ".glb")
 
+#: Colour of a label that has none of its own.
+_INSIDE = "#d55e00"
+
 #: Every ending that `read_mesh` takes.
 READABLE_ENDINGS: tuple[str, ...] = (
     *READERS,
@@ -66,7 +78,8 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
 
     FreeSurfer surfaces, which have endings of many kinds, are told by how they begin. Polygons
     become fans of triangles, a scene becomes one mesh, STL and glTF vertices with equal
-    coordinates are merged, and texture seams do not cut the surface.
+    coordinates are merged, and texture seams do not cut the surface. What else a file has at each
+    vertex comes along as `Mesh.maps`: of PLY, VTP, VTK, GLB, glTF, NPZ and GIFTI.
 
     Parameters
     ----------
@@ -94,7 +107,7 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
     """
     path = Path(path)
     voxel, given_unit = (NO_VOXEL, None) if unit is None else parse_unit(unit)
-    _check_file(path)
+    check_file(path)
     ending = _ending(path)
     ReadLimits.of(0)  # which may have been set to what is no number
     try:
@@ -110,6 +123,7 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
                 unit=stated if given_unit is None else given_unit,
                 name=mesh_name(path),
                 voxel=voxel,
+                maps=tuple(_own_maps(raw)),
             )
     except LimitExceeded as fault:
         raise InputError(f"{path} {fault}") from fault
@@ -124,6 +138,36 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
         ) from fault
     except Exception as fault:  # whatever a library raises on a broken file, it is the file's
         raise InputError(f"{path} {_way_out(str(unreadable(fault)), ending)}") from fault
+
+
+def _own_maps(raw: RawMesh) -> Iterator[VertexMap]:
+    """What a mesh file has at its vertices, as far as it can be shown."""
+    for each in raw.maps:
+        with contextlib.suppress(InputError):
+            found = vertex_map(each, len(raw.vertices))
+            if found.n_vertices == len(raw.vertices):
+                yield found
+
+
+def vertex_map(raw: RawMap, n_vertices: int, path: str = "") -> VertexMap:
+    """What a file has at its vertices, of which there are n, checked.
+
+    Raises
+    ------
+    InputError
+        See `VertexMap`, or if a label names a vertex that is not there.
+    """
+    if not raw.indices:
+        return VertexMap(raw.name, raw.values, raw.labels, path=path)
+    last = int(raw.values.max())
+    if last >= n_vertices:
+        raise InputError(
+            f"Map {raw.name!r} names vertex {last:,}, and the mesh has {n_vertices:,} vertices:"
+            " give the label of this surface."
+        )
+    inside = np.zeros(n_vertices, dtype=np.int64)
+    inside[raw.values] = 1
+    return VertexMap(raw.name, inside, (Label(1, raw.name, _INSIDE),), path=path)
 
 
 def mesh_name(path: str | Path) -> str:
@@ -157,7 +201,14 @@ def _is_freesurfer(path: Path, ending: str) -> bool:
         return False
 
 
-def _check_file(path: Path) -> None:
+def check_file(path: Path) -> None:
+    """Refuse what is no file, or none that can be read.
+
+    Raises
+    ------
+    InputError
+        One sentence that names the file.
+    """
     try:
         if not path.exists():
             raise InputError(f"{path} does not exist; check the spelling of its name and folder.")

@@ -47,6 +47,8 @@ class Session:
     mesh_path : str
         The mesh's file. In the session's file it is relative to it where both share a folder, so
         that the two can be moved together.
+    maps : list of str
+        Files of maps that were added to it, in their order; relative as `mesh_path` is.
     unit : str
         What `read_mesh` was asked for: "nm", "8 nm", "4 × 4 × 40 nm", "none", or "" for what the
         format states.
@@ -70,6 +72,7 @@ class Session:
     """
 
     mesh_path: str = ""
+    maps: list[str] = field(default_factory=list)
     unit: str = ""
     repairs: list[str] = field(default_factory=list)
     mesh_hash: str = ""
@@ -100,6 +103,7 @@ def _target(value: object) -> dict[str, Any]:
 
 _CHECKS: dict[str, Check] = {
     "mesh_path": text(),
+    "maps": listing(text(), 1000, different=True),
     "unit": _unit,
     "repairs": listing(choice(REPAIRS), 100),
     "mesh_hash": text(200),
@@ -129,10 +133,10 @@ def write_session(path: str | Path, session: Session) -> None:
     """
     path = Path(path)
     content = asdict(session)
+    folder = path.absolute().parent
     if session.mesh_path:
-        mesh, folder = Path(session.mesh_path).absolute(), path.absolute().parent
-        inside = mesh.is_relative_to(folder)
-        content["mesh_path"] = mesh.relative_to(folder).as_posix() if inside else str(mesh)
+        content["mesh_path"] = _relative(session.mesh_path, folder)
+    content["maps"] = [_relative(each, folder) for each in session.maps]
     text = json.dumps({"format": _FORMAT, "version": _VERSION, **content}, indent=1)
     with writing_errors(path), written_whole(path) as part:
         part.write_text(text + "\n", encoding="utf-8")
@@ -183,6 +187,14 @@ def read_session(path: str | Path) -> Session:
             f"{path.name} has pins at vertex {beyond[0]}, and its mesh has "
             f"{session['n_vertices']} vertices: mend that entry, or open another file."
         )
+    folder = path.absolute().parent
     if session.get("mesh_path"):
-        session["mesh_path"] = os.path.normpath(path.absolute().parent / session["mesh_path"])
+        session["mesh_path"] = os.path.normpath(folder / session["mesh_path"])
+    session["maps"] = [os.path.normpath(folder / each) for each in session.get("maps", ())]
     return Session(**session)
+
+
+def _relative(name: str, folder: Path) -> str:
+    """A file as a session names it: relative to its folder if it is in it."""
+    file = Path(name).absolute()
+    return file.relative_to(folder).as_posix() if file.is_relative_to(folder) else str(file)

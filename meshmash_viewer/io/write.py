@@ -22,9 +22,16 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_together, written_whole
 from meshmash_viewer.io.movie import MOVIE_ENDINGS
 from meshmash_viewer.io.provenance import provenance
-from meshmash_viewer.io.writers import EIGENPAIR_WRITERS, WITHOUT_PROVENANCE, WRITERS, FeatureTable
+from meshmash_viewer.io.writers import (
+    EIGENPAIR_WRITERS,
+    SPECTRUM_WRITERS,
+    WITHOUT_PROVENANCE,
+    WRITERS,
+    FeatureTable,
+)
 
 if TYPE_CHECKING:
+    from meshmash_viewer.features.map_spectrum import MapSpectrum
     from meshmash_viewer.features.sums import Features
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.eigensolver import Decomposition
@@ -32,12 +39,14 @@ if TYPE_CHECKING:
 __all__ = [
     "EIGENPAIR_WRITERS",
     "SCENE_ENDINGS",
+    "SPECTRUM_WRITERS",
     "WRITERS",
     "FeatureTable",
     "check_output",
     "provenance",
     "write_eigenpairs",
     "write_features",
+    "write_map_spectrum",
     "write_picture",
 ]
 
@@ -114,6 +123,50 @@ def write_eigenpairs(
     made = json.dumps(_made(mesh, said, meta))
     with writing_errors(path), written_whole(path) as part:
         writer(part, decomposition, mesh, made)
+
+
+def write_map_spectrum(
+    path: str | Path,
+    spectrum: MapSpectrum,
+    mesh: Mesh,
+    name: str = "",
+    meta: dict[str, Any] | None = None,
+) -> None:
+    """Write what a map is on eigenpairs, as CSV, Parquet or NPZ.
+
+    Columns are ``pair`` (from 0), ``eigenvalue``, ``coefficient``, and ``share``, that of the
+    energy in the pairs up to this one.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file with one of the endings of `SPECTRUM_WRITERS`.
+    spectrum : MapSpectrum
+    mesh : Mesh
+        The mesh that the map is on.
+    name : str
+        Of the map.
+    meta : dict, optional
+        JSON-able options that led to it, or what `provenance` made of them.
+
+    Raises
+    ------
+    InputError
+        If the ending is unknown or the system refuses.
+    """
+    path = Path(path)
+    writer = _writer(SPECTRUM_WRITERS, path, "coefficients")
+    said = {"kind": "map-spectrum", "map_name": name, "energy": spectrum.energy}
+    made = json.dumps(_made(mesh, said, meta))
+    counts = np.arange(len(spectrum))
+    columns = {
+        "pair": counts,
+        "eigenvalue": spectrum.eigenvalues,
+        "coefficient": spectrum.coefficients,
+        "share": np.array([spectrum.share(int(count) + 1) for count in counts]),
+    }
+    with writing_errors(path), _with_note(path, made) as part:
+        writer(part, columns, made)
 
 
 def write_picture(

@@ -17,7 +17,13 @@ if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
-__all__ = ["EIGENPAIR_WRITERS", "WITHOUT_PROVENANCE", "WRITERS", "FeatureTable"]
+__all__ = [
+    "EIGENPAIR_WRITERS",
+    "SPECTRUM_WRITERS",
+    "WITHOUT_PROVENANCE",
+    "WRITERS",
+    "FeatureTable",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +49,7 @@ class FeatureTable:
 
 
 FeatureWriter: TypeAlias = Callable[[Path, FeatureTable], None]
+SpectrumWriter: TypeAlias = Callable[[Path, dict[str, npt.NDArray[Any]], str], None]
 EigenpairWriter: TypeAlias = Callable[[Path, "Decomposition", "Mesh", str], None]
 
 
@@ -152,6 +159,27 @@ def _features_gifti(path: Path, table: FeatureTable) -> None:
     path.write_bytes(image.to_bytes())
 
 
+# Spectra of maps --------------------------------------------------------------------------------
+
+
+def _spectrum_npz(path: Path, columns: dict[str, npt.NDArray[Any]], meta: str) -> None:
+    with path.open("wb") as file:
+        np.savez(file, meta=np.array(meta), **columns)  # type: ignore[arg-type]
+
+
+def _spectrum_csv(path: Path, columns: dict[str, npt.NDArray[Any]], meta: str) -> None:
+    import pyarrow.csv
+
+    pyarrow.csv.write_csv(pyarrow.table(columns), str(path))
+
+
+def _spectrum_parquet(path: Path, columns: dict[str, npt.NDArray[Any]], meta: str) -> None:
+    import pyarrow.parquet
+
+    content = pyarrow.table(columns).replace_schema_metadata({"meshmash-viewer": meta})
+    pyarrow.parquet.write_table(content, str(path))
+
+
 # Eigenpairs -------------------------------------------------------------------------------------
 
 
@@ -219,6 +247,13 @@ WRITERS: dict[str, FeatureWriter] = {
 
 #: The same for eigenpairs.
 EIGENPAIR_WRITERS: dict[str, EigenpairWriter] = {".npz": _eigenpairs_npz, ".vtp": _eigenpairs_vtp}
+
+#: The same for what a map is on eigenpairs.
+SPECTRUM_WRITERS: dict[str, SpectrumWriter] = {
+    ".csv": _spectrum_csv,
+    ".parquet": _spectrum_parquet,
+    ".npz": _spectrum_npz,
+}
 
 #: Formats without room for provenance.
 WITHOUT_PROVENANCE = (".npy", ".csv")

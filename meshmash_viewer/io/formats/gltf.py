@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.guarded import ReadLimits, read_guarded
-from meshmash_viewer.io.polygons import RawMesh, merge_equal_vertices
+from meshmash_viewer.io.polygons import MOST_MAPS, RawMap, RawMesh, merge_equal_vertices
 
 __all__ = ["gltf_mesh", "read_gltf"]
 
@@ -48,6 +49,7 @@ def gltf_mesh(path: Path) -> RawMesh:
     except (AssertionError, binascii.Error) as fault:
         raise InputError("has a buffer that is shorter than its parts, or damaged") from fault
     vertices, faces, offset = [], [], 0
+    attributes: dict[str, list[tuple[int, npt.NDArray[Any]]]] = {}
     for node in scene.graph.nodes_geometry:
         transform, name = scene.graph[node]
         geometry = scene.geometry[name]
@@ -65,10 +67,21 @@ def gltf_mesh(path: Path) -> RawMesh:
             raise InputError("has a face whose vertex index is out of range")
         vertices.append(placed)
         faces.append(corners + offset)
+        for attribute, values in geometry.vertex_attributes.items():
+            # those of the format's own have other names: a map's begins with an underscore
+            if attribute.startswith("_") and np.size(values) == len(placed):
+                attributes.setdefault(attribute[1:], []).append((offset, np.ravel(values)))
         offset += len(placed)
     if not vertices:
         raise InputError("holds no triangle mesh")
-    return RawMesh(*merge_equal_vertices(np.concatenate(vertices), np.concatenate(faces)))
+    merged, corners, kept = merge_equal_vertices(np.concatenate(vertices), np.concatenate(faces))
+    maps = []
+    for attribute, parts in list(attributes.items())[:MOST_MAPS]:
+        whole = np.full(offset, np.nan)  # where a mesh of the scene has not got it
+        for start, values in parts:
+            whole[start : start + len(values)] = values
+        maps.append(RawMap(attribute, whole[kept]))
+    return RawMesh(merged, corners, maps=tuple(maps))
 
 
 def _scene_description(path: Path) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,19 @@ import numpy as np
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.guarded import read_guarded
-from meshmash_viewer.io.polygons import RawMesh
+from meshmash_viewer.io.polygons import MOST_MAPS, RawMap, RawMesh
+from meshmash_viewer.vertex_map import Label
 
 __all__ = [
     "FREESURFER_ENDINGS",
+    "freesurfer_annotation",
+    "freesurfer_label",
+    "freesurfer_values",
+    "gifti_maps",
     "gifti_surface",
     "is_freesurfer_surface",
+    "is_freesurfer_values",
+    "mgh_maps",
     "read_freesurfer",
     "read_gifti",
 ]
@@ -48,15 +56,45 @@ def read_gifti(path: Path) -> RawMesh:
     InputError
         If one of the two is absent, or an array is not what its attributes say.
     """
-    # All of which nibabel would look for.
+    _refuse_dimensions(path)
+    return read_guarded(gifti_surface, path)
+
+
+def _refuse_dimensions(path: Path) -> None:
+    """All of which nibabel would look for."""
     many = re.search(rb"Dimensionality\s*=\s*.\s*(\d{2,})", path.read_bytes())
     if many is not None:
         raise InputError(f"has an array of {printable(many[1].decode(), 20)} dimensions")
-    return read_guarded(gifti_surface, path)
 
 
 def gifti_surface(path: Path) -> RawMesh:
     """Read a GIFTI surface however much it unpacks to; only `read_guarded` calls this."""
+    image = _gifti(path)
+    points = image.get_arrays_from_intent("NIFTI_INTENT_POINTSET")
+    triangles = image.get_arrays_from_intent("NIFTI_INTENT_TRIANGLE")
+    if not points or not triangles:
+        raise InputError(
+            "holds no surface (a GIFTI surface has a point set and triangles;"
+            " functional and label files have neither)"
+        )
+    vertices, faces = points[0].data, triangles[0].data
+    if vertices is None or faces is None:
+        raise InputError("has a point set or triangles without data")
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
+        raise InputError(f"has arrays of shapes {vertices.shape} and {faces.shape}")
+    if faces.dtype.kind not in "iu":
+        raise InputError("has triangles whose vertex indices are no whole numbers")
+    maps = tuple(_gifti_maps(image))[:MOST_MAPS]
+    return RawMesh(np.asarray(vertices, dtype=np.float64), faces.astype(np.int64), "mm", maps)
+
+
+def gifti_maps(path: Path) -> RawMesh:
+    """Read the arrays of a GIFTI file with one number a vertex, labels with their table."""
+    _refuse_dimensions(path)
+    return _only(_gifti_maps(_gifti(path)), "one number a vertex")
+
+
+def _gifti(path: Path) -> Any:
     from xml.parsers.expat import ExpatError
 
     from nibabel.gifti import parse_gifti_fast
@@ -70,21 +108,93 @@ def gifti_surface(path: Path) -> RawMesh:
         raise InputError(f"is not the XML of a GIFTI file ({printable(fault)})") from fault
     if parser.img is None:
         raise InputError("is not a GIFTI file")
-    points = parser.img.get_arrays_from_intent("NIFTI_INTENT_POINTSET")
-    triangles = parser.img.get_arrays_from_intent("NIFTI_INTENT_TRIANGLE")
-    if not points or not triangles:
-        raise InputError(
-            "holds no surface (a GIFTI surface has a point set and triangles;"
-            " functional and label files have neither)"
-        )
-    vertices, faces = points[0].data, triangles[0].data
-    if vertices is None or faces is None:
-        raise InputError("has a point set or triangles without data")
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
-        raise InputError(f"has arrays of shapes {vertices.shape} and {faces.shape}")
-    if faces.dtype.kind not in "iu":
-        raise InputError("has triangles whose vertex indices are no whole numbers")
-    return RawMesh(np.asarray(vertices, dtype=np.float64), faces.astype(np.int64), "mm")
+    return parser.img
+
+
+def _gifti_maps(image: Any) -> Iterator[RawMap]:
+    """Every array that is neither the points nor the triangles."""
+    from nibabel.nifti1 import intent_codes
+
+    table = tuple(
+        Label(int(each.key), str(each.label), _hexadecimal(each.rgba))
+        for each in image.labeltable.labels
+    )
+    for at, array in enumerate(image.darrays):
+        intent = intent_codes.niistring[array.intent]
+        data = array.data
+        if intent in ("NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE") or data is None:
+            continue
+        name = dict(array.meta or {}).get("Name") or _stem(image, at)
+        labels = table if intent == "NIFTI_INTENT_LABEL" else ()
+        columns = [data] if data.ndim == 1 else list(data.T) if data.ndim == 2 else []
+        for column in columns:
+            yield RawMap(name, np.ascontiguousarray(column), labels)
+
+
+def _stem(image: Any, at: int) -> str:
+    return "" if len(image.darrays) == 1 else f"map {at}"
+
+
+def _hexadecimal(rgba: Any) -> str:
+    """A colour from shares of red, green and blue; grey where a file does not say."""
+    shares = [0.5 if share is None else min(max(float(share), 0.0), 1.0) for share in rgba[:3]]
+    return "#" + "".join(f"{round(255 * share):02x}" for share in shares)
+
+
+def freesurfer_values(path: Path) -> RawMesh:
+    """Read a FreeSurfer file of one number a vertex, such as ``lh.curv`` or ``lh.thickness``."""
+    from nibabel.freesurfer.io import read_morph_data
+
+    if not is_freesurfer_values(path):
+        raise InputError("does not begin like a FreeSurfer file of one number a vertex")
+    read: Any = read_morph_data
+    return _only([RawMap("", np.asarray(read(str(path)), dtype=np.float32))], "")
+
+
+def freesurfer_annotation(path: Path) -> RawMesh:
+    """Read a parcellation with its names and colours (``.annot``)."""
+    from nibabel.freesurfer.io import read_annot
+
+    read: Any = read_annot
+    values, colors, names = read(str(path))
+    labels = tuple(
+        Label(key, name.decode("utf-8", "replace"), "#" + "".join(f"{each:02x}" for each in rgb))
+        for key, (name, rgb) in enumerate(zip(names, colors[:, :3].tolist(), strict=True))
+    )
+    return _only([RawMap("", values.astype(np.int64), labels)], "")
+
+
+def freesurfer_label(path: Path) -> RawMesh:
+    """Read the indices of the vertices in one label (``.label``)."""
+    from nibabel.freesurfer.io import read_label
+
+    read: Any = read_label
+    inside = np.atleast_1d(np.asarray(read(str(path)), dtype=np.int64))
+    if not len(inside) or inside.min() < 0:
+        raise InputError("names no vertex")
+    return _only([RawMap("", inside, indices=True)], "")
+
+
+def mgh_maps(path: Path) -> RawMesh:
+    """Read a surface's values from MGH or MGZ: n × 1 × 1, and one map a frame."""
+    import nibabel
+
+    load: Any = nibabel.load
+    data = np.asarray(load(str(path)).dataobj)
+    if data.ndim < 3 or sum(side > 1 for side in data.shape[:3]) > 1:
+        raise InputError(f"has shape {data.shape}, which is a volume and not values of a surface")
+    frames = data.reshape(max(data.shape[:3]), -1).T
+    names = [f"frame {at}" for at in range(len(frames))] if len(frames) > 1 else [""]
+    found = zip(names, frames, strict=True)
+    return _only((RawMap(name, np.array(each, np.float64)) for name, each in found), "")
+
+
+def _only(maps: Iterable[RawMap], what: str) -> RawMesh:
+    """What a file of maps alone comes to."""
+    found = tuple(maps)
+    if not found:
+        raise InputError(f"holds nothing with {what}")
+    return RawMesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), maps=found)
 
 
 def read_freesurfer(path: Path) -> RawMesh:
@@ -134,6 +244,13 @@ def _is_curvature(path: Path, size: int) -> bool:
         return False
     n_vertices, _, n_values = struct.unpack(">iii", header[3:])
     return bool(size == 15 + 4 * n_vertices * n_values)
+
+
+def is_freesurfer_values(path: Path) -> bool:
+    """Whether a file is of one number a vertex, by how it begins and by its size."""
+    with path.open("rb") as file:
+        begins = file.read(3) == _SHORT_QUADS
+    return begins and _is_curvature(path, path.stat().st_size)
 
 
 def is_freesurfer_surface(beginning: bytes) -> bool:

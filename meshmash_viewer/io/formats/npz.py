@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +12,21 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.guarded import ReadLimits, read_guarded
-from meshmash_viewer.io.polygons import RawMesh, fan_triangles
+from meshmash_viewer.io.polygons import MOST_MAPS, RawMap, RawMesh, fan_triangles
 from meshmash_viewer.io.provenance import stated_unit
 
-__all__ = ["npz_mesh", "read_npz"]
+__all__ = ["holds_a_mesh", "npz_maps", "npz_mesh", "read_npz"]
+
+#: What our own exports hold for every pair, not for every vertex.
+_NOT_READ = ("eigenvalues.npy", "eigenvectors.npy", "residuals.npy")
 
 
 def read_npz(path: Path) -> RawMesh:
     """Read ``vertices`` (n, 3) and ``faces`` (m, 3 or more corners) from an NPZ file.
 
-    The unit is taken from the JSON text ``meta``, where our own exports state it.
+    Other arrays with a number a vertex are maps, and so are the columns of ``features`` under the
+    names in ``columns``, which our own exports have. The unit is taken from the JSON text ``meta``,
+    where our own exports state it.
 
     Raises
     ------
@@ -29,8 +35,7 @@ def read_npz(path: Path) -> RawMesh:
     """
     with _archive(path) as archive:
         held = archive.zip.infolist()
-    sizes = {member.filename.removesuffix(".npy"): member.file_size for member in held}
-    unpacked = sum(sizes.get(name, 0) for name in ("vertices", "faces", "meta"))
+    unpacked = sum(member.file_size for member in held if member.filename not in _NOT_READ)
     size = path.stat().st_size
     if ReadLimits.are_needed(size, unpacked):
         return read_guarded(npz_mesh, path, ReadLimits.of(size, unpacked=unpacked))
@@ -45,27 +50,74 @@ def npz_mesh(path: Path) -> RawMesh:
             unit = stated_unit(str(_array(archive, "meta")))
         except InputError:  # without one, or another program's
             unit = None
+        maps = tuple(_maps(archive, len(vertices)))[:MOST_MAPS]
     if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "fiu":
         raise InputError(f"has vertices of shape {vertices.shape}, not (n, 3) numbers")
     if faces.ndim != 2 or faces.shape[1] < 3 or faces.dtype.kind not in "iu":
         raise InputError(f"has faces of shape {faces.shape}, not (m, 3) whole numbers")
     counts = np.full(len(faces), faces.shape[1], dtype=np.int64)
     triangles = fan_triangles(faces.astype(np.int64).reshape(-1), counts)
-    return RawMesh(vertices.astype(np.float64), triangles, unit)
+    return RawMesh(vertices.astype(np.float64), triangles, unit, maps)
+
+
+def npz_maps(path: Path) -> RawMesh:
+    """Read the arrays with one number a vertex, or one a vertex and column."""
+    if not zipfile.is_zipfile(path):
+        raise InputError("is not an NPZ archive")
+    with _opened(path) as archive:
+        maps = tuple(_maps(archive))
+        names = printable(", ".join(archive.files) or "nothing")
+    if not maps:
+        raise InputError(f"holds {names}, of which none has one number a vertex")
+    return RawMesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), maps=maps)
+
+
+def holds_a_mesh(path: Path) -> bool:
+    """Whether an archive is that of a mesh; one that cannot be opened is said to be one."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return {"vertices.npy", "faces.npy"} <= set(archive.namelist())
+    except (zipfile.BadZipFile, OSError):
+        return True
+
+
+def _maps(archive: Any, n_vertices: int | None = None) -> Iterator[RawMap]:
+    """Arrays of any length, or of n vertices, one column at a time."""
+    for name in archive.files:
+        if f"{name}.npy" in _NOT_READ or name in ("vertices", "faces", "meta", "columns"):
+            continue
+        try:
+            values = _array(archive, name)
+        except InputError:  # the others are whole without it
+            continue
+        fits = values.ndim in (1, 2) and len(values) == (n_vertices or len(values)) > 0
+        if fits and values.ndim == 1:
+            yield RawMap(name, values)
+        elif fits and values.shape[1] <= MOST_MAPS:
+            own = name == "features" and "columns" in archive.files
+            names = np.ravel(_array(archive, "columns")).tolist() if own else []
+            if len(names) != values.shape[1]:
+                names = [f"{name} {at}" for at in range(values.shape[1])]
+            for column, each in zip(names, values.T, strict=True):
+                yield RawMap(str(column), np.ascontiguousarray(each))
 
 
 def _archive(path: Path) -> Any:
     if not zipfile.is_zipfile(path):
         raise InputError("is not an NPZ archive")
-    try:
-        archive = np.load(path)
-    except (zipfile.BadZipFile, OSError, ValueError) as fault:
-        raise InputError("is an archive whose table of contents is damaged") from fault
+    archive = _opened(path)
     if not {"vertices", "faces"} <= set(archive.files):
         archive.close()
         names = printable(", ".join(archive.files) or "nothing")
         raise InputError(f"holds {names}, not arrays called vertices and faces")
     return archive
+
+
+def _opened(path: Path) -> Any:
+    try:
+        return np.load(path)
+    except (zipfile.BadZipFile, OSError, ValueError) as fault:
+        raise InputError("is an archive whose table of contents is damaged") from fault
 
 
 def _array(archive: Any, name: str) -> npt.NDArray[Any]:

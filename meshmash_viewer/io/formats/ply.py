@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -11,7 +12,9 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.polygons import (
+    MOST_MAPS,
     NotANumber,
+    RawMap,
     RawMesh,
     fan_triangles,
     parse_rows,
@@ -44,6 +47,8 @@ _TYPES = {
 }
 _BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _CORNER_NAMES = ("vertex_indices", "vertex_index")
+#: Properties of a vertex that are no map: coordinates, normal, colour, place in a texture.
+_NO_MAPS = re.compile(r"[xyz]|n[xyz]|(diffuse_)?(red|green|blue|alpha)|[stuv]|texture_[uv]")
 
 #: A list property: its values one after the other, and how many each row has.
 Lists: TypeAlias = tuple[npt.NDArray[Any], IntArray]
@@ -84,6 +89,7 @@ def read_ply(path: Path) -> RawMesh:
         except NotANumber as fault:
             raise fault.in_line(data.count(b"\n", 0, start) + fault.line + 1) from None
     vertices = None
+    maps: tuple[RawMap, ...] = ()
     faces: list[IntArray] = []
     for element in elements:
         columns, used = _read_element(element, body, byte_order)
@@ -96,6 +102,11 @@ def read_ply(path: Path) -> RawMesh:
             if any(isinstance(axis, tuple) for axis in axes):
                 raise InputError("has vertices without x, y and z")
             vertices = np.column_stack(axes).astype(np.float64)
+            maps = tuple(
+                RawMap(name, values)
+                for name, values in columns.items()
+                if not _NO_MAPS.fullmatch(name) and not isinstance(values, tuple)
+            )[:MOST_MAPS]
         elif element.name in ("face", "tristrips") and element.count:
             corners = next((columns[name] for name in _CORNER_NAMES if name in columns), None)
             if not isinstance(corners, tuple):
@@ -108,7 +119,7 @@ def read_ply(path: Path) -> RawMesh:
     if vertices is None:
         raise InputError("has no vertices")
     corners_of_all = np.concatenate(faces) if faces else np.empty((0, 3), dtype=np.int64)
-    return RawMesh(vertices, corners_of_all, _unit_in_comments(data[:start]))
+    return RawMesh(vertices, corners_of_all, _unit_in_comments(data[:start]), maps)
 
 
 def _without_breaks(indices: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:

@@ -44,7 +44,7 @@ def read_stl(path: Path) -> RawMesh:
         records = np.frombuffer(data, _RECORD, count, _HEADER_BYTES)
         corners = records["corners"].reshape(-1, 3).astype(np.float64)
     faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
-    vertices, merged = merge_equal_vertices(corners, faces)
+    vertices, merged, _ = merge_equal_vertices(corners, faces)
     if len(faces) and not len(merged):
         raise InputError("has no triangle left after equal vertices were merged")
     return RawMesh(vertices, merged)

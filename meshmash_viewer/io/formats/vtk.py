@@ -15,7 +15,13 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.guarded import read_guarded
-from meshmash_viewer.io.polygons import RawMesh, fan_triangles, strip_triangles
+from meshmash_viewer.io.polygons import (
+    MOST_MAPS,
+    RawMap,
+    RawMesh,
+    fan_triangles,
+    strip_triangles,
+)
 from meshmash_viewer.io.provenance import stated_unit
 from meshmash_viewer.mesh import IntArray
 
@@ -136,7 +142,18 @@ def _from_polydata(output: Any) -> RawMesh:
             triangles.append(cut(*_corners(cells)))
     told = output.GetFieldData().GetAbstractArray("meshmash-viewer")
     said = str(told.GetValue(0)) if told is not None and told.GetNumberOfValues() else ""
-    return RawMesh(vertices, np.concatenate(triangles), stated_unit(said))
+    return RawMesh(vertices, np.concatenate(triangles), stated_unit(said), _maps(output))
+
+
+def _maps(output: Any) -> tuple[RawMap, ...]:
+    """The arrays with one number a point; text and vectors are none."""
+    data = output.GetPointData()
+    arrays = [data.GetArray(at) for at in range(data.GetNumberOfArrays())]
+    return tuple(
+        RawMap(array.GetName(), _array(array))
+        for array in arrays
+        if array is not None and array.GetNumberOfComponents() == 1 and array.GetName()
+    )[:MOST_MAPS]
 
 
 def _corners(cells: Any) -> tuple[IntArray, IntArray]:

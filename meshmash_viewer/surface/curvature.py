@@ -1,0 +1,142 @@
+"""Mean and Gaussian curvature at the vertices of a triangle mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.mesh import FloatArray, Mesh, MeshLike, as_mesh
+
+__all__ = ["gaussian_curvature", "mean_curvature"]
+
+
+def mean_curvature(mesh: MeshLike) -> FloatArray:
+    """Compute the mean curvature, half the sum of the two principal ones.
+
+    ``H = ½ (L x) · n / A`` with the cotangent Laplacian L of the coordinates x, the vertex normal
+    n and the mixed area A of Meyer et al. [1]_: positive where the surface bulges towards the side
+    that its faces turn counter-clockwise to, 1/r on a sphere of radius r.
+
+    Parameters
+    ----------
+    mesh : MeshLike
+        Its faces should agree on which side is outside, or signs mean nothing.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        In inverse units of length. NaN on the boundary, where the surface has no other side to
+        bend away from, and at vertices without faces. Faces without area do not count.
+
+    Raises
+    ------
+    InputError
+        If the mesh is not valid.
+
+    References
+    ----------
+    .. [1] Meyer, M., Desbrun, M., Schröder, P. and Barr, A. (2003). "Discrete Differential-Geometry
+       Operators for Triangulated 2-Manifolds." Visualization and Mathematics III.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> mesh = read_mesh("ball.ply")  # doctest: +SKIP
+    >>> np.nanmedian(mean_curvature(mesh))  # doctest: +SKIP
+    """
+    mesh = as_mesh(mesh)
+    corners = _Corners(mesh)
+    bend = np.zeros((mesh.n_vertices, 3))
+    for corner in range(3):
+        # the cotangent of an angle weighs the edge opposite to it
+        first, second = (corner + 1) % 3, (corner + 2) % 3
+        pull = (0.5 * corners.cotangents[:, corner])[:, None] * corners.edge(first, second)
+        for axis in range(3):
+            bend[:, axis] -= np.bincount(corners.faces[:, first], pull[:, axis], mesh.n_vertices)
+            bend[:, axis] += np.bincount(corners.faces[:, second], pull[:, axis], mesh.n_vertices)
+    along = np.einsum("ij,ij->i", bend, mesh.vertex_normals)
+    return corners.inside(0.5 * along)
+
+
+def gaussian_curvature(mesh: MeshLike) -> FloatArray:
+    """Compute the Gaussian curvature, the product of the two principal ones.
+
+    ``K = (2π - Σ θ) / A`` with the angles θ of the faces around a vertex and its mixed area A, as
+    `mean_curvature`: 1/r² on a sphere of radius r, negative on a saddle. Over a closed surface
+    ``Σ K A`` is exactly 2π times its Euler characteristic.
+
+    Parameters
+    ----------
+    mesh : MeshLike
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        In inverse squared units of length; NaN on the boundary and at vertices without faces.
+
+    Raises
+    ------
+    InputError
+        If the mesh is not valid.
+    """
+    mesh = as_mesh(mesh)
+    corners = _Corners(mesh)
+    angles = np.arctan2(1.0, corners.cotangents)
+    around = np.bincount(corners.faces.ravel(), angles.ravel(), mesh.n_vertices)
+    return corners.inside(np.asarray(2.0 * np.pi - around))
+
+
+class _Corners:
+    """The faces that have an area, and the cotangents of their angles, shape (m, 3)."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._mesh = mesh
+        self.faces = mesh.faces[~mesh.degenerate_faces]
+        self._places = [mesh.vertices[self.faces[:, corner]] for corner in range(3)]
+        self._doubled = np.linalg.norm(np.cross(self.edge(0, 1), self.edge(0, 2)), axis=1)
+        # between the two edges that leave a corner
+        self.cotangents = np.column_stack(
+            [
+                np.einsum("ij,ij->i", self.edge(a, (a + 1) % 3), self.edge(a, (a + 2) % 3))
+                / self._doubled
+                for a in range(3)
+            ]
+        )
+
+    def edge(self, start: int, end: int) -> FloatArray:
+        """From one corner of each face to another, shape (m, 3)."""
+        return np.asarray(self._places[end] - self._places[start])
+
+    def inside(self, totals: FloatArray) -> FloatArray:
+        """Totals over the mixed area of each vertex; NaN on the boundary."""
+        areas = self._mixed_areas()
+        open_ends = self._on_boundary() | (areas <= 0.0)
+        return np.where(open_ends, np.nan, totals / np.where(open_ends, 1.0, areas))
+
+    def _mixed_areas(self) -> FloatArray:
+        """The part of the faces nearest to each vertex; of obtuse ones a half and two quarters."""
+        obtuse = self.cotangents < 0.0
+        shares = np.empty_like(self.cotangents)
+        for corner in range(3):
+            first, second = (corner + 1) % 3, (corner + 2) % 3
+            sides = ((first, second), (second, first))
+            shares[:, corner] = sum(
+                self.cotangents[:, opposite] * np.square(self.edge(corner, end)).sum(axis=1) / 8.0
+                for end, opposite in sides
+            )
+        halves = np.where(obtuse, 0.25, 0.125) * self._doubled[:, None]
+        shares = np.where(np.any(obtuse, axis=1, keepdims=True), halves, shares)
+        total = np.bincount(self.faces.ravel(), shares.ravel(), self._mesh.n_vertices)
+        return np.asarray(total, dtype=np.float64)
+
+    def _on_boundary(self) -> npt.NDArray[np.bool_]:
+        """Vertices of edges that only one face has."""
+        n = self._mesh.n_vertices
+        ends = np.sort(np.stack([self.faces, np.roll(self.faces, -1, axis=1)], axis=-1), axis=-1)
+        edges, counts = np.unique(
+            ends[..., 0].ravel() * n + ends[..., 1].ravel(), return_counts=True
+        )
+        single = edges[counts == 1]
+        on_it = np.zeros(n, dtype=np.bool_)
+        on_it[single // n] = on_it[single % n] = True
+        return on_it

@@ -1,0 +1,173 @@
+"""A value at every vertex that a person brings: a thickness, an activity, a parcellation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.units import counted
+
+__all__ = ["MOST_LABELS", "Label", "VertexMap", "named_apart"]
+
+#: Labels that colours can tell apart at all; the largest of the usual parcellations have fewer.
+MOST_LABELS = 256
+#: Characters of a name.
+_LONGEST = 60
+
+
+@dataclass(frozen=True)
+class Label:
+    """A part of a surface: its number in the values, its name, its colour as "#rrggbb"."""
+
+    key: int
+    name: str
+    color: str
+
+
+@dataclass(frozen=True, eq=False)
+class VertexMap:
+    """A value at every vertex; none of it is changed after construction.
+
+    Parameters
+    ----------
+    name : str
+        What people call it.
+    values : array_like, shape (n,)
+        Real numbers, or with `labels` whole ones. NaN where a vertex has none. Kept as float32 or
+        float64, with `labels` as int64, and read-only.
+    labels : tuple of Label
+        What the numbers mean, if they are not measured but name parts of the surface. A number
+        without a label is a vertex without a value.
+    unit : str
+        Unit of the values; "" for none, or not stated.
+    path : str
+        The file that it is from; "" if it came with the mesh, or from a script.
+
+    Raises
+    ------
+    InputError
+        If the values are text, complex, infinite, none at all, or not one a vertex; or if there are
+        more than `MOST_LABELS` labels.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> depth = VertexMap("depth", np.array([-1.0, 0.5, np.nan]), unit="mm")
+    >>> depth.signed, depth.range
+    (True, (-1.0, 0.5))
+    """
+
+    name: str
+    values: npt.NDArray[Any]
+    labels: tuple[Label, ...] = ()
+    unit: str = ""
+    path: str = ""
+
+    def __post_init__(self) -> None:
+        name = printable(self.name, _LONGEST) or "map"
+        object.__setattr__(self, "name", name)
+        values = _checked(np.asarray(self.values), name, bool(self.labels))
+        if len(self.labels) > MOST_LABELS:
+            raise InputError(
+                f"Map {name!r} has {len(self.labels):,} labels, and {MOST_LABELS} can be told apart"
+                " by colour: join some of them."
+            )
+        if self.labels and not np.isin(values, [label.key for label in self.labels]).any():
+            raise InputError(f"Map {name!r} has no vertex with a label: export it again.")
+        values.flags.writeable = False
+        object.__setattr__(self, "values", values)
+
+    @property
+    def n_vertices(self) -> int:
+        """Number of vertices that it is for."""
+        return len(self.values)
+
+    @cached_property
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest value."""
+        return float(np.nanmin(self.values)), float(np.nanmax(self.values))
+
+    @cached_property
+    def mean(self) -> float:
+        """Mean of the values, each vertex counted once."""
+        return float(np.nanmean(self.values))
+
+    @cached_property
+    def n_values(self) -> int:
+        """Number of vertices that have a value, or a label."""
+        return int(np.count_nonzero(~np.isnan(self.shown)))
+
+    @property
+    def signed(self) -> bool:
+        """Whether zero is within the values rather than at their end."""
+        low, high = self.range
+        return not self.labels and low < 0.0 < high
+
+    @cached_property
+    def shown(self) -> npt.NDArray[np.float32]:
+        """Values to be coloured, shape (n,): of labels the place among them, NaN without one."""
+        if not self.labels:
+            return np.asarray(self.values, dtype=np.float32)
+        keys = np.array([label.key for label in self.labels])
+        order = np.argsort(keys)
+        places = order[np.minimum(np.searchsorted(keys[order], self.values), len(keys) - 1)]
+        known = keys[places] == self.values
+        return np.where(known, places, np.nan).astype(np.float32)
+
+    def at(self, kept: npt.NDArray[Any]) -> VertexMap:
+        """The same for some of the vertices, by a mask or indices."""
+        return VertexMap(self.name, self.values[kept], self.labels, self.unit, self.path)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What goes to another process."""
+        return {name: self.__dict__[name] for name in ("name", "values", "labels", "unit", "path")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.values.flags.writeable = False
+
+
+def named_apart(maps: Sequence[VertexMap], taken: Sequence[str] = ()) -> tuple[VertexMap, ...]:
+    """The maps, those whose name is taken with a number after it."""
+    names, result = set(taken), []
+    for each in maps:
+        name, number = each.name, 2
+        while name in names:
+            name, number = f"{each.name} {number}", number + 1
+        names.add(name)
+        if name != each.name:
+            each = VertexMap(name, each.values, each.labels, each.unit, each.path)
+        result.append(each)
+    return tuple(result)
+
+
+def _checked(values: npt.NDArray[Any], name: str, labelled: bool) -> npt.NDArray[Any]:
+    """The values in a type that is kept."""
+    if values.dtype.kind == "c":
+        raise InputError(
+            f"Map {name!r} has complex numbers: give real ones, such as their absolute values."
+        )
+    if values.dtype.kind not in "fiub":
+        raise InputError(f"Map {name!r} has text where numbers should be: leave it out.")
+    if values.ndim != 1 or not len(values):
+        raise InputError(f"Map {name!r} has shape {values.shape}: give one number a vertex.")
+    if labelled:
+        if values.dtype.kind == "f" and not np.array_equal(values, np.rint(values)):
+            raise InputError(f"Map {name!r} has labels that are no whole numbers: export it again.")
+        return values.astype(np.int64)
+    kept = values.astype(values.dtype if values.dtype.name == "float32" else np.float64)
+    infinite = np.flatnonzero(np.isinf(kept))
+    if len(infinite):
+        raise InputError(
+            f"Map {name!r} has {counted(len(infinite), 'infinite value')}, the first at vertex"
+            f" {infinite[0]}: put NaN where there is no value."
+        )
+    if np.isnan(kept).all():
+        raise InputError(f"Map {name!r} has no value at any vertex, all are NaN: export it again.")
+    return kept

@@ -1,0 +1,300 @@
+"""Values per vertex come back as they were written; whatever is none is said in one sentence."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import nibabel
+import numpy as np
+import pytest
+import shapes
+from nibabel.freesurfer import write_annot, write_geometry, write_morph_data
+from nibabel.gifti import GiftiDataArray, GiftiImage, GiftiLabel, GiftiLabelTable
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.health import repair_mesh
+from meshmash_viewer.io.maps import is_map_file, read_maps
+from meshmash_viewer.io.read import read_mesh
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.vertex_map import Label, VertexMap
+
+MESH = shapes.icosphere(1)
+N = MESH.n_vertices
+#: Exact in float32 and in text; with one vertex that has none.
+VALUES = np.where(np.arange(N) == 5, np.nan, np.arange(N) / 8.0 - 2.0)
+PARTS = np.arange(N) % 3
+LABELS = (Label(0, "left", "#ff0000"), Label(1, "right", "#00ff80"), Label(2, "top", "#0000ff"))
+
+
+def gifti(path: Path, intent: str, values: np.ndarray, labels: bool = False) -> None:
+    image = GiftiImage()
+    if labels:
+        image.labeltable = GiftiLabelTable()
+        for key, name, color in (vars(label).values() for label in LABELS):
+            rgb = [int(color[at : at + 2], 16) / 255.0 for at in (1, 3, 5)]
+            label = GiftiLabel(key, *rgb, 1.0)
+            label.label = name
+            image.labeltable.labels.append(label)
+    image.add_gifti_data_array(GiftiDataArray(values, intent=intent))
+    path.write_bytes(image.to_bytes())
+
+
+def write_csv(path: Path) -> None:
+    order = np.arange(N)[::-1]
+    rows = [f"{v},{VALUES[v]},part {PARTS[v]}" for v in order]
+    path.write_text("\n".join(["vertex,depth,region", *rows]) + "\n")
+
+
+def write_parquet(path: Path) -> None:
+    import pyarrow
+    import pyarrow.parquet
+
+    pyarrow.parquet.write_table(pyarrow.table({"depth": VALUES}), path)
+
+
+def write_mgh(path: Path) -> None:
+    data = VALUES.astype(np.float32).reshape(N, 1, 1)
+    nibabel.save(nibabel.MGHImage(data, np.eye(4)), path)
+
+
+def write_vtp(path: Path) -> None:
+    import pyvista
+
+    surface = pyvista.PolyData.from_regular_faces(MESH.vertices, MESH.faces)
+    surface["depth"] = VALUES
+    surface["directions"] = np.ones((N, 3))
+    surface["words"] = np.array(["a"] * N)
+    surface.save(path)
+
+
+def write_ply(path: Path) -> None:
+    import trimesh
+
+    given = {"depth": VALUES.astype(np.float32)}
+    mesh = trimesh.Trimesh(MESH.vertices, MESH.faces, process=False, vertex_attributes=given)
+    path.write_bytes(mesh.export(file_type="ply"))
+
+
+def write_glb(path: Path) -> None:
+    import trimesh
+
+    given = {"depth": VALUES.astype(np.float32)}
+    mesh = trimesh.Trimesh(MESH.vertices, MESH.faces, process=False, vertex_attributes=given)
+    mesh.export(path)
+
+
+def write_npz_mesh(path: Path) -> None:
+    np.savez(
+        path,
+        vertices=MESH.vertices,
+        faces=MESH.faces,
+        depth=VALUES,
+        eigenvalues=np.ones(3),
+        about=np.array([{}], dtype=object),
+    )
+
+
+FILES: dict[str, Callable[[Path], None]] = {
+    "depth.npy": lambda path: np.save(path, VALUES),
+    "depth.npz": lambda path: np.savez(path, depth=VALUES, eigenvalues=np.ones(N), other=[1.0]),
+    "depth.csv": write_csv,
+    "plain.csv": lambda path: np.savetxt(path, VALUES),
+    "depth.parquet": write_parquet,
+    "depth.func.gii": lambda path: gifti(path, "NIFTI_INTENT_NONE", VALUES.astype(np.float32)),
+    "depth.shape.gii": lambda path: gifti(path, "NIFTI_INTENT_SHAPE", VALUES.astype(np.float32)),
+    "depth.gii": lambda path: gifti(path, "NIFTI_INTENT_SHAPE", VALUES.astype(np.float32)),
+    "lh.curv": lambda path: write_morph_data(path, VALUES),
+    "lh.thickness": lambda path: write_morph_data(path, VALUES),
+    "lh.sulc": lambda path: write_morph_data(path, VALUES),
+    "lh.area.pial": lambda path: write_morph_data(path, VALUES),
+    "depth.mgh": write_mgh,
+    "depth.mgz": write_mgh,
+}
+MESH_FILES = {
+    "mesh.vtp": write_vtp,
+    "mesh.vtk": write_vtp,
+    "mesh.ply": write_ply,
+    "mesh.glb": write_glb,
+    "mesh.npz": write_npz_mesh,
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_values_come_back_as_they_were_written(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    FILES[name](path)
+    assert is_map_file(path)
+    (found,) = read_maps(path, MESH)
+    np.testing.assert_array_equal(found.values, VALUES)
+    assert found.name in ("depth", name)
+    assert (found.path, found.labels, found.signed) == (str(path), (), True)
+
+
+@pytest.mark.parametrize("name", MESH_FILES)
+def test_a_mesh_brings_its_maps(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    MESH_FILES[name](path)
+    assert not is_map_file(path)
+    mesh = read_mesh(path)
+    (found,) = mesh.maps
+    assert (found.name, found.path) == ("depth", "")
+    # a format may put the vertices in another order
+    place = np.linalg.norm(mesh.vertices[:, None] - MESH.vertices, axis=2).argmin(axis=1)
+    np.testing.assert_array_equal(found.values, VALUES[place])
+    (again,) = read_maps(path, mesh)
+    np.testing.assert_array_equal(again.values, found.values)
+    (sent,) = pickle.loads(pickle.dumps(mesh)).maps
+    np.testing.assert_array_equal(sent.values, found.values)
+
+
+def write_annotation(path: Path) -> None:
+    colors = [[int(label.color[at : at + 2], 16) for at in (1, 3, 5)] + [0] for label in LABELS]
+    names = [label.name for label in LABELS]
+    write_annot(path, PARTS, np.array(colors), names, fill_ctab=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [
+        ("lh.aparc.annot", write_annotation),
+        (
+            "parts.label.gii",
+            lambda path: gifti(path, "NIFTI_INTENT_LABEL", PARTS.astype(np.int32), labels=True),
+        ),
+    ],
+)
+def test_labels_have_their_names_and_colors(
+    name: str, write: Callable[[Path], None], tmp_path: Path
+) -> None:
+    path = tmp_path / name
+    write(path)
+    assert is_map_file(path)
+    (found,) = read_maps(path, MESH)
+    assert found.labels == LABELS
+    np.testing.assert_array_equal(found.values, PARTS)
+    np.testing.assert_array_equal(found.shown, PARTS)
+
+
+def write_label(path: Path, last: int) -> None:
+    inside = [3, 8, last]
+    rows = [f"{vertex} 0.0 0.0 0.0 0.0" for vertex in inside]
+    path.write_text("\n".join(["#!ascii label", str(len(rows)), *rows]) + "\n")
+
+
+def test_a_label_is_the_vertices_that_it_names(tmp_path: Path) -> None:
+    path = tmp_path / "lh.cortex.label"
+    write_label(path, N - 1)
+    (found,) = read_maps(path, MESH)
+    np.testing.assert_array_equal(np.flatnonzero(found.values), [3, 8, N - 1])
+    np.testing.assert_array_equal(np.flatnonzero(np.isfinite(found.shown)), [3, 8, N - 1])
+
+
+def test_our_own_features_come_back_as_maps(tmp_path: Path) -> None:
+    from meshmash_viewer.features.sums import Features
+    from meshmash_viewer.io.write import write_features
+
+    values = np.stack([VALUES, 2.0 * VALUES], axis=1)
+    for ending in (".npz", ".vtp", ".csv", ".parquet", ".func.gii"):
+        path = tmp_path / f"made{ending}"
+        write_features(path, Features(values, ("one", "two")), MESH)
+        found = read_maps(path, MESH)
+        assert [each.name for each in found] == ["one", "two"], ending
+        np.testing.assert_array_equal(found[1].values, values[:, 1])
+
+
+def labels_beyond(path: Path) -> None:
+    write_label(path, N)
+
+
+BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
+    "short.npy": (lambda path: np.save(path, VALUES[:-1]), r"41 values and the mesh 42 vertices"),
+    "text.npy": (lambda path: np.save(path, np.full(N, "a")), r"text .*leave it out"),
+    "nothing.npy": (lambda path: np.save(path, np.full(N, np.nan)), r"all are NaN: export"),
+    "complex.npy": (lambda path: np.save(path, np.full(N, 1j)), r"complex numbers: give real"),
+    "infinite.npy": (
+        lambda path: np.save(path, np.where(np.arange(N) == 7, np.inf, 1.0)),
+        r"1 infinite value, the first at vertex 7: put NaN",
+    ),
+    "volume.npy": (lambda path: np.save(path, np.ones((2, 3, 4))), r"shape \(2, 3, 4\)"),
+    "objects.npy": (
+        lambda path: np.save(path, np.array([{}] * N), allow_pickle=True),
+        r"not readable .*; give a file with one number a vertex",
+    ),
+    "words.csv": (lambda path: path.write_text("a\n" + "b\n" * N), r"no column of numbers"),
+    "twice.csv": (
+        lambda path: path.write_text("vertex,a\n" + "3,1\n" * N),
+        r"column vertex that has not each index",
+    ),
+    "empty.csv": (lambda path: path.write_text(""), r"is empty"),
+    "lh.other.label": (labels_beyond, r"names vertex 42, and the mesh has 42 vertices"),
+    "lh.cut.annot": (lambda path: path.write_bytes(b"\0\0\0\x2a\0\0"), r"not readable"),
+    "lh.cut.curv": (lambda path: path.write_bytes(b"\xff\xff\xff\0\0"), r"does not begin like"),
+    "lh.promise.annot": (
+        lambda path: path.write_bytes(np.array([2**31 - 1, 0, 0], ">i4").tobytes()),
+        r"more than \d+ MB|not readable|ends on it",
+    ),
+    "mesh.surf.gii": (
+        lambda path: gifti(path, "NIFTI_INTENT_POINTSET", MESH.vertices.astype(np.float32)),
+        r"one number a vertex",
+    ),
+    "notes.txt": (lambda path: path.write_text("hello"), r"ending \(\.txt\)"),
+    "volume.mgh": (
+        lambda path: nibabel.save(
+            nibabel.MGHImage(np.ones((3, 4, 5), np.float32), np.eye(4)), path
+        ),
+        r"a volume and not values of a surface",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_what_is_no_map_is_one_sentence(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    write, pattern = BROKEN[name]
+    write(path)
+    with pytest.raises(InputError, match=pattern) as raised:
+        read_maps(path, MESH)
+    said = str(raised.value)
+    assert said.startswith(str(path))
+    assert said.endswith(".")
+    assert "\n" not in said
+    assert said.removesuffix(".").count(". ") == 0
+
+
+def test_a_surface_is_no_map(tmp_path: Path) -> None:
+    path = tmp_path / "lh.pial"
+    write_geometry(path, MESH.vertices, MESH.faces)
+    assert not is_map_file(path)
+    with pytest.raises(InputError, match="does not exist"):
+        read_maps(tmp_path / "lh.curv", MESH)
+
+
+def test_maps_go_along_with_repairs(tmp_path: Path) -> None:
+    """A map that was made for the file fits the repaired mesh, before the repair and after it."""
+    both = shapes.three_spheres()
+    marks = np.arange(both.n_vertices, dtype=np.float64)
+    marked = both.with_maps(VertexMap("marks", marks), VertexMap("marks", marks))
+    assert [each.name for each in marked.maps] == ["marks", "marks 2"]
+    for mesh in (marked, replace(marked, maps=())):
+        left = repair_mesh(mesh, "keep_largest_component", "drop_unreferenced_vertices")
+        first = (left if left.maps else left.with_maps(VertexMap("marks", marks))).maps[0]
+        np.testing.assert_array_equal(both.vertices[first.values.astype(int)], left.vertices)
+    with pytest.raises(InputError, match="485 values and the mesh 162 vertices"):
+        left.with_maps(VertexMap("marks", marks[:-1]))
+    scaled = marked.in_voxels((2.0, 2.0, 2.0), "nm").without_map("marks")
+    assert [each.name for each in scaled.maps] == ["marks 2"]
+
+
+def test_a_map_is_of_its_mesh() -> None:
+    with pytest.raises(InputError, match="3 values and the mesh 42 vertices"):
+        Mesh(MESH.vertices, MESH.faces, maps=(VertexMap("a", np.ones(3)),))
+    with pytest.raises(InputError, match="shape"):
+        VertexMap("a", np.ones((N, 2)))
+    with pytest.raises(InputError, match="257 labels"):
+        VertexMap("a", np.ones(3), tuple(Label(at, "", "#000000") for at in range(257)))
+    assert VertexMap("a", np.arange(3)).values.dtype == np.float64
+    assert not VertexMap("a", np.arange(3)).signed
+    assert not VertexMap("parts", np.arange(-1, 2), (Label(-1, "a", "#000000"),)).signed

@@ -1,0 +1,82 @@
+"""Curvature against the closed forms of sphere, cylinder and torus."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapes
+
+import meshmash_viewer as mv
+
+
+def torus(count: int, far: float = 2.0, near: float = 0.7) -> tuple[mv.Mesh, np.ndarray]:
+    """A torus of two radii, and the angle around its tube of each vertex."""
+    u, v = np.meshgrid(*(np.linspace(0.0, 2.0 * np.pi, n, False) for n in (2 * count, count)))
+    u, v = u.ravel(), v.ravel()
+    ring = far + near * np.cos(v)
+    vertices = np.column_stack([ring * np.cos(u), ring * np.sin(u), near * np.sin(v)])
+    index = np.arange(2 * count**2).reshape(count, 2 * count)
+    a, b = index, np.roll(index, -1, axis=1)
+    c, d = np.roll(index, -1, axis=0), np.roll(np.roll(index, -1, axis=0), -1, axis=1)
+    faces = np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, d), (a, d, c))])
+    return mv.Mesh(vertices, faces), v
+
+
+@pytest.mark.parametrize("radius", [1e-3, 1.0, 250.0])
+def test_a_sphere_is_curved_by_its_radius(radius: float) -> None:
+    mesh = shapes.icosphere(4, radius)
+    np.testing.assert_allclose(mv.mean_curvature(mesh), 1.0 / radius, rtol=4e-3)
+    np.testing.assert_allclose(mv.gaussian_curvature(mesh), 1.0 / radius**2, rtol=2e-2)
+    inside_out = mv.Mesh(mesh.vertices, mesh.faces[:, ::-1])
+    np.testing.assert_allclose(mv.mean_curvature(inside_out), -1.0 / radius, rtol=4e-3)
+
+
+def test_a_torus_is_curved_both_ways() -> None:
+    """Errors fall with the square of the edge length."""
+    far, near = 2.0, 0.7
+    errors = []
+    for count in (24, 48):
+        mesh, v = torus(count, far, near)
+        ring = far + near * np.cos(v)
+        mean = (far + 2.0 * near * np.cos(v)) / (2.0 * near * ring)
+        gauss = np.cos(v) / (near * ring)
+        errors.append(
+            [
+                np.abs(mv.mean_curvature(mesh) - mean).max() / np.abs(mean).max(),
+                np.abs(mv.gaussian_curvature(mesh) - gauss).max() / np.abs(gauss).max(),
+            ]
+        )
+    assert max(errors[1]) < 1e-2
+    assert (np.array(errors[0]) > 3.5 * np.array(errors[1])).all()
+
+
+def test_a_cylinder_is_curved_one_way_and_has_an_edge() -> None:
+    radius, n, rows = 3.0, 64, 9
+    angle, height = np.meshgrid(np.arange(n) * 2.0 * np.pi / n, np.arange(rows) * 0.3)
+    vertices = np.column_stack(
+        [radius * np.cos(angle.ravel()), radius * np.sin(angle.ravel()), height.ravel()]
+    )
+    index = np.arange(n * rows).reshape(rows, n)
+    a, b = index[:-1], np.roll(index, -1, axis=1)[:-1]
+    c, d = index[1:], np.roll(index, -1, axis=1)[1:]
+    faces = np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, d), (a, d, c))])
+    mesh = mv.Mesh(vertices, faces)
+    inside = slice(n, -n)
+    mean, gauss = mv.mean_curvature(mesh), mv.gaussian_curvature(mesh)
+    np.testing.assert_allclose(mean[inside], 0.5 / radius, rtol=2e-3)
+    np.testing.assert_allclose(gauss[inside], 0.0, atol=1e-12)
+    for values in (mean, gauss):
+        assert np.isnan(values[[*range(n), *range(-n, 0)]]).all()
+
+
+def test_what_is_wrong_with_a_mesh_does_not_spread() -> None:
+    """A stray vertex has no curvature; a face without area is as good as none."""
+    mesh = shapes.icosphere(2)
+    vertices = np.vstack([mesh.vertices, [9.0, 9.0, 9.0]])
+    faces = np.vstack([mesh.faces, [0, 0, 1]])
+    for curvature in (mv.mean_curvature, mv.gaussian_curvature):
+        found = curvature(mv.Mesh(vertices, faces))
+        assert np.isnan(found[-1])
+        np.testing.assert_allclose(found[:-1], curvature(mesh), rtol=1e-12)
+        moved = mv.Mesh(vertices[:-1] + 1e5, mesh.faces)
+        np.testing.assert_allclose(curvature(moved), curvature(mesh), rtol=1e-5)
