@@ -19,6 +19,7 @@ from meshmash_viewer.features.truncation import Truncation, measure_truncation
 from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.spectral.alignment import ShownRows
 from meshmash_viewer.units import counted, power_unit
+from meshmash_viewer.vertex_map import named_apart
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.filters import FilterBank
@@ -107,6 +108,34 @@ class Features:
         labels = mesh.component_labels[:, np.newaxis].astype(self.values.dtype)
         values = np.concatenate([self.values, labels], axis=1)
         return replace(self, values=values, columns=(*self.columns, "component"))
+
+    def with_maps(self, mesh: Mesh) -> Features:
+        """The same with the maps of the mesh as more columns, labels by their numbers.
+
+        Units, and what the numbers of labels are called, are in `meta`, under "maps".
+
+        Parameters
+        ----------
+        mesh : Mesh
+            The mesh of these n vertices; see its `maps`.
+        """
+        if not mesh.maps:
+            return self
+        columns = [each.values[:, np.newaxis] for each in mesh.maps]
+        values = np.concatenate([self.values, *columns], axis=1, dtype=self.values.dtype)
+        names = named_apart(mesh.maps, self.columns)
+        told = {
+            each.name: {
+                "unit": each.unit,
+                "file": each.path,
+                "labels": {str(label.key): label.name for label in each.labels},
+            }
+            for each in names
+        }
+        columns_of_all = (*self.columns, *told)
+        return replace(
+            self, values=values, columns=columns_of_all, meta={**self.meta, "maps": told}
+        )
 
     def remarks(self, mesh: Mesh) -> list[str]:
         """What of the state of a mesh shows in its features, as sentences.

@@ -12,6 +12,7 @@ from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.fields.wks import WaveKernelSignature
 
@@ -25,6 +26,7 @@ _LISTED: tuple[type[Family], ...] = (
     Filters,
     Similarity,
     Distances,
+    OwnMaps,
 )
 
 #: By name, as the window shows them; the first is shown unless another is chosen.

@@ -42,11 +42,14 @@ class Eigenfunctions(Family):
     export: ClassVar[str] = "eigenpairs"
     export_label: ClassVar[str] = "Eigenpairs"
     position: ClassVar[tuple[str, ...]] = ("index",)
-    signed: ClassVar[bool] = True
     interval: ClassVar[int] = 250  # they want to be looked at
 
     index: int = whole(1, 0, 2**31 - 1)
     flipped: frozenset[int] = parameter(frozenset(), type="indices", least=0, most=2**31 - 1)
+
+    @property
+    def signed(self) -> bool:
+        return True
 
     def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
         index = self.within(spectrum).index

@@ -18,6 +18,7 @@ from meshmash_viewer.features.filters import FilterBank
 from meshmash_viewer.fields.spectrum import Spectrum, same_pairs
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.units import power_unit
+from meshmash_viewer.vertex_map import Label
 
 __all__ = [
     "MOST_COUNT",
@@ -181,8 +182,10 @@ class Family:
         Parameters that say where in the family one is; they come last in what is remembered.
     ordered : tuple of str
         Two parameters of which the first is below the second.
-    signed : bool
-        Whether zero is in the middle of the values rather than at their end.
+    response_label : str
+        What the left axis of its response is.
+    tailed : bool
+        Whether a few vertices may have values far beyond all others.
     interval : int
         Milliseconds a step when played; 0 where there is nothing to play.
     logarithmic : tuple of bool
@@ -200,11 +203,17 @@ class Family:
     options: ClassVar[tuple[str, ...]] = ()
     position: ClassVar[tuple[str, ...]] = ()
     ordered: ClassVar[tuple[str, str] | None] = None
-    signed: ClassVar[bool] = False
+    response_label: ClassVar[str] = "Response"
+    tailed: ClassVar[bool] = False
     interval: ClassVar[int] = 0
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (False, False, False)
 
     # -- choices ------------------------------------------------------------------------------
+
+    @property
+    def signed(self) -> bool:
+        """Whether zero is in the middle of the values rather than at their end."""
+        return False
 
     @property
     def usable(self) -> bool:
@@ -267,6 +276,14 @@ class Family:
         """Unit of the values; eigenvectors are M-orthonormal, so that φ² is per area."""
         return power_unit(length, -2)
 
+    def complete(self, spectrum: Spectrum) -> bool:
+        """Whether it is known that there is a value at every vertex."""
+        return spectrum.has_all_vertices
+
+    def labels(self, spectrum: Spectrum, unit: str) -> tuple[Label, ...]:
+        """What values 0, 1, 2 … stand for, where they name parts of the surface."""
+        return ()
+
     def compute(self, spectrum: Spectrum, table: Table | None) -> Answer | None:
         """Values at every vertex, from a table where it serves; None if there is no other way."""
         raise NotImplementedError
@@ -288,6 +305,11 @@ class Family:
         return False
 
     # -- plots --------------------------------------------------------------------------------
+
+    @classmethod
+    def responds(cls) -> bool:
+        """Whether it has something to be drawn over the eigenvalue."""
+        return cls.response is not Family.response
 
     def response(self, spectrum: Spectrum, along: FloatArray) -> Response | None:
         """Filters, sampled along some eigenvalues where they have no places of their own."""

@@ -67,6 +67,8 @@ class Spectrum:
         The rows as they are drawn, where that differs from `rows` by signs and rotations.
     known_to : float
         Eigenvalue up to which these are proven to be all; 0 where no threshold was asked for.
+    mass : ndarray of float64, shape (n,), optional
+        The areas that they are orthonormal with; see `vertex_areas`.
     mesh : Mesh, optional
         The surface that they belong to, in the unit that it is said to be in.
     """
@@ -83,6 +85,7 @@ class Spectrum:
     shown: ShownRows | None = None
     known_to: float = 0.0
     stored: Any = None
+    mass: npt.NDArray[np.float64] | None = field(default=None, repr=False)
     mesh: Mesh | None = field(default=None, repr=False)
 
     @classmethod
@@ -115,6 +118,19 @@ class Spectrum:
         if not len(self.rows):
             return self.mesh is None or not len(self.mesh.unreferenced)
         return not np.isnan(np.min(self.rows[0], initial=np.inf))
+
+    @cached_property
+    def vertex_areas(self) -> npt.NDArray[np.float64]:
+        """Area of each vertex, shape (n,): `mass`, or before a solve has ended that of the faces.
+
+        The robust Laplacian shares it out a little differently between neighbours.
+        """
+        if self.mass is not None and len(self.mass):
+            return self.mass
+        from meshmash_viewer.laplacian import compute_vertex_areas  # which loads SciPy
+
+        assert self.mesh is not None
+        return compute_vertex_areas(self.mesh)
 
     @cached_property
     def n_vertices(self) -> int:

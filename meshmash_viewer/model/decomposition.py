@@ -170,6 +170,7 @@ class _Growth:
         converged = len(self._eigenvalues)
         if converged <= self._told or not self._eigenvalues.any():
             return  # a null space alone is nothing to look at
+        first = self._told == 0
         self._told, self._time = converged, time.monotonic()
         self._channel.send(
             SpectrumGrew(
@@ -179,6 +180,7 @@ class _Growth:
                 total=len(self._rows),
                 operator=self._operator,
                 alignment=self.align(self._rows, self._eigenvalues),
+                mass=self._mass if first else None,
             )
         )
 
@@ -211,4 +213,5 @@ def _grown(
         alignment=alignment,
         known_to=known_to if ended and decomposition.complete else 0.0,
         remark=found.remark,
+        mass=decomposition.mass if len(decomposition.mass) else None,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import count
@@ -14,6 +14,7 @@ from psygnal import Signal
 
 from meshmash_viewer.features.truncation import sufficient_target
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.laplacian import OperatorOptions
@@ -34,7 +35,8 @@ from meshmash_viewer.model.jobs import (
 )
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.weyl import Target, Translation
-from meshmash_viewer.units import Voxel, parse_unit, written_unit
+from meshmash_viewer.units import Voxel, counted, parse_unit, written_unit
+from meshmash_viewer.vertex_map import VertexMap
 
 __all__ = ["PIN_COLORS", "Document", "Notice", "Pin", "Severity"]
 
@@ -95,6 +97,7 @@ class Document:
     job_changed = Signal()
     job_requested = Signal(object)
     cancel_requested = Signal()
+    maps_requested = Signal(object, bool)
     noticed = Signal(object)
 
     def __init__(self) -> None:
@@ -113,6 +116,8 @@ class Document:
         self._undo: list[tuple[MeshReady, Spectrum | None]] = []
         #: Units before each change of it since the last repair, as `set_unit` takes them.
         self._units: list[str] = []
+        #: Files of maps that are to come with a mesh file that is being read.
+        self._maps_of: tuple[Path, tuple[Path, ...]] | None = None
 
     # -- mesh -------------------------------------------------------------------------------
 
@@ -161,13 +166,18 @@ class Document:
         return self.ready.repairs if self.ready else ()
 
     def open_mesh(
-        self, path: str | Path, unit: str = "", operator: OperatorOptions | None = None
+        self,
+        path: str | Path,
+        unit: str = "",
+        operator: OperatorOptions | None = None,
+        maps: Sequence[Path] = (),
     ) -> None:
         """Ask for a mesh file to be read; the open mesh stays until that has succeeded.
 
         `operator` is the Laplacian whose stored eigenpairs are looked for, that in force unless
-        given.
+        given; `maps` are files that are to be added to it (`open_maps`).
         """
+        self._maps_of = (Path(path), tuple(maps)) if maps else None
         self._request(ReadJob(Path(path), unit, operator or self.operator))
 
     def take_mesh(self, mesh: Mesh) -> None:
@@ -227,6 +237,46 @@ class Document:
         job = ScaleJob(ready.mesh, voxel, unit, ready.path, self.operator, ready.repairs)
         self._request(job)
 
+    # -- maps -------------------------------------------------------------------------------
+
+    def open_maps(self, paths: Sequence[Path], *, shown: bool = True) -> None:
+        """Ask for files with values per vertex of the open mesh to be read, and shown or not."""
+        if self.ready is None:
+            text = "There is no mesh to put a map on: open the mesh first, then its maps."
+            self.notify(Notice(text, Severity.WARNING))
+        elif paths:
+            self.maps_requested.emit(tuple(paths), shown)
+
+    def accept_maps(self, mesh: Mesh, maps: Sequence[VertexMap], *, shown: bool = True) -> None:
+        """Take maps that were read for a mesh, if that is still open, and show the last."""
+        now = self.mesh
+        if now is None or now.vertices is not mesh.vertices or not maps or self.ready is None:
+            return
+        more = now.with_maps(*maps)
+        self._take(replace(self.ready, mesh=more), self.spectrum)
+        if shown:
+            chosen = replace(self.display[OwnMaps], chosen=more.maps[-1].name, view="map")
+            self.display.show(chosen)
+            names = ", ".join(each.name for each in more.maps[len(now.maps) :])
+            self.notify(Notice(f"Added {counted(len(maps), 'map')}: {names}."))
+        self.spectrum_changed.emit()
+
+    def remove_map(self, name: str) -> None:
+        """Take a map away from the mesh; its file stays."""
+        if self.ready is not None:
+            left = self.ready.mesh.without_map(name)
+            self._take(replace(self.ready, mesh=left), self.spectrum)
+            self.spectrum_changed.emit()
+
+    def _maps_lost(self, before: Mesh) -> list[Path]:
+        """Files of maps that were on a mesh and are not on this one."""
+        there = {each.path for each in self.mesh.maps} if self.mesh is not None else set()
+        return [
+            Path(path)
+            for path in dict.fromkeys(each.path for each in before.maps)
+            if path and path not in there
+        ]
+
     def repair(self, name: str) -> None:
         """Ask for a repair of `meshmash_viewer.health.REPAIRS`."""
         if self.ready is not None:
@@ -256,6 +306,7 @@ class Document:
             self._undo.pop()
             self._units.clear()
             self._show(_in_unit(before, now.unit), spectrum, self._pins_kept_on(before.mesh))
+            self.open_maps(self._maps_lost(now), shown=False)
         else:
             self._rescale(before, now.voxel, now.unit)
 
@@ -279,6 +330,9 @@ class Document:
         else:
             self._remember_unit(before, written_unit(ready.mesh.unit, ready.mesh.voxel))
         self._show(ready, ready.known.spectrum if ready.known is not None else None, pins)
+        if self._maps_of is not None and self._maps_of[0] == ready.path:
+            (_, files), self._maps_of = self._maps_of, None
+            self.open_maps(files)
         if before:
             self._announce_unit(before, "lengths are scaled, and eigenpairs are other ones")
 
@@ -375,6 +429,8 @@ class Document:
     def accept_spectrum(self, spectrum: Spectrum) -> None:
         """Take a spectrum that has grown, or a preview; a preview is not replaced by less."""
         known = self.spectrum
+        if known is not None and spectrum.mass is None and known.operator == spectrum.operator:
+            spectrum = replace(spectrum, mass=known.mass)  # which is told once
         if spectrum.preview and not spectrum.n_exact:
             self._preview = spectrum
             if known is not None and not known.preview and len(known):

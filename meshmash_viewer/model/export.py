@@ -37,6 +37,8 @@ class ExportJob:
         What was asked for when these were computed.
     repairs : tuple of str
         What has been done to the mesh.
+    maps : bool
+        Whether the maps of the mesh are more columns of features.
     """
 
     mesh: Mesh
@@ -46,6 +48,7 @@ class ExportJob:
     n_pairs: int
     target: Target | None = None
     repairs: tuple[str, ...] = ()
+    maps: bool = False
 
     @property
     def label(self) -> str:
@@ -110,9 +113,11 @@ class ExportJob:
         )
         if channel.cancelled():
             raise Cancelled
+        if self.maps:
+            features = features.with_maps(self.mesh)
         channel.report(Progress("writing", message=self.label))
         write_features(self.path, features, self.mesh, eigenvalues=values, meta=meta)
         said = "" if features.truncation is None else features.truncation.sentence()
         return Written(
-            self.path, f"{self.family.label}, {counted(bank.n_filters, 'column')},", said
+            self.path, f"{self.family.label}, {counted(len(features.columns), 'column')},", said
         )

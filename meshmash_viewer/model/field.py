@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ from meshmash_viewer.fields.family import Answer, Family, Table
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.limits import LimitPolicy, automatic_limits
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.vertex_map import Label
 
 if TYPE_CHECKING:
     from meshmash_viewer.model.display import Display
@@ -89,7 +91,9 @@ class Field:
 
     def limits(self, policy: LimitPolicy | None) -> tuple[float, float]:
         """Limits of the colours under a policy, or that which suits the field; computed once."""
-        policy = policy or automatic_limits(signed=self.signed)
+        if self.labels:  # each has a colour, with its value in the middle
+            return -0.5, len(self.labels) - 0.5
+        policy = policy or automatic_limits(signed=self.signed, tailed=self.family.tailed)
         known = self._limits.get(policy)
         if known is None:
             known = self._limits[policy] = policy.limits(self.values, self.request.sample)
@@ -97,8 +101,13 @@ class Field:
 
     @property
     def complete(self) -> bool:
-        """Whether there is a value at every vertex."""
-        return self.request.spectrum.has_all_vertices
+        """Whether it is known that there is a value at every vertex."""
+        return self.family.complete(self.request.spectrum)
+
+    @cached_property
+    def labels(self) -> tuple[Label, ...]:
+        """What values 0, 1, 2 … stand for, where they name parts of the surface."""
+        return self.family.labels(self.request.spectrum, self.request.unit)
 
     @property
     def family(self) -> Family:

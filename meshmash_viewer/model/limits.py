@@ -60,10 +60,17 @@ def _extremes(values: Values) -> Ends:
 
 @dataclass(frozen=True)
 class SymmetricLimits:
-    """Symmetric about zero: for signed fields, so that the middle colour is the nodal line."""
+    """Symmetric about zero: for signed fields, so that the middle colour is the nodal line.
+
+    Less than the whole `percent` leaves out the tips of a field that has them.
+    """
+
+    percent: float = 100.0
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
         low, high = _extremes(values)
+        if self.percent < 100.0:
+            low, high = PercentileLimits(100.0 - self.percent, self.percent).limits(values, sample)
         bound = max(abs(low), abs(high)) or 1.0
         return -bound, bound
 
@@ -105,6 +112,8 @@ class LockedLimits:
         return _opened(self.low, self.high)
 
 
-def automatic_limits(*, signed: bool) -> LimitPolicy:
+def automatic_limits(*, signed: bool, tailed: bool = False) -> LimitPolicy:
     """The policy a field has before anyone chose one."""
-    return SymmetricLimits() if signed else PercentileLimits()
+    if signed:
+        return SymmetricLimits(PercentileLimits().high if tailed else 100.0)
+    return PercentileLimits()

@@ -31,7 +31,7 @@ class SpectrumGrew:
         Where the rows are, of which the first k are to be read.
     eigenvalues, residuals : ndarray of float64, shape (k,)
         The residuals of approximate ones are NaN.
-    total, certificate, operator, known_to
+    total, certificate, operator, known_to, mass
         See `Spectrum`.
     preview_path : Path, optional
         ``.npy`` file with approximate rows, where these pairs are.
@@ -54,6 +54,7 @@ class SpectrumGrew:
     alignment: Alignment | None = None
     remark: str = ""
     known_to: float = 0.0
+    mass: npt.NDArray[np.float64] | None = None
 
     @cached_property
     def spectrum(self) -> Spectrum:
@@ -79,6 +80,7 @@ class SpectrumGrew:
             error=self.error,
             shown=shown,
             known_to=self.known_to,
+            mass=self.mass,
             stored=self.stored,
         )
 

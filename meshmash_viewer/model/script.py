@@ -17,8 +17,10 @@ def reproduction_script(document: Document) -> str:
     request = request_of(document)
     lines = _reading(document)
     if document.mesh is not None and request is not None:
-        lines += _decomposition(document, len(request.spectrum))
-        lines += request.family.script(request.spectrum)
+        field = request.family.script(request.spectrum)
+        if any("decomposition" in line for line in field):
+            lines += _decomposition(document, len(request.spectrum))
+        lines += field
         lines += _writing(document, request)
     imports = ["import numpy as np", ""] if any("np." in line for line in lines) else []
     return "\n".join([*imports, "import meshmash_viewer as mv", *lines, ""])
@@ -35,6 +37,8 @@ def _reading(document: Document) -> list[str]:
     if document.repairs:
         lines.insert(0, "from meshmash_viewer.health import REPAIRS")
         lines += [f"mesh = REPAIRS[{name!r}].apply(mesh)" for name in document.repairs]
+    added = dict.fromkeys(each.path for each in document.mesh.maps if each.path)
+    lines += [f"mesh = mesh.with_maps(*mv.read_maps({name!r}, mesh))" for name in added]
     return lines
 
 

@@ -20,12 +20,15 @@ from meshmash_viewer.features.filters import (
 )
 from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.fields import EXPORTS
+from meshmash_viewer.io.maps import read_maps
+from meshmash_viewer.io.write import WRITERS
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.decomposition import decompose
 from meshmash_viewer.model.jobs import ExportJob
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.vertex_map import Label, VertexMap
 
 OPERATOR = OperatorOptions()
 
@@ -101,3 +104,30 @@ def test_pairs_up_to_a_threshold_are_known_to_be_all_below_it(
         content = exported(sphere, "hks", n_pairs, listener, n_columns=2, t_min=0.1, t_max=0.2)
         said = json.loads(str(content["meta"]))["options"]["truncation"]["known_to"]
         assert said == pytest.approx(known_to, rel=1e-6)
+
+
+def test_maps_are_columns_beside_the_features(sphere: Mesh, tmp_path: Path) -> None:
+    """In every format, and with their units and labels in what the file says of itself."""
+    height = np.where(np.arange(sphere.n_vertices) == 3, np.nan, sphere.vertices[:, 2])
+    parts = np.where(sphere.vertices[:, 0] > 0.0, 7, 2)
+    labels = (Label(2, "back", "#ff0000"), Label(7, "front", "#0000ff"))
+    mesh = sphere.with_maps(VertexMap("height", height, unit="mm"), VertexMap("x", parts, labels))
+    listener = Listener(tmp_path)
+    decompose(mesh, OPERATOR, Target("count", 9), listener)
+    for ending in WRITERS:
+        path = tmp_path / f"out{ending}"
+        family = EXPORTS["hks"].exported(n_columns=3)
+        written = ExportJob(mesh, OPERATOR, path, family, 9, maps=True).run(listener)
+        assert "5 columns" in written.description
+        found = read_maps(path, sphere)
+        assert len(found) == 5, ending
+        np.testing.assert_allclose(found[3].values, height, rtol=1e-6)
+        np.testing.assert_array_equal(found[4].values, parts)
+        if ending != ".npy":
+            assert found[3].name == "height", ending
+    with np.load(tmp_path / "out.npz") as content:
+        about = json.loads(str(content["meta"]))["options"]["maps"]
+    assert about["height"]["unit"] == "mm"
+    assert about["x"]["labels"] == {"2": "back", "7": "front"}
+    content = exported(mesh, "hks", 9, listener, n_columns=3)
+    assert content["features"].shape[1] == 3

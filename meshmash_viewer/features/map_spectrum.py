@@ -1,0 +1,223 @@
+"""What a map is made of: its coefficients on the eigenfunctions, their energy, and its scales."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.filter_parameters import ZERO_SHARE
+from meshmash_viewer.progress import CancelCallback, Cancelled
+
+if TYPE_CHECKING:
+    from meshmash_viewer.spectral.eigensolver import Decomposition
+
+__all__ = [
+    "MapSpectrum",
+    "band_edges",
+    "dominant_bands",
+    "map_spectrum",
+    "partial_sum",
+    "project",
+]
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+#: Pairs and vertices at a time, so that few rows of a memory map are in memory.
+_ROWS, _VERTICES = 64, 1 << 15
+
+
+@dataclass(frozen=True, eq=False)
+class MapSpectrum:
+    """A map on the eigenfunctions of its surface.
+
+    With all eigenfunctions of a mesh the squares of the coefficients sum to `energy` (Parseval);
+    what is missing with fewer of them is the energy of what they cannot represent.
+
+    Parameters
+    ----------
+    eigenvalues : ndarray of float64, shape (k,)
+        Ascending, in inverse squared units of length.
+    coefficients : ndarray of float64, shape (k,)
+        ``c = Φᵀ M f``, in the unit of the map times that of length.
+    energy : float
+        ``fᵀ M f``, the integral of the map's square over the surface.
+    """
+
+    eigenvalues: FloatArray
+    coefficients: FloatArray
+    energy: float
+
+    def __len__(self) -> int:
+        return len(self.coefficients)
+
+    @cached_property
+    def _sums(self) -> FloatArray:
+        return np.append(0.0, np.cumsum(np.square(self.coefficients)))
+
+    @cached_property
+    def n_zeros(self) -> int:
+        """How many eigenvalues are zero but for rounding: one a connected component."""
+        if not len(self.eigenvalues):
+            return 0
+        largest = abs(float(self.eigenvalues[-1]))
+        return int(np.searchsorted(self.eigenvalues, ZERO_SHARE * largest, side="right"))
+
+    def share(self, k: int) -> float:
+        """Share of the energy in the lowest k pairs, from 0 to 1."""
+        return self._ratio(float(self._sums[k]), self.energy)
+
+    def varying_share(self, k: int) -> float:
+        """The same of what is not constant on each component: the mean of a map is often most."""
+        constant = float(self._sums[self.n_zeros])
+        return self._ratio(
+            float(self._sums[max(k, self.n_zeros)]) - constant, self.energy - constant
+        )
+
+    def residual(self, k: int) -> float:
+        """Norm of what is left of the map without its lowest k pairs, relative to its own.
+
+        ``‖f - f_k‖ / ‖f‖`` in the norm of M, ``√(1 - share)``; below 1e-7 it is rounding.
+        """
+        return float(np.sqrt(max(1.0 - self.share(k), 0.0)))
+
+    def _ratio(self, part: float, whole: float) -> float:
+        # beside the whole energy, what is below rounding is none
+        return min(part / whole, 1.0) if whole > 1e-13 * self.energy else 1.0
+
+
+def map_spectrum(decomposition: Decomposition, values: npt.ArrayLike) -> MapSpectrum:
+    """Project a map on eigenfunctions, and measure its energy.
+
+    Parameters
+    ----------
+    decomposition : Decomposition
+        Of its mesh, with its mass matrix.
+    values : array_like, shape (n,)
+        One number a vertex. Where it is NaN the mean of the others stands, weighted by area.
+
+    Returns
+    -------
+    MapSpectrum
+
+    Raises
+    ------
+    InputError
+        If there is not one number a vertex.
+
+    Examples
+    --------
+    >>> import meshmash_viewer as mv
+    >>> from meshmash_viewer.samples import sample_path
+    >>> mesh = mv.read_mesh(sample_path("dendrite"))
+    >>> pairs = mv.solve(*mv.cotangent_laplacian(mesh, robust=True), n_components=10)
+    >>> spectrum = mv.map_spectrum(pairs, pairs.eigenvectors[:, 3])
+    >>> f"{spectrum.share(4):.6f} {spectrum.residual(3):.6f}"
+    '1.000000 1.000000'
+    """
+    f = np.asarray(values, dtype=np.float64)
+    n = decomposition.rows.shape[1]
+    if f.shape != (n,):
+        raise InputError(f"A map has one number a vertex: shape ({n},), not {f.shape}.")
+    return project(decomposition.eigenvalues, decomposition.rows, decomposition.mass, f)
+
+
+def project(
+    eigenvalues: FloatArray,
+    rows: Any,
+    mass: FloatArray,
+    values: npt.NDArray[Any],
+    cancel: CancelCallback | None = None,
+) -> MapSpectrum:
+    """As `map_spectrum`, from eigenvectors as rows of shape (>= k, n), which may lie in a file."""
+    used = mass > 0.0
+    known = used & np.isfinite(values)
+    f = np.where(known, values, 0.0).astype(np.float64)
+    if not known[used].all():
+        f[used & ~known] = np.average(f[known], weights=mass[known]) if known.any() else 0.0
+    weighted = np.where(used, mass, 0.0) * f
+    coefficients = np.zeros(len(eigenvalues))
+    for first in range(0, len(coefficients), _ROWS):
+        pairs = slice(first, min(first + _ROWS, len(coefficients)))
+        for start in range(0, len(f), _VERTICES):
+            if cancel is not None and cancel():
+                raise Cancelled
+            part = slice(start, start + _VERTICES)
+            block = rows[pairs, part]
+            if not used[part].all():
+                block = np.where(used[part], block, 0.0)  # NaN where no face is
+            coefficients[pairs] += block @ weighted[part]
+    return MapSpectrum(np.asarray(eigenvalues), coefficients, float(weighted @ f))
+
+
+def partial_sum(rows: Any, coefficients: FloatArray, first: int, last: int) -> FloatArray:
+    """Sum ``c_i φ_i`` over the pairs from one on up to another, shape (n,); NaN off the surface."""
+    total = np.zeros(rows.shape[1])
+    for start in range(0, len(total), _VERTICES):
+        part = slice(start, start + _VERTICES)
+        total[part] = coefficients[first:last] @ rows[first:last, part]
+    return total
+
+
+def band_edges(eigenvalues: FloatArray) -> FloatArray:
+    """Edges of the bands of a map, shape (b + 1,): each is an octave of the eigenvalue.
+
+    From the first eigenvalue above zero on; none if there is no such. From one band to the next
+    the wavelength shrinks by √2.
+    """
+    if not len(eigenvalues):
+        return np.zeros(0)
+    first = np.searchsorted(eigenvalues, ZERO_SHARE * abs(float(eigenvalues[-1])), side="right")
+    if first == len(eigenvalues):
+        return np.zeros(0)
+    low, high = float(eigenvalues[first]), float(eigenvalues[-1])
+    count = int(np.floor(np.log2(high / low) + 1e-9)) + 1
+    # a little below, so that rounding puts an eigenvalue at an edge into the band above
+    return np.asarray(low * 2.0 ** (np.arange(count + 1) - 1e-9), dtype=np.float64)
+
+
+def dominant_bands(
+    spectrum: MapSpectrum, rows: Any, cancel: CancelCallback | None = None
+) -> npt.NDArray[np.int64]:
+    """Find in which band a map is strongest at each vertex.
+
+    In each band of `band_edges` the map is the sum of its pairs there; the band whose sum is
+    largest in absolute value dominates.
+
+    Parameters
+    ----------
+    spectrum : MapSpectrum
+    rows : array_like, shape (>= k, n)
+        Eigenvectors, one a row.
+    cancel : callable, optional
+        `Cancelled` is raised after it returns True.
+
+    Returns
+    -------
+    ndarray of int64, shape (n,)
+        Number of the band, from 0; -1 at vertices without eigenvectors, and all over where no
+        eigenvalue is above zero.
+    """
+    n, edges = rows.shape[1], band_edges(spectrum.eigenvalues)
+    starts = np.searchsorted(spectrum.eigenvalues, edges)
+    result = np.full(n, -1, dtype=np.int64)
+    if not len(edges):
+        return result
+    for start in range(0, n, _VERTICES):
+        if cancel is not None and cancel():
+            raise Cancelled
+        part = slice(start, start + _VERTICES)
+        sums = np.stack(
+            [
+                spectrum.coefficients[first:last] @ rows[first:last, part]
+                for first, last in pairwise(starts)
+            ]
+        )
+        strongest = np.abs(np.nan_to_num(sums)).argmax(axis=0)
+        result[part] = np.where(np.isnan(sums).any(axis=0), -1, strongest)
+    return result

@@ -1,0 +1,338 @@
+"""Maps that a person brings, and the curvature of the mesh: themselves, and on the eigenpairs."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from meshmash_viewer.features.map_spectrum import (
+    MapSpectrum,
+    band_edges,
+    dominant_bands,
+    partial_sum,
+    project,
+)
+from meshmash_viewer.fields.family import (
+    Answer,
+    ColumnArray,
+    Family,
+    FloatArray,
+    Profile,
+    Response,
+    Samples,
+    Table,
+    parameter,
+    whole,
+)
+from meshmash_viewer.fields.spectrum import Spectrum, grew, same_pairs
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.spectral.weyl import wavelength
+from meshmash_viewer.units import format_number, format_quantity, power_unit
+from meshmash_viewer.vertex_map import Label, VertexMap
+
+__all__ = ["CURVATURES", "VIEWS", "OwnMaps"]
+
+
+def _mean(mesh: Mesh) -> FloatArray:
+    from meshmash_viewer.surface.curvature import mean_curvature
+
+    return mean_curvature(mesh)
+
+
+def _gaussian(mesh: Mesh) -> FloatArray:
+    from meshmash_viewer.surface.curvature import gaussian_curvature
+
+    return gaussian_curvature(mesh)
+
+
+#: Maps that every mesh has: what they are, the power of the length in their unit, and the name of
+#: the public function.
+CURVATURES: dict[str, tuple[Callable[[Mesh], FloatArray], int, str]] = {
+    "Mean curvature": (_mean, -1, "mean_curvature"),
+    "Gaussian curvature": (_gaussian, -2, "gaussian_curvature"),
+}
+#: What is shown of a map.
+VIEWS = {"map": "Map", "pairs": "From pairs", "band": "Dominant band"}
+#: Decades of the spectrum that are drawn.
+_DECADES = 6.0
+#: Spectra by map, with the pairs that they are on, as long as the map is there: made in the thread
+#: that answers, read by whoever draws.
+_projected: WeakKeyDictionary[VertexMap, tuple[Spectrum, MapSpectrum]] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True)
+class OwnMaps(Family):
+    """One of the maps of the mesh; without eigenpairs the map itself.
+
+    Parameters
+    ----------
+    chosen : str
+        Name of the map; one that is not there is the first.
+    view : str
+        A key of `VIEWS`: the map, its sum over the lowest pairs, or the band that is strongest at
+        each vertex.
+    pairs : int
+        Number of the lowest pairs.
+    shown : VertexMap or None
+        The map once resolved; None for a curvature, which is computed when it is asked for.
+    """
+
+    name: ClassVar[str] = "map"
+    label: ClassVar[str] = "Own maps"
+    short: ClassVar[str] = "Own maps"
+    tip: ClassVar[str] = "Values per vertex from a file, and the curvature of the mesh"
+    position: ClassVar[tuple[str, ...]] = ("pairs", "view")
+    response_label: ClassVar[str] = "|ΦᵀMf|², 6 decades"
+    tailed: ClassVar[bool] = True
+    interval: ClassVar[int] = 250
+
+    chosen: str = parameter("", type="text", most=200, check=str)
+    view: str = parameter("map", type="choice", values=tuple(VIEWS))
+    pairs: int = whole(30, 1, 2**31 - 1)
+    shown: VertexMap | None = None
+
+    # -- choices ------------------------------------------------------------------------------
+
+    @property
+    def needs_pairs(self) -> bool:
+        return False
+
+    @property
+    def signed(self) -> bool:
+        if self.view == "band":
+            return False
+        return self.chosen in CURVATURES if self.shown is None else self.shown.signed
+
+    def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
+        maps = {} if spectrum.mesh is None else {each.name: each for each in spectrum.mesh.maps}
+        names = [*maps, *CURVATURES]
+        name = self.chosen if self.chosen in names else names[0]
+        shown = maps.get(name)
+        # the numbers of labels have no spectrum, nor has a map without pairs
+        view = self.view if len(spectrum) and not (shown and shown.labels) else "map"
+        pairs = self.within(spectrum).pairs if view == "pairs" else 1
+        return replace(self, chosen=name, view=view, pairs=pairs, shown=shown)
+
+    def within(self, spectrum: Spectrum) -> Self:
+        return replace(self, pairs=min(max(self.pairs, 1), max(len(spectrum), 1)))
+
+    def behind(self, chosen: Mapping[str, Family]) -> Family:
+        return chosen["eigenfunction"]
+
+    def step(self, spectrum: Spectrum, steps: int) -> Self:
+        """One pair more in their sum; otherwise the next map."""
+        if self.view == "pairs" and len(spectrum):
+            return replace(self, pairs=self.within(spectrum).pairs + steps).within(spectrum)
+        own = () if spectrum.mesh is None else spectrum.mesh.maps
+        names = [*(each.name for each in own), *CURVATURES]
+        at = names.index(self.resolved(spectrum, {}).chosen)
+        return replace(self, chosen=names[min(max(at + steps, 0), len(names) - 1)])
+
+    # -- values -------------------------------------------------------------------------------
+
+    def title(self) -> str:
+        return f"{self.chosen}, dominant band" if self.view == "band" else self.chosen
+
+    def quantity(self, spectrum: Spectrum, unit: str) -> str:
+        known = self.map_spectrum(spectrum)
+        if self.view == "pairs":
+            left = "" if known is None else f", residual {100.0 * known.residual(self.pairs):.3g} %"
+            return f"from its lowest {self.pairs:,} pairs{left}"
+        if self.view == "band":
+            return f"in octaves of λ, {len(self.labels(spectrum, unit))} of them"
+        shown = self.vertex_map(spectrum)
+        if shown is None:
+            return ""
+        if shown.labels:
+            return f"{len(shown.labels)} labels"
+        low, high = (format_number(end) for end in shown.range)
+        return f"{low} to {high} {shown.unit}".rstrip()
+
+    def unit(self, length: str) -> str:
+        if self.view == "band":
+            return ""
+        if self.shown is None:
+            return power_unit(length, CURVATURES[self.chosen][1])
+        return self.shown.unit
+
+    def complete(self, spectrum: Spectrum) -> bool:
+        """Not known before it is looked at."""
+        return False
+
+    def labels(self, spectrum: Spectrum, unit: str) -> tuple[Label, ...]:
+        if self.view == "band":
+            return _band_labels(spectrum.eigenvalues, unit)
+        return self.shown.labels if self.shown is not None and self.view == "map" else ()
+
+    def compute(self, spectrum: Spectrum, table: Table | None) -> Answer | None:
+        """A draft while the map's spectrum is still to come; None where that is needed."""
+        ready = self.prepared(spectrum, table)
+        if self.view == "map":
+            return Answer(self._values(spectrum).shown, not ready)
+        if table is None or not (ready or self.serves(spectrum, table)):
+            return None
+        content: _Sums = table.content
+        if ready:
+            table.spectrum = spectrum  # next time it is the very same
+        if self.view == "band":
+            assert content.bands is not None
+            return Answer(content.bands, not ready)
+        return Answer(
+            content.up_to(min(self.pairs, len(content.spectrum)), spectrum.rows), not ready
+        )
+
+    def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
+        if not len(spectrum) or self._labelled:
+            return True
+        if table is None or not table.holds(self.at_rest(), spectrum):
+            return False
+        return self.view != "band" or table.content.bands is not None
+
+    def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
+        values = self._values(spectrum)
+        mass = spectrum.vertex_areas
+        found = project(spectrum.eigenvalues, spectrum.rows, mass, values.values, cancel)
+        _projected[values] = spectrum, found
+        bands = None
+        if self.view == "band":
+            strongest = dominant_bands(found, spectrum.rows, cancel).astype(np.float32)
+            nowhere = (strongest < 0) | ~np.isfinite(values.shown)
+            bands = np.where(nowhere, np.float32(np.nan), strongest)
+        return Table(spectrum, self.at_rest(), _Sums(found, bands))
+
+    def serves(self, spectrum: Spectrum, table: Table) -> bool:
+        known: OwnMaps = table.family  # type: ignore[assignment]
+        same = (known.chosen, known.shown) == (self.chosen, self.shown)
+        there = self.view != "band" or table.content.bands is not None
+        return same and there and grew(table.spectrum, spectrum)
+
+    @property
+    def _labelled(self) -> bool:
+        return self.shown is not None and bool(self.shown.labels)
+
+    def vertex_map(self, spectrum: Spectrum) -> VertexMap | None:
+        """The map, if it is known; a curvature has to be computed first."""
+        resolved = self if self.shown is not None else self.resolved(spectrum, {})
+        if resolved.shown is not None or spectrum.mesh is None:
+            return resolved.shown
+        return spectrum.mesh.derived.get((resolved.chosen, spectrum.mesh.unit))
+
+    def map_spectrum(self, spectrum: Spectrum) -> MapSpectrum | None:
+        """The map's coefficients on these pairs, once they have been computed."""
+        shown = self.vertex_map(spectrum)
+        found = None if shown is None else _projected.get(shown)
+        if shown is None or found is None or not same_pairs(found[0], spectrum):
+            return None
+        _projected[shown] = spectrum, found[1]  # next time it is the very same
+        return found[1]
+
+    def _values(self, spectrum: Spectrum) -> VertexMap:
+        """The map, computed where it is a curvature that is not known yet."""
+        known, mesh = self.vertex_map(spectrum), spectrum.mesh
+        if known is not None:
+            return known
+        assert mesh is not None
+        function, power, _ = CURVATURES[self.chosen]
+        made = VertexMap(self.chosen, function(mesh), unit=power_unit(mesh.unit, power))
+        mesh.derived[self.chosen, mesh.unit] = made
+        return made
+
+    # -- plots --------------------------------------------------------------------------------
+
+    def response(self, spectrum: Spectrum, along: FloatArray) -> Response | None:
+        """The map's spectrum |ΦᵀMf|², a line for each pair, over six decades."""
+        known = self.map_spectrum(spectrum)
+        if known is None:
+            return None
+        squares = np.square(known.coefficients)
+        largest = max(float(squares[known.n_zeros :].max(initial=0.0)), 1e-300)
+        heights = 1.0 + np.log10(np.maximum(squares / largest, 1e-300)) / _DECADES
+        lines = np.zeros((len(squares), 3))
+        lines[:, 1] = np.clip(heights, 0.0, 1.0)
+        count = self.within(spectrum).pairs
+        legend = f"{html.escape(self.resolved(spectrum, {}).chosen)} on each pair"
+        curve = np.repeat(known.eigenvalues, 3), lines.ravel()
+        return Response(curve, float(known.eigenvalues[count - 1]), legend)
+
+    def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
+        """As many pairs as reach up to there."""
+        count = int(np.searchsorted(spectrum.eigenvalues, value * (1.0 + 1e-9), side="right"))
+        return replace(self, view="pairs", pairs=count).within(spectrum)
+
+    def place(self, spectrum: Spectrum) -> float:
+        return float(self.within(spectrum).pairs - 1)
+
+    def at_place(self, spectrum: Spectrum, place: float) -> Self:
+        return replace(self, view="pairs", pairs=round(place) + 1).within(spectrum)
+
+    def axes(self, unit: str) -> tuple[str, str]:
+        return "Index", "Share of the map at the vertex"
+
+    def profile(self, spectrum: Spectrum) -> Profile | None:
+        """What each pair adds at a vertex."""
+        known = self.map_spectrum(spectrum)
+        if known is None:
+            return None
+        both = Samples(np.arange(len(known), dtype=np.float64), known.coefficients)
+        return Profile(both, both)
+
+    # -- files --------------------------------------------------------------------------------
+
+    def script(self, spectrum: Spectrum) -> list[str]:
+        if self.shown is None:
+            lines = [f"values = mv.{CURVATURES[self.chosen][2]}(mesh)"]
+        else:
+            lines = [f"values = mesh.map_named({self.chosen!r}).values"]
+        if self.view == "map":
+            return lines
+        lines.append("spectrum = mv.map_spectrum(decomposition, values)")
+        if self.view == "band":
+            return [*lines, "values = mv.dominant_bands(spectrum, decomposition.rows)"]
+        return [
+            *lines,
+            f"print(spectrum.share({self.pairs}), spectrum.residual({self.pairs}))",
+            f"lowest = spectrum.coefficients[:{self.pairs}]",
+            "values = mv.reconstruct(decomposition.eigenvectors, lowest)",
+        ]
+
+
+class _Sums:
+    """The spectrum of a map, and its sum over the lowest pairs, which goes on from the last one."""
+
+    def __init__(self, spectrum: MapSpectrum, bands: ColumnArray | None) -> None:
+        self.spectrum = spectrum
+        self.bands = bands
+        self._last: tuple[int, FloatArray | float] = 0, 0.0
+
+    def up_to(self, count: int, rows: Any) -> ColumnArray:
+        """Sum over so many pairs; a slider moves by a few, which are added or taken away."""
+        known, total = self._last
+        if abs(count - known) > count:
+            known, total = 0, 0.0
+        change = partial_sum(rows, self.spectrum.coefficients, *sorted((count, known)))
+        summed = total + change if count >= known else total - change
+        self._last = count, summed
+        return summed.astype(np.float32)
+
+
+def _band_labels(eigenvalues: FloatArray, unit: str) -> tuple[Label, ...]:
+    """One a band, named by the wavelengths in it, from yellow for long waves to violet."""
+    from matplotlib import colormaps
+
+    edges = [wavelength(float(edge)) for edge in band_edges(eigenvalues)]
+    shades = colormaps["viridis_r"](np.linspace(0.0, 1.0, max(len(edges) - 1, 1)), bytes=True)
+    return tuple(
+        Label(
+            at,
+            f"{format_quantity(edges[at], unit, digits=3)} to"
+            f" {format_quantity(edges[at + 1], unit, digits=3)}",
+            "#" + "".join(f"{part:02x}" for part in shades[at][:3].tolist()),
+        )
+        for at in range(len(edges) - 1)
+    )

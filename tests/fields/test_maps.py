@@ -1,0 +1,154 @@
+"""Maps of a mesh as fields: what is shown is what the library computes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import shapes
+from solved import spectrum_of
+
+import meshmash_viewer as mv
+from meshmash_viewer.fields import FAMILIES
+from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.maps import CURVATURES, OwnMaps
+from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.field import LiveFeatures
+
+CHOSEN = {name: family() for name, family in FAMILIES.items()}
+LABELS = (mv.Label(4, "a", "#ff0000"), mv.Label(-2, "b", "#00ff00"))
+
+
+@dataclass
+class Asked:
+    spectrum: Spectrum
+    family: Family
+
+
+@pytest.fixture(scope="module")
+def pairs(rectangle: Mesh) -> mv.Decomposition:
+    return mv.solve(*mv.cotangent_laplacian(rectangle, robust=True), n_components=60)
+
+
+@pytest.fixture(scope="module")
+def mapped(rectangle: Mesh) -> Mesh:
+    rng = np.random.default_rng(3)
+    n = rectangle.n_vertices
+    height = np.sin(3.0 * rectangle.vertices[:, 0]) + 0.1 * rng.standard_normal(n)
+    holed = np.where(np.arange(n) % 7 == 0, np.nan, np.abs(height))
+    parts = np.array([4, -2, 9])[np.arange(n) % 3]
+    return rectangle.with_maps(
+        mv.VertexMap("height", height, unit="mm"),
+        mv.VertexMap("holed", holed),
+        mv.VertexMap("parts", parts, LABELS),
+    )
+
+
+@pytest.fixture(scope="module")
+def spectrum(mapped: Mesh, pairs: mv.Decomposition) -> Spectrum:
+    return replace(spectrum_of(mapped, 60), rows=pairs.rows, mass=pairs.mass, mesh=mapped)
+
+
+def shown(spectrum: Spectrum, live: LiveFeatures | None = None, **choice: object) -> np.ndarray:
+    live = live or LiveFeatures()
+    asked = Asked(spectrum, replace(OwnMaps(), **choice).resolved(spectrum, CHOSEN))
+    live.prepare(asked)
+    answer = live.compute(asked)
+    assert answer is not None
+    assert not answer.draft
+    return answer.values
+
+
+@pytest.mark.parametrize("n_pairs", [0, 60])
+def test_a_map_is_shown_as_it_is(mapped: Mesh, spectrum: Spectrum, n_pairs: int) -> None:
+    known = spectrum if n_pairs else Spectrum.without_pairs(mapped)
+    for name in ("height", "holed"):
+        values = mapped.map_named(name).values
+        np.testing.assert_array_equal(shown(known, chosen=name), values.astype(np.float32))
+    np.testing.assert_array_equal(shown(known, chosen="no such map"), shown(known, chosen="height"))
+    family = OwnMaps(chosen="parts").resolved(known, CHOSEN)
+    assert family.labels(known, "") == LABELS
+    wanted = np.array([0.0, 1.0, np.nan])[np.arange(mapped.n_vertices) % 3]
+    np.testing.assert_array_equal(shown(known, chosen="parts", view="pairs"), wanted)
+    assert OwnMaps(chosen="height").resolved(known, CHOSEN).signed
+    assert not OwnMaps(chosen="holed").resolved(known, CHOSEN).signed
+
+
+def test_curvatures_are_always_there(sphere: Mesh) -> None:
+    bare = Spectrum.without_pairs(sphere.in_unit("mm"))
+    for name, function, unit in zip(
+        CURVATURES, (mv.mean_curvature, mv.gaussian_curvature), ("mm⁻¹", "mm⁻²"), strict=True
+    ):
+        np.testing.assert_allclose(shown(bare, chosen=name), function(sphere), rtol=1e-6)
+        family = OwnMaps(chosen=name).resolved(bare, CHOSEN)
+        assert family.unit("mm") == unit
+        assert family.signed
+
+
+def test_the_sum_of_pairs_is_that_of_the_library(
+    spectrum: Spectrum, mapped: Mesh, pairs: mv.Decomposition
+) -> None:
+    """However the slider got there."""
+    live, values = LiveFeatures(), mapped.map_named("height").values
+    found = mv.map_spectrum(pairs, values)
+    for count in (5, 6, 60, 58, 1, 2, 33):
+        wanted = mv.reconstruct(pairs.eigenvectors, found.coefficients[:count])
+        given = shown(spectrum, live, chosen="height", view="pairs", pairs=count)
+        np.testing.assert_allclose(given, wanted, rtol=1e-5, atol=1e-6)
+    left = np.sqrt(np.sum(pairs.mass * (values - wanted) ** 2) / np.sum(pairs.mass * values**2))
+    assert found.residual(33) == pytest.approx(left, rel=1e-9)
+
+
+def test_dominant_bands_are_those_of_the_library(
+    spectrum: Spectrum, mapped: Mesh, pairs: mv.Decomposition
+) -> None:
+    found = mv.map_spectrum(pairs, mapped.map_named("holed").values)
+    wanted = mv.dominant_bands(found, pairs.rows).astype(float)
+    wanted[np.isnan(mapped.map_named("holed").values)] = np.nan
+    np.testing.assert_array_equal(shown(spectrum, chosen="holed", view="band"), wanted)
+    family = OwnMaps(chosen="holed", view="band").resolved(spectrum, CHOSEN)
+    labels = family.labels(spectrum, "mm")
+    assert len(labels) > np.nanmax(wanted)
+    assert len({label.color for label in labels}) == len(labels)
+    longest = 2.0 * np.pi / np.sqrt(spectrum.eigenvalues[1])
+    assert labels[0].name.startswith(f"{longest:.3g}")
+
+
+def test_the_spectrum_of_a_map_is_drawn_and_dragged(
+    spectrum: Spectrum, mapped: Mesh, pairs: mv.Decomposition
+) -> None:
+    family = OwnMaps(chosen="height", pairs=12)
+    shown(spectrum, chosen="height")
+    response = family.response(spectrum, spectrum.eigenvalues)
+    assert response is not None
+    places, heights = response.curve
+    lines = heights.reshape(-1, 3)
+    squares = np.square(mv.map_spectrum(pairs, mapped.maps[0].values).coefficients)
+    wanted = 1.0 + np.log10(squares / squares[1:].max()) / 6.0
+    np.testing.assert_allclose(lines[:, 1], np.clip(wanted, 0.0, 1.0), atol=1e-9)
+    assert (lines[:, [0, 2]] == 0.0).all()
+    assert response.handle == spectrum.eigenvalues[11]
+    assert family.at_eigenvalue(spectrum, response.handle).pairs == 12
+    assert family.step(spectrum, 3).chosen == "Mean curvature", "the next maps"
+    again = replace(family, view="pairs").step(spectrum, 3)
+    assert (again.pairs, again.step(spectrum, 100).pairs) == (15, 60)
+    assert OwnMaps(chosen="parts").resolved(spectrum, CHOSEN).response(spectrum, places) is None
+
+
+def test_a_profile_is_what_each_pair_adds(spectrum: Spectrum) -> None:
+    values = shown(spectrum, chosen="height", view="pairs", pairs=60)
+    profile = OwnMaps(chosen="height").profile(spectrum)
+    assert profile is not None
+    _, parts = profile.dots.values(spectrum.rows[:60, 77])
+    assert parts.sum() == pytest.approx(values[77], rel=1e-5)
+
+
+def test_a_map_goes_with_a_repair() -> None:
+    both = shapes.three_spheres()
+    marked = both.with_maps(mv.VertexMap("index", np.arange(both.n_vertices)))
+    left = mv.largest_component(marked)
+    bare = Spectrum.without_pairs(left)
+    index = shown(bare, chosen="index").astype(int)
+    np.testing.assert_array_equal(both.vertices[index], left.vertices)
