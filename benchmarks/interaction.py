@@ -57,6 +57,8 @@ TICKS = {
     "leap": "leap to any eigenfunction",
     "hks": "HKS tick",
     "band": "band tick",
+    "filter": "filter tick, exp(-t*x)",
+    "filter_edges": "filter tick, a sharp band",
     "similarity": "similarity tick",
 }
 

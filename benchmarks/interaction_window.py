@@ -35,6 +35,7 @@ from meshmash_viewer.app.run import application, tend_garbage
 from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.filters import READY, Filters
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.similarity import Similarity
@@ -54,8 +55,8 @@ class Session:
         self.order = order
         self.folder = Path(order["result"]).parent
         self.drawing = Drawing()
-        make = picture_module._new_window
-        picture_module._new_window = lambda: self.drawing.watch(make())
+        make = picture_module.new_window
+        picture_module.new_window = lambda: self.drawing.watch(make())
         self.window = MainWindow(fresh=True)
         self.window.resize(1400, 900)
         self.window.show()
@@ -296,6 +297,8 @@ class Session:
             "leap": (Eigenfunctions, "index", lambda i: (3 + 107 * i) % pairs),
             "hks": (HeatKernelSignature, "time", lambda i: time_at(self.document, (i % 37) / 37)),
             "band": (GeometryVectors, "index", lambda i: i % 32),
+            "filter": (Filters, "values", self.heat_at),
+            "filter_edges": (Filters, "values", self.edges_at),
             "similarity": (Similarity, "vertex", lambda i: 7919 * (i + 1) % vertices),
         }  # fmt: skip
         for key in ("ticks", "ticks_p95", "ticks_in_render", "ticks_rounds"):
@@ -304,6 +307,9 @@ class Session:
             self.phase(f"tick {name}")
             if family is Similarity:
                 display.change(Similarity, vertex=0)
+            if family is Filters:
+                text = READY["Band-pass"] if name == "filter_edges" else "exp(-t*x)"
+                display.change(Filters, text=text, values=())
             display.kind = family.name
             yield 0.5
             yield self.at_rest
@@ -318,6 +324,16 @@ class Session:
             self.result["ticks_in_render"][name] = median(rendering)
             self.result["ticks_rounds"][name] = len(rounds)
             yield self.at_rest
+
+    def heat_at(self, i: int) -> tuple[tuple[str, float], ...]:
+        return (("t", time_at(self.document, (i % 37) / 37)),)
+
+    def edges_at(self, i: int) -> tuple[tuple[str, float], ...]:
+        """A sharp band of a quarter of the spectrum."""
+        assert self.document.spectrum is not None
+        share = (i % 37) / 37
+        last = float(self.document.spectrum.eigenvalues[-1])
+        return ("a", 0.7 * share * last), ("b", (0.25 + 0.7 * share) * last)
 
     def round_of_ticks(
         self, family: type[Family], parameter: str, value_of: Callable[[int], float], count: int

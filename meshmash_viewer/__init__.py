@@ -54,6 +54,9 @@ if TYPE_CHECKING:
     from meshmash_viewer.features.filters import low_pass_bank as low_pass_bank
     from meshmash_viewer.features.filters import wave_kernel_bank as wave_kernel_bank
     from meshmash_viewer.features.formula import formula_bank as formula_bank
+    from meshmash_viewer.features.map_spectrum import MapSpectrum as MapSpectrum
+    from meshmash_viewer.features.map_spectrum import dominant_bands as dominant_bands
+    from meshmash_viewer.features.map_spectrum import map_spectrum as map_spectrum
     from meshmash_viewer.features.shape import feature_distance as feature_distance
     from meshmash_viewer.features.shape import low_pass_vertices as low_pass_vertices
     from meshmash_viewer.features.shape import match_features as match_features
@@ -67,9 +70,11 @@ if TYPE_CHECKING:
     from meshmash_viewer.health import largest_component as largest_component
     from meshmash_viewer.health import mesh_health as mesh_health
     from meshmash_viewer.health import repair_mesh as repair_mesh
+    from meshmash_viewer.io.maps import read_maps as read_maps
     from meshmash_viewer.io.read import read_mesh as read_mesh
     from meshmash_viewer.io.write import write_eigenpairs as write_eigenpairs
     from meshmash_viewer.io.write import write_features as write_features
+    from meshmash_viewer.io.write import write_map_spectrum as write_map_spectrum
     from meshmash_viewer.laplacian import area_matrix as area_matrix
     from meshmash_viewer.laplacian import compute_vertex_areas as compute_vertex_areas
     from meshmash_viewer.laplacian import cotangent_laplacian as cotangent_laplacian
@@ -81,6 +86,10 @@ if TYPE_CHECKING:
     from meshmash_viewer.spectral.weyl import weyl_count as weyl_count
     from meshmash_viewer.spectral.weyl import weyl_eigenvalue as weyl_eigenvalue
     from meshmash_viewer.split.stitcher import MeshStitcher as MeshStitcher
+    from meshmash_viewer.surface.curvature import gaussian_curvature as gaussian_curvature
+    from meshmash_viewer.surface.curvature import mean_curvature as mean_curvature
+    from meshmash_viewer.vertex_map import Label as Label
+    from meshmash_viewer.vertex_map import VertexMap as VertexMap
 
 __version__ = "0.1.0"
 
@@ -89,9 +98,12 @@ _CONTENTS = {
     # Meshes: what they are, what is wrong with them, files
     "mesh": ("Mesh", "mesh_to_poly"),
     "health": ("largest_component", "mesh_health", "repair_mesh"),
+    "vertex_map": ("Label", "VertexMap"),
     "io.read": ("read_mesh",),
-    "io.write": ("write_eigenpairs", "write_features"),
+    "io.maps": ("read_maps",),
+    "io.write": ("write_eigenpairs", "write_features", "write_map_spectrum"),
     "errors": ("InputError", "TruncationWarning"),
+    "surface.curvature": ("gaussian_curvature", "mean_curvature"),
     # Operators
     "laplacian": ("area_matrix", "compute_vertex_areas", "cotangent_laplacian"),
     # Eigenpairs
@@ -123,8 +135,9 @@ _CONTENTS = {
     "features.formula": ("formula_bank",),
     "features.sums": ("Features", "compute_features"),
     "features.truncation": ("Truncation",),
-    # Maps through a filter
+    # Maps through a filter, and on eigenfunctions
     "features.smoothing": ("filter_map",),
+    "features.map_spectrum": ("MapSpectrum", "dominant_bands", "map_spectrum"),
     # Comparing shapes
     "features.shape": (
         "feature_distance",

@@ -495,9 +495,10 @@ def test_window_gets_its_arguments(
 
     monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen")
     monkeypatch.setattr("meshmash_viewer.app.run.run_app", run_app)
-    assert run(capsys, ball, "--unit", "nm", "--fresh")[0] == 0
+    assert run(capsys, ball, "--unit", "nm", "--fresh", "--map", "a", "--map", "b")[0] == 0
     assert run(capsys)[0] == 0
-    assert seen == [(ball, "nm", True), (None, "", False)]
+    assert seen == [(ball, "nm", [Path("a"), Path("b")], True), (None, "", [], False)]
+    assert run(capsys, "--map", "a")[0] == 2
     assert run(capsys, ball, "--unit", "ell")[0] == 2
 
 
@@ -521,6 +522,48 @@ def test_render_draws(
     assert (
         json.loads(run(capsys, "render", ball, *options, "-o", out, "--json")[1])["field"] == field
     )
+
+
+def test_maps_are_columns_and_pictures(
+    capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
+) -> None:
+    """What a mesh file has at its vertices is not dropped without a word."""
+    mesh = read_mesh(ball)
+    held, more = tmp_path / "held.npz", tmp_path / "lh.more.npy"
+    np.savez(held, vertices=mesh.vertices, faces=mesh.faces, height=mesh.vertices[:, 2])
+    np.save(more, np.arange(mesh.n_vertices))
+    out = tmp_path / "out.npz"
+    common = ("--count", 9, "--n-components", 3, "-o", out)
+    status, _, err = run(capsys, "features", held, *common)
+    assert status == 0
+    assert "left out: height; --maps adds" in err
+    with np.load(out) as archive:
+        assert len(archive["columns"]) == 3
+    status, _, err = run(capsys, "features", held, *common, "--maps", "--map", more)
+    assert (status, err) == (0, "")
+    with np.load(out) as archive:
+        assert archive["columns"].tolist()[3:] == ["height", "lh.more.npy"]
+        np.testing.assert_array_equal(archive["features"][:, 3], mesh.vertices[:, 2])
+        np.testing.assert_array_equal(archive["features"][:, 4], np.arange(mesh.n_vertices))
+    for arguments, pattern in (
+        (("features", held, ball, "--map", more, "-o", f"{tmp_path}/new/"), "--map is of one mesh"),
+        (("features", held, "--kind", "eigenpairs", "--maps", "-o", out), "columns of features"),
+        (("features", held, "--map", tmp_path / "no.npy", "-o", out), "does not exist"),
+        (("render", held, "--map", more, "--field", "hks", "-o", "out.png"), "of --field map"),
+        (("render", held, "--map-name", "wide", "-o", "out.png"), "no map 'wide'"),
+    ):
+        status, _, err = run(capsys, *arguments)
+        assert status == 2
+        assert pattern in err
+    pytest.importorskip("vtkmodules.vtkRenderingOpenGL2")
+    picture = tmp_path / "out.png"
+    for given, shown in (
+        (("--map", more), "lh.more.npy"),
+        (("--field", "map"), "height"),
+        (("--map-name", "Mean curvature"), "Mean curvature"),
+    ):
+        arguments = ("render", held, *given, "--size", "320x240", "-o", picture, "--json")
+        assert json.loads(run(capsys, *arguments)[1])["map"] == shown
 
 
 # A process of its own -------------------------------------------------------------------------

@@ -33,7 +33,7 @@ MOUSE_HELP: tuple[tuple[str, str], ...] = (
     ("Middle click", "Put what is under the pointer in the middle"),
     ("Move", "Read index and value of the vertex under the pointer"),
     ("Click", "Pin that vertex, or take its pin away"),
-    ("Drop a file", "Open it"),
+    ("Drop a file", "Open it, or add its values per vertex to the mesh"),
 )
 
 
@@ -89,6 +89,9 @@ COMMANDS: tuple[Command, ...] = (
             toolbar="Open", icon="open"),
     Command("open_sample", "Open the sample neuron", "File",
             "Open a small dendrite with spines, in nm"),
+    Command("add_map", "Add map…", "File",
+            "Add values per vertex of this mesh from files: thickness, activity, labels",
+            needs="render"),
     Command("open_session", "Open session…", "File",
             "Go on with a mesh, its settings, pins and camera from a session file",
             ("Ctrl+Shift+O",), separated=True),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,6 +20,7 @@ from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.view.picture_writer import PictureWriter
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.maps import is_map_file
 from meshmash_viewer.io.read import READABLE_ENDINGS
 from meshmash_viewer.io.session import SESSION_ENDING
 from meshmash_viewer.model import cost, stepping
@@ -51,7 +52,7 @@ class Commands:
     recent_menu : QMenu
         Where recent meshes are listed.
     read : callable
-        Opens a mesh file, in the unit that it was given last.
+        Opens a mesh file, in the unit that it was given last, with files of maps.
 
     Attributes
     ----------
@@ -70,7 +71,7 @@ class Commands:
         stage: Stage,
         arrangement: Arrangement,
         recent_menu: QMenu,
-        read: Callable[[Path], None],
+        read: Callable[..., None],
     ) -> None:
         self._window, self._document, self._settings = window, document, settings
         self._actions, self._stage, self._arrangement = actions, stage, arrangement
@@ -159,12 +160,32 @@ class Commands:
     # -- opening ------------------------------------------------------------------------------
 
     def open_path(self, path: Path) -> None:
-        """Open a file: a session by its ending, a mesh otherwise."""
-        self._settings.folder = path.parent
-        if path.name.endswith(SESSION_ENDING):
-            self.restore_session(path)
+        """Open a file: a session by its ending, a map of the open mesh, or a mesh."""
+        self.open_paths([path])
+
+    def open_paths(self, paths: Sequence[Path]) -> None:
+        """Open files: the first session or mesh of them, and on it all that are maps."""
+        self._settings.folder = paths[0].parent
+        maps = [path for path in paths if is_map_file(path)]
+        others = [path for path in paths if path not in maps]
+        if not others:
+            self._document.open_maps(maps)
+        elif others[0].name.endswith(SESSION_ENDING):
+            self.restore_session(others[0])
         else:
-            self._read(path)
+            self._read(others[0], maps=maps)
+        if len(others) > 1:
+            text = f"Opening {others[0].name}; one mesh at a time."
+            self._document.notify(Notice(text))
+
+    def add_map(self) -> None:
+        """Let the person choose files with values per vertex of the open mesh."""
+        from meshmash_viewer.app.dialogs.map_files import ask_for_maps
+
+        paths = ask_for_maps(self._window, self._settings.folder)
+        if paths:
+            self._settings.folder = paths[0].parent
+            self._document.open_maps(paths)
 
     def open_mesh(self) -> None:
         """Let the person choose a mesh file."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,7 @@ from meshmash_viewer.app.controls.focus_keys import FocusKeys
 from meshmash_viewer.app.field_source import FieldSource
 from meshmash_viewer.app.last_look import LastLook
 from meshmash_viewer.app.listening import follow, later, listen, stop_listening
+from meshmash_viewer.app.map_loader import MapLoader
 from meshmash_viewer.app.panels.mesh_panel import MeshPanel
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
@@ -101,6 +103,7 @@ class MainWindow(QMainWindow):
             self.menus["View"].insertAction(self.actions_["reset_camera"], dock.toggleViewAction())
         self._build_status_bar()
         self.tasks = Tasks(self.document, self)
+        self.map_loader = MapLoader(self.document, self)
         self.last_look = LastLook(self.document, self.settings, self)
         self.commands = Commands(
             self,
@@ -221,7 +224,7 @@ class MainWindow(QMainWindow):
             If something is still being computed then.
         """
         deadline = QDeadlineTimer(round(1000.0 * seconds))
-        while self.document.job is not None or not self.field_source.idle:
+        while not (self.document.job is None and self.map_loader.idle and self.field_source.idle):
             if deadline.hasExpired():
                 raise TimeoutError(f"The window is still busy after {seconds:g} s.")
             QApplication.processEvents()
@@ -245,9 +248,9 @@ class MainWindow(QMainWindow):
             follow(signal, self._refresh_actions)
         follow(document.mesh_changed, self._show_stage)
 
-    def open_mesh(self, path: str | Path, unit: str = "") -> None:
-        """Read a mesh file and show it; the open one stays if that fails."""
-        self.document.open_mesh(path, unit or self.last_look.unit(Path(path)))
+    def open_mesh(self, path: str | Path, unit: str = "", maps: Sequence[Path] = ()) -> None:
+        """Read a mesh file, with files of maps, and show it; the open one stays if that fails."""
+        self.document.open_mesh(path, unit or self.last_look.unit(Path(path)), maps=maps)
 
     def _on_mesh_changed(self) -> None:
         ready = self.document.ready
@@ -288,11 +291,15 @@ class MainWindow(QMainWindow):
             self.field_panel.set_field(None, (0.0, 1.0))
             later(self._clear_title)
             return
+        colormap: str | tuple[str, ...]
         limits = field.limits(display.policies.get(field.family.name))
         colormap = display.diverging_colormap if field.signed else display.sequential_colormap
+        if field.labels:
+            colormap = tuple(label.color for label in field.labels)
         self.scene.set_field(field, limits, colormap)
         self.scene.set_nodal_lines(field.values if display.nodal_lines and field.signed else None)
         self.field_panel.set_field(field, limits)
+        self.spectrum_panel.follow_field()
         later(self._clear_title)
 
     def _clear_title(self) -> None:
@@ -308,10 +315,12 @@ class MainWindow(QMainWindow):
         parts = [named_vertex(vertex).capitalize()]
         field = self.field_source.field
         if field is not None and vertex < len(field.values):
-            parts.append(
-                f"value {format_quantity(float(field.values[vertex]), '', digits=5)}"
-                f" {field.unit}".rstrip()
-            )
+            value = float(field.values[vertex])
+            if field.labels and value == value:
+                parts.append(field.labels[int(value)].name)
+            else:
+                number = format_quantity(value, "", digits=5)
+                parts.append(f"value {number} {field.unit}".rstrip())
         parts.append(f"at ({place}) {unit}".rstrip())
         parts.append("click to pin")
         self.hover_label.setText("  ·  ".join(parts))
@@ -388,14 +397,12 @@ class MainWindow(QMainWindow):
         self.stage.welcome.set_dropping(False)
 
     def dropEvent(self, event: QDropEvent) -> None:
-        """Open the first file that was dropped: a session or a mesh."""
+        """Open the first mesh or session that was dropped, and add the maps that were."""
         self.stage.welcome.set_dropping(False)
         paths = [Path(url.toLocalFile()) for url in event.mimeData().urls() if url.isLocalFile()]
         if paths:
             event.acceptProposedAction()
-            self.commands.open_path(paths[0])
-        if len(paths) > 1:
-            self.document.notify(Notice(f"Opening {paths[0].name}; one mesh at a time."))
+            self.commands.open_paths(paths)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Stop what runs, leave no process and no temporary file, and forget nothing."""
@@ -410,6 +417,7 @@ class MainWindow(QMainWindow):
             self._focus_keys.stop()
             self.commands.close()
             self.tasks.close()
+            self.map_loader.close()
             if self.loaded:
                 self.field_source.close()
                 self.profile_panel.close()

@@ -9,6 +9,7 @@ import os
 import shutil
 import signal
 import sys
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -84,7 +85,9 @@ def _draw_without_a_full_disk() -> None:
         os.environ.setdefault("MESA_SHADER_CACHE_DISABLE", "true")
 
 
-def run_app(path: Path | None = None, unit: str = "", *, fresh: bool = False) -> int:
+def run_app(
+    path: Path | None = None, unit: str = "", maps: Sequence[Path] = (), *, fresh: bool = False
+) -> int:
     """Open the window and stay until it is closed.
 
     Parameters
@@ -93,6 +96,8 @@ def run_app(path: Path | None = None, unit: str = "", *, fresh: bool = False) ->
         Mesh or session to open.
     unit : str
         As `read_mesh` takes it; empty for what the file states.
+    maps : sequence of Path
+        Files with values per vertex of that mesh.
     fresh : bool
         Whether to ignore stored settings.
 
@@ -116,8 +121,8 @@ def run_app(path: Path | None = None, unit: str = "", *, fresh: bool = False) ->
     window.show()
     loader = _Loader(window)
     with FaultBoundary(window.document.notify):
-        if path is not None and unit:
-            window.open_mesh(path, unit)
+        if path is not None and (unit or maps):
+            window.open_mesh(path, unit, maps)
         elif path is not None:
             window.commands.open_path(path)
         status = app.exec()

@@ -45,6 +45,7 @@ def store_session(document: Document, camera: dict[str, Any], path: Path) -> Non
     assert mesh is not None
     session = Session(
         mesh_path=str(document.path or ""),
+        maps=list(dict.fromkeys(each.path for each in mesh.maps if each.path)),
         unit=document.unit_text,
         repairs=list(document.repairs),
         mesh_hash=mesh.content_hash,
@@ -155,6 +156,7 @@ class Restoration:
                 " does not have: it is left out."
             )
         display_from_json(document.display, display)
+        document.open_maps([Path(each) for each in session.maps], shown=False)
         self._restored = True
         self.restored.emit()
 

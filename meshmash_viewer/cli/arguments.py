@@ -30,7 +30,7 @@ PROGRAM = "meshmash-viewer"
 #: Exit status for what the user can mend.
 FAULT = 2
 _DEFAULT_COUNT = 200
-_FIELDS = ("hks", "eigenfunction", "band", "none")
+_FIELDS = ("hks", "eigenfunction", "band", "map", "none")
 _FORMATS = ("npz", "npy", "csv", "parquet", "vtp", "ply", "func.gii")
 
 
@@ -57,6 +57,7 @@ def window_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("mesh", nargs="*", help="mesh file or session")
     _add_unit(parser)
+    _add_maps(parser)
     parser.add_argument("--fresh", action="store_true", help="ignore stored settings")
     parser.add_argument(
         "--info",
@@ -127,6 +128,12 @@ def command_parser() -> argparse.ArgumentParser:
         metavar="N",
         help="compute in about N overlapping pieces, for a mesh too large to be solved whole",
     )
+    _add_maps(features)
+    features.add_argument(
+        "--maps",
+        action="store_true",
+        help="the values per vertex that a mesh file has, as more columns",
+    )
     features.add_argument("--drop-first", action="store_true", help="leave out the first eigenpair")
     _add_solver(features)
     features.add_argument(
@@ -164,7 +171,11 @@ def command_parser() -> argparse.ArgumentParser:
 
     render = commands.add_parser("render", help="draw a picture of a mesh")
     render.add_argument("mesh", type=Path)
-    render.add_argument("--field", choices=_FIELDS, default="hks", help="default: hks")
+    render.add_argument(
+        "--field", choices=_FIELDS, help="default: hks, or the first map if one is given"
+    )
+    _add_maps(render)
+    render.add_argument("--map-name", metavar="NAME", help="which map, of a file or of the mesh")
     render.add_argument(
         "--index", type=int, metavar="I", help="which eigenfunction or band, from 0"
     )
@@ -267,6 +278,17 @@ def _add_looks(parser: argparse.ArgumentParser, size: tuple[int, int]) -> None:
 
 def _add_unit(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--unit", metavar="U", help=f"of coordinates: {UNIT_FORMS}")
+
+
+def _add_maps(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--map",
+        action="append",
+        default=[],
+        type=Path,
+        metavar="FILE",
+        help="values per vertex of the mesh, from a file; may be given many times",
+    )
 
 
 def _add_mesh(parser: argparse.ArgumentParser) -> None:

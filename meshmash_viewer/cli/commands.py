@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -24,6 +24,7 @@ from meshmash_viewer.spectral.weyl import Target, Translation, required_eigenval
 if TYPE_CHECKING:
     from meshmash_viewer.features.sums import Features
     from meshmash_viewer.fields.family import Family
+    from meshmash_viewer.model.field import Field
     from meshmash_viewer.progress import CancelCallback, ProgressCallback
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
@@ -207,6 +208,8 @@ def write_kind(
     tail: Literal["weyl"] | None = None,
     automatic: bool = False,
     component_column: bool = False,
+    maps: Sequence[Path] = (),
+    own_maps: bool = False,
     repairs: tuple[str, ...] = (),
 ) -> dict[str, Any]:
     """Compute one kind of features, or the eigenpairs, and write them.
@@ -228,6 +231,10 @@ def write_kind(
         target.
     component_column : bool
         Whether to add the connected component of each vertex as a column.
+    maps : sequence of Path
+        Files with values per vertex to add as columns.
+    own_maps : bool
+        Whether to add those that came with the mesh.
     repairs : tuple of str
         What has been done to the mesh, for the file to say.
 
@@ -246,6 +253,15 @@ def write_kind(
     began = time.perf_counter()
     n = mesh.n_vertices - len(mesh.unreferenced)
     remarks: list[str] = []
+    if (maps or own_maps) and not family.counted:
+        raise InputError(f"--map and --maps are columns of features; {kind} have none.")
+    if mesh.maps and not own_maps:
+        names = ", ".join(each.name for each in mesh.maps)
+        if family.counted:
+            remarks.append(f"left out: {names}; --maps adds them as columns.")
+        for each in mesh.maps:
+            mesh = mesh.without_map(each.name)
+    mesh = _with_maps(mesh, maps)
     features: Features | None = None
     if automatic:
         assert t_min is not None
@@ -310,6 +326,7 @@ def write_kind(
         if missing is not None and len(missing.flagged):
             remarks.append(f"{missing.sentence()}{_more_pairs(t_min)}.")
         remarks += features.remarks(mesh)
+        features = features.with_maps(mesh)
         if component_column:
             features = features.with_components(mesh)
         report["n_features"] = len(features.columns)
@@ -325,16 +342,48 @@ def _more_pairs(t_min: float | None) -> str:
     return ": take more of them (--count, --max-eigenvalue, --wavelength)"
 
 
+def _with_maps(mesh: Mesh, paths: Sequence[Path]) -> Mesh:
+    """A mesh with the maps in files."""
+    from meshmash_viewer.io.maps import read_maps
+
+    for path in paths:
+        mesh = mesh.with_maps(*read_maps(path, mesh))
+    return mesh
+
+
+def _shown_map(mesh: Mesh, paths: Sequence[Path], name: str) -> Field:
+    """A map of a mesh or of files, as the window shows it."""
+    from meshmash_viewer.fields.maps import CURVATURES, OwnMaps
+    from meshmash_viewer.fields.spectrum import Spectrum
+    from meshmash_viewer.model.field import FieldRequest, LiveFeatures, compute_field
+
+    n_own = len(mesh.maps)
+    mesh = _with_maps(mesh, paths)
+    if paths and not name:
+        name = mesh.maps[n_own].name
+    names = [*(each.name for each in mesh.maps), *CURVATURES]
+    if name and name not in names:
+        raise InputError(f"{mesh.name} has no map {name!r}; its maps are {', '.join(names)}.")
+    bare = Spectrum.without_pairs(mesh)
+    family = OwnMaps(chosen=name).resolved(bare, {})
+    request = FieldRequest(bare, mesh.unit, family, mesh.area_sample())
+    field = compute_field(request, LiveFeatures())
+    assert field is not None, "without pairs a map is shown at once"
+    return field
+
+
 def write_render(
     mesh: Mesh,
     path: Path,
-    field: str,
+    field: str | None,
     solver: Solver,
     *,
     index: int | None = None,
     diffusion_time: float | None = None,
     n_components: int = 32,
-    colormap: str | None = None,
+    maps: Sequence[Path] = (),
+    map_name: str = "",
+    colormap: str | tuple[str, ...] | None = None,
     limits: tuple[float, float] | None = None,
     **picture: Any,
 ) -> dict[str, Any]:
@@ -345,16 +394,20 @@ def write_render(
     mesh : Mesh
     path : Path
         Ends in ".png".
-    field : str
-        "hks", "eigenfunction", "band" or "none".
+    field : str, optional
+        "hks", "eigenfunction", "band", "map" or "none"; None for a map if one is named, else HKS.
     solver : Solver
-        Not asked for the bare mesh.
+        Not asked for the bare mesh and for a map.
     index : int, optional
         Which eigenfunction or band; None takes the first that is not constant.
     diffusion_time : float, optional
         Of the heat kernel signature, in squared unit; None the middle of its range.
     n_components : int
         Number of bands that `index` counts in.
+    maps : sequence of Path
+        Files with more maps of the mesh.
+    map_name : str
+        One of the maps of the mesh, or a curvature; "" for the first, those of files before others.
     colormap, limits, **picture
         See `meshmash_viewer.app.view.picture.render_picture`; None takes what suits the field.
 
@@ -369,11 +422,24 @@ def write_render(
     from meshmash_viewer.model.limits import PercentileLimits
     from meshmash_viewer.units import format_quantity, power_unit
 
+    if field is None:
+        field = "map" if maps or map_name else "hks"
+    elif (maps or map_name) and field != "map":
+        raise InputError(f"--map and --map-name are of --field map, not of {field}.")
     report: dict[str, Any] = {"mesh": mesh.name, "output": str(path), "field": field}
     if limits is not None and not limits[0] < limits[1]:
         raise InputError(f"The limits {limits[0]:g} and {limits[1]:g} leave no range: swap them.")
     values, quantity, unit = None, "", ""
-    if field != "none":
+    if field == "map":
+        shown = _shown_map(mesh, maps, map_name)
+        values, quantity, unit = shown.values, f"{shown.title}: {shown.quantity}", shown.unit
+        if shown.labels:
+            colormap = tuple(label.color for label in shown.labels)
+        colormap = colormap or ("RdBu_r" if shown.signed else "viridis")
+        limits = shown.limits(None) if limits is None or shown.labels else limits
+        report["map"] = shown.title
+        report["limits"] = list(limits)
+    elif field != "none":
         pairs = solver(mesh)
         report["proof"] = pairs.proof(mesh.unit)
         spectrum = pairs.eigenvalues

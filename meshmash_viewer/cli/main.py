@@ -141,7 +141,10 @@ def _window(options: argparse.Namespace) -> int:
         parse_unit(options.unit)
     from meshmash_viewer.app.run import run_app
 
-    return run_app(Path(first) if first else None, options.unit or "", fresh=options.fresh)
+    if options.map and not first:
+        raise InputError("--map is of a mesh: name the mesh file before it.")
+    path = Path(first) if first else None
+    return run_app(path, options.unit or "", options.map, fresh=options.fresh)
 
 
 def _info(options: argparse.Namespace) -> int:
@@ -182,11 +185,15 @@ def _features(options: argparse.Namespace) -> int:
                 tail=options.tail,
                 automatic=options.count == "auto",
                 component_column=options.component_column,
+                maps=options.map,
+                own_maps=options.maps,
                 repairs=tuple(options.repair),
             )
         said = f"{report['output']}: {report['proof']} · {_reach(report, mesh)}"
         _tell(options, index, report, said)
 
+    if options.map and len(options.mesh) > 1:
+        raise InputError("--map is of one mesh: name one, or put the values into the mesh files.")
     folder = Path(options.output) if is_folder(options.output) else None
     with made_folder(folder) if folder else contextlib.nullcontext():
         for path in outputs:
@@ -257,6 +264,8 @@ def _render(options: argparse.Namespace) -> int:
                 options.output,
                 options.field,
                 solver,
+                maps=options.map,
+                map_name=options.map_name or "",
                 index=options.index,
                 diffusion_time=options.time,
                 n_components=options.n_components,

@@ -14,6 +14,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QDialog, QListWidget
 from pytestqt.qtbot import QtBot
 
+from meshmash_viewer.app import small_mesh
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.fields import FAMILIES
 
@@ -83,6 +84,27 @@ def test_a_click_on_a_thumbnail_goes_there(qtbot: QtBot, window: MainWindow) -> 
     filled(qtbot, window)
     QTest.mouseClick(found.viewport(), LEFT, pos=found.visualItemRect(found.item(1)).center())
     assert display.fields["band"].index == 2
+
+
+def test_thumbnails_of_a_large_mesh_are_drawn_of_a_small_one(
+    qtbot: QtBot, window: MainWindow, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = thumbnails(opened(qtbot, window))
+    window.findChild(QDialog, "gallery_dialog").close()
+    qtbot.waitUntil(lambda: not window.findChildren(QDialog, "gallery_dialog"), timeout=PATIENCE)
+    monkeypatch.setattr(small_mesh, "_LARGE", 100)
+    monkeypatch.setattr(small_mesh, "_SMALL", 250)
+    small = thumbnails(opened(qtbot, window))
+    assert len(small) == len(whole) == 20
+    differences = [np.abs(one - other).mean() for one, other in zip(whole, small, strict=True)]
+    # those of long waves, for which a few vertices do
+    assert 0.0 < max(differences[:4]) < 12.0
+    assert np.abs(whole[0] - small[3]).mean() > 2.0 * max(differences[:4])
+
+
+def thumbnails(dialog: QDialog) -> list[np.ndarray]:
+    found = dialog.findChild(QListWidget, "gallery_list")
+    return [picture(found, at).astype(float) for at in range(found.count())]
 
 
 def test_a_range_is_chosen_and_saved(qtbot: QtBot, window: MainWindow, tmp_path: Path) -> None:

@@ -703,9 +703,9 @@ def test_the_export_dialog_says_what_the_file_will_contain(
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("eigenpairs"))
     assert dialog.path == tmp_path / "ball_eigenpairs.npz"
     assert not dialog.table.item(2, 0).flags()
-    assert dialog.count_spin.isHidden()
+    assert not dialog.count_spin.isVisibleTo(dialog)
     dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("wks"))
-    assert not dialog.count_spin.isHidden()
+    assert dialog.count_spin.isVisibleTo(dialog)
     dialog.count_spin.setValue(12)
     assert "× 12 columns" in dialog.contents_label.text()
     assert "wks_λ=" in dialog.columns_label.text()

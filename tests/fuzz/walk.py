@@ -170,6 +170,16 @@ def make_files(folder: Path) -> list[Path]:
     return [*files, broken, empty, folder / "absent.obj"]
 
 
+def make_maps(folder: Path) -> list[Path]:
+    """Values per vertex: of the ball and the egg, with holes, labelled, and of no mesh at all."""
+    wave = np.sin(np.arange(642) / 50.0)
+    np.savez(folder / "wave.npz", wave=wave, holes=np.where(wave > 0.5, np.nan, wave))
+    np.save(folder / "short.npy", wave[:9])
+    label = folder / "lh.some.label"
+    label.write_text("#!ascii label\n2\n3 0 0 0 0\n9 0 0 0 0\n")
+    return [folder / "wave.npz", folder / "short.npy", label]
+
+
 class Walk:
     """A window that is walked over.
 
@@ -186,6 +196,7 @@ class Walk:
         self.random = random.Random(seed)
         self.folder = folder
         self.files = make_files(folder)
+        self.maps = make_maps(folder)
         self.sessions: list[Path] = []
         #: What went wrong: a sentence and what was done last.
         self.faults: list[str] = []
@@ -510,7 +521,7 @@ class Walk:
         return f"open {path.name}"
 
     def _drop(self) -> str:
-        path = self.random.choice([*self.files, *self.sessions])
+        path = self.random.choice([*self.files, *self.sessions, *self.maps])
         told = QMimeData()
         told.setUrls([QUrl.fromLocalFile(str(path))])
         event = QDropEvent(
@@ -611,6 +622,10 @@ def _answered(walk: Walk) -> Iterator[None]:
         chosen = walk.random.choice([*walk.files, *walk.sessions, ""])
         return str(chosen), ""
 
+    def several(*_: object, **__: object) -> tuple[list[str], str]:
+        chosen = walk.random.sample([*walk.maps, *walk.files], walk.random.randint(0, 3))
+        return [str(path) for path in chosen], ""
+
     def saved(*_: object, **__: object) -> tuple[str, str]:
         name = walk.random.choice(("saved.meshmash.json", "saved", "absent/saved", ""))
         return str(walk.folder / name) if name else "", ""
@@ -625,6 +640,7 @@ def _answered(walk: Walk) -> Iterator[None]:
     with contextlib.ExitStack() as stack:
         for owner, name, answer in (
             (QFileDialog, "getOpenFileName", opened),
+            (QFileDialog, "getOpenFileNames", several),
             (QFileDialog, "getSaveFileName", saved),
             (QInputDialog, "getInt", number),
             (QMessageBox, "question", question),

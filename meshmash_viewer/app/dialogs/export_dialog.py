@@ -8,6 +8,7 @@ from pathlib import Path
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
     QAbstractItemView,
+    QCheckBox,
     QComboBox,
     QFrame,
     QHeaderView,
@@ -22,7 +23,7 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import reserved_note, show_quietly
 from meshmash_viewer.app.controls.file_row import FileRow
-from meshmash_viewer.app.controls.layout import grid
+from meshmash_viewer.app.controls.layout import grid, row
 from meshmash_viewer.app.dialogs.saving import SaveDialog
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.truncation import missing_sentence
@@ -34,6 +35,7 @@ from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.jobs import ExportJob
 from meshmash_viewer.units import counted
+from meshmash_viewer.vertex_map import named_apart
 
 __all__ = ["FORMATS", "ExportDialog", "Format"]
 
@@ -101,13 +103,24 @@ class ExportDialog(SaveDialog):
         theme.named(self.pairs_spin, "export_pairs_spin", "Number of eigenpairs to use")
         self.count_spin = QSpinBox(minimum=1, maximum=MOST_COUNT)
         theme.named(self.count_spin, "export_count_spin", "Number of columns")
+        maps = self._mesh.maps
+        self.maps_check = theme.named(
+            QCheckBox(
+                f"and {counted(len(maps), 'own map')}: {', '.join(each.name for each in maps)}"
+            ),
+            "export_maps_check",
+            "Own maps as more columns",
+        )
+        self.maps_check.setChecked(bool(maps))
+        columns = QWidget()
+        columns.setLayout(row(self.count_spin, (self.maps_check,), spacing=12))
         self._build_table()
         self.contents_label = self._label("export_contents_label", "What the file will contain", 3)
         self.columns_label = self._label("export_columns_label", "Columns", 2)
         rows = {
             "What": self.kind_combo,
             "Made from": self.pairs_spin,
-            "Columns": self.count_spin,
+            "Columns": columns,
             "Format": self.table,
             "Contains": self.contents_label,
             "Named": self.columns_label,
@@ -117,7 +130,7 @@ class ExportDialog(SaveDialog):
         names = {text: theme.with_role(QLabel(text, alignment=top), "muted") for text in rows}
         for name in names.values():
             name.setContentsMargins(0, 4, 0, 0)
-        self._count_row = names["Columns"], self.count_spin
+        self._count_row = names["Columns"], columns
         self.export_button = self.accept_button = theme.named(
             QPushButton("Export"), "export_button", role="primary"
         )
@@ -135,6 +148,8 @@ class ExportDialog(SaveDialog):
         self.kind_combo.currentIndexChanged.connect(self._change_kind)
         self.pairs_spin.valueChanged.connect(self._refresh)
         self.count_spin.valueChanged.connect(self._refresh)
+        self.maps_check.toggled.connect(self._refresh)
+        self.maps_check.setVisible(bool(maps))
         self.table.itemSelectionChanged.connect(self._change_format)
         self.file_row.edit.textChanged.connect(self._follow_name)
         shown = document.display.family.behind(document.display.fields)
@@ -164,6 +179,7 @@ class ExportDialog(SaveDialog):
             self.pairs_spin.value(),
             self._document.target,
             self._document.repairs,
+            self.maps_check.isChecked(),
         )
 
     def _chosen(self) -> Family:
@@ -298,7 +314,10 @@ class ExportDialog(SaveDialog):
         if sentence := missing_sentence(bank.columns, shares):
             self._missing = f"{sentence}: the file will say so."
         values = family.unit(unit)
-        return list(bank.columns), f"{about} Values in {values}." if values else about
+        names = list(bank.columns)
+        if self.maps_check.isChecked():
+            names += [each.name for each in named_apart(self._mesh.maps, names)]
+        return names, f"{about} Values in {values}." if values else about
 
     def _refresh_remark(self) -> None:
         parts = [self._missing]

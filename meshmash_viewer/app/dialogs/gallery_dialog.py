@@ -7,9 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-import numpy.typing as npt
-from PySide6.QtCore import QObject, QSize, Qt, QThreadPool, QTimer, Signal
+from PySide6.QtCore import QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QIcon, QImage, QKeyEvent, QPixmap
 from PySide6.QtWidgets import (
     QDialog,
@@ -28,29 +26,24 @@ from meshmash_viewer.app.controls.facts import keep_room, reserved_note
 from meshmash_viewer.app.controls.layout import column, row
 from meshmash_viewer.app.listening import follow, stop_listening
 from meshmash_viewer.app.series_painter import SeriesPainter
+from meshmash_viewer.app.small_mesh import SmallMesh
 from meshmash_viewer.app.view.annotations import Caption
 from meshmash_viewer.app.view.contact_sheet import ContactSheet
-from meshmash_viewer.app.view.geometry import geometry_of
-from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.app.view.picture import RawPicture
 from meshmash_viewer.app.view.series import Shot, aspect, look_of, series_view, shots_of
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.sweep import evenly, n_columns, sweep
-from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.field import shown_family
-from meshmash_viewer.surface.clustering import cluster_vertices
 from meshmash_viewer.units import counted
 
 __all__ = ["GalleryDialog"]
 
 #: Thumbnails that are shown at first, and their width and most height in logical pixels.
 _SHOWN, _WIDTH, _MOST_HEIGHT = 24, 190, 190
-#: From so many vertices on thumbnails are drawn of a coarse mesh of about so many.
-_LARGE, _COARSE = 100_000, 40_000
 #: Milliseconds that a range must rest before its pictures are begun.
 _REST = 250
 
@@ -84,8 +77,8 @@ class GalleryDialog(QDialog):
         self._mesh = document.mesh
         self._shown: tuple[object, ...] = ()
         self._families: list[Family] = []
-        self._stand_in = _StandIn(self)
-        self._stand_in.ready.connect(self._fill)
+        self._small = SmallMesh(self)
+        self._small.ready.connect(self._fill)
         self._thumbnails, self._sheet = SeriesPainter(self), SeriesPainter(self)
         self._thumbnails.drawn.connect(self._show_thumbnail)
         self._thumbnails.failed.connect(self._say_failed)
@@ -181,12 +174,13 @@ class GalleryDialog(QDialog):
         self._rest.stop()
         self._thumbnails.stop()
         document, display = self._document, self._document.display
-        if document.mesh is None or document.spectrum is None or not self._stand_in.of(self._mesh):
+        if document.mesh is None or document.spectrum is None or not self._small.of(self._mesh):
             return
         family = shown_family(display)
         self._families = sweep(family, document.spectrum, self.range.columns)
         shots = self._shots()
-        drawing, picked = self._small_drawing()
+        drawing, picked = self._small.drawing(self._scene)
+        drawing.annotated = False
         size = QSize(_WIDTH, min(round(_WIDTH / aspect(drawing)), _MOST_HEIGHT))
         captions = [each.request.quantity for each in shots if each.request is not None]
         self.list.begin(captions, size)
@@ -209,19 +203,6 @@ class GalleryDialog(QDialog):
             picked=picked,
         )
         self._mark()
-
-    def _small_drawing(self) -> tuple[MeshRenderer, npt.NDArray[np.int64] | None]:
-        scene, coarse = self._scene.renderer, self._stand_in.coarse
-        if coarse is None:
-            drawing = self._scene.twin()
-        else:
-            mesh, picked = coarse
-            normals = None if scene.normals is None else scene.normals[picked]
-            drawing = MeshRenderer(scene.dark)
-            drawing.set_mesh(mesh, normals)
-            drawing.view = scene.view
-        drawing.annotated = False
-        return drawing, None if coarse is None else coarse[1]
 
     def _show_thumbnail(self, at: int, image: object) -> None:
         assert isinstance(image, QImage)
@@ -320,7 +301,7 @@ class GalleryDialog(QDialog):
         self._rest.stop()
         for painter in (self._thumbnails, self._sheet):
             painter.close()
-        self._stand_in.close()
+        self._small.close()
         super().done(result)
 
 
@@ -364,39 +345,6 @@ class _Thumbnails(QListWidget):
             self.itemActivated.emit(self.currentItem())
         else:
             super().keyPressEvent(event)
-
-
-class _StandIn(QObject):
-    """The coarse mesh that thumbnails of a large one are drawn of; made in a thread."""
-
-    ready = Signal()
-
-    def __init__(self, parent: QObject) -> None:
-        super().__init__(parent)
-        self._pool = QThreadPool(self)
-        self._asked = False
-        #: With the vertices of the mesh that it has; None for a mesh that is small itself.
-        self.coarse: tuple[Mesh, npt.NDArray[np.int64]] | None = None
-
-    def of(self, mesh: Mesh | None) -> bool:
-        """Whether it is there, or not needed; otherwise it will say so."""
-        if mesh is None or mesh.n_vertices <= _LARGE or self.coarse is not None:
-            return True
-        if not self._asked:
-            self._asked = True
-            self._pool.start(lambda: self._make(mesh))
-        return False
-
-    def _make(self, mesh: Mesh) -> None:
-        made = cluster_vertices(mesh.vertices, mesh.faces, _COARSE)
-        coarse = Mesh(mesh.vertices[made.representatives], made.faces, unit=mesh.unit)
-        geometry_of(coarse)
-        self.coarse = coarse, made.representatives
-        self.ready.emit()
-
-    def close(self) -> None:
-        """Wait until it is made."""
-        self._pool.waitForDone()
 
 
 def _image(_at: int, picture: RawPicture, _caption: Caption | None) -> QImage:

@@ -27,6 +27,7 @@ from meshmash_viewer.app.controls.layout import grid, row
 from meshmash_viewer.app.dialogs.saving import SaveDialog
 from meshmash_viewer.app.listening import follow, stop_listening
 from meshmash_viewer.app.series_painter import SeriesPainter
+from meshmash_viewer.app.small_mesh import SmallMesh
 from meshmash_viewer.app.view.annotations import Caption
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.mesh_view import MeshView
@@ -47,7 +48,7 @@ from meshmash_viewer.io.movie import (
 from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import Failure
-from meshmash_viewer.model.field import shown_family
+from meshmash_viewer.model.field import request_of, shown_family
 from meshmash_viewer.units import counted
 
 __all__ = ["MovieDialog"]
@@ -98,6 +99,8 @@ class MovieDialog(SaveDialog):
         self._painter.failed.connect(self._say_failed)
         self._measuring.drawn.connect(self._show_estimate)
         self._measuring.failed.connect(self._say_failed)
+        self._small = SmallMesh(self)
+        self._small.ready.connect(self._measure)
         self._rest = QTimer(self, singleShot=True, interval=_REST)
         self._rest.timeout.connect(self._measure)
         self._build(ending)
@@ -210,22 +213,22 @@ class MovieDialog(SaveDialog):
         families, rate = film(shown_family(display), spectrum, self.range.columns, rate, seconds)
         return families, len(families), rate
 
-    def _plan(self) -> tuple[list[Shot], float, MeshRenderer]:
-        """All frames, how many of them a second show, and the drawing that they are made of."""
+    def _shots(self, drawing: MeshRenderer, *, dressed: bool) -> tuple[list[Shot], float]:
+        """All frames, and how many of them a second show; the drawing gets its view.
+
+        `dressed` says that the drawing has its field already, if that stays.
+        """
         document, ready = self._document, self._document.ready
         assert ready is not None
         families, count, rate = self._frames()
-        drawing, seen = self._scene.twin(), self._scene.plotter.pixels()[:2]
+        seen = self._scene.plotter.pixels()[:2]
         drawing.view = series_view(drawing, self.frame_size, seen, turning=not families)
         if not families or document.spectrum is None:
-            return (
-                [Shot(view=each) for each in turntable(drawing, drawing.view, count)],
-                rate,
-                drawing,
-            )
+            request = None if dressed else request_of(document)
+            return [Shot(request, each) for each in turntable(drawing, drawing.view, count)], rate
         sample = ready.mesh.area_sample() if ready.sample is None else ready.sample
         chosen = document.display.fields
-        return shots_of(families, document.spectrum, ready.mesh, sample, chosen), rate, drawing
+        return shots_of(families, document.spectrum, ready.mesh, sample, chosen), rate
 
     # -- following ----------------------------------------------------------------------------
 
@@ -301,17 +304,18 @@ class MovieDialog(SaveDialog):
     # -- making -------------------------------------------------------------------------------
 
     def _measure(self) -> None:
-        """Draw some frames to tell the size of the film."""
-        if self._painter.busy:
+        """Draw some frames to tell the size of the film: of a small mesh, so that nobody waits."""
+        if self._painter.busy or not self._small.of(self._mesh):
             return
+        drawing, picked = self._small.drawing(self._scene)
         try:
-            shots, rate, drawing = self._plan()
+            shots, rate = self._shots(drawing, dressed=picked is None)
         except InputError:
             return
         look = look_of(self._document.display)
         first = shots[:_MEASURED]
         sink = _measured(self.ending, rate, len(first), len(shots))
-        self._measuring.start(drawing, self.frame_size, first, look, sink)
+        self._measuring.start(drawing, self.frame_size, first, look, sink, picked=picked)
 
     def _show_estimate(self, _at: int, about: object) -> None:
         if isinstance(about, int):
@@ -324,8 +328,9 @@ class MovieDialog(SaveDialog):
         if fault:
             self.remark_label.setText(fault)
             return
+        drawing = self._scene.twin()
         try:
-            shots, rate, drawing = self._plan()
+            shots, rate = self._shots(drawing, dressed=True)
         except InputError as error:
             self.remark_label.setText(str(error))
             return
@@ -380,6 +385,7 @@ class MovieDialog(SaveDialog):
         self._rest.stop()
         for painter in (self._painter, self._measuring):
             painter.close()
+        self._small.close()
         super().done(result)
 
 

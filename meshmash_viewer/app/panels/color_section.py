@@ -48,6 +48,7 @@ class ColorSection(QWidget):
         self._signed: bool | None = None
         self._limits: tuple[float, float] | None = None
         self._unit = ""
+        self._labelled = False
         self._build()
         follow(document.display.events, self.refresh)
         listen(document.spectrum_changed, self._forget)
@@ -132,6 +133,7 @@ class ColorSection(QWidget):
         """Show the limits in force for the field that has arrived; None while there is none."""
         self._signed = None if field is None else field.signed
         self._unit = "" if field is None else field.unit
+        self._labelled = field is not None and bool(field.labels)
         self._limits = None if field is None else limits
         later(self.refresh)
 
@@ -165,6 +167,10 @@ class ColorSection(QWidget):
             show_quietly(self.percent_high, policy.high)
         elif isinstance(policy, LockedLimits):
             limits = policy.low, policy.high
+        if self._labelled:  # which bring their colours, and have no limits
+            limits = None
+        for control in (self.map_combo, self.policy_combo, self.percentiles):
+            control.setEnabled(not self._labelled)
         for field, end in zip((self.low, self.high), limits or (None, None), strict=True):
             field.show_value(end, self._unit)
             field.setEnabled(end is not None)

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QCheckBox, QLabel
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import format_wavelength, show_quietly
 from meshmash_viewer.app.controls.segments import Segments
-from meshmash_viewer.app.listening import follow
+from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.app.panels.panel_head import PlotPanel
 from meshmash_viewer.app.plots.eigenvalue_view import EigenvalueView
 from meshmash_viewer.app.plots.plot import Plot
@@ -89,8 +89,14 @@ class SpectrumPanel(PlotPanel):
 
     def _follow_kind(self) -> None:
         display = self._document.display
-        counted = display.family.behind(display.fields).counted
-        self._show_view("responses" if counted else "eigenvalues")
+        shown = display.family
+        responds = shown.responds() or shown.behind(display.fields).responds()
+        self._show_view("responses" if responds else "eigenvalues")
+
+    def follow_field(self) -> None:
+        """Draw again what may have come with the field on the render."""
+        if self._shown == "responses":
+            later(self._refresh_current)
 
     def _show_view(self, key: str) -> None:
         self.view_choice.show_key(key)

@@ -85,7 +85,7 @@ class ResponseView:
 
     def labels(self) -> tuple[str, str]:
         """Names of the axes, with units."""
-        return named_quantity("λ", self._document.unit, -2), "Response"
+        return named_quantity("λ", self._document.unit, -2), self.family.response_label
 
     def legend(self) -> str:
         """What the marks mean, as rich text."""
@@ -133,7 +133,10 @@ class ResponseView:
         if spectrum is None:
             return
         response = self.family.response(spectrum, self._along(spectrum))
+        for item in (self.response, *self.series, self.handle):
+            item.setVisible(response is not None)
         if response is None:
+            self._said = "none of this field"
             return
         self._said = response.legend
         for offset, item in enumerate(self.series):
@@ -159,8 +162,10 @@ class ResponseView:
     def family(self) -> Family:
         """The family whose filters are drawn: features, where what is shown has none."""
         display = self._document.display
+        if display.family.responds():
+            return display.family
         shown = display.family.behind(display.fields)
-        if shown.counted:
+        if shown.responds():
             return shown
         even = next(name for name, family in FEATURES.items() if not family.logarithmic[2])
         return display.fields[even]

@@ -32,7 +32,7 @@ from vtkmodules.vtkRenderingCore import (
 )
 
 from meshmash_viewer.app.view.camera import Margins, View
-from meshmash_viewer.app.view.colors import NAN_COLOR, RenderTheme, color_table, rgb
+from meshmash_viewer.app.view.colors import NAN_COLOR, ColorMap, RenderTheme, color_table, rgb
 from meshmash_viewer.app.view.ticks import exponent_text, round_length, scale_bar_text, ticks
 
 __all__ = [
@@ -77,8 +77,8 @@ class Caption:
         Unit of the values on the colour bar.
     low, high : float
         Ends of the colour bar.
-    colormap : str
-        Name of one of matplotlib's colour maps.
+    colormap : ColorMap
+        Name of one of matplotlib's colour maps, or the colours of labels.
     missing : bool
         Whether some vertices have no value.
     """
@@ -88,7 +88,7 @@ class Caption:
     unit: str
     low: float
     high: float
-    colormap: str
+    colormap: ColorMap
     missing: bool = False
 
     @property
@@ -291,6 +291,8 @@ class Annotations:
         # below title and quantity, which may be as wide as the picture
         tall = min(300 * scale, 0.5 * page.height, page.height - 150 * scale)
         shown = caption is not None and tall >= 70 * scale and page.width >= 220 * scale
+        # labels have no order that a bar could show; their names are in the panel
+        shown = shown and caption is not None and isinstance(caption.colormap, str)
         bar.SetVisibility(shown)
         if caption is None or not shown:
             return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,10 @@ from matplotlib import colormaps
 
 from meshmash_viewer.errors import InputError
 
-__all__ = ["DARK", "LIGHT", "NAN_COLOR", "RenderTheme", "color_table", "rgb"]
+__all__ = ["DARK", "LIGHT", "NAN_COLOR", "ColorMap", "RenderTheme", "color_table", "rgb"]
+
+#: A name of one of matplotlib's colour maps, or the colours of labels 0, 1, 2 … as "#rrggbb".
+ColorMap: TypeAlias = str | tuple[str, ...]
 
 #: Where a field has no value: a grey that neither end nor middle of a colour map has.
 NAN_COLOR = "#8c8c8c"
@@ -63,14 +67,24 @@ def rgb(color: str) -> tuple[float, float, float]:
 
 
 @lru_cache(maxsize=32)
-def color_table(name: str, count: int = 256) -> npt.NDArray[np.uint8]:
-    """Colours of one of matplotlib's colour maps, shape (count, 4), RGBA.
+def color_table(name: ColorMap, count: int = 256) -> npt.NDArray[np.uint8]:
+    """Colours of one of matplotlib's colour maps, or of labels, shape (count, 4), RGBA.
+
+    Each of up to `count` labels has an equal part of the table.
 
     Raises
     ------
     InputError
         If there is no colour map of that name.
     """
+    if isinstance(name, tuple):
+        colors = np.array([[*rgb(each), 1.0] for each in name])
+        places = np.arange(count) * len(name) // count
+        # that of the middle of each part is the label's own, also where parts are hardly wider
+        places[((np.arange(len(name)) + 0.5) * count / len(name)).astype(int)] = range(len(name))
+        labelled = np.round(255.0 * colors[places]).astype(np.uint8)
+        labelled.setflags(write=False)
+        return labelled
     if name not in colormaps:
         raise InputError(
             f"{name!r} is not a colour map of matplotlib; RdBu_r, viridis and magma are some."

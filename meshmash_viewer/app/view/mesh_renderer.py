@@ -21,7 +21,7 @@ from vtkmodules.vtkRenderingCore import (
 
 from meshmash_viewer.app.view.annotations import Annotations, Caption, Page, Pin, margins
 from meshmash_viewer.app.view.camera import View, fitted_view
-from meshmash_viewer.app.view.colors import DARK, LIGHT, color_table, rgb
+from meshmash_viewer.app.view.colors import DARK, LIGHT, ColorMap, color_table, rgb
 from meshmash_viewer.app.view.geometry import geometry_of
 from meshmash_viewer.app.view.picking import Picker
 from meshmash_viewer.app.view.surface import LineSet, Surface
@@ -189,7 +189,7 @@ class MeshRenderer:
         self,
         values: npt.NDArray[np.floating] | None,
         limits: tuple[float, float],
-        colormap: str,
+        colormap: ColorMap,
         title: str = "",
         quantity: str = "",
         unit: str = "",
@@ -427,6 +427,7 @@ def _dress(surface: Surface, caption: Caption, before: Caption | None = None) ->
     """Give a surface the colours of a caption, as far as they are not those of the one before."""
     if before is None or caption.colormap != before.colormap:
         surface.set_colors(caption.table)
+        surface.show_labels(not isinstance(caption.colormap, str))
     if before is None or (caption.low, caption.high) != (before.low, before.high):
         surface.set_range(caption.low, caption.high)
     if before is None:

@@ -19,6 +19,7 @@ from meshmash_viewer.app import heap
 from meshmash_viewer.app.listening import frame_drawn
 from meshmash_viewer.app.view.annotations import BAR_SPACE, title_size
 from meshmash_viewer.app.view.camera import View
+from meshmash_viewer.app.view.colors import ColorMap
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture
 from meshmash_viewer.app.view.render_widget import RenderWidget, Ring
@@ -82,8 +83,8 @@ class MeshView(QWidget):
         self._quantity = self._awaited = ""
         self._line_values: npt.NDArray[np.floating] | None = None
         #: A field that waits for its nodal lines, and the one to come after it with their values.
-        self._held: tuple[Any, tuple[float, float], str] | None = None
-        self._next: tuple[Any, tuple[float, float], str] | None = None
+        self._held: tuple[Any, tuple[float, float], ColorMap] | None = None
+        self._next: tuple[Any, tuple[float, float], ColorMap] | None = None
         self._next_lines: npt.NDArray[np.floating] | None = None
         self._hovered = self._told = -1
         self._generation = 0
@@ -140,7 +141,10 @@ class MeshView(QWidget):
         self.plotter.render()
 
     def set_field(
-        self, field: Any | None, limits: tuple[float, float] = (-1.0, 1.0), colormap: str = "RdBu_r"
+        self,
+        field: Any | None,
+        limits: tuple[float, float] = (-1.0, 1.0),
+        colormap: ColorMap = "RdBu_r",
     ) -> None:
         """Colour the mesh by a field (`meshmash_viewer.model.field.Field`), or by none.
 
@@ -162,7 +166,9 @@ class MeshView(QWidget):
             held, self._held = self._held, None
             self._put_field(*held)
 
-    def _put_field(self, field: Any | None, limits: tuple[float, float], colormap: str) -> None:
+    def _put_field(
+        self, field: Any | None, limits: tuple[float, float], colormap: ColorMap
+    ) -> None:
         mesh = self.renderer.mesh
         if mesh is None:
             return
@@ -280,8 +286,8 @@ class MeshView(QWidget):
         -------
         pyvista.PolyData
             A new one. The field is its active scalars, under its title, NaN where there is no
-            value; ``user_dict`` has its ``"quantity"``, ``"unit"``, ``"colormap"`` and
-            ``"limits"``.
+            value; ``user_dict`` has its ``"quantity"``, ``"unit"``, ``"colormap"`` (of labels the
+            colours) and ``"limits"``.
 
         Raises
         ------
@@ -295,10 +301,11 @@ class MeshView(QWidget):
         if caption is not None and drawn is not None:
             surface.point_data[caption.title] = drawn.shown_values()
             surface.set_active_scalars(caption.title)
+            named = caption.colormap
             surface.user_dict = {
                 "quantity": self._quantity,
                 "unit": caption.unit,
-                "colormap": caption.colormap,
+                "colormap": named if isinstance(named, str) else list(named),
                 "limits": [caption.low, caption.high],
             }
         return surface

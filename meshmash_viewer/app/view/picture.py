@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
+from meshmash_viewer.app.view.colors import ColorMap
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer, read_pixels
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, SymmetricLimits
@@ -38,7 +39,7 @@ def render_picture(
     path: str | Path,
     *,
     size: tuple[int, int] = (1600, 1200),
-    colormap: str = "RdBu_r",
+    colormap: ColorMap = "RdBu_r",
     limits: tuple[float, float] | None = None,
     title: str = "",
     quantity: str = "",

@@ -38,17 +38,21 @@ _MISSING = np.float32(-3e38)
 _FIELD_IN = """//VTK::Normal::Dec
 in float fieldMC;
 out float fieldVC;
+flat out float labelVC;
 """
 _FIELD_THROUGH = """//VTK::Normal::Impl
   fieldVC = fieldMC;
+  labelVC = fieldMC;
 """
 _FIELD_OUT = """//VTK::Color::Dec
 in float fieldVC;
+flat in float labelVC;
 """
-#: Values are interpolated and then coloured: large faces show the right colours inside.
+#: Values are interpolated and then coloured: large faces show the right colours inside. Labels are
+#: not: between the third and the ninth there are no others, so a face has that of one corner.
 _FIELD_COLOR = f"""//VTK::Color::Impl
   if (fieldShown > 0) {{
-    float along = (fieldVC - fieldLow) * fieldScale;
+    float along = ((fieldLabels > 0 ? labelVC : fieldVC) - fieldLow) * fieldScale;
     // In a face with one such corner, too: at its far edge, rounding may turn the sign.
     bool missing = !(abs(along) < 1e20);
     int place = missing ? 0 : int(clamp(along, 0.0, {_COLORS - 1}.0));
@@ -120,6 +124,7 @@ class Surface:
         self.set_range(0.0, 1.0)
         self.set_scale(1.0)
         self.show_field(False)
+        self.show_labels(False)
 
     def write(self, values: npt.NDArray[np.floating], *, complete: bool = False) -> bool:
         """Show values of shape (n,), NaN where there is none; returns whether there are such.
@@ -163,6 +168,10 @@ class Surface:
     def set_scale(self, scale: float) -> None:
         """Set how many pixels make a point, which the rim is drawn in."""
         self._uniforms.SetUniformf("pixelsToPoint", scale)
+
+    def show_labels(self, shown: bool) -> None:
+        """Give each face the colour of one corner, for values between which there are none."""
+        self._uniforms.SetUniformi("fieldLabels", int(shown))
 
     def show_field(self, shown: bool) -> None:
         """Colour by the field, or in one colour."""

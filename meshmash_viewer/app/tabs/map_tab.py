@@ -1,0 +1,246 @@
+"""Controls of the maps: which one, and how much of it the lowest eigenpairs hold."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from PySide6.QtCore import QSignalBlocker, Qt
+from PySide6.QtGui import QColor, QIcon, QPixmap
+from PySide6.QtWidgets import (
+    QFileDialog,
+    QLabel,
+    QListWidget,
+    QListWidgetItem,
+    QPushButton,
+    QWidget,
+)
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
+from meshmash_viewer.app.controls.layout import column, row
+from meshmash_viewer.app.controls.segments import Segments
+from meshmash_viewer.app.dialogs.map_files import ask_for_maps
+from meshmash_viewer.app.listening import later
+from meshmash_viewer.app.tabs.field_stepper import FieldStepper
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.map_spectrum import MapSpectrum
+from meshmash_viewer.fields.maps import CURVATURES, VIEWS, OwnMaps
+from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.io.write import SPECTRUM_WRITERS, write_map_spectrum
+from meshmash_viewer.model.document import Notice, Severity
+from meshmash_viewer.model.field import Field
+from meshmash_viewer.units import counted, format_number
+from meshmash_viewer.vertex_map import Label, VertexMap
+
+__all__ = ["MapTab"]
+
+_FACTS = {"map_range_label": "Range", "map_mean_label": "Mean", "map_count_label": "Vertices"}
+_SHARES = {
+    "map_residual_label": "Residual",
+    "map_share_label": "Energy in them",
+    "map_varying_label": "Without its mean",
+}
+#: Lines of the list of maps that are in view, and of the labels.
+_LINES, _LABEL_LINES = 6, 8
+
+
+class MapTab(FieldStepper):
+    """Choose a map, see what it is like, and rebuild it from its lowest pairs."""
+
+    family = OwnMaps
+    icon = '<path d="M3 6l6-2 6 2 6-2v14l-6 2-6-2-6 2z"/><path d="M9 4v14M15 6v14"/>'
+
+    def _build(self) -> None:
+        self.list = _list("map_list", "Maps of this mesh")
+        self.list.currentItemChanged.connect(self._choose_map)
+        self.add_button = theme.named(
+            QPushButton("Add map…"), "map_add_button", "Add maps from files"
+        )
+        self.add_button.clicked.connect(self._add)
+        self.remove_button = theme.named(
+            QPushButton("Remove"), "map_remove_button", "Take the map away from the mesh"
+        )
+        self.remove_button.clicked.connect(self._remove)
+        self.facts = Facts(_FACTS)
+        self.views = Segments("map_view", "What is shown of the map", VIEWS)
+        self.views.chosen.connect(lambda key: self._change(view=key))
+        self.shares = Facts(_SHARES)
+        self.hint = note("map_hint")
+        self.labels = _list("map_label_list", "Labels and their colours")
+        self.labels.setSelectionMode(QListWidget.SelectionMode.NoSelection)
+        self._shown_labels: tuple[Label, ...] | None = None
+        self._listed: tuple[str, ...] | None = None
+        slider = self._make_slider("map_pairs_slider", "Number of the lowest eigenpairs")
+        pairs = self._make_index_row("map_pairs", "Number of the lowest eigenpairs")
+        self.save_button = theme.named(
+            QPushButton("Save coefficients…"),
+            "map_save_button",
+            "Save the coefficients of the map",
+            tip="Eigenvalue, coefficient and share of the energy of each pair, as a table",
+        )
+        self.save_button.clicked.connect(self._save)
+        self._sum, self._on_pairs = QWidget(), QWidget()
+        self._sum.setLayout(column(slider, pairs, self.shares, row(self.save_button, None)))
+        heading = theme.with_role(QLabel("On the eigenpairs"), "heading")
+        self._on_pairs.setLayout(column(heading, self.views, self._sum))
+        self._fill(
+            "map_label",
+            "Map",
+            self.list,
+            row(self.add_button, self.remove_button, None),
+            self.facts,
+            self._on_pairs,
+            self.hint,
+            self.labels,
+        )
+
+    # -- from the person --------------------------------------------------------------------
+
+    def _choose(self, value: int) -> None:
+        self._change(pairs=value, view="pairs")
+
+    def _choose_map(self, item: QListWidgetItem | None) -> None:
+        if item is not None:
+            self._change(chosen=item.data(Qt.ItemDataRole.UserRole))
+
+    def _add(self) -> None:
+        path = self._document.path
+        self._document.open_maps(ask_for_maps(self, path.parent if path else Path()))
+
+    def _save(self) -> None:
+        """Write the coefficients; a few hundred rows take no time."""
+        document, spectrum = self._document, self._document.known
+        chosen, mesh = document.display[OwnMaps], document.mesh
+        found = None if spectrum is None else chosen.map_spectrum(spectrum)
+        if spectrum is None or found is None or mesh is None:
+            return
+        name = chosen.resolved(spectrum, {}).chosen
+        folder = document.path.parent if document.path else Path()
+        path, _ = QFileDialog.getSaveFileName(
+            self,
+            "Save coefficients",
+            str(folder / f"{mesh.name or 'mesh'}_{name}_coefficients.csv"),
+            f"Tables ({' '.join(f'*{ending}' for ending in SPECTRUM_WRITERS)})",
+        )
+        if not path:
+            return
+        try:
+            write_map_spectrum(path, found, mesh, name)
+        except InputError as fault:
+            document.notify(Notice(f"The coefficients were not saved: {fault}", Severity.ERROR))
+        else:
+            text = f"Coefficients of {name} on {counted(len(found), 'pair')} written to {path}."
+            document.notify(Notice(text))
+
+    def _remove(self) -> None:
+        self._document.remove_map(self._document.display[OwnMaps].chosen)
+
+    # -- from the model ---------------------------------------------------------------------
+
+    def show_field(self, field: Field | None) -> None:
+        """A curvature, and the spectrum of a map, are known once its field has come."""
+        if field is not None and self._document.display.kind == self.family.name:
+            later(self.refresh)
+
+    def refresh(self) -> None:
+        """Show what the model holds."""
+        spectrum = self._document.known
+        if spectrum is None:
+            return
+        resolved = self._document.display[OwnMaps].resolved(spectrum, {})
+        self._refresh_list(resolved.chosen)
+        self.remove_button.setEnabled(resolved.shown is not None)
+        self.title.setText(resolved.chosen)
+        shown = resolved.vertex_map(spectrum)
+        told = {} if shown is None else _told(shown)
+        for name in _FACTS:
+            self.facts.show_value(name, told.get(name, ""))
+        self._refresh_pairs(spectrum, resolved)
+        self._refresh_labels(resolved.labels(spectrum, self._document.unit))
+
+    def _refresh_list(self, chosen: str) -> None:
+        mesh = self._document.mesh
+        names = tuple(each.name for each in mesh.maps) if mesh is not None else ()
+        with QSignalBlocker(self.list):
+            if names != self._listed:
+                self._listed = names
+                self.list.clear()
+                for name in (*names, *CURVATURES):
+                    item = QListWidgetItem(name, self.list)
+                    item.setData(Qt.ItemDataRole.UserRole, name)
+                    path = mesh.map_named(name).path if mesh is not None and name in names else ""
+                    item.setToolTip(path or ("With the mesh" if name in names else "Of the mesh"))
+            every = [*names, *CURVATURES]
+            _show_lines(self.list, _LINES)
+            self.list.setCurrentRow(every.index(chosen))
+
+    def _refresh_pairs(self, spectrum: Spectrum, resolved: OwnMaps) -> None:
+        labelled = resolved.shown is not None and bool(resolved.shown.labels)
+        usable, last = bool(len(spectrum)) and not labelled, max(len(spectrum), 1)
+        count = self._document.display[OwnMaps].within(spectrum).pairs
+        for control in (self.slider, self.spin):
+            with QSignalBlocker(control):
+                control.setRange(1, last)
+            show_quietly(control, count)
+        self._on_pairs.setVisible(usable)
+        self._sum.setVisible(resolved.view != "band")
+        self.spin.setSuffix(f" of {last:,} pairs")
+        self.views.show_key(resolved.view)
+        known = resolved.map_spectrum(spectrum) if usable else None
+        self.save_button.setEnabled(known is not None)
+        told = {} if known is None else _shares(known, count)
+        for name in _SHARES:
+            self.shares.show_value(name, told.get(name, ""))
+        hint = ""
+        if labelled:
+            hint = "Labels are names, not numbers: they have no spectrum."
+        elif not usable:
+            hint = "Compute eigenpairs to see what scales the map is made of."
+        elif spectrum.preview:
+            hint = "From approximate eigenpairs: the numbers change as the exact ones come."
+        show_note(self.hint, hint)
+
+    def _refresh_labels(self, labels: tuple[Label, ...]) -> None:
+        self.labels.setVisible(bool(labels))
+        if labels != self._shown_labels:
+            self._shown_labels = labels
+            self.labels.clear()
+            for label in labels:
+                swatch = QPixmap(12, 12)
+                swatch.fill(QColor(label.color))
+                QListWidgetItem(QIcon(swatch), label.name or str(label.key), self.labels)
+            _show_lines(self.labels, _LABEL_LINES)
+
+
+def _list(name: str, accessible: str) -> QListWidget:
+    made = theme.named(QListWidget(), name, accessible, role="choices")
+    made.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+    made.setFrameShape(QListWidget.Shape.NoFrame)
+    return made
+
+
+def _show_lines(shown: QListWidget, most: int) -> None:
+    """As tall as its lines, or as some of them."""
+    line = max(shown.sizeHintForRow(0), 1)
+    shown.setFixedHeight(line * min(max(shown.count(), 1), most) + 6)
+
+
+def _told(shown: VertexMap) -> dict[str, str]:
+    of = "" if shown.n_values == shown.n_vertices else f" of {shown.n_vertices:,}"
+    count = {"map_count_label": f"{shown.n_values:,}{of}"}
+    if shown.labels:
+        return count | {"map_range_label": counted(len(shown.labels), "label")}
+    low, high = (format_number(end) for end in shown.range)
+    mean = format_number(shown.mean)
+    return count | {
+        "map_range_label": f"{low} to {high} {shown.unit}".rstrip(),
+        "map_mean_label": f"{mean} {shown.unit}".rstrip(),
+    }
+
+
+def _shares(known: MapSpectrum, count: int) -> dict[str, str]:
+    return {
+        "map_residual_label": f"{known.residual(count):.4g}",
+        "map_share_label": f"{100.0 * known.share(count):.4g} %",
+        "map_varying_label": f"{100.0 * known.varying_share(count):.4g} %",
+    }

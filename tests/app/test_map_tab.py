@@ -1,0 +1,293 @@
+"""Maps in the window: dropped, listed, rebuilt from pairs, in the colours of their labels."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapes
+from nibabel.freesurfer import write_annot, write_morph_data
+from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
+from PySide6.QtGui import QDropEvent
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QFileDialog, QLabel, QListWidget, QPushButton, QSpinBox, QWidget
+
+import meshmash_viewer as mv
+from meshmash_viewer.app.controls.step_slider import StepSlider
+from meshmash_viewer.app.listening import catch_up
+from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.run import application
+from meshmash_viewer.fields.maps import CURVATURES, OwnMaps
+from meshmash_viewer.model.document import Severity
+from meshmash_viewer.spectral.weyl import Target
+
+LEFT = Qt.MouseButton.LeftButton
+MESH = shapes.icosphere(3, radius=50.0)
+DEPTH = np.sin(0.07 * MESH.vertices[:, 0]) + 0.01 * MESH.vertices[:, 1]
+#: Which side of the ball a vertex is on, as pure colours.
+SIDES = np.abs(MESH.vertices).argmax(axis=1)
+COLORS = np.array([[255, 0, 0, 0], [0, 255, 0, 0], [0, 0, 255, 0]])
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60.0
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        QTest.qWait(10)
+    catch_up()
+
+
+def drop(window: MainWindow, *paths: Path) -> None:
+    data = QMimeData()
+    data.setUrls([QUrl.fromLocalFile(str(path)) for path in paths])
+    place = QPointF(window.stage.mapTo(window, window.stage.rect().center()))
+    copy, none = Qt.DropAction.CopyAction, Qt.KeyboardModifier.NoModifier
+    window.dropEvent(QDropEvent(place, copy, data, LEFT, none))
+    rest(window)
+
+
+def rest(window: MainWindow) -> None:
+    wait_for(lambda: window.document.job is None and window.map_loader.idle)
+    wait_for(lambda: window.field_source.idle and not window.field_source.field.draft)
+
+
+def part(window: MainWindow, kind: type, name: str) -> QWidget:
+    (found,) = window.findChildren(kind, name)
+    return found
+
+
+def library(window: MainWindow) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvectors as columns, and the areas that they are orthonormal with."""
+    spectrum = window.document.spectrum
+    mass = mv.compute_vertex_areas(window.document.mesh, robust=True)
+    return np.array(spectrum.rows[: len(spectrum)]).T, mass
+
+
+def names(window: MainWindow) -> list[str]:
+    listed = part(window, QListWidget, "map_list")
+    return [listed.item(row).text() for row in range(listed.count())]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A mesh file with a map, and files of maps."""
+    folder = tmp_path_factory.mktemp("maps")
+    np.savez(folder / "ball.npz", vertices=MESH.vertices, faces=MESH.faces, depth=DEPTH)
+    write_morph_data(folder / "lh.thickness", np.linspace(1.0, 4.0, MESH.n_vertices))
+    write_annot(folder / "lh.sides.annot", SIDES, COLORS, ["x", "y", "z"], fill_ctab=True)
+    np.save(folder / "short.npy", np.ones(5))
+    np.savez(folder / "more.npz", more=DEPTH**2)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def one_window(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[MainWindow]:
+    application()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        window = MainWindow(fresh=True)
+        window.show()
+        window.activateWindow()
+        wait_for(window.isActiveWindow)
+        document = window.document
+        document.display.kind = "map"
+        window.open_mesh(folder / "ball.npz")
+        wait_for(lambda: document.mesh is not None)
+        rest(window)
+        assert document.spectrum is None
+        assert document.display[OwnMaps] == OwnMaps(), "controls that are built choose nothing"
+        np.testing.assert_array_equal(window.field_source.field.values, DEPTH.astype(np.float32))
+        document.target = Target("count", 40)
+        QTest.mouseClick(window.mesh_panel.compute_button, LEFT)
+        wait_for(lambda: bool(document.spectrum and document.spectrum.complete))
+        rest(window)
+        yield window
+        window.close()
+        window.deleteLater()
+
+
+@pytest.fixture
+def window(one_window: MainWindow) -> MainWindow:
+    """With the map of its file, and no other."""
+    document = one_window.document
+    for each in document.mesh.maps[1:]:
+        document.remove_map(each.name)
+    document.display.show(OwnMaps(chosen="depth"))
+    rest(one_window)
+    one_window.stage.message_bar.dismiss()
+    return one_window
+
+
+def test_files_are_dropped_on_the_mesh(window: MainWindow, folder: Path) -> None:
+    assert names(window) == ["depth", *CURVATURES]
+    spectrum, camera = window.document.spectrum, window.scene.camera()
+    drop(window, folder / "lh.thickness", folder / "more.npz")
+    assert names(window) == ["depth", "lh.thickness", "more", *CURVATURES]
+    np.testing.assert_allclose(window.field_source.field.values, DEPTH**2, rtol=1e-6)
+    assert window.field_source.field.title == "more"
+    assert window.document.spectrum.rows is spectrum.rows
+    assert window.scene.camera() == camera
+    listed = part(window, QListWidget, "map_list")
+    QTest.mouseClick(listed.viewport(), LEFT, pos=listed.visualItemRect(listed.item(1)).center())
+    rest(window)
+    assert window.field_source.field.title == "lh.thickness"
+    assert part(window, QLabel, "map_range_label").text() == "1 to 4"
+    assert part(window, QLabel, "map_mean_label").text() == "2.5"
+    QTest.mouseClick(part(window, QPushButton, "map_remove_button"), LEFT)
+    rest(window)
+    assert names(window) == ["depth", "more", *CURVATURES]
+
+
+def test_what_is_no_map_costs_a_sentence(window: MainWindow, folder: Path) -> None:
+    before = window.document.mesh
+    drop(window, folder / "short.npy")
+    notice = window.stage.message_bar.notice
+    assert notice is not None
+    assert notice.severity is not Severity.INFORMATION
+    assert "has 5 values and the mesh 642 vertices" in notice.text
+    assert str(folder / "short.npy") in notice.text
+    assert window.document.mesh is before
+    # of two files the good one is taken
+    drop(window, folder / "short.npy", folder / "more.npz")
+    assert names(window)[:2] == ["depth", "more"]
+
+
+def test_the_slider_rebuilds_the_map(window: MainWindow) -> None:
+    """The field and the numbers beside it are the library's."""
+    eigenvectors, mass = library(window)
+    coefficients = mv.spectral_coefficients(eigenvectors, mass, DEPTH)
+    QTest.mouseClick(part(window, QPushButton, "map_view_pairs"), LEFT)
+    slider = part(window, StepSlider, "map_pairs_slider")
+    slider.setFocus()
+    QTest.keyClick(slider, Qt.Key.Key_Home)
+    counts = []
+    for key in (Qt.Key.Key_Right, Qt.Key.Key_PageDown, Qt.Key.Key_Left, Qt.Key.Key_End):
+        QTest.keyClick(slider, key)
+        rest(window)
+        counts.append(slider.value())
+        wanted = mv.reconstruct(eigenvectors, coefficients[: counts[-1]])
+        field = window.field_source.field
+        assert np.abs(field.values - wanted).max() < 1e-6 * np.abs(DEPTH).max()
+        left = float(part(window, QLabel, "map_residual_label").text())
+        rest_of_it, whole = (np.sum(mass * each**2) for each in (DEPTH - wanted, DEPTH))
+        assert left == pytest.approx(np.sqrt(rest_of_it / whole), rel=1e-3, abs=1e-6)
+        share = float(part(window, QLabel, "map_share_label").text().removesuffix(" %"))
+        assert share == pytest.approx(100.0 - 100.0 * rest_of_it / whole, rel=1e-3)
+    assert counts[0] == 2
+    assert counts[1] > counts[2] > 2
+    assert counts[3] == 40
+    spin = part(window, QSpinBox, "map_pairs_spin")
+    assert (spin.value(), spin.minimum(), spin.maximum()) == (40, 1, 40)
+
+
+def test_the_spectrum_of_the_map_is_on_its_panel(window: MainWindow) -> None:
+    panel = window.spectrum_panel
+    wait_for(lambda: len(panel.view.response.getData()[0]) == 3 * 40)
+    heights = panel.view.response.getData()[1].reshape(-1, 3)[:, 1]
+    squares = mv.spectral_coefficients(*library(window), DEPTH) ** 2
+    assert heights.argmax() == squares.argmax()
+    window.document.display.change(OwnMaps, chosen="Mean curvature")
+    rest(window)
+    wait_for(lambda: "Mean curvature" in panel.legend.text())
+    np.testing.assert_allclose(window.field_source.field.values, 0.02, rtol=1e-2)
+
+
+def test_coefficients_are_saved_from_the_tab(
+    window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "depth.npz"
+    answers = [(str(path), ""), ("", ""), (str(tmp_path / "no" / "such.csv"), "")]
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: answers.pop(0))
+    save = part(window, QPushButton, "map_save_button")
+    wait_for(save.isEnabled)
+    QTest.mouseClick(save, LEFT)
+    with np.load(path) as content:
+        wanted = mv.spectral_coefficients(*library(window), DEPTH)
+        np.testing.assert_allclose(content["coefficient"], wanted, atol=1e-9)
+    assert str(path) in window.stage.message_bar.notice.text
+    for _ in range(2):
+        QTest.mouseClick(save, LEFT)
+    assert "were not saved" in window.stage.message_bar.notice.text
+
+
+def test_labels_have_their_colors_on_the_render(window: MainWindow, folder: Path) -> None:
+    drop(window, folder / "lh.sides.annot")
+    listed = part(window, QListWidget, "map_label_list")
+    assert [listed.item(row).text() for row in range(listed.count())] == ["x", "y", "z"]
+    assert not window.findChild(QWidget, "colormap_combo").isEnabled()
+    wait_for(lambda: window.scene.at_rest)
+    picture = window.scene.picture()
+    ratio = window.scene.devicePixelRatioF()
+    eye = np.array(window.scene.renderer.view.axes[2])
+    towards = MESH.vertices @ eye / 50.0
+    # away from the rim, and from the borders between the sides
+    second = np.sort(np.abs(MESH.vertices), axis=1)[:, 1]
+    inside = np.flatnonzero((towards > 0.6) & (np.abs(MESH.vertices).max(axis=1) - second > 12.0))
+    seen = set()
+    for vertex in inside:
+        place = window.scene.display_point(int(vertex))
+        pixel = picture[round(place.y() * ratio), round(place.x() * ratio), :3].astype(int)
+        side = int(pixel.argmax())
+        assert side == SIDES[vertex]
+        assert pixel[side] > 3 * max(pixel[(side + 1) % 3], pixel[(side + 2) % 3])
+        seen.add(side)
+    assert len(seen) >= 2
+    window.scene.vertex_hovered.emit(int(inside[0]))
+    assert "xyz"[SIDES[inside[0]]] in window.hover_label.text().split("  ·  ")
+    document = window.document
+    document.display.change(OwnMaps, chosen="depth", view="band")
+    rest(window)
+    assert listed.count() == len(window.field_source.field.labels) > 3
+
+
+def test_a_mesh_comes_with_its_maps(open_window: Callable[..., MainWindow], folder: Path) -> None:
+    """Dropped together; and once a map without a mesh is said to be one."""
+    window = open_window()
+    drop_alone = folder / "lh.thickness"
+    window.commands.open_path(drop_alone)
+    assert "open the mesh first" in window.stage.message_bar.notice.text
+    drop_all = [folder / "more.npz", folder / "ball.npz", drop_alone]
+    window.commands.open_paths(drop_all)
+    wait_for(lambda: window.document.mesh is not None)
+    rest(window)
+    assert [each.name for each in window.document.mesh.maps] == ["depth", "more", "lh.thickness"]
+    window.document.repair("keep_largest_component")
+    rest(window)
+    window.document.remove_map("more")
+    window.document.undo_repair()
+    rest(window)
+    assert "lh.thickness" in names(window)
+
+
+def test_a_session_keeps_the_maps_and_the_choice(
+    open_window: Callable[..., MainWindow], folder: Path, tmp_path: Path
+) -> None:
+    """A map whose file has gone costs a sentence; the session opens all the same."""
+    for name in ("ball.npz", "lh.thickness", "more.npz"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    first = open_window()
+    drop(first, *(tmp_path / name for name in ("ball.npz", "lh.thickness", "more.npz")))
+    wait_for(lambda: first.document.mesh is not None and first.map_loader.idle)
+    first.document.display.show(OwnMaps(chosen="lh.thickness", pairs=9))
+    session = tmp_path / "look.meshmash.json"
+    first.commands.store_session(session)
+    assert '"lh.thickness"' in session.read_text()
+    assert str(tmp_path) not in session.read_text(), "they can be moved together"
+
+    second = open_window()
+    drop(second, session)
+    wait_for(lambda: second.document.mesh is not None and len(second.document.mesh.maps) == 3)
+    rest(second)
+    assert second.document.display[OwnMaps] == OwnMaps(chosen="lh.thickness", pairs=9)
+    assert second.field_source.field.title == "lh.thickness"
+
+    (tmp_path / "lh.thickness").unlink()
+    third = open_window()
+    drop(third, session)
+    wait_for(lambda: third.document.mesh is not None and len(third.document.mesh.maps) == 2)
+    rest(third)
+    assert "lh.thickness does not exist" in third.stage.message_bar.notice.text
+    assert third.field_source.field.title == "depth"
