@@ -169,6 +169,25 @@ def command_parser() -> argparse.ArgumentParser:
     )
     _add_json(compare)
 
+    from meshmash_viewer.io.writers import MESH_WRITERS
+
+    rebuilt = commands.add_parser(
+        "reconstruct", help="rebuild a mesh from its lowest eigenfunctions: a smoothed shape"
+    )
+    rebuilt.add_argument("mesh", type=Path)
+    _add_mesh(rebuilt)
+    _add_target(rebuilt)
+    _add_solver(rebuilt)
+    rebuilt.add_argument(
+        "-o",
+        "--output",
+        required=True,
+        type=Path,
+        metavar="OUT",
+        help=f"the mesh to write: {' '.join(MESH_WRITERS)}",
+    )
+    _add_json(rebuilt)
+
     render = commands.add_parser("render", help="draw a picture of a mesh")
     render.add_argument("mesh", type=Path)
     render.add_argument(

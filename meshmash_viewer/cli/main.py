@@ -67,6 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "info": _info,
         "features": _features,
         "compare": _compare,
+        "reconstruct": _reconstruct,
         "render": _render,
         "gallery": _gallery,
         "movie": _movie,
@@ -248,6 +249,22 @@ def _compare(options: argparse.Namespace) -> int:
         report = write_comparison((first, second), family, solver, options.output)
     _tell(options, 0, report, described_comparison(report))
     return 0
+
+
+def _reconstruct(options: argparse.Namespace) -> int:
+    from meshmash_viewer.cli.reconstruction import described_reconstruction, write_reconstruction
+    from meshmash_viewer.io.write import check_output
+
+    target, operator = chosen_target(options), chosen_operator(options)
+    check_output(options.output, "mesh")
+
+    def work(index: int, mesh: Mesh) -> None:
+        with _solver(options, target, operator, mesh) as solver:
+            report = write_reconstruction(mesh, options.output, solver, tuple(options.repair))
+        _tell(options, index, report, described_reconstruction(report))
+
+    options.mesh = [options.mesh]
+    return _for_each(options, work)
 
 
 def _render(options: argparse.Namespace) -> int:

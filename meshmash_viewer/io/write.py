@@ -1,8 +1,9 @@
-"""Features, eigenpairs and pictures to files, each with how it was made.
+"""Features, eigenpairs, meshes and pictures to files, each with how it was made.
 
 Every file is written beside its place and renamed, so a failure leaves an older one whole. NPZ,
-Parquet, VTP, PLY, GIFTI and PNG carry their provenance inside; NPY and CSV have a ``.json`` beside
-them, "features.npy.json" for "features.npy", which names the table's SHA-256 (``table_sha256``).
+Parquet, VTP, PLY, OBJ, GIFTI and PNG carry their provenance inside; NPY, CSV, STL and GLB have a
+``.json`` beside them, "features.npy.json" for "features.npy", which names the file's SHA-256
+(``table_sha256``).
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from meshmash_viewer.io.movie import MOVIE_ENDINGS
 from meshmash_viewer.io.provenance import provenance
 from meshmash_viewer.io.writers import (
     EIGENPAIR_WRITERS,
+    MESH_WRITERS,
     SPECTRUM_WRITERS,
     WITHOUT_PROVENANCE,
     WRITERS,
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "EIGENPAIR_WRITERS",
+    "MESH_WRITERS",
     "SCENE_ENDINGS",
     "SPECTRUM_WRITERS",
     "WRITERS",
@@ -47,6 +50,7 @@ __all__ = [
     "write_eigenpairs",
     "write_features",
     "write_map_spectrum",
+    "write_mesh",
     "write_picture",
 ]
 
@@ -169,6 +173,31 @@ def write_map_spectrum(
         writer(part, columns, made)
 
 
+def write_mesh(path: str | Path, mesh: Mesh, meta: dict[str, Any] | None = None) -> None:
+    """Write a mesh without fields.
+
+    STL and GLB hold float32, and STL repeats the vertices of each face.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file with one of the endings of `MESH_WRITERS`.
+    mesh : Mesh
+    meta : dict, optional
+        JSON-able options that led to it, or what `provenance` made of them.
+
+    Raises
+    ------
+    InputError
+        If the ending is unknown or the system refuses.
+    """
+    path = Path(path)
+    writer = _writer(MESH_WRITERS, path, "meshes")
+    made = json.dumps(_made(mesh, {"kind": "mesh"}, meta))
+    with writing_errors(path), _with_note(path, made) as part:
+        writer(part, mesh, made)
+
+
 def write_picture(
     path: str | Path, pixels: npt.NDArray[np.uint8], meta: dict[str, Any] | None = None
 ) -> None:
@@ -216,7 +245,7 @@ def check_output(path: str | Path, kind: str = "features") -> None:
     Parameters
     ----------
     path : str or Path
-    kind : "features", "eigenpairs", "picture", "movie" or "scene"
+    kind : "features", "eigenpairs", "mesh", "picture", "movie" or "scene"
 
     Raises
     ------
@@ -227,11 +256,13 @@ def check_output(path: str | Path, kind: str = "features") -> None:
     tables: dict[str, dict[str, Any]] = {
         "features": WRITERS,
         "eigenpairs": EIGENPAIR_WRITERS,
+        "mesh": MESH_WRITERS,
         "picture": {".png": write_picture},
         "movie": dict.fromkeys(MOVIE_ENDINGS),
         "scene": dict.fromkeys(SCENE_ENDINGS),
     }
-    _writer(tables[kind], path, kind if kind.endswith("s") else f"{kind}s")
+    plural = {"mesh": "meshes"}.get(kind, kind if kind.endswith("s") else f"{kind}s")
+    _writer(tables[kind], path, plural)
     with writing_errors(path):
         if not os.access(path.parent, os.W_OK):
             raise PermissionError(13, "Permission denied")

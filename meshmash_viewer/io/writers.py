@@ -1,4 +1,4 @@
-"""Features and eigenpairs in a file, one function a format, each with its provenance as text."""
+"""Features, eigenpairs and meshes in files: one function a format, each with its provenance."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "EIGENPAIR_WRITERS",
+    "MESH_WRITERS",
     "SPECTRUM_WRITERS",
     "WITHOUT_PROVENANCE",
     "WRITERS",
@@ -50,6 +51,7 @@ class FeatureTable:
 
 FeatureWriter: TypeAlias = Callable[[Path, FeatureTable], None]
 SpectrumWriter: TypeAlias = Callable[[Path, dict[str, npt.NDArray[Any]], str], None]
+MeshWriter: TypeAlias = Callable[[Path, "Mesh", str], None]
 EigenpairWriter: TypeAlias = Callable[[Path, "Decomposition", "Mesh", str], None]
 
 
@@ -180,6 +182,37 @@ def _spectrum_parquet(path: Path, columns: dict[str, npt.NDArray[Any]], meta: st
     pyarrow.parquet.write_table(content, str(path))
 
 
+# Meshes -----------------------------------------------------------------------------------------
+
+
+def _mesh_npz(path: Path, mesh: Mesh, meta: str) -> None:
+    with path.open("wb") as file:
+        np.savez(file, vertices=mesh.vertices, faces=mesh.faces, meta=np.array(meta))
+
+
+def _mesh_vtp(path: Path, mesh: Mesh, meta: str) -> None:
+    _write_vtp(path, mesh, (), {}, meta)
+
+
+def _mesh_ply(path: Path, mesh: Mesh, meta: str) -> None:
+    none = np.empty((mesh.n_vertices, 0))
+    _features_ply(path, FeatureTable(none, (), mesh, np.empty(0), meta))
+
+
+def _mesh_obj(path: Path, mesh: Mesh, meta: str) -> None:
+    with path.open("w", encoding="ascii", newline="\n") as file:
+        file.write(f"# meshmash-viewer {meta}\n")
+        np.savetxt(file, mesh.vertices, "v %.17g %.17g %.17g")
+        np.savetxt(file, mesh.faces + 1, "f %d %d %d")
+
+
+def _mesh_by_trimesh(path: Path, mesh: Mesh, meta: str) -> None:
+    import trimesh
+
+    plain = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    plain.export(path, file_type=path.suffix[1:].lower())
+
+
 # Eigenpairs -------------------------------------------------------------------------------------
 
 
@@ -248,6 +281,16 @@ WRITERS: dict[str, FeatureWriter] = {
 #: The same for eigenpairs.
 EIGENPAIR_WRITERS: dict[str, EigenpairWriter] = {".npz": _eigenpairs_npz, ".vtp": _eigenpairs_vtp}
 
+#: The same for meshes alone.
+MESH_WRITERS: dict[str, MeshWriter] = {
+    ".ply": _mesh_ply,
+    ".obj": _mesh_obj,
+    ".stl": _mesh_by_trimesh,
+    ".glb": _mesh_by_trimesh,
+    ".vtp": _mesh_vtp,
+    ".npz": _mesh_npz,
+}
+
 #: The same for what a map is on eigenpairs.
 SPECTRUM_WRITERS: dict[str, SpectrumWriter] = {
     ".csv": _spectrum_csv,
@@ -256,4 +299,4 @@ SPECTRUM_WRITERS: dict[str, SpectrumWriter] = {
 }
 
 #: Formats without room for provenance.
-WITHOUT_PROVENANCE = (".npy", ".csv")
+WITHOUT_PROVENANCE = (".npy", ".csv", ".stl", ".glb")
