@@ -149,6 +149,12 @@ class Filters(Family):
         """The same with some parameters chosen."""
         return replace(self, values=tuple({**dict(self.values), **values}.items()))
 
+    def with_text(self, text: str) -> Self:
+        """Another formula, with the values chosen before if it has the same parameters."""
+        same = Formula(text).powers == self.formula.powers
+        values = self.values if same else ()
+        return replace(self, text=text, values=values, automatic=True, low=None, high=None)
+
     def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
         names = self.formula.parameters
         low, high = self.range(spectrum)

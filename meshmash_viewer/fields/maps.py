@@ -29,6 +29,7 @@ from meshmash_viewer.fields.family import (
     parameter,
     whole,
 )
+from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.spectrum import Spectrum, grew, same_pairs
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback
@@ -58,7 +59,7 @@ CURVATURES: dict[str, tuple[Callable[[Mesh], FloatArray], int, str]] = {
     "Gaussian curvature": (_gaussian, -2, "gaussian_curvature"),
 }
 #: What is shown of a map.
-VIEWS = {"map": "Map", "pairs": "From pairs", "band": "Dominant band"}
+VIEWS = {"map": "Map", "pairs": "From pairs", "filter": "Filtered", "band": "Band"}
 #: Decades of the spectrum that are drawn.
 _DECADES = 6.0
 #: Spectra by map, with the pairs that they are on, as long as the map is there: made in the thread
@@ -75,19 +76,21 @@ class OwnMaps(Family):
     chosen : str
         Name of the map; one that is not there is the first.
     view : str
-        A key of `VIEWS`: the map, its sum over the lowest pairs, or the band that is strongest at
-        each vertex.
+        A key of `VIEWS`: the map, its sum over the lowest pairs, the map passed through the filter
+        of `Filters`, or the band that is strongest at each vertex.
     pairs : int
         Number of the lowest pairs.
     shown : VertexMap or None
         The map once resolved; None for a curvature, which is computed when it is asked for.
+    filter : Filters or None
+        What it is passed through, once resolved.
     """
 
     name: ClassVar[str] = "map"
     label: ClassVar[str] = "Own maps"
     short: ClassVar[str] = "Own maps"
     tip: ClassVar[str] = "Values per vertex from a file, and the curvature of the mesh"
-    position: ClassVar[tuple[str, ...]] = ("pairs", "view")
+    position: ClassVar[tuple[str, ...]] = ("pairs", "view", "filter")
     response_label: ClassVar[str] = "|ΦᵀMf|², 6 decades"
     tailed: ClassVar[bool] = True
     interval: ClassVar[int] = 250
@@ -96,6 +99,7 @@ class OwnMaps(Family):
     view: str = parameter("map", type="choice", values=tuple(VIEWS))
     pairs: int = whole(30, 1, 2**31 - 1)
     shown: VertexMap | None = None
+    filter: Filters | None = None
 
     # -- choices ------------------------------------------------------------------------------
 
@@ -117,7 +121,9 @@ class OwnMaps(Family):
         # the numbers of labels have no spectrum, nor has a map without pairs
         view = self.view if len(spectrum) and not (shown and shown.labels) else "map"
         pairs = self.within(spectrum).pairs if view == "pairs" else 1
-        return replace(self, chosen=name, view=view, pairs=pairs, shown=shown)
+        passed = chosen.get(Filters.name) if view == "filter" else None
+        through = passed.resolved(spectrum, chosen) if isinstance(passed, Filters) else None
+        return replace(self, chosen=name, view=view, pairs=pairs, shown=shown, filter=through)
 
     def within(self, spectrum: Spectrum) -> Self:
         return replace(self, pairs=min(max(self.pairs, 1), max(len(spectrum), 1)))
@@ -144,6 +150,8 @@ class OwnMaps(Family):
         if self.view == "pairs":
             left = "" if known is None else f", residual {100.0 * known.residual(self.pairs):.3g} %"
             return f"from its lowest {self.pairs:,} pairs{left}"
+        if self.filter is not None:
+            return f"through {self.filter.quantity(spectrum, unit)}"
         if self.view == "band":
             return f"in octaves of λ, {len(self.labels(spectrum, unit))} of them"
         shown = self.vertex_map(spectrum)
@@ -183,6 +191,9 @@ class OwnMaps(Family):
         if self.view == "band":
             assert content.bands is not None
             return Answer(content.bands, not ready)
+        if self.filter is not None:
+            weights = self.filter.weights(spectrum)[: len(content.spectrum)]
+            return Answer(content.filtered(weights, spectrum.rows), not ready)
         return Answer(
             content.up_to(min(self.pairs, len(content.spectrum)), spectrum.rows), not ready
         )
@@ -257,8 +268,9 @@ class OwnMaps(Family):
         lines[:, 1] = np.clip(heights, 0.0, 1.0)
         count = self.within(spectrum).pairs
         legend = f"{html.escape(self.resolved(spectrum, {}).chosen)} on each pair"
+        held = None if self.view == "filter" else float(known.eigenvalues[count - 1])
         curve = np.repeat(known.eigenvalues, 3), lines.ravel()
-        return Response(curve, float(known.eigenvalues[count - 1]), legend)
+        return Response(curve, held, legend)
 
     def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
         """As many pairs as reach up to there."""
@@ -294,6 +306,13 @@ class OwnMaps(Family):
         lines.append("spectrum = mv.map_spectrum(decomposition, values)")
         if self.view == "band":
             return [*lines, "values = mv.dominant_bands(spectrum, decomposition.rows)"]
+        if self.filter is not None:
+            return [
+                *lines,
+                f"filtered = {replace(self.filter, count=1).bank_script()}(spectrum.eigenvalues)[0]"
+                " * spectrum.coefficients",
+                "values = mv.reconstruct(decomposition.eigenvectors, filtered)",
+            ]
         return [
             *lines,
             f"print(spectrum.share({self.pairs}), spectrum.residual({self.pairs}))",
@@ -319,6 +338,12 @@ class _Sums:
         summed = total + change if count >= known else total - change
         self._last = count, summed
         return summed.astype(np.float32)
+
+    def filtered(self, weights: FloatArray, rows: Any) -> ColumnArray:
+        """Sum over all pairs with weights of shape (k,); none is read beyond the last weight."""
+        last = int(np.max(np.flatnonzero(weights), initial=-1)) + 1
+        weighted = weights[:last] * self.spectrum.coefficients[:last]
+        return np.asarray(partial_sum(rows, weighted, 0, last), dtype=np.float32)
 
 
 def _band_labels(eigenvalues: FloatArray, unit: str) -> tuple[Label, ...]:

@@ -17,7 +17,7 @@ from closed_form import part
 from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
 from PySide6.QtGui import QDropEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QDialog, QListWidget
+from PySide6.QtWidgets import QApplication, QDialog, QListWidget
 
 import meshmash_viewer as mv
 from meshmash_viewer.app.main_window import MainWindow
@@ -271,3 +271,35 @@ def test_a_map_is_smoothed_by_its_lowest_pairs(window: MainWindow, pairs: Decomp
     write(window, "map_pairs_spin", 10)
     coefficients = mv.spectral_coefficients(pairs.eigenvectors, pairs.mass, DEPTH)[:10]
     assert_same(shown(window), mv.reconstruct(pairs.eigenvectors, coefficients))
+
+
+def test_a_map_is_passed_through_a_filter(window: MainWindow, pairs: Decomposition) -> None:
+    """Smoothed by heat flow, by a low-pass, and by a formula of one's own."""
+    choose(part(window, "field_list"), "Own maps")
+    choose(part(window, "map_list"), "depth")
+    QTest.mouseClick(part(window, "map_view_filter"), LEFT)
+    cutoff, times = between(pairs, 25), (2e5, 3e6)
+    combo = part(window, "map_filter_combo")
+    combo.setFocus()
+    QTest.keyClicks(combo, "Low-pass")
+    write(window, "map_filter_parameter_0_field", repr(cutoff))
+    assert_same(shown(window), mv.filter_map(pairs, DEPTH, mv.low_pass_bank(cutoff)))
+    combo.setFocus()
+    QTest.qWait(QApplication.keyboardInputInterval() + 100)  # a search by keys begins anew
+    QTest.keyClicks(combo, "Gaussian")
+    for time_ in times:
+        write(window, "map_filter_parameter_0_field", repr(time_))
+        wanted = mv.filter_map(pairs, DEPTH, lambda x, t=time_: np.exp(-t * x))
+        assert_same(shown(window), wanted)
+        by_hand = pairs.eigenvectors.T @ (pairs.mass * DEPTH) * np.exp(-time_ * pairs.eigenvalues)
+        assert_same(wanted, pairs.eigenvectors @ by_hand)
+    assert "exp(-s*x), s = 3e+06" in window.field_source.field.quantity
+    choose_filter(window, "x/c * (x < c)", c=cutoff)
+    choose(part(window, "field_list"), "Own maps")
+    assert part(window, "map_filter_combo").currentText() == "x/c * (x < c)"
+    wanted = mv.filter_map(pairs, DEPTH, lambda x: x / cutoff * (x < cutoff))
+    assert_same(shown(window), wanted)
+    script: list[str] = window.field_source.field.family.script(window.document.spectrum)
+    told = {"mv": mv, "np": np, "mesh": window.document.mesh, "decomposition": pairs}
+    exec("\n".join(script), told)
+    assert_same(told["values"], wanted)

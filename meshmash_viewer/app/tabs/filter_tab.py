@@ -4,28 +4,24 @@ from __future__ import annotations
 
 import math
 
-from PySide6.QtCore import QSignalBlocker, Signal
-from PySide6.QtWidgets import QComboBox, QLabel, QLineEdit, QWidget
+from PySide6.QtCore import QSignalBlocker
+from PySide6.QtWidgets import QComboBox, QLabel, QLineEdit
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import (
-    format_wavelength,
-    note,
     reserved_note,
-    show_note,
     show_quietly,
 )
-from meshmash_viewer.app.controls.layout import column, row
-from meshmash_viewer.app.controls.number_field import NumberField
-from meshmash_viewer.app.controls.step_slider import StepSlider
+from meshmash_viewer.app.controls.layout import row
 from meshmash_viewer.app.tabs.field_stepper import FieldStepper
+from meshmash_viewer.app.tabs.filter_parameters import FilterParameters, refusal
 from meshmash_viewer.app.tabs.play_button import PlayButton
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.formula import MOST_CHARACTERS, MOST_NAMES, Formula
+from meshmash_viewer.features.formula import MOST_CHARACTERS, Formula
 from meshmash_viewer.fields.bank_columns import MOST_COLUMNS
 from meshmash_viewer.fields.filters import READY, Filters
 from meshmash_viewer.fields.spectrum import Spectrum
-from meshmash_viewer.units import format_quantity, power_unit
+from meshmash_viewer.units import power_unit
 
 __all__ = ["FilterTab"]
 
@@ -34,67 +30,6 @@ _POSITIONS = 1000
 #: What the list calls a filter that is none of the ready ones.
 _OWN = "Formula"
 _HINT = "x is λ; other names become sliders. Arithmetic, comparisons, exp, log, sqrt, where, …"
-
-
-class ParameterRow(QWidget):
-    """A parameter as a slider in log scale and as a number, with the length that it means.
-
-    Signals
-    -------
-    chosen(str, float)
-        Its name, and what a person gave.
-    """
-
-    chosen = Signal(str, float)
-
-    def __init__(self, place: int) -> None:
-        super().__init__()
-        name = f"filter_parameter_{place}"
-        self._name, self._span = "", (1.0, 1.0)
-        self.label = theme.named(QLabel(), f"{name}_label", "Parameter")
-        self.slider = theme.named(StepSlider(), f"{name}_slider", "Parameter, in log scale")
-        self.slider.setRange(0, _POSITIONS)
-        self.slider.setSingleStep(10)
-        self.slider.setPageStep(100)
-        self.slider.valueChanged.connect(self._slide)
-        self.field = NumberField(f"{name}_field", "Parameter")
-        self.field.edited.connect(lambda value: self.chosen.emit(self._name, value))
-        self.unit = theme.with_role(QLabel(), "muted")
-        self.length = theme.with_role(QLabel(), "muted")
-        self.fault = note(f"{name}_fault", "warning")
-        self.field.refused.connect(lambda sentence: show_note(self.fault, sentence))
-        above = row(self.label, self.length, None, self.field, self.unit, spacing=6)
-        self.setLayout(column(above, self.slider, self.fault, spacing=2))
-
-    def show_parameter(
-        self, name: str, value: float, span: tuple[float, float], power: int, unit: str
-    ) -> None:
-        """Show a parameter that is a power of length."""
-        self._name, self._span = name, span
-        low, high = span
-        self.label.setText(name)
-        for control in (self.slider, self.field):
-            control.setAccessibleName(f"Parameter {name}")
-        share = math.log(value / low) / math.log(high / low) if value > 0.0 else 0.0
-        show_quietly(self.slider, round(min(max(share, 0.0), 1.0) * _POSITIONS))
-        written = power_unit(unit, power) if power else ""
-        self.unit.setText(written)
-        self.unit.setVisible(bool(written))
-        self.field.show_value(value, written)
-        self.length.setText(_length(value, power, unit))
-
-    def _slide(self, position: int) -> None:
-        low, high = self._span
-        self.chosen.emit(self._name, low * math.exp(position / _POSITIONS * math.log(high / low)))
-
-
-def _length(value: float, power: int, unit: str) -> str:
-    """The length that a value means, where it is a power of one."""
-    if power == -2:
-        return f"waves of {format_wavelength(value, unit)}"
-    if power in (2, 4, -1, -4):
-        return f"length {format_quantity(value ** (1.0 / power), unit)}"
-    return ""
 
 
 class FilterTab(FieldStepper):
@@ -114,16 +49,15 @@ class FilterTab(FieldStepper):
         self.edit.textEdited.connect(self._check)
         self.edit.editingFinished.connect(self._take_formula)
         self.fault = reserved_note("filter_fault", 2, "muted", "What is wrong with the formula")
-        self.rows = [ParameterRow(place) for place in range(MOST_NAMES)]
-        for each in self.rows:
-            each.chosen.connect(self._set_value)
+        self.parameters = FilterParameters(self._document)
+        self.parameters.tried.connect(self._say)
         self._fill(
             "filter_label",
             "Filter",
             self.combo,
             self.edit,
             self.fault,
-            *self.rows,
+            self.parameters,
             row(PlayButton(self._document, "filter_play_button"), None),
             theme.with_role(QLabel("Exported columns"), "heading"),
             self._make_count_row(
@@ -151,15 +85,7 @@ class FilterTab(FieldStepper):
             self._set_formula(text)
 
     def _set_formula(self, text: str) -> None:
-        kept = {name: value for name, value in self._chosen.values if name in Formula(text).powers}
-        same = Formula(text).powers == self._chosen.formula.powers
-        self._change(
-            text=text,
-            values=tuple(kept.items()) if same else (),
-            automatic=True,
-            low=None,
-            high=None,
-        )
+        self._document.display.put(self._chosen.with_text(text))
 
     def _take_formula(self) -> None:
         text = self.edit.text().strip()
@@ -169,15 +95,6 @@ class FilterTab(FieldStepper):
     def _check(self, text: str) -> None:
         """Say what is wrong as one types."""
         self._say(self._complaint(text))
-
-    def _set_value(self, name: str, value: float) -> None:
-        moved = self._chosen.with_values(**{name: value})
-        complaint = self._tried(moved)
-        self._say(complaint)
-        if complaint:
-            self.refresh()
-        else:
-            self._document.display.put(moved)
 
     # -- from the model ---------------------------------------------------------------------
 
@@ -191,16 +108,7 @@ class FilterTab(FieldStepper):
             Formula(text)
         except InputError as fault:
             return str(fault)
-        return self._tried(Filters(text))
-
-    def _tried(self, family: Filters) -> str:
-        spectrum = self._document.scaled_spectrum
-        try:
-            if spectrum is not None:
-                family.weights(spectrum)
-        except InputError as fault:
-            return str(fault)
-        return ""
+        return refusal(Filters(text), self._document.scaled_spectrum)
 
     def _say(self, complaint: str) -> None:
         theme.change_role(self.fault, "warning" if complaint else "muted")
@@ -217,23 +125,11 @@ class FilterTab(FieldStepper):
             self.edit.setText(chosen.text)
             self._say("")
         show_quietly(self.count_spin, chosen.count)
-        self._show_parameters(chosen, spectrum)
+        self.parameters.refresh()
+        self._show_range(chosen, spectrum)
 
-    def _show_parameters(self, chosen: Filters, spectrum: Spectrum | None) -> None:
+    def _show_range(self, chosen: Filters, spectrum: Spectrum | None) -> None:
         unit, powers = self._document.unit, chosen.formula.powers
-        for each in self.rows[len(powers) :]:
-            each.hide()
-        for each, (name, power) in zip(self.rows, powers.items(), strict=False):
-            each.setVisible(spectrum is not None)
-            if spectrum is not None:
-                span = chosen.range(spectrum) if name == chosen.first else None
-                each.show_parameter(
-                    name,
-                    chosen.value(name, spectrum),
-                    span or chosen.span(name, spectrum),
-                    power,
-                    unit,
-                )
         power = powers.get(chosen.first, 0)
         between = None if spectrum is None or not chosen.first else chosen.range(spectrum)
         self.range_box.show_range(

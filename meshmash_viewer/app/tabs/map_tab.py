@@ -7,6 +7,7 @@ from pathlib import Path
 from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtGui import QColor, QIcon, QPixmap
 from PySide6.QtWidgets import (
+    QComboBox,
     QFileDialog,
     QLabel,
     QListWidget,
@@ -22,8 +23,10 @@ from meshmash_viewer.app.controls.segments import Segments
 from meshmash_viewer.app.dialogs.map_files import ask_for_maps
 from meshmash_viewer.app.listening import later
 from meshmash_viewer.app.tabs.field_stepper import FieldStepper
+from meshmash_viewer.app.tabs.filter_parameters import FilterParameters
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.map_spectrum import MapSpectrum
+from meshmash_viewer.fields.filters import READY, Filters
 from meshmash_viewer.fields.maps import CURVATURES, VIEWS, OwnMaps
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.io.write import SPECTRUM_WRITERS, write_map_spectrum
@@ -81,8 +84,20 @@ class MapTab(FieldStepper):
         self.save_button.clicked.connect(self._save)
         self._sum, self._on_pairs = QWidget(), QWidget()
         self._sum.setLayout(column(slider, pairs, self.shares, row(self.save_button, None)))
+        self.filter_combo = theme.named(
+            QComboBox(),
+            "map_filter_combo",
+            "Filter that the map is passed through",
+            tip="Φ h(Λ) Φᵀ M f. A formula of one's own is written on the Filter tab",
+        )
+        self.filter_combo.activated.connect(self._choose_filter)
+        self.filter_fault = note("map_filter_fault", "warning")
+        self.parameters = FilterParameters(self._document, "map_")
+        self.parameters.tried.connect(lambda said: show_note(self.filter_fault, said))
+        self._filter = QWidget()
+        self._filter.setLayout(column(self.filter_combo, self.parameters, self.filter_fault))
         heading = theme.with_role(QLabel("On the eigenpairs"), "heading")
-        self._on_pairs.setLayout(column(heading, self.views, self._sum))
+        self._on_pairs.setLayout(column(heading, self.views, self._sum, self._filter))
         self._fill(
             "map_label",
             "Map",
@@ -102,6 +117,13 @@ class MapTab(FieldStepper):
     def _choose_map(self, item: QListWidgetItem | None) -> None:
         if item is not None:
             self._change(chosen=item.data(Qt.ItemDataRole.UserRole))
+
+    def _choose_filter(self, row: int) -> None:
+        self._document.display.put(self._document.display[Filters].with_text(self._formulas()[row]))
+
+    def _formulas(self) -> list[str]:
+        """Those that are ready, and one's own if it is none of them."""
+        return list(dict.fromkeys([*READY.values(), self._document.display[Filters].text]))
 
     def _add(self) -> None:
         path = self._document.path
@@ -183,7 +205,9 @@ class MapTab(FieldStepper):
                 control.setRange(1, last)
             show_quietly(control, count)
         self._on_pairs.setVisible(usable)
-        self._sum.setVisible(resolved.view != "band")
+        self._sum.setVisible(resolved.view in ("map", "pairs"))
+        self._filter.setVisible(resolved.view == "filter")
+        self._refresh_filter()
         self.spin.setSuffix(f" of {last:,} pairs")
         self.views.show_key(resolved.view)
         known = resolved.map_spectrum(spectrum) if usable else None
@@ -199,6 +223,16 @@ class MapTab(FieldStepper):
         elif spectrum.preview:
             hint = "From approximate eigenpairs: the numbers change as the exact ones come."
         show_note(self.hint, hint)
+
+    def _refresh_filter(self) -> None:
+        texts = self._formulas()
+        names = {text: name for name, text in READY.items()}
+        listed = [names.get(text, text) for text in texts]
+        if listed != [self.filter_combo.itemText(at) for at in range(self.filter_combo.count())]:
+            self.filter_combo.clear()
+            self.filter_combo.addItems(listed)
+        self.filter_combo.setCurrentIndex(texts.index(self._document.display[Filters].text))
+        self.parameters.refresh()
 
     def _refresh_labels(self, labels: tuple[Label, ...]) -> None:
         self.labels.setVisible(bool(labels))

@@ -1,0 +1,142 @@
+"""Sliders and numbers of a filter's parameters, in the tabs that use it."""
+
+from __future__ import annotations
+
+import math
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QLabel, QWidget
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.facts import format_wavelength, note, show_note, show_quietly
+from meshmash_viewer.app.controls.layout import column, row
+from meshmash_viewer.app.controls.number_field import NumberField
+from meshmash_viewer.app.controls.step_slider import StepSlider
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.formula import MOST_NAMES
+from meshmash_viewer.fields.filters import Filters
+from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.units import format_quantity, power_unit
+
+__all__ = ["FilterParameters", "refusal"]
+
+#: Positions of a slider: finer than a pixel.
+_POSITIONS = 1000
+
+
+class FilterParameters(QWidget):
+    """A row for each parameter of the document's filter; those of its controls begin with a prefix.
+
+    Signals
+    -------
+    tried(str)
+        A person gave a value; what is wrong with it, or nothing.
+    """
+
+    tried = Signal(str)
+
+    def __init__(self, document: Document, prefix: str = "") -> None:
+        super().__init__()
+        self._document = document
+        self.rows = [ParameterRow(f"{prefix}filter_parameter_{at}") for at in range(MOST_NAMES)]
+        for each in self.rows:
+            each.chosen.connect(self._set_value)
+        self.setLayout(column(*self.rows))
+
+    def refresh(self) -> None:
+        """Show what the model holds."""
+        chosen, spectrum = self._document.display[Filters], self._document.scaled_spectrum
+        unit, powers = self._document.unit, chosen.formula.powers
+        for each in self.rows[len(powers) :]:
+            each.hide()
+        for each, (name, power) in zip(self.rows, powers.items(), strict=False):
+            each.setVisible(spectrum is not None)
+            if spectrum is not None:
+                span = chosen.range(spectrum) if name == chosen.first else None
+                each.show_parameter(
+                    name,
+                    chosen.value(name, spectrum),
+                    span or chosen.span(name, spectrum),
+                    power,
+                    unit,
+                )
+
+    def _set_value(self, name: str, value: float) -> None:
+        moved = self._document.display[Filters].with_values(**{name: value})
+        complaint = refusal(moved, self._document.scaled_spectrum)
+        self.tried.emit(complaint)
+        if complaint:
+            self.refresh()
+        else:
+            self._document.display.put(moved)
+
+
+def refusal(chosen: Filters, spectrum: Spectrum | None) -> str:
+    """What is wrong with a filter on these eigenpairs; empty if nothing is."""
+    try:
+        if spectrum is not None:
+            chosen.weights(spectrum)
+    except InputError as fault:
+        return str(fault)
+    return ""
+
+
+class ParameterRow(QWidget):
+    """A parameter as a slider in log scale and as a number, with the length that it means.
+
+    Signals
+    -------
+    chosen(str, float)
+        Its name, and what a person gave.
+    """
+
+    chosen = Signal(str, float)
+
+    def __init__(self, name: str) -> None:
+        super().__init__()
+        self._name, self._span = "", (1.0, 1.0)
+        self.label = theme.named(QLabel(), f"{name}_label", "Parameter")
+        self.slider = theme.named(StepSlider(), f"{name}_slider", "Parameter, in log scale")
+        self.slider.setRange(0, _POSITIONS)
+        self.slider.setSingleStep(10)
+        self.slider.setPageStep(100)
+        self.slider.valueChanged.connect(self._slide)
+        self.field = NumberField(f"{name}_field", "Parameter")
+        self.field.edited.connect(lambda value: self.chosen.emit(self._name, value))
+        self.unit = theme.with_role(QLabel(), "muted")
+        self.length = theme.with_role(QLabel(), "muted")
+        self.fault = note(f"{name}_fault", "warning")
+        self.field.refused.connect(lambda sentence: show_note(self.fault, sentence))
+        above = row(self.label, self.length, None, self.field, self.unit, spacing=6)
+        self.setLayout(column(above, self.slider, self.fault, spacing=2))
+
+    def show_parameter(
+        self, name: str, value: float, span: tuple[float, float], power: int, unit: str
+    ) -> None:
+        """Show a parameter that is a power of length."""
+        self._name, self._span = name, span
+        low, high = span
+        self.label.setText(name)
+        for control in (self.slider, self.field):
+            control.setAccessibleName(f"Parameter {name}")
+        share = math.log(value / low) / math.log(high / low) if value > 0.0 else 0.0
+        show_quietly(self.slider, round(min(max(share, 0.0), 1.0) * _POSITIONS))
+        written = power_unit(unit, power) if power else ""
+        self.unit.setText(written)
+        self.unit.setVisible(bool(written))
+        self.field.show_value(value, written)
+        self.length.setText(_length(value, power, unit))
+
+    def _slide(self, position: int) -> None:
+        low, high = self._span
+        self.chosen.emit(self._name, low * math.exp(position / _POSITIONS * math.log(high / low)))
+
+
+def _length(value: float, power: int, unit: str) -> str:
+    """The length that a value means, where it is a power of one."""
+    if power == -2:
+        return f"waves of {format_wavelength(value, unit)}"
+    if power in (2, 4, -1, -4):
+        return f"length {format_quantity(value ** (1.0 / power), unit)}"
+    return ""
