@@ -21,6 +21,7 @@ __all__ = [
     "MapSpectrum",
     "band_edges",
     "dominant_bands",
+    "inner_products",
     "map_spectrum",
     "partial_sum",
     "project",
@@ -141,26 +142,46 @@ def project(
     if not known[used].all():
         f[used & ~known] = np.average(f[known], weights=mass[known]) if known.any() else 0.0
     weighted = np.where(used, mass, 0.0) * f
-    coefficients = np.zeros(len(eigenvalues))
-    for first in range(0, len(coefficients), _ROWS):
-        pairs = slice(first, min(first + _ROWS, len(coefficients)))
-        for start in range(0, len(f), _VERTICES):
-            if cancel is not None and cancel():
-                raise Cancelled
-            part = slice(start, start + _VERTICES)
-            block = rows[pairs, part]
-            if not used[part].all():
-                block = np.where(used[part], block, 0.0)  # NaN where no face is
-            coefficients[pairs] += block @ weighted[part]
+    coefficients = inner_products(rows, weighted, used, 0, len(eigenvalues), cancel)
     return MapSpectrum(np.asarray(eigenvalues), coefficients, float(weighted @ f))
 
 
+def inner_products(
+    rows: Any,
+    weighted: FloatArray,
+    used: npt.NDArray[np.bool_],
+    first: int,
+    last: int,
+    cancel: CancelCallback | None = None,
+) -> FloatArray:
+    """Products of the eigenvectors from one on up to another with weighted values.
+
+    These have shape (n,) or (m, n), and 0 where a vertex is not `used`; the products have shape
+    (last - first,) or (m, last - first).
+    """
+    products = np.zeros((*weighted.shape[:-1], last - first))
+    for low in range(first, last, _ROWS):
+        high = min(low + _ROWS, last)
+        for start in range(0, len(used), _VERTICES):
+            if cancel is not None and cancel():
+                raise Cancelled
+            part = slice(start, start + _VERTICES)
+            block = rows[low:high, part]
+            if not used[part].all():
+                block = np.where(used[part], block, 0.0)  # NaN where no face is
+            products[..., low - first : high - first] += weighted[..., part] @ block.T
+    return products
+
+
 def partial_sum(rows: Any, coefficients: FloatArray, first: int, last: int) -> FloatArray:
-    """Sum ``c_i φ_i`` over the pairs from one on up to another, shape (n,); NaN off the surface."""
-    total = np.zeros(rows.shape[1])
-    for start in range(0, len(total), _VERTICES):
+    """Sum ``c_i φ_i`` over the pairs from one on up to another; NaN off the surface.
+
+    Coefficients of shape (k,) or (m, k) give a sum of shape (n,) or (m, n).
+    """
+    total = np.zeros((*coefficients.shape[:-1], rows.shape[1]))
+    for start in range(0, rows.shape[1], _VERTICES):
         part = slice(start, start + _VERTICES)
-        total[part] = coefficients[first:last] @ rows[first:last, part]
+        total[..., part] = coefficients[..., first:last] @ rows[first:last, part]
     return total
 
 

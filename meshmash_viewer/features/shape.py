@@ -15,6 +15,7 @@ from scipy import sparse
 from scipy.spatial import KDTree
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.reconstruction import Reconstruction
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.laplacian import SparseMatrix, compute_vertex_areas, cotangent_laplacian
 from meshmash_viewer.mesh import MeshLike, as_mesh
@@ -190,21 +191,10 @@ def low_pass_vertices(mesh: MeshLike, decomposition: Decomposition, n: int) -> F
             f"{n} eigenpairs were asked for: give 1 to {decomposition.n_components}, or compute "
             "more."
         )
-    used = decomposition.mass > 0.0
-    labels, mass = mesh.component_labels[used], decomposition.mass[used]
-    total = np.bincount(labels, weights=mass)
-    moments = [np.bincount(labels, weights=mass * mesh.vertices[used, axis]) for axis in range(3)]
-    centres = np.stack(moments, axis=1) / total[:, np.newaxis]
-    # The null space carries the centres exactly. Taking them off first gives the same sum, with
-    # no digits lost to an origin far away.
-    offsets = np.zeros_like(mesh.vertices)
-    offsets[used] = mesh.vertices[used] - centres[labels]
-    eigenvectors = decomposition.eigenvectors[:, :n]
-    coefficients = spectral_coefficients(eigenvectors, decomposition.mass, offsets)
-    smooth = reconstruct(eigenvectors, coefficients)
-    result: FloatArray = mesh.vertices.copy()
-    result[used] = smooth[used] + centres[labels]
-    return result
+    sums = Reconstruction(mesh, decomposition.rows, decomposition.mass)
+    for _ in sums.move_to(n):
+        pass
+    return sums.vertices
 
 
 def spectral_distance(
