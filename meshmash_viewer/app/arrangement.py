@@ -9,7 +9,7 @@ from meshmash_viewer.app.controls.dock import Dock
 
 __all__ = ["Arrangement"]
 
-_VERSION = 1
+_VERSION = 2
 #: What the four tabs of the Field panel need, in logical pixels.
 _FIELD_WIDTH = 316
 #: Least width of a plot beside the other, before the two share one place: less than the render's.
@@ -20,7 +20,7 @@ _BOTTOM = Qt.DockWidgetArea.BottomDockWidgetArea
 
 
 class Arrangement:
-    """The docks: Mesh at the left, Field at the right, Spectrum and Profiles below.
+    """The docks: Mesh and Shape at the left, Field at the right, Spectrum and Profiles below.
 
     Parameters
     ----------
@@ -31,13 +31,15 @@ class Arrangement:
         self._window = window
         self._narrow = False
         window.setDockNestingEnabled(True)
-        window.setTabPosition(_BOTTOM, QTabWidget.TabPosition.North)
         areas = Qt.DockWidgetArea
+        for area in (_BOTTOM, areas.LeftDockWidgetArea):
+            window.setTabPosition(area, QTabWidget.TabPosition.North)
         window.setCorner(Qt.Corner.BottomLeftCorner, areas.LeftDockWidgetArea)
         window.setCorner(Qt.Corner.BottomRightCorner, areas.RightDockWidgetArea)
         self.docks: dict[str, Dock] = {}
         for name, title, area in (
             ("mesh", "Mesh", areas.LeftDockWidgetArea),
+            ("shape", "Shape", areas.LeftDockWidgetArea),
             ("field", "Field", areas.RightDockWidgetArea),
             ("spectrum", "Spectrum", _BOTTOM),
             ("profile", "Profiles", _BOTTOM),
@@ -47,6 +49,8 @@ class Arrangement:
         window.splitDockWidget(
             self.docks["spectrum"], self.docks["profile"], Qt.Orientation.Horizontal
         )
+        window.tabifyDockWidget(self.docks["mesh"], self.docks["shape"])
+        self.docks["mesh"].raise_()
         self._first = window.saveState(_VERSION)
 
     def put(self, name: str, panel: QWidget) -> None:
@@ -54,7 +58,7 @@ class Arrangement:
         panel.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         if name == "field":
             panel.setMinimumWidth(_FIELD_WIDTH)
-        elif name != "mesh":
+        elif name not in ("mesh", "shape"):
             panel.setMinimumWidth(_PLOT_WIDTH)
         placeholder = self.docks[name].widget()
         self.docks[name].setWidget(panel)
@@ -73,6 +77,7 @@ class Arrangement:
 
     def fit(self) -> None:
         """Put the plots side by side, or one behind the other where there is no room."""
+        self._name_tabs()
         window, narrow = self._window, self._window.width() < _NARROW
         spectrum, profile = self.docks["spectrum"], self.docks["profile"]
         if narrow == self._narrow or any(
@@ -84,9 +89,7 @@ class Arrangement:
         if narrow:
             window.tabifyDockWidget(spectrum, profile)
             spectrum.raise_()
-            direct = Qt.FindChildOption.FindDirectChildrenOnly
-            for bar in window.findChildren(QTabBar, options=direct):
-                bar.setElideMode(Qt.TextElideMode.ElideNone)
+            self._name_tabs()
         else:
             # a tab cannot be split off: it has to leave and come back
             window.removeDockWidget(profile)
@@ -94,6 +97,11 @@ class Arrangement:
             window.splitDockWidget(spectrum, profile, Qt.Orientation.Horizontal)
             profile.show()
             window.resizeDocks([spectrum, profile], [400, 400], Qt.Orientation.Horizontal)
+
+    def _name_tabs(self) -> None:
+        direct = Qt.FindChildOption.FindDirectChildrenOnly
+        for bar in self._window.findChildren(QTabBar, options=direct):
+            bar.setElideMode(Qt.TextElideMode.ElideNone)
 
     def save(self) -> tuple[QByteArray, QByteArray]:
         """Geometry and state, for the next time."""

@@ -89,7 +89,7 @@ class Commands:
         self.pictures.failed.connect(self._say_not_saved)
         self.scenes = SceneWriter(window)
         self.scenes.written.connect(lambda path: document.notify(Notice(f"Scene saved to {path}.")))
-        self.scenes.failed.connect(lambda failure: document.notify(notice_of(failure)))
+        self.scenes.failed.connect(self.say_failed)
         for each in COMMANDS:
             actions[each.name].triggered.connect(
                 lambda checked=False, each=each: self._do(each, checked)
@@ -402,6 +402,14 @@ class Commands:
     def _say_not_saved(self, failure: Failure) -> None:
         text = f"The picture was not saved: {failure.text}"
         self._document.notify(notice_of(replace(failure, text=text)))
+
+    def say_failed(self, failure: Failure) -> None:
+        """Say why something is not there."""
+        self._document.notify(notice_of(failure))
+
+    def say_shape_written(self, path: Path) -> None:
+        """Say where the shape is."""
+        self._document.notify(Notice(f"Shape written to {path}."))
 
     def copy_picture(self) -> None:
         """Put the render on the clipboard."""

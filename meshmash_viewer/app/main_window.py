@@ -43,10 +43,12 @@ from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.jobs import ReadJob
 from meshmash_viewer.units import counted, format_quantity, named_vertex
 
 if TYPE_CHECKING:
+    from meshmash_viewer.app.shape_source import DrawnShape
     from meshmash_viewer.app.view.render_widget import RenderWidget
 
 __all__ = ["MainWindow"]
@@ -159,8 +161,10 @@ class MainWindow(QMainWindow):
             return
         from meshmash_viewer.app.panels.field_panel import FieldPanel
         from meshmash_viewer.app.panels.profile_panel import ProfilePanel
+        from meshmash_viewer.app.panels.shape_panel import ShapePanel
         from meshmash_viewer.app.panels.spectrum_panel import SpectrumPanel
         from meshmash_viewer.app.row_check import RowCheck
+        from meshmash_viewer.app.shape_source import ShapeSource
         from meshmash_viewer.app.view.mesh_view import MeshView
 
         self.scene = MeshView(self.document, self.stage)
@@ -169,7 +173,8 @@ class MainWindow(QMainWindow):
         self.field_panel = FieldPanel(self.document)
         self.spectrum_panel = SpectrumPanel(self.document)
         self.profile_panel = ProfilePanel(self.document)
-        for name in ("field", "spectrum", "profile"):
+        self.shape_panel = ShapePanel(self.document)
+        for name in ("field", "spectrum", "profile", "shape"):
             self.arrangement.put(name, getattr(self, f"{name}_panel"))
         theme.pad_fields(self)
         self.field_source = FieldSource(self.document, self)
@@ -178,6 +183,11 @@ class MainWindow(QMainWindow):
         self.field_source.failed.connect(
             lambda text: self.document.notify(Notice(text, Severity.ERROR))
         )
+        self.shape_source = ShapeSource(self.document, self)
+        self.shape_source.shape_ready.connect(self._show_shape)
+        self.shape_source.failed.connect(self.commands.say_failed)
+        self.shape_source.written.connect(self.commands.say_shape_written)
+        self.shape_panel.save_requested.connect(self.shape_source.write)
         self.row_check = RowCheck(self.document, self)
         self.scene.vertex_clicked.connect(self.document.toggle_pin)
         self.scene.vertex_hovered.connect(self._on_hover)
@@ -224,7 +234,12 @@ class MainWindow(QMainWindow):
             If something is still being computed then.
         """
         deadline = QDeadlineTimer(round(1000.0 * seconds))
-        while not (self.document.job is None and self.map_loader.idle and self.field_source.idle):
+        while not (
+            self.document.job is None
+            and self.map_loader.idle
+            and self.field_source.idle
+            and self.shape_source.idle
+        ):
             if deadline.hasExpired():
                 raise TimeoutError(f"The window is still busy after {seconds:g} s.")
             QApplication.processEvents()
@@ -265,6 +280,7 @@ class MainWindow(QMainWindow):
             # the same coordinates in another unit are looked at from where one is
             camera = self.scene.camera() if self._same_place(ready.mesh) else None
             self.scene.set_mesh(ready.mesh, ready.normals)
+            self.shape_source.refresh()
             if camera is not None:
                 self.scene.set_camera(camera)
             self._show_field()
@@ -289,6 +305,7 @@ class MainWindow(QMainWindow):
             self.scene.set_field(None, (0.0, 1.0), display.sequential_colormap)
             self.scene.set_nodal_lines(None)
             self.field_panel.set_field(None, (0.0, 1.0))
+            self._set_swing(None)
             later(self._clear_title)
             return
         colormap: str | tuple[str, ...]
@@ -299,8 +316,20 @@ class MainWindow(QMainWindow):
         self.scene.set_field(field, limits, colormap)
         self.scene.set_nodal_lines(field.values if display.nodal_lines and field.signed else None)
         self.field_panel.set_field(field, limits)
+        self._set_swing(field)
         self.spectrum_panel.follow_field()
         later(self._clear_title)
+
+    def _set_swing(self, field: Field | None) -> None:
+        """Let the mesh swing by this field from now on."""
+        self.shape_source.set_field(field)
+        self.shape_panel.set_field(field)
+
+    def _show_shape(self, drawn: DrawnShape) -> None:
+        """Draw the vertices where they have been computed to be."""
+        if self.scene.mesh is drawn.spectrum.mesh:
+            self.scene.set_shape(drawn.points, drawn.normals, rests=drawn.rests)
+            self.shape_panel.show_shape(drawn)
 
     def _clear_title(self) -> None:
         self.stage.message_bar.keep_clear(self.scene.title_size, self.scene.bar_width)
@@ -411,6 +440,7 @@ class MainWindow(QMainWindow):
             self.settings.layout = self.arrangement.save()
             self.last_look.keep()
             self.document.display.playing = False
+            self.document.display.vibrating = False
             stop_listening(self)
             self.document.noticed.disconnect(self._on_notice)
             theme.notifier().changed.disconnect(self._on_theme_changed)
@@ -420,6 +450,7 @@ class MainWindow(QMainWindow):
             self.map_loader.close()
             if self.loaded:
                 self.field_source.close()
+                self.shape_source.close()
                 self.profile_panel.close()
                 self.row_check.close()
                 self.scene.close()

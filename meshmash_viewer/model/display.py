@@ -11,6 +11,7 @@ from psygnal import SignalGroupDescriptor
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.model.limits import LimitPolicy
+from meshmash_viewer.model.shape import Shape
 
 __all__ = ["Display"]
 
@@ -35,6 +36,10 @@ class Display:
     policies : mapping of str to LimitPolicy
         How the limits of colours are chosen, by the family's name; where there is none, as suits
         the field.
+    shape : Shape
+        Where the vertices are drawn.
+    vibrating : bool
+        Whether they swing along the normals by the field on the render.
     """
 
     events: ClassVar[SignalGroupDescriptor] = SignalGroupDescriptor()
@@ -48,6 +53,8 @@ class Display:
     diverging_colormap: str = "RdBu_r"
     sequential_colormap: str = "viridis"
     policies: Mapping[str, LimitPolicy] = field(default_factory=dict)
+    shape: Shape = field(default_factory=Shape)
+    vibrating: bool = False
 
     def __getitem__(self, family: type[Chosen]) -> Chosen:
         """The parameters of one family."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import Field, fields, replace
+from dataclasses import Field, asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ from meshmash_viewer.model.limits import (
     PercentileLimits,
     SymmetricLimits,
 )
+from meshmash_viewer.model.shape import FEWEST_PAIRS, MOST_AMPLITUDE, MOST_PAIRS
 
 __all__ = ["display_from_json", "display_to_json", "drop_vertices", "read_display"]
 
@@ -55,7 +56,8 @@ def display_to_json(display: Display) -> dict[str, Any]:
         for name, policy in display.policies.items()
     }
     plain = {name: getattr(display, name) for name in _PLAIN}
-    return {**plain, "fields": families, "policies": policies}
+    shape = asdict(display.shape)
+    return {**plain, "fields": families, "policies": policies, "shape": shape}
 
 
 def read_display(content: object, path: Path) -> dict[str, Any]:
@@ -77,6 +79,8 @@ def display_from_json(display: Display, content: dict[str, Any]) -> None:
             display.put(
                 *(replace(display.fields[family], **chosen) for family, chosen in value.items())
             )
+        elif name == "shape":
+            display.shape = replace(display.shape, **value)
         else:
             setattr(display, name, value)
 
@@ -176,5 +180,13 @@ _DISPLAY = record(
         "sequential_colormap": _color_map,
         "fields": record({name: _family(name) for name in FAMILIES}),
         "policies": record(dict.fromkeys(FAMILIES, _policy)),
+        "shape": record(
+            {
+                "shown": flag,
+                "pairs": whole(FEWEST_PAIRS, MOST_PAIRS),
+                "morph": number(0.0, 1.0),
+                "amplitude": number(0.0, MOST_AMPLITUDE),
+            }
+        ),
     }
 )

@@ -33,6 +33,7 @@ from meshmash_viewer.model.jobs import (
     RepairJob,
     ScaleJob,
 )
+from meshmash_viewer.model.shape import Shape
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.weyl import Target, Translation
 from meshmash_viewer.units import Voxel, counted, parse_unit, written_unit
@@ -354,6 +355,8 @@ class Document:
         display.put(*(each.for_other_mesh(n_components) for each in display.fields.values()))
         if not display.family.usable:
             display.kind = Display().kind
+        if not ready.derived:
+            display.shape, display.vibrating = Shape(), False
         self.mesh_changed.emit()
         self.pins_changed.emit()
         self.spectrum_changed.emit()

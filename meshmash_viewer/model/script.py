@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import FieldRequest, request_of
+from meshmash_viewer.model.shape import FEWEST_PAIRS
 
 __all__ = ["reproduction_script"]
 
@@ -22,6 +23,10 @@ def reproduction_script(document: Document) -> str:
             lines += _decomposition(document, len(request.spectrum))
         lines += field
         lines += _writing(document, request)
+        if document.display.shape.shown and len(request.spectrum) >= FEWEST_PAIRS:
+            if not any(line.startswith("decomposition =") for line in lines):
+                lines += _decomposition(document, len(request.spectrum))
+            lines += _shape(document, len(request.spectrum))
     imports = ["import numpy as np", ""] if any("np." in line for line in lines) else []
     return "\n".join([*imports, "import meshmash_viewer as mv", *lines, ""])
 
@@ -52,6 +57,19 @@ def _decomposition(document: Document, n_pairs: int) -> list[str]:
         f"laplacian, mass = mv.cotangent_laplacian(mesh, {options})",
         f"decomposition = mv.solve(laplacian, mass, {n_pairs})",
         "print(decomposition.proof(mesh.unit))",
+    ]
+
+
+def _shape(document: Document, n_pairs: int) -> list[str]:
+    shape = document.display.shape
+    name = (document.mesh.name if document.mesh is not None else "") or "mesh"
+    lines = [f"vertices = mv.low_pass_vertices(mesh, decomposition, {shape.within(n_pairs)})"]
+    if shape.morph != 1.0:
+        lines += [f"vertices = mesh.vertices + {shape.morph!r} * (vertices - mesh.vertices)"]
+    return [
+        *lines,
+        "shape = mv.Mesh(vertices, mesh.faces, unit=mesh.unit)",
+        f"np.savez({f'{name}_shape.npz'!r}, vertices=shape.vertices, faces=shape.faces)",
     ]
 
 

@@ -68,6 +68,10 @@ class MeshRenderer:
         #: Points and directions by which the whole mesh is shown from its best side.
         self.sample, self.axes = np.zeros((1, 3)), np.eye(3)
         self._bounds = np.zeros((2, 3))
+        #: Where vertices are drawn that are not where the mesh has them, relative to `centre`.
+        self.moved: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]] | None = None
+        self._coarse_moved: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]] | None = None
+        self._own_picker: Picker | None = None
         self.view: View | None = None
         self._placed: tuple[Any, ...] | None = None
         self._scale = 0.0
@@ -113,9 +117,11 @@ class MeshRenderer:
         """Take a mesh with normals of shape (n, 3), or none; field, lines and pins go."""
         for surface in self._surfaces:
             self.renderer.RemoveActor(surface.actor)
-        if self.picker is not None:
-            self.picker.stop()
+        for picker in (self.picker, self._own_picker):
+            if picker is not None:
+                picker.stop()
         self.surface = self.coarse = self.picker = self._coarse_mesh = self._coarse_of = None
+        self.moved = self._coarse_moved = self._own_picker = None
         self.caption, self._pins = None, ()
         self.set_segments(None)
         if mesh is None:
@@ -129,8 +135,66 @@ class MeshRenderer:
         self.centre, self._bounds = geometry.centre, geometry.bounds
         self.surface = self._new_surface(geometry.points, geometry.faces, normals)
         if picking:
-            size = float(np.linalg.norm(geometry.bounds[1] - geometry.bounds[0]))
-            self.picker = Picker(geometry.points, geometry.faces, size)
+            self.picker = self._own_picker = self._new_picker(geometry.points)
+
+    def _new_picker(self, points: npt.NDArray[np.float32]) -> Picker:
+        assert self.mesh is not None
+        geometry = geometry_of(self.mesh)
+        size = float(np.linalg.norm(geometry.bounds[1] - geometry.bounds[0]))
+        return Picker(points, geometry.faces, size)
+
+    def move(
+        self,
+        points: npt.NDArray[np.float32] | None,
+        normals: npt.NDArray[np.float32] | None = None,
+    ) -> None:
+        """Draw the vertices elsewhere; `segments` go, and nothing can be picked.
+
+        Parameters
+        ----------
+        points : ndarray of float32, shape (n, 3), or None
+            Relative to `centre`; None for where the mesh has them.
+        normals : ndarray of float32, shape (n, 3), optional
+            Those of before, if none are given.
+        """
+        if self.mesh is None or self.surface is None or self.normals is None:
+            return
+        geometry = geometry_of(self.mesh)
+        if points is None:
+            self.moved = None
+            self.surface.move(geometry.points, self.normals)
+            self.picker = self._own_picker
+        else:
+            if normals is None:
+                normals = self.normals if self.moved is None else self.moved[1]
+            self.moved = (points, normals)
+            self.surface.move(points, normals)
+            if self.picker is not self._own_picker and self.picker is not None:
+                self.picker.stop()
+            self.picker = None
+        # what moves reaches beyond the mesh, and is not to be cut off
+        room = 0.0 if points is None else 0.3 * np.ptp(geometry.bounds, axis=0).max()
+        self._bounds = geometry.bounds + np.array([[-room], [room]])
+        self._placed, self._hidden = None, ()
+        self.set_segments(None)
+
+    def pick_moved(self) -> None:
+        """Let the vertices be picked where they are drawn now."""
+        if self.moved is not None and self.picker is None and self._own_picker is not None:
+            self.picker = self._new_picker(self.moved[0])
+
+    def place(self, vertex: int) -> npt.NDArray[np.float64]:
+        """Where a vertex is drawn, shape (3,), in mesh coordinates."""
+        assert self.mesh is not None
+        if self.moved is None:
+            return np.asarray(self.mesh.vertices[vertex])
+        return np.asarray(self.moved[0][vertex] + self.centre)
+
+    @property
+    def drawn_vertices(self) -> npt.NDArray[np.float64]:
+        """Where all of them are drawn, shape (n, 3), in mesh coordinates."""
+        assert self.mesh is not None
+        return self.mesh.vertices if self.moved is None else self.moved[0] + self.centre
 
     def _new_surface(
         self,
@@ -170,7 +234,7 @@ class MeshRenderer:
         self.coarse.actor.VisibilityOff()
         if dot_size:
             self.coarse.show_as_dots(dot_size)
-        self._coarse_mesh, self._coarse_of = coarse, None
+        self._coarse_mesh, self._coarse_of, self._coarse_moved = coarse, None, None
 
     def show_coarse(self, shown: bool) -> None:
         """Draw the stand-in, if it is there yet, or the mesh with its lines."""
@@ -302,6 +366,13 @@ class MeshRenderer:
         if self._coarse_of is not self.surface.values:
             self._coarse_of = self.surface.values
             self.coarse.write(self._coarse_of[self._coarse_mesh.representatives])
+        if self._coarse_moved is not self.moved:
+            self._coarse_moved = self.moved
+            assert self.mesh is not None
+            assert self.normals is not None
+            points, normals = self.moved or (geometry_of(self.mesh).points, self.normals)
+            chosen = self._coarse_mesh.representatives
+            self.coarse.move(points[chosen], normals[chosen])
 
     def _place_camera(self, view: View, width: int, height: int) -> None:
         camera = self.renderer.GetActiveCamera()
@@ -338,7 +409,7 @@ class MeshRenderer:
             eye = self.view.axes[2]
             self._pins_placed = [
                 Pin(
-                    tuple(self.mesh.vertices[vertex].tolist()),
+                    tuple(self.place(vertex).tolist()),
                     color,
                     label,
                     self.picker is not None and self.picker.hidden(vertex, eye),
@@ -402,6 +473,8 @@ class MeshRenderer:
         other.set_mesh(self.mesh, self.normals)
         assert self.surface is not None
         assert other.surface is not None
+        if self.moved is not None:
+            other.move(*self.moved)
         other.view, other.picker, other._pins = self.view, self.picker, self._pins
         if self.caption is not None:
             other.surface.write(self.surface.values)

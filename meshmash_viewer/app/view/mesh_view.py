@@ -87,6 +87,8 @@ class MeshView(QWidget):
         self._next: tuple[Any, tuple[float, float], ColorMap] | None = None
         self._next_lines: npt.NDArray[np.floating] | None = None
         self._hovered = self._told = -1
+        #: Whether the vertices stay where they are drawn for a while.
+        self._shape_rests = True
         self._generation = 0
         # One thread for what takes longer than a frame; the newest request counts.
         self._pool = QThreadPool(self)
@@ -159,6 +161,40 @@ class MeshView(QWidget):
             self._held = chosen
         else:
             self._next = chosen
+
+    def set_shape(
+        self,
+        points: npt.NDArray[np.float32] | None,
+        normals: npt.NDArray[np.float32] | None = None,
+        *,
+        rests: bool = True,
+    ) -> None:
+        """Draw the vertices elsewhere, or where the mesh has them.
+
+        While they move, nothing is picked and there are no nodal lines.
+
+        Parameters
+        ----------
+        points : ndarray of float32, shape (n, 3), or None
+            Relative to `renderer.centre`; None for where the mesh has them.
+        normals : ndarray of float32, shape (n, 3), optional
+            Those of before, if none are given.
+        rests : bool
+            Whether they stay there for a while.
+        """
+        if points is None and self.renderer.moved is None:
+            return
+        self.renderer.move(points, normals)
+        self._set_hovered(-1)
+        if rests:
+            self.renderer.pick_moved()
+            self._picking_poll.start()
+        self._shape_rests = rests
+        if self._line_values is None or not rests:
+            self._line_delay.stop()
+        else:
+            self._line_delay.start()
+        self._moves()
 
     def _show_held(self) -> None:
         """Show the field that waited for its nodal lines."""
@@ -233,7 +269,7 @@ class MeshView(QWidget):
             self._line_delay.stop()
             self.renderer.set_segments(None)
             self.plotter.render()
-        else:
+        elif self._shape_rests:
             self._line_delay.start()
 
     def set_theme(self, dark: bool) -> None:
@@ -280,7 +316,7 @@ class MeshView(QWidget):
         return twin
 
     def to_pyvista(self) -> pyvista.PolyData:
-        """The mesh in its own coordinates with the displayed field, to export or to plot.
+        """The mesh as it is drawn, in its own coordinates, with the displayed field.
 
         Returns
         -------
@@ -297,6 +333,8 @@ class MeshView(QWidget):
         if self.mesh is None:
             raise ValueError("No mesh is shown: open one first.")
         surface: pyvista.PolyData = mesh_to_poly(self.mesh)
+        if self.renderer.moved is not None:
+            surface.points = self.renderer.drawn_vertices
         caption, drawn = self.renderer.caption, self.renderer.surface
         if caption is not None and drawn is not None:
             surface.point_data[caption.title] = drawn.shown_values()
@@ -315,7 +353,7 @@ class MeshView(QWidget):
         (width, height, ratio), view = self.plotter.pixels(), self.renderer.view
         if self.mesh is None or view is None:
             raise ValueError("No mesh is shown: open one first.")
-        x, y, _ = view.to_pixels(self.mesh.vertices[vertex], width, height)[0]
+        x, y, _ = view.to_pixels(self.renderer.place(vertex), width, height)[0]
         return QPoint(round(x / ratio - 0.5), round((height - y) / ratio - 0.5))
 
     def vertex_at(self, x: float, y: float) -> int:
@@ -411,10 +449,14 @@ class MeshView(QWidget):
         if mesh is None or values is None:
             return
 
+        moved = self.renderer.moved
+
         def compute() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]]:
+            if moved is not None:
+                return nodal_segments(moved[0], mesh.faces, values, np.zeros(3))
             return nodal_segments(mesh.vertices, mesh.faces, values, centre)
 
-        self._run("lines", compute, values)
+        self._run("lines", compute, (values, moved))
 
     def _run(self, what: str, compute: Any, key: Any = None) -> None:
         """Compute in the pool; `_take_computed` gets the result on this thread."""
@@ -442,9 +484,10 @@ class MeshView(QWidget):
             if self._rest.isActive():
                 self._rest.start(REST)
                 self.plotter.render()
-        elif key is self._line_values:
+        elif key[0] is self._line_values:
             self._show_held()
-            self.renderer.set_segments(*result)
+            if key[1] is self.renderer.moved:
+                self.renderer.set_segments(*result)
             if self._next is not None:
                 self._held, self._next = self._next, None
                 self._line_values = self._next_lines
@@ -511,7 +554,7 @@ class MeshView(QWidget):
     def _centre_on(self, at: QPointF) -> None:
         vertex, view = self.vertex_at(at.x(), at.y()), self.renderer.view
         if vertex >= 0 and self.mesh is not None and view is not None:
-            self._set_view(View(self.mesh.vertices[vertex], view.axes, view.half_size))
+            self._set_view(View(self.renderer.place(vertex), view.axes, view.half_size))
 
     def _resized(self) -> None:
         if self.renderer.view is not None and not self._user_moved_camera:

@@ -86,18 +86,21 @@ class Surface:
         # VTK holds a reference to each array that it was given without a copy.
         self._array = numpy_to_vtk(self.values)
         self._array.SetName("field")
-        vertices = vtkPoints()
-        vertices.SetData(numpy_to_vtk(np.ascontiguousarray(points, dtype=np.float32)))
+        self._points = vtkPoints()
+        self._points.SetData(numpy_to_vtk(np.ascontiguousarray(points, dtype=np.float32)))
         corners = np.ascontiguousarray(faces, dtype=np.int32).ravel()
         starts = np.arange(0, len(corners) + 1, 3, dtype=np.int32)
         cells = vtkCellArray()
         cells.SetData(numpy_to_vtk(starts), numpy_to_vtk(corners))
         self.data = vtkPolyData()
-        self.data.SetPoints(vertices)
+        self.data.SetPoints(self._points)
         self.data.SetPolys(cells)
         arrows = numpy_to_vtk(np.ascontiguousarray(normals, dtype=np.float32))
         arrows.SetName("normals")
         self.data.GetPointData().SetNormals(arrows)
+        #: Held as long as VTK has their addresses; at first VTK holds what it was given itself.
+        self._moved: tuple[npt.NDArray[np.float32] | None, npt.NDArray[np.float32] | None]
+        self._moved = (None, None)
         self.data.GetPointData().AddArray(self._array)
         self._mapper = vtkPolyDataMapper()
         self._mapper.SetInputData(self.data)
@@ -125,6 +128,20 @@ class Surface:
         self.set_scale(1.0)
         self.show_field(False)
         self.show_labels(False)
+
+    def move(self, points: npt.NDArray[np.float32], normals: npt.NDArray[np.float32]) -> None:
+        """Draw the vertices elsewhere, with other normals, both of shape (n, 3).
+
+        They are not copied, and must not be changed while they are shown.
+        """
+        before, self._moved = self._moved, (points, normals)
+        arrays = self._points.GetData(), self.data.GetPointData().GetNormals()
+        for array, known, moved in zip(arrays, before, self._moved, strict=True):
+            if known is not moved:
+                array.SetVoidArray(moved.reshape(-1), moved.size, 1)
+                array.Modified()
+        self._points.Modified()
+        self.data.Modified()
 
     def write(self, values: npt.NDArray[np.floating], *, complete: bool = False) -> bool:
         """Show values of shape (n,), NaN where there is none; returns whether there are such.

@@ -1,0 +1,209 @@
+"""The Shape panel: the mesh from its lowest eigenfunctions, on the way there, and swinging."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QSignalBlocker, Signal
+from PySide6.QtWidgets import QCheckBox, QFileDialog, QLabel, QPushButton, QSpinBox, QWidget
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.facts import (
+    Facts,
+    format_wavelength,
+    note,
+    show_note,
+    show_quietly,
+)
+from meshmash_viewer.app.controls.layout import PANEL, column, row
+from meshmash_viewer.app.controls.step_slider import StepSlider
+from meshmash_viewer.app.listening import follow, later
+from meshmash_viewer.app.shape_source import DrawnShape
+from meshmash_viewer.io.write import MESH_WRITERS
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.field import Field
+from meshmash_viewer.model.shape import FEWEST_PAIRS, MOST_AMPLITUDE
+from meshmash_viewer.units import counted, format_quantity
+
+__all__ = ["ShapePanel"]
+
+_FACTS = {"shape_distance_label": "Moved by (rms)", "shape_wave_label": "Shortest wave"}
+
+
+class ShapePanel(QWidget):
+    """Which shape is drawn; the field stays painted on it."""
+
+    #: A file to save the shape in.
+    save_requested = Signal(object)
+
+    def __init__(self, document: Document) -> None:
+        super().__init__()
+        theme.named(self, "shape_panel", "Shape")
+        self._document = document
+        self._field: Field | None = None
+        self._drawn: DrawnShape | None = None
+        self._build()
+        events = document.display.events
+        for signal in (
+            events.shape, events.vibrating, document.spectrum_changed, document.mesh_changed
+        ):  # fmt: skip
+            follow(signal, self.refresh)
+        self.refresh()
+
+    def _build(self) -> None:
+        self.check = theme.named(
+            QCheckBox("From the lowest eigenfunctions"),
+            "shape_check",
+            "Draw the mesh from its lowest eigenfunctions",
+            tip="The coordinates as a sum over the lowest eigenfunctions, weighted by area",
+        )
+        self.check.toggled.connect(lambda on: self._change(shown=on))
+        self.slider = theme.named(
+            StepSlider(), "shape_pairs_slider", "Number of the lowest eigenfunctions"
+        )
+        self.spin = theme.named(
+            QSpinBox(), "shape_pairs_spin", "Number of the lowest eigenfunctions"
+        )
+        self.spin.setKeyboardTracking(False)
+        for control in (self.slider, self.spin):
+            control.valueChanged.connect(lambda pairs: self._change(pairs=pairs, shown=True))
+        self.morph = theme.named(
+            StepSlider(), "shape_morph_slider", "From the mesh itself to the reconstruction"
+        )
+        self.morph.setRange(0, 100)
+        self.morph.valueChanged.connect(lambda share: self._change(morph=share / 100, shown=True))
+        self.morph_label = theme.named(QLabel(), "shape_morph_label", role="value")
+        self.facts = Facts(_FACTS)
+        self.save_button = theme.named(
+            QPushButton("Export shape…"), "shape_save_button", "Save the shape as a mesh"
+        )
+        self.save_button.clicked.connect(self._save)
+        self.amplitude = theme.named(
+            StepSlider(), "shape_amplitude_slider", "Amplitude, in percent of the size of the mesh"
+        )
+        self.amplitude.setRange(1, round(100 * MOST_AMPLITUDE))
+        self.amplitude.valueChanged.connect(lambda share: self._change(amplitude=share / 100))
+        self.amplitude_label = theme.named(QLabel(), "shape_amplitude_label", role="value")
+        self.swing_button = theme.named(
+            QPushButton("Vibrate"),
+            "shape_vibrate_button",
+            "Vibrate: swing along the normals by the field on the render",
+        )
+        self.swing_button.setCheckable(True)
+        self.swing_button.toggled.connect(self._swing)
+        self.hint, self.swing_hint = note("shape_hint"), note("shape_vibrate_hint")
+        for label in (self.morph_label, self.amplitude_label):
+            label.setMinimumWidth(label.fontMetrics().horizontalAdvance("100 %") + 4)
+        self.setLayout(
+            column(
+                theme.with_role(QLabel("Reconstruction"), "heading"),
+                self.check,
+                row((self.slider,), self.spin),
+                self.facts,
+                row(_muted("Morph"), (self.morph,), self.morph_label),
+                row(self.save_button, None),
+                self.hint,
+                theme.with_role(QLabel("Vibration"), "heading"),
+                row(_muted("Amplitude"), (self.amplitude,), self.amplitude_label),
+                row(self.swing_button, None),
+                self.swing_hint,
+                None,
+                margins=PANEL,
+            )
+        )
+
+    # -- from the person --------------------------------------------------------------------
+
+    def _change(self, **chosen: Any) -> None:
+        display = self._document.display
+        display.shape = replace(display.shape, **chosen)
+
+    def _swing(self, on: bool) -> None:
+        self._document.display.vibrating = on
+
+    def _save(self) -> None:
+        document = self._document
+        folder = document.path.parent if document.path else Path()
+        name = document.mesh.name if document.mesh is not None else ""
+        path, _ = QFileDialog.getSaveFileName(
+            self,
+            "Export shape",
+            str(folder / f"{name or 'mesh'}_{self.spin.value()}_eigenfunctions.ply"),
+            f"Meshes ({' '.join(f'*{ending}' for ending in MESH_WRITERS)})",
+        )
+        if path:
+            self.save_requested.emit(Path(path))
+
+    # -- from the model ---------------------------------------------------------------------
+
+    def set_field(self, field: Field | None) -> None:
+        """Know by which field the mesh would swing."""
+        self._field = field
+        later(self.refresh)
+
+    def show_shape(self, drawn: DrawnShape) -> None:
+        """Tell of the shape that is on the render."""
+        self._drawn = drawn
+        later(self.refresh)
+
+    def refresh(self) -> None:
+        """Show what the model holds."""
+        display, spectrum = self._document.display, self._document.spectrum
+        shape, known = display.shape, 0 if spectrum is None else len(spectrum)
+        usable = known >= FEWEST_PAIRS
+        shown = usable and shape.shown
+        count = shape.within(known) if usable else FEWEST_PAIRS
+        for number in (self.slider, self.spin):
+            with QSignalBlocker(number):
+                number.setRange(FEWEST_PAIRS, max(known, FEWEST_PAIRS))
+            show_quietly(number, count)
+        self.spin.setSuffix(f" of {known:,}" if usable else "")
+        show_quietly(self.check, shown)
+        show_quietly(self.morph, round(100 * shape.morph))
+        self.morph_label.setText(f"{round(100 * shape.morph)} %")
+        show_quietly(self.amplitude, round(100 * shape.amplitude))
+        self.amplitude_label.setText(f"{round(100 * shape.amplitude)} %")
+        for control in (self.check, self.slider, self.spin, self.morph):
+            control.setEnabled(usable)
+        self.save_button.setEnabled(shown)
+        drawn, unit = self._drawn, self._document.unit
+        current = shown and drawn is not None and drawn.spectrum is spectrum and drawn.count > 0
+        distance = format_quantity(drawn.distance, unit) if current and drawn is not None else ""
+        self.facts.show_value("shape_distance_label", distance)
+        wave = ""
+        if usable and spectrum is not None:
+            wave = format_wavelength(float(spectrum.eigenvalues[count - 1]), unit)
+        self.facts.show_value("shape_wave_label", wave)
+        show_note(self.hint, self._hint(usable, shown, count))
+        field = self._field
+        swings = spectrum is not None and field is not None and field.signed
+        self.amplitude.setEnabled(swings)
+        self.swing_button.setEnabled(swings)
+        show_quietly(self.swing_button, display.vibrating)
+        self.swing_button.setText("Stop" if display.vibrating else "Vibrate")
+        said = "Show an eigenfunction, or another field with a sign, to swing by it."
+        if swings and field is not None:
+            said = f"{field.title} along the normals"
+        show_note(self.swing_hint, said if spectrum is not None else "")
+
+    def _hint(self, usable: bool, shown: bool, count: int) -> str:
+        ready, spectrum = self._document.ready, self._document.spectrum
+        if ready is None:
+            return "Open a mesh, and compute its eigenpairs."
+        if not usable:
+            return f"A shape takes {FEWEST_PAIRS} eigenfunctions at least: press Compute."
+        components = ready.health.n_components
+        if shown and count <= components and components > 1:
+            return (
+                f"{counted(components, 'component')} take one constant each: with no more than"
+                " these, they are points."
+            )
+        if shown and spectrum is not None and spectrum.preview:
+            return "From approximate eigenpairs: the shape changes as the exact ones come."
+        return ""
+
+
+def _muted(text: str) -> QLabel:
+    return theme.with_role(QLabel(text), "muted")
