@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from PySide6.QtCore import QRectF, QSize, Qt
+from PySide6.QtCore import QEvent, QRectF, QSize, Qt
 from PySide6.QtGui import QBrush, QColor, QKeyEvent, QMouseEvent, QPainter, QPen, QWheelEvent
 from PySide6.QtWidgets import QSizePolicy, QSlider
 
@@ -18,6 +18,10 @@ _RADIUS = 7.5
 _EDGE = _RADIUS + 1.0
 _GROOVE = 4.0
 _ROW = 26
+_KEYS = (
+    Qt.Key.Key_Left, Qt.Key.Key_Right, Qt.Key.Key_PageUp, Qt.Key.Key_PageDown,
+    Qt.Key.Key_Home, Qt.Key.Key_End,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -33,9 +37,14 @@ class StepSlider(QSlider):
 
     Qt's own moves three steps a notch, pages where it is clicked, and cannot say that a part of
     its range is in doubt: `set_hatched` does that, `set_marks` labels places along it.
+
+    Parameters
+    ----------
+    own_keys : bool
+        Whether arrows and pages are its own while it has the focus, not commands for the field.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, own_keys: bool = False) -> None:
         super().__init__(Qt.Orientation.Horizontal)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
@@ -43,6 +52,7 @@ class StepSlider(QSlider):
         self._marks: tuple[Mark, ...] = ()
         self._hatched: tuple[float, float] | None = None
         self._turned = 0
+        self._own_keys = own_keys
 
     def set_marks(self, marks: tuple[Mark, ...]) -> None:
         """Label places along the groove."""
@@ -86,6 +96,14 @@ class StepSlider(QSlider):
         return round(self._x_of(value))
 
     # -- events -----------------------------------------------------------------------------
+
+    def event(self, event: QEvent) -> bool:
+        """Keep keys from being commands, if they are its own."""
+        override = event.type() == QEvent.Type.ShortcutOverride and self._own_keys
+        if override and isinstance(event, QKeyEvent) and event.key() in _KEYS:
+            event.accept()
+            return True
+        return super().event(event)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         """Jump to the place under the pointer, and drag on from there."""

@@ -61,7 +61,7 @@ class ShapePanel(QWidget):
         )
         self.check.toggled.connect(lambda on: self._change(shown=on))
         self.slider = theme.named(
-            StepSlider(), "shape_pairs_slider", "Number of the lowest eigenfunctions"
+            StepSlider(own_keys=True), "shape_pairs_slider", "Number of the lowest eigenfunctions"
         )
         self.spin = theme.named(
             QSpinBox(), "shape_pairs_spin", "Number of the lowest eigenfunctions"
@@ -70,7 +70,9 @@ class ShapePanel(QWidget):
         for control in (self.slider, self.spin):
             control.valueChanged.connect(lambda pairs: self._change(pairs=pairs, shown=True))
         self.morph = theme.named(
-            StepSlider(), "shape_morph_slider", "From the mesh itself to the reconstruction"
+            StepSlider(own_keys=True),
+            "shape_morph_slider",
+            "From the mesh itself to the reconstruction",
         )
         self.morph.setRange(0, 100)
         self.morph.valueChanged.connect(lambda share: self._change(morph=share / 100, shown=True))
@@ -81,7 +83,9 @@ class ShapePanel(QWidget):
         )
         self.save_button.clicked.connect(self._save)
         self.amplitude = theme.named(
-            StepSlider(), "shape_amplitude_slider", "Amplitude, in percent of the size of the mesh"
+            StepSlider(own_keys=True),
+            "shape_amplitude_slider",
+            "Amplitude, in percent of the size of the mesh",
         )
         self.amplitude.setRange(1, round(100 * MOST_AMPLITUDE))
         self.amplitude.valueChanged.connect(lambda share: self._change(amplitude=share / 100))
