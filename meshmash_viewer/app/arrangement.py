@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from PySide6.QtCore import QByteArray, Qt
 from PySide6.QtWidgets import QMainWindow, QTabBar, QTabWidget, QWidget
 
@@ -50,6 +52,8 @@ class Arrangement:
             self.docks["spectrum"], self.docks["profile"], Qt.Orientation.Horizontal
         )
         window.tabifyDockWidget(self.docks["mesh"], self.docks["shape"])
+        for name in ("mesh", "shape"):
+            self.docks[name].visibilityChanged.connect(partial(self._show, self.docks[name]))
         self.docks["mesh"].raise_()
         self._first = window.saveState(_VERSION)
 
@@ -62,6 +66,7 @@ class Arrangement:
             panel.setMinimumWidth(_PLOT_WIDTH)
         placeholder = self.docks[name].widget()
         self.docks[name].setWidget(panel)
+        panel.setEnabled(placeholder.isEnabled())
         placeholder.deleteLater()
 
     def reset(self) -> None:
@@ -97,6 +102,11 @@ class Arrangement:
             window.splitDockWidget(spectrum, profile, Qt.Orientation.Horizontal)
             profile.show()
             window.resizeDocks([spectrum, profile], [400, 400], Qt.Orientation.Horizontal)
+
+    @staticmethod
+    def _show(dock: Dock, shown: bool) -> None:
+        """Keep Tab from coming to what is behind another panel: Qt takes that to be visible."""
+        dock.widget().setEnabled(shown)
 
     def _name_tabs(self) -> None:
         direct = Qt.FindChildOption.FindDirectChildrenOnly

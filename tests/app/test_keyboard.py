@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
     QApplication,
     QComboBox,
     QLineEdit,
+    QScrollArea,
     QTabBar,
     QWidget,
 )
@@ -90,6 +91,9 @@ def test_tab_comes_to_every_control_and_shows_where_it_is(qtbot: QtBot, window: 
         new = [stop for stop in stops if f"{mode} {stop.objectName()}" not in seen]
         seen |= {f"{mode} {stop.objectName()}" for stop in new}
         for stop in new:
+            for area in window.findChildren(QScrollArea):
+                if area.isAncestorOf(stop):
+                    area.ensureWidgetVisible(stop)  # as Tab does
             stop.setFocus(Qt.FocusReason.TabFocusReason)
             focused = around(window, stop)
             window.stage.setFocus()
@@ -114,10 +118,13 @@ def tab_through(window: MainWindow) -> list[QWidget]:
         assert set(same) & set(stops), control.objectName()
     # panel by panel, and within one as one reads
     panels = (window.mesh_panel, window.field_panel, window.spectrum_panel, window.profile_panel)
-    at = [next(n for n, each in enumerate(panels) if each.isAncestorOf(stop)) for stop in stops]
+    tabs = [stop for stop in stops if isinstance(stop, QTabBar)]
+    assert [bar.count() for bar in tabs] == [2], "Mesh and Shape share a place"
+    inside = [stop for stop in stops if stop not in tabs]
+    at = [next(n for n, each in enumerate(panels) if each.isAncestorOf(stop)) for stop in inside]
     assert at == sorted(at)
     for number, panel in enumerate(panels):
-        mine = [place(window, stop) for stop, n in zip(stops, at, strict=True) if n == number]
+        mine = [place(window, stop) for stop, n in zip(inside, at, strict=True) if n == number]
         for above, below in pairwise(mine):
             beside = above.left() < below.left() and panel is not window.mesh_panel
             assert above.center().y() <= below.center().y() + 8 or beside, (above, below)
