@@ -93,7 +93,7 @@ class Person:
             deadline = time.monotonic() + PATIENCE
             condition: Callable[[], bool] = getattr(self, what[0])
             while not condition():
-                assert time.monotonic() < deadline, what[0]
+                assert time.monotonic() < deadline, f"not {what[0]}: {self.state()}"
                 QTest.qWait(10)
         elif verb == "press":
             QTest.keyClick(self.window, *what)
@@ -113,6 +113,11 @@ class Person:
             part = self.part(what[0])
             drag(part, *[self.at(part, *place) for place in what[1:]])
         catch_up()
+
+    def state(self) -> str:
+        document, focus = self.document, QApplication.focusWidget()
+        labels = {each.text() for each in self.window.findChildren(QLabel) if each.isVisible()}
+        return f"{document.target} {document.job} {document.spectrum} {focus} {labels}"
 
     # -- what is waited for -------------------------------------------------------------------
 
