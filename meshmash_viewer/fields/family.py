@@ -184,6 +184,8 @@ class Family:
         Two parameters of which the first is below the second.
     response_label : str
         What the left axis of its response is.
+    response_decades : int
+        Powers of ten from 0 to 1 of that axis; 0 where it is even.
     tailed : bool
         Whether a few vertices may have values far beyond all others.
     interval : int
@@ -204,6 +206,7 @@ class Family:
     position: ClassVar[tuple[str, ...]] = ()
     ordered: ClassVar[tuple[str, str] | None] = None
     response_label: ClassVar[str] = "Response"
+    response_decades: ClassVar[int] = 0
     tailed: ClassVar[bool] = False
     interval: ClassVar[int] = 0
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (False, False, False)

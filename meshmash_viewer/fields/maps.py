@@ -60,8 +60,6 @@ CURVATURES: dict[str, tuple[Callable[[Mesh], FloatArray], int, str]] = {
 }
 #: What is shown of a map.
 VIEWS = {"map": "Map", "pairs": "From pairs", "filter": "Filtered", "band": "Band"}
-#: Decades of the spectrum that are drawn.
-_DECADES = 6.0
 #: Spectra by map, with the pairs that they are on, as long as the map is there: made in the thread
 #: that answers, read by whoever draws.
 _projected: WeakKeyDictionary[VertexMap, tuple[Spectrum, MapSpectrum]] = WeakKeyDictionary()
@@ -91,7 +89,8 @@ class OwnMaps(Family):
     short: ClassVar[str] = "Own maps"
     tip: ClassVar[str] = "Values per vertex from a file, and the curvature of the mesh"
     position: ClassVar[tuple[str, ...]] = ("pairs", "view", "filter")
-    response_label: ClassVar[str] = "|ΦᵀMf|², 6 decades"
+    response_label: ClassVar[str] = "Relative energy"
+    response_decades: ClassVar[int] = 6
     tailed: ClassVar[bool] = True
     interval: ClassVar[int] = 250
 
@@ -257,13 +256,13 @@ class OwnMaps(Family):
     # -- plots --------------------------------------------------------------------------------
 
     def response(self, spectrum: Spectrum, along: FloatArray) -> Response | None:
-        """The map's spectrum |ΦᵀMf|², a line for each pair, over six decades."""
+        """The map's spectrum |ΦᵀMf|², a line for each pair, relative to the largest."""
         known = self.map_spectrum(spectrum)
         if known is None:
             return None
         squares = np.square(known.coefficients)
         largest = max(float(squares[known.n_zeros :].max(initial=0.0)), 1e-300)
-        heights = 1.0 + np.log10(np.maximum(squares / largest, 1e-300)) / _DECADES
+        heights = 1.0 + np.log10(np.maximum(squares / largest, 1e-300)) / self.response_decades
         lines = np.zeros((len(squares), 3))
         lines[:, 1] = np.clip(heights, 0.0, 1.0)
         count = self.within(spectrum).pairs

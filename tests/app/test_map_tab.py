@@ -189,6 +189,11 @@ def test_the_spectrum_of_the_map_is_on_its_panel(window: MainWindow) -> None:
     heights = panel.view.response.getData()[1].reshape(-1, 3)[:, 1]
     squares = mv.spectral_coefficients(*library(window), DEPTH) ** 2
     assert heights.argmax() == squares.argmax()
+    axis = panel.plot.getAxis("left")
+    assert axis.tickStrings([0.0, 0.5, 0.6, 1.0], 1.0, 0.5) == ["10⁻⁶", "0.001", None, "1"]
+    drawn = heights > 0.0
+    relative = squares[drawn] / squares[1:].max()
+    np.testing.assert_allclose(6.0 * (heights[drawn] - 1.0), np.log10(relative), atol=1e-6)
     window.document.display.change(OwnMaps, chosen="Mean curvature")
     rest(window)
     wait_for(lambda: "Mean curvature" in panel.legend.text())

@@ -125,6 +125,7 @@ class SpectrumPanel(PlotPanel):
         self.plot.set_log(log and responses, log and not responses)
         self.plot.set_labels(bottom, left)
         self.plot.set_whole(not responses)
+        self.plot.set_decades(self.view.family.response_decades if responses else 0)
         self.view.refresh_spectrum()
         self._drawn_scale = self._scale_key()
         self._describe()

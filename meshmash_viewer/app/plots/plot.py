@@ -60,11 +60,16 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
         self.enableAutoSIPrefix(False)
         #: Whether it counts: there is nothing between 4 and 5.
         self.whole = False
+        #: Powers of ten from 0 to 1; 0 where it is even.
+        self.decades = 0
 
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str | None]:
         """Labels of evenly spaced ticks."""
         if self.logMode:
             return self._log_texts(values)
+        if self.decades:
+            powers = [self.decades * (value - 1.0) for value in values]
+            return [power_text(round(p)) if abs(p - round(p)) < 1e-9 else None for p in powers]
         return list(linear_texts([value * scale for value in values], spacing * scale))
 
     def tickSpacing(self, low: float, high: float, size: float) -> list[tuple[float, float]]:
@@ -163,6 +168,10 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
     def set_whole(self, whole: bool) -> None:
         """Say whether the bottom axis counts, and has whole numbers only."""
         self.getAxis("bottom").whole = whole
+
+    def set_decades(self, decades: int) -> None:
+        """Say how many powers of ten the left axis has from 0 to 1; 0 where it is even."""
+        self.getAxis("left").decades = decades
 
     def dress(self) -> None:
         """Put on the colours of the theme."""

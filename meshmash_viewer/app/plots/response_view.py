@@ -133,7 +133,7 @@ class ResponseView:
         if spectrum is None:
             return
         response = self.family.response(spectrum, self._along(spectrum))
-        for item in (self.response, *self.series, self.handle):
+        for item in (self.response, *self.series, self.handle, self.low, self.high, self.missing):
             item.setVisible(response is not None)
         if response is None:
             self._said = "none of this field"
