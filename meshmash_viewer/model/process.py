@@ -177,12 +177,19 @@ def _be_considerate() -> None:
 
 
 def _warm_up() -> None:
-    """Import what every job needs before the first one is asked for."""
+    """Import what every job needs before the first one is asked for.
+
+    All of it here: packages whose modules need each other (joblib, numba) fail in one of two
+    threads that import them at once.
+    """
+    import joblib  # noqa: F401
     import scipy.sparse.linalg  # noqa: F401
 
     import meshmash_viewer.health
     import meshmash_viewer.io.read
-    import meshmash_viewer.model.decomposition  # noqa: F401
+    import meshmash_viewer.model.decomposition
+    import meshmash_viewer.spectral.engine.multifrontal
+    import meshmash_viewer.spectral.preview  # noqa: F401
 
 
 def _warm_up_solver() -> None:
