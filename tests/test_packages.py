@@ -1,0 +1,119 @@
+"""What is given away: source archive and wheel, installed where the checkout is not seen."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import venv
+import zipfile
+from email import message_from_bytes
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+BUILD = "from setuptools import build_meta as b; b.build_{kind}({folder!r})"
+INSTALLED = """
+import json, sys, meshmash_viewer as mv
+from pathlib import Path
+from importlib.metadata import entry_points, version
+from meshmash_viewer.samples import SAMPLES, sample_path
+meshes = [mv.read_mesh(sample_path(name)) for name in SAMPLES]
+script, = entry_points(group="console_scripts", name="meshmash-viewer")
+print(json.dumps({
+    "place": mv.__file__, "version": version("meshmash-viewer"),
+    "samples": [mesh.n_vertices for mesh in meshes], "script": script.value,
+}))
+"""
+
+
+def run(*command: str | Path, cwd: Path) -> str:
+    environment = {key: text for key, text in os.environ.items() if not key.startswith("PYTHON")}
+    done = subprocess.run(
+        [str(part) for part in command], cwd=cwd, env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The source archive, and the wheel made of what it holds."""
+    pytest.importorskip("setuptools", "77", reason="older ones cannot build it")
+    folder = tmp_path_factory.mktemp("packages")
+    checkout = folder / "checkout"  # a copy: building leaves folders behind
+    shutil.copytree(
+        ROOT,
+        checkout,
+        ignore=shutil.ignore_patterns(".*", "build", "dist", "shots", "*.egg-info", "__pycache__"),
+    )
+    run(sys.executable, "-c", BUILD.format(kind="sdist", folder=str(folder)), cwd=checkout)
+    (source,) = folder.glob("*.tar.gz")
+    with tarfile.open(source) as archive:
+        archive.extractall(folder / "unpacked", filter="data")
+    (unpacked,) = (folder / "unpacked").iterdir()
+    run(sys.executable, "-c", BUILD.format(kind="wheel", folder=str(folder)), cwd=unpacked)
+    (wheel,) = folder.glob("*.whl")
+    return source, wheel
+
+
+@pytest.fixture(scope="module")
+def installed(archives: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The scripts of an environment with the wheel, and what it needs by way of a path."""
+    folder = tmp_path_factory.mktemp("environment")
+    venv.create(folder, symlinks=os.name != "nt")
+    scripts = folder / ("Scripts" if os.name == "nt" else "bin")
+    python = scripts / Path(sys.executable).name
+    place = run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder)
+    pip = (sys.executable, "-m", "pip", "--python", python, "install", "--quiet")
+    run(*pip, "--no-deps", "--no-index", archives[1], cwd=folder)
+    # a line of this file is a folder: other environments' editable installs are not followed
+    needed = [path for path in sys.path if path.endswith("-packages")]
+    Path(place.strip(), "needed.pth").write_text("\n".join(needed), encoding="utf-8")
+    return scripts
+
+
+def test_the_wheel_holds_the_package_whole(archives: tuple[Path, Path]) -> None:
+    tracked = {
+        path.relative_to(ROOT).as_posix()
+        for path in (ROOT / "meshmash_viewer").rglob("*")
+        if path.is_file() and path.suffix not in (".pyc", ".nbi", ".nbc")
+    }
+    with zipfile.ZipFile(archives[1]) as wheel:
+        held = {name for name in wheel.namelist() if ".dist-info/" not in name}
+        (about,) = (name for name in wheel.namelist() if name.endswith(".dist-info/METADATA"))
+        metadata = message_from_bytes(wheel.read(about))
+        assert any(name.endswith("licenses/LICENSE") for name in wheel.namelist())
+    assert held == tracked
+    assert metadata["Description-Content-Type"] == "text/markdown"
+    assert metadata["License-Expression"] == "MIT"
+    assert {"geodesic", "html", "movie"} <= set(metadata.get_all("Provides-Extra", []))
+
+
+@pytest.mark.skipif(find_spec("twine") is None, reason="twine is not installed")
+def test_the_description_can_be_shown(archives: tuple[Path, Path]) -> None:
+    run(sys.executable, "-m", "twine", "check", "--strict", *archives, cwd=ROOT)
+
+
+def test_what_is_installed_is_whole(installed: Path, tmp_path: Path) -> None:
+    told = json.loads(run(installed / Path(sys.executable).name, "-c", INSTALLED, cwd=tmp_path))
+    assert Path(told["place"]).is_relative_to(installed.parent)
+    assert told["script"] == "meshmash_viewer.cli.main:main"
+    assert min(told["samples"]) > 100
+
+
+@pytest.mark.slow
+def test_the_installed_command_computes_features(installed: Path, tmp_path: Path) -> None:
+    sample = ROOT / "meshmash_viewer" / "samples" / "dendrite.npz"
+    command = ("features", sample, "--kind", "hks", "--count", "40", "--no-cache")
+    run(installed / "meshmash-viewer", *command, "-o", "out.npz", cwd=tmp_path)
+    with np.load(sample) as mesh, np.load(tmp_path / "out.npz") as made:
+        assert made["features"].shape == (len(mesh["vertices"]), 32)
+        assert len(made["eigenvalues"]) == 40
+        assert np.isfinite(made["features"]).all()
