@@ -8,8 +8,13 @@ __all__ = [
     "TruncationWarning",
     "UnprovenError",
     "UnprovenWarning",
+    "missing_module",
+    "not_installed",
     "printable",
 ]
+
+#: Packages to install that are called otherwise than what is imported.
+_PACKAGES = {"PIL": "pillow", "PySide6": "PySide6-Essentials", "vtkmodules": "vtk"}
 
 
 class InputError(ValueError):
@@ -41,6 +46,18 @@ class TruncationWarning(UserWarning):
 
     By the estimate of `meshmash_viewer.features.truncation`; the features carry it with its bound.
     """
+
+
+def not_installed(module: str) -> str:
+    """Clause on a module that is not there: "x, which is not installed: pip install x"."""
+    package = _PACKAGES.get(module, module)
+    return f"{package}, which is not installed: pip install {package}"
+
+
+def missing_module(fault: BaseException) -> str:
+    """Name of the package that an import did not find; empty if a part of one is missing."""
+    name = fault.name if isinstance(fault, ModuleNotFoundError) else ""
+    return "" if name is None or "." in name else name
 
 
 def printable(text: object, length: int = 120) -> str:

@@ -154,7 +154,7 @@ def test_a_vertex_that_does_not_exist_is_one_sentence(vertex: int) -> None:
 
 def test_without_the_package_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "potpourri3d", None)
-    with pytest.raises(InputError, match="pip install potpourri3d"):
+    with pytest.raises(InputError, match=r"pip install \"meshmash-viewer\[geodesic\]\""):
         geodesic_distance(shapes.icosphere(1), 0)
 
 

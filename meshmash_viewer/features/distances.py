@@ -238,8 +238,8 @@ class GeodesicSolver:
             from potpourri3d import MeshHeatMethodDistanceSolver
         except ImportError:
             raise InputError(
-                "Distances along the surface need potpourri3d: pip install potpourri3d, or choose"
-                " another distance."
+                "Distances along the surface need potpourri3d, which is not installed: pip install"
+                ' "meshmash-viewer[geodesic]", or choose another distance.'
             ) from None
         used = np.flatnonzero(self.mesh.referenced)
         number = np.full(self.mesh.n_vertices, -1)

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.errors import InputError, missing_module, not_installed, printable
 from meshmash_viewer.io.polygons import RawMap, RawMesh
 from meshmash_viewer.io.scratch import ScratchFolder
 from meshmash_viewer.vertex_map import Label
@@ -254,7 +254,9 @@ def _save(raw: RawMesh, result: str) -> None:
 
 
 def unreadable(fault: BaseException) -> InputError:
-    """What is left to say where a library says it best."""
+    """What is left to say where a library says it best, or is not there."""
+    if missing := missing_module(fault):
+        return InputError(f"is read by {not_installed(missing)}")
     return InputError(f"is not readable ({printable(fault) or type(fault).__name__})")
 
 

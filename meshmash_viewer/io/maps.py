@@ -149,6 +149,8 @@ def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
         text = str(fault)
         if text.startswith("Map "):
             raise InputError(f"{path}: {text[0].lower()}{text[1:]}") from fault
+        if "not installed" in text:
+            raise InputError(f"{path} {text}.") from fault
         raise InputError(f"{path} {text}; give a file with one number a vertex.") from fault
     except PermissionError as fault:
         raise InputError(f"{path} may not be read by you; give yourself permission.") from fault

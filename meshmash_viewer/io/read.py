@@ -261,6 +261,8 @@ def _check_content(raw: RawMesh) -> None:
 
 def _way_out(fault: str, ending: str) -> str:
     """End the reader's clause with what the user can do about it; `Mesh` says that itself."""
+    if "not installed" in fault:
+        return f"{fault}."
     if fault.endswith("."):
         return f"is no usable mesh: {fault[0].lower()}{fault[1:]}"
     if "point cloud" in fault:

@@ -13,19 +13,21 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError
+from meshmash_viewer.errors import InputError, not_installed
 from meshmash_viewer.io.atomic import writing_errors, written_together, written_whole
 from meshmash_viewer.io.movie import MOVIE_ENDINGS
 from meshmash_viewer.io.provenance import provenance
 from meshmash_viewer.io.writers import (
     EIGENPAIR_WRITERS,
     MESH_WRITERS,
+    NEEDED,
     SPECTRUM_WRITERS,
     WITHOUT_PROVENANCE,
     WRITERS,
@@ -272,6 +274,9 @@ def _writer(table: dict[str, Any], path: Path, what: str) -> Any:
     name = path.name.lower()
     for ending in table:
         if name.endswith(ending) and len(name) > len(ending):
+            needed = NEEDED.get(ending[ending.rindex(".") :])
+            if needed and find_spec(needed) is None:
+                raise InputError(f"{path} is written by {not_installed(needed)}.")
             return table[ending]
     raise InputError(
         f"{path} has no ending in which {what} can be written; give it one of {' '.join(table)}."

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = [
     "EIGENPAIR_WRITERS",
     "MESH_WRITERS",
+    "NEEDED",
     "SPECTRUM_WRITERS",
     "WITHOUT_PROVENANCE",
     "WRITERS",
@@ -297,6 +298,9 @@ SPECTRUM_WRITERS: dict[str, SpectrumWriter] = {
     ".parquet": _spectrum_parquet,
     ".npz": _spectrum_npz,
 }
+
+#: Packages that are asked for before the work that ends in a file.
+NEEDED = {".csv": "pyarrow", ".parquet": "pyarrow", ".gii": "nibabel"}
 
 #: Formats without room for provenance.
 WITHOUT_PROVENANCE = (".npy", ".csv", ".stl", ".glb")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from psygnal import EmitLoopError
 
-from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.errors import InputError, missing_module, not_installed, printable
 
 __all__ = ["Failure", "failure_of"]
 
@@ -40,6 +40,8 @@ def failure_of(fault: BaseException, doing: str = "") -> Failure:
         fault = fault.__cause__  # what a listener of the model raised
     if isinstance(fault, InputError):
         return Failure(str(fault), mendable=True)
+    if missing := missing_module(fault):
+        return Failure(f"This needs {not_installed(missing)}.", mendable=True)
     details = "".join(traceback.format_exception(fault))
     if isinstance(fault, MemoryError):
         text = "Memory ran out: ask for fewer eigenpairs, or close other programs."
