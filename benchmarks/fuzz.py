@@ -2,6 +2,7 @@
 
     ./dev bench fuzz --inputs 100000 [--first N] [--jobs J] [--record FILE]
     ./dev bench fuzz --show N          what input N is, and what comes of it
+    ./dev bench fuzz --formulas 100000 [--first N]      lines for formulas of filters in their place
 
 Inputs are numbered, and an input is the same everywhere. With --record, what has been tried is
 kept, and the next run goes on from there. Needs Linux.
@@ -40,6 +41,7 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--record", type=Path)
     parser.add_argument("--show", type=int, metavar="N")
+    parser.add_argument("--formulas", type=int, metavar="N")
     parser.add_argument("--work", nargs=3, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.work:
@@ -48,6 +50,8 @@ def main() -> int:
     if options.show is not None:
         show(options.show)
         return 0
+    if options.formulas is not None:
+        return 1 if break_formulas(options.first, options.formulas) else 0
     first = options.first // CHUNK
     wanted = range(first, first + -(-options.inputs // CHUNK))
     done = recorded(options.record)
@@ -66,6 +70,28 @@ def main() -> int:
                 print(f"{count * CHUNK} of {len(chunks) * CHUNK}, {rate:.0f} a second", flush=True)
     faults = summarise([done[chunk] for chunk in wanted if chunk in done])
     return 1 if faults else 0
+
+
+def break_formulas(first: int, count: int) -> int:
+    """Try so many lines as formulas, print what came of them; the number of faults."""
+    from tests.fuzz.formulas import formula, outcome, watched
+
+    came: Counter[str] = Counter()
+    slowest = 0.0, first
+    with watched() as forbidden:
+        for number in range(first, first + count):
+            began = time.perf_counter()
+            try:
+                came[outcome(number)] += 1
+            except Exception as fault:  # noqa: BLE001  whatever it is, it is counted
+                came["fault"] += 1
+                print(f"FAULT {number} {formula(number)!r}: {type(fault).__name__}: {fault}")
+            slowest = max(slowest, (time.perf_counter() - began, number))
+    print(f"{count:,} formulas: {came['computed']:,} computed, {came['refused']:,} refused")
+    print(f"slowest {1e3 * slowest[0]:.1f} ms (formula {slowest[1]})")
+    print(f"files, imports, code and attributes: {forbidden or 'none'}")
+    print(f"faults: {came['fault']}")
+    return came["fault"] + len(forbidden)
 
 
 def recorded(record: Path | None) -> dict[int, dict[str, Any]]:
