@@ -211,3 +211,20 @@ def _spiny_radius(
         ring, spoke = random.integers(3, points - 3), random.integers(around)
         result[ring, spoke] += random.uniform(1.0, 3.0) * radius
     return result
+
+
+def blob(level: int = 4) -> Mesh:
+    """A sphere with dents and bumps, without any symmetry."""
+    ball = icosphere(level)
+    x, y, z = ball.vertices.T
+    radius = 1.0 + 0.3 * x + 0.2 * y * z + 0.25 * np.exp(-8.0 * ((x - 0.6) ** 2 + (y - 0.7) ** 2))
+    return Mesh(ball.vertices * radius[:, None] * [1.0, 1.3, 0.8], ball.faces)
+
+
+def moved_copy(mesh: Mesh, scale: float = 2.5) -> tuple[Mesh, np.ndarray]:
+    """The same turned, larger, elsewhere and in another order, and where each vertex went."""
+    rng = np.random.default_rng(4)
+    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    order = rng.permutation(mesh.n_vertices)
+    place = np.argsort(order)
+    return Mesh((scale * mesh.vertices @ turn.T + 9.0)[order], place[mesh.faces]), place

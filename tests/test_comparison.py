@@ -27,22 +27,12 @@ def pairs_of(mesh: Mesh, count: int = 60) -> Decomposition:
 
 @pytest.fixture(scope="module")
 def blob() -> Mesh:
-    """A sphere with dents and bumps, without any symmetry."""
-    ball = shapes.icosphere(4)
-    x, y, z = ball.vertices.T
-    radius = 1.0 + 0.3 * x + 0.2 * y * z + 0.25 * np.exp(-8.0 * ((x - 0.6) ** 2 + (y - 0.7) ** 2))
-    stretched = ball.vertices * radius[:, None] * [1.0, 1.3, 0.8]
-    return Mesh(stretched, ball.faces)
+    return shapes.blob()
 
 
 @pytest.fixture(scope="module")
 def copy(blob: Mesh) -> tuple[Mesh, np.ndarray]:
-    """The same turned, larger, elsewhere and in another order, and where each vertex went."""
-    rng = np.random.default_rng(4)
-    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    order = rng.permutation(blob.n_vertices)
-    place = np.argsort(order)
-    return Mesh((2.5 * blob.vertices @ turn.T + 9.0)[order], place[blob.faces]), place
+    return shapes.moved_copy(blob)
 
 
 BANKS = {

@@ -8,19 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.weyl import Target
-from meshmash_viewer.units import counted
 
 if TYPE_CHECKING:
     from meshmash_viewer.cli.commands import Solver
     from meshmash_viewer.fields.family import Family
 
 __all__ = ["described_comparison", "write_comparison"]
-
-#: Fewest eigenvalues above zero that say something of a shape.
-_FEWEST = 3
 
 
 def write_comparison(
@@ -48,8 +43,13 @@ def write_comparison(
     InputError
         If a mesh has too few vertices for that.
     """
-    from meshmash_viewer.features.comparison import compare_shapes, unit_area_spectrum
-    from meshmash_viewer.features.sums import Features
+    from meshmash_viewer.features.comparison import (
+        check_comparable,
+        compare_shapes,
+        comparison_remarks,
+        matched_top,
+        unit_area_spectrum,
+    )
     from meshmash_viewer.io.provenance import export_options
     from meshmash_viewer.io.write import write_features
 
@@ -57,22 +57,14 @@ def write_comparison(
     first_mesh, second_mesh = meshes
     first = solver(first_mesh)
     asked = solver.target
-    top = float(unit_area_spectrum(first)[-1])
+    top = matched_top(first, second_mesh.area)
     # as far up the spectrum of the second, where it has one that far
-    solver.target = Target("max_eigenvalue", top * (1.0 + 1e-9) / second_mesh.area)
-    if not top > 0.0:
-        solver.target = asked
+    solver.target = Target("max_eigenvalue", top) if top > 0.0 else asked
     second = solver(second_mesh)
     for mesh, pairs in zip(meshes, (first, second), strict=True):
-        above = int(np.count_nonzero(pairs.eigenvalues > 0.0))
-        if above < _FEWEST:
-            raise InputError(
-                f"{mesh.name or 'A mesh'} has {counted(above, 'eigenvalue')} above zero to be"
-                f" compared, of {counted(mesh.n_vertices, 'vertex')}: compute more (--count), or"
-                " give a mesh of more vertices."
-            )
+        check_comparable(mesh.name, mesh.n_vertices, pairs.eigenvalues)
     found = compare_shapes(first, second, family.bank(unit_area_spectrum(first)))
-    told, n_used = found.functions.told, int(np.count_nonzero(found.forth.indices >= 0))
+    told = found.functions.told
     report: dict[str, Any] = {
         "meshes": [mesh.name for mesh in meshes],
         "kind": family.export,
@@ -80,8 +72,8 @@ def write_comparison(
         "compared": len(found.spectra[0]),
         "complete": first.complete and second.complete,
         "spectral_distance": found.distance,
-        "relative_distance": found.distance / float(np.linalg.norm(found.spectra[0])),
-        "mutual_share": float(found.mutual.sum() / max(n_used, 1)),
+        "relative_distance": found.relative_distance,
+        "mutual_share": found.mutual_share,
         "median_score": float(np.nanmedian(found.forth.scores)),
         "eigenfunctions": [
             {"first": int(index), "second": int(found.functions.indices[index]),
@@ -89,35 +81,16 @@ def write_comparison(
              "correlation": float(found.functions.correlations[index])}
             for index in np.flatnonzero(told)
         ],
-        "remarks": _remarks(meshes),
+        "remarks": comparison_remarks(*meshes),
         "output": None if path is None else str(path),
     }  # fmt: skip
     if path is not None:
-        columns = found.forth.indices, found.forth.scores, found.mutual
-        values = np.stack([np.asarray(each, dtype=np.float64) for each in columns], axis=1)
-        names = (f"vertex_of_{second_mesh.name or 'second'}", "score", "mutual")
         proof = f"{first.proof(first_mesh.unit)}; {second.proof(second_mesh.unit)}"
         options = export_options("match", solver.operator, asked, proof)
         options["matched_in"] = family.export
-        write_features(path, Features(values, names, kind="match"), first_mesh, meta=options)
+        write_features(path, found.match_table(second_mesh.name), first_mesh, meta=options)
     report["seconds"] = round(time.perf_counter() - began, 3)
     return report
-
-
-def _remarks(meshes: tuple[Mesh, Mesh]) -> list[str]:
-    """What to know before one trusts the figures."""
-    first, second = meshes
-    remarks = []
-    if first.unit != second.unit:
-        units = f"{first.unit or 'no unit'} and {second.unit or 'no unit'}"
-        remarks.append(f"the meshes are in {units}; sizes do not count, only shapes do.")
-    counts = first.n_components, second.n_components
-    if counts[0] != counts[1]:
-        remarks.append(
-            f"the meshes have {counts[0]:,} and {counts[1]:,} components, each with an eigenvalue"
-            " of zero, which moves all others: --largest-component compares the largest ones."
-        )
-    return remarks
 
 
 def described_comparison(report: dict[str, Any]) -> str:

@@ -7,25 +7,30 @@ the two shapes at an area of 1.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import FilterBank, wave_kernel_bank
-from meshmash_viewer.features.shape import Matches, match_features
-from meshmash_viewer.features.sums import accumulate_features
-
-if TYPE_CHECKING:
-    from meshmash_viewer.spectral.eigensolver import Decomposition
+from meshmash_viewer.features.shape import Matches, column_spread, match_features
+from meshmash_viewer.features.sums import Features, accumulate_features
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.units import counted
 
 __all__ = [
     "Comparison",
+    "Correspondence",
+    "Eigenpairs",
     "FunctionMatches",
+    "check_comparable",
     "compare_shapes",
+    "comparison_remarks",
     "distinct_matches",
     "match_functions",
+    "matched_top",
     "unit_area_spectrum",
 ]
 
@@ -38,6 +43,24 @@ _SAME = 0.5
 _ROUNDING = 1e-6
 #: Energies of the default signature.
 _ENERGIES = 100
+#: Fewest eigenvalues above zero that say something of a shape.
+_FEWEST = 3
+
+
+class Eigenpairs(Protocol):
+    """What is compared of a shape: a `Decomposition` has it, and others who know its pairs."""
+
+    @property
+    def eigenvalues(self) -> FloatArray:
+        """Ascending, shape (k,)."""
+
+    @property
+    def rows(self) -> Any:
+        """Eigenvectors, one a row, shape (>= k, n)."""
+
+    @property
+    def mass(self) -> FloatArray:
+        """Area of each vertex, shape (n,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +104,8 @@ class Comparison:
         Vertices of the first that the match of their match leads back to.
     functions : FunctionMatches
         Eigenfunctions of the first among those of the second.
+    features : tuple of two ndarrays of float32, shapes (n, f) and (m, f)
+        In which vertices are matched, in units of their spread over the second.
     """
 
     spectra: tuple[FloatArray, FloatArray]
@@ -89,25 +114,117 @@ class Comparison:
     back: Matches
     mutual: npt.NDArray[np.bool_]
     functions: FunctionMatches
+    features: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
+
+    @property
+    def relative_distance(self) -> float:
+        """The distance beside the length of the first spectrum."""
+        return self.distance / float(np.linalg.norm(self.spectra[0]))
+
+    @property
+    def mutual_share(self) -> float:
+        """Share of the vertices of the first with features that find themselves again."""
+        return float(self.mutual.sum() / max(np.count_nonzero(self.forth.indices >= 0), 1))
+
+    def match_table(self, second_name: str) -> Features:
+        """For each vertex of the first its match, the score, and whether it is mutual, (n, 3)."""
+        columns = self.forth.indices, self.forth.scores, self.mutual
+        values = np.stack([np.asarray(each, dtype=np.float64) for each in columns], axis=1)
+        names = (f"vertex_of_{second_name or 'second'}", "score", "mutual")
+        return Features(values, names, kind="match")
+
+    def best_matches(
+        self, vertex: int, places: npt.NDArray[np.floating], radius: float, count: int = 4
+    ) -> tuple[tuple[int, float], ...]:
+        """Vertices of the second that look most like one of the first, with their scores.
+
+        See `distinct_matches` for `places` of the second, `radius` and `count`.
+        """
+        mine, others = self.features
+        distances = np.linalg.norm(others - mine[vertex], axis=1).astype(np.float64)
+        found = distinct_matches(distances, places, radius, count)
+        return tuple((int(each), float(distances[each])) for each in found)
 
 
-def unit_area_spectrum(decomposition: Decomposition) -> FloatArray:
+@dataclass(frozen=True, eq=False)
+class Correspondence:
+    """What of one shape is what of another.
+
+    Parameters
+    ----------
+    length : float
+        A length of the other by the same of this.
+    vertices : ndarray of int64, shape (n,), optional
+        For each vertex of this the same one of the other, or -1.
+    functions : FunctionMatches, optional
+        The same of eigenfunctions.
+    """
+
+    length: float = 1.0
+    vertices: IntArray | None = None
+    functions: FunctionMatches | None = None
+
+    def vertex(self, index: int) -> int | None:
+        """The vertex of the other that one of this is; None where it cannot be told."""
+        if self.vertices is None or not 0 <= index < len(self.vertices):
+            return None
+        found = int(self.vertices[index])
+        return found if found >= 0 else None
+
+
+def unit_area_spectrum(pairs: Eigenpairs) -> FloatArray:
     """Eigenvalues of the shape at an area of 1, pure numbers, shape (k,)."""
-    return np.asarray(decomposition.eigenvalues * decomposition.mass.sum())
+    return np.asarray(pairs.eigenvalues * pairs.mass.sum())
+
+
+def matched_top(first: Eigenpairs, area: float) -> float:
+    """Eigenvalue of a shape of some area up to which it is compared with the first; 0 for none."""
+    # a copy's last eigenvalue may be larger by rounding
+    return float(unit_area_spectrum(first)[-1]) * (1.0 + 1e-9) / area
+
+
+def comparison_remarks(first: Mesh, second: Mesh) -> list[str]:
+    """What to know of two meshes before one trusts the figures."""
+    remarks = []
+    if first.unit != second.unit:
+        units = f"{first.unit or 'no unit'} and {second.unit or 'no unit'}"
+        remarks.append(f"the meshes are in {units}; sizes do not count, only shapes do.")
+    counts = first.n_components, second.n_components
+    if counts[0] != counts[1]:
+        remarks.append(
+            f"the meshes have {counts[0]:,} and {counts[1]:,} components, each with an eigenvalue"
+            " of zero, which moves all others: compare their largest ones."
+        )
+    return remarks
+
+
+def check_comparable(name: str, n_vertices: int, eigenvalues: FloatArray) -> None:
+    """Complain of a mesh with too few eigenvalues above zero to say something of a shape."""
+    above = int(np.count_nonzero(eigenvalues > 0.0))
+    if above < _FEWEST:
+        raise InputError(
+            f"{name or 'A mesh'} has {counted(above, 'eigenvalue')} above zero to be compared, of"
+            f" {counted(n_vertices, 'vertex')}: compute more, or give a mesh of more vertices."
+        )
 
 
 def compare_shapes(
-    first: Decomposition, second: Decomposition, bank: FilterBank | None = None
+    first: Eigenpairs,
+    second: Eigenpairs,
+    bank: FilterBank | None = None,
+    cancel: CancelCallback | None = None,
 ) -> Comparison:
     """Compare two shapes by their eigenpairs.
 
     Parameters
     ----------
-    first, second : Decomposition
+    first, second : Eigenpairs
         Both up to about the same eigenvalue times area; what one has more is left out.
     bank : FilterBank, optional
         Filters for eigenvalues times area, in whose columns vertices are matched: by default the
         wave kernel signature of 100 energies of the first.
+    cancel : callable, optional
+        Asked while vertices are matched; `Cancelled` is raised if it says so.
 
     Returns
     -------
@@ -131,7 +248,7 @@ def compare_shapes(
     >>> compare_shapes(pairs, pairs).distance
     0.0
     """
-    count = min(first.n_components, second.n_components)
+    count = min(len(first.eigenvalues), len(second.eigenvalues))
     spectra = unit_area_spectrum(first)[:count], unit_area_spectrum(second)[:count]
     if bank is None:
         bank = wave_kernel_bank(spectra[0], _ENERGIES)
@@ -144,8 +261,9 @@ def compare_shapes(
         * each.mass.sum()
         for each, values in zip((first, second), spectra, strict=True)
     )
-    forth = match_features(forth_features, back_features, standardize=True)
-    back = match_features(back_features, forth_features, standardize=True)
+    forth = match_features(forth_features, back_features, standardize=True, cancel=cancel)
+    back = match_features(back_features, forth_features, standardize=True, cancel=cancel)
+    spread = column_spread(back_features[np.isfinite(back_features).all(axis=1)])
     found = forth.indices >= 0
     mutual = np.zeros(len(found), dtype=np.bool_)
     mutual[found] = back.indices[forth.indices[found]] == np.flatnonzero(found)
@@ -156,17 +274,21 @@ def compare_shapes(
         back,
         mutual,
         match_functions(first, second, forth.indices),
+        (
+            (forth_features / spread).astype(np.float32),
+            (back_features / spread).astype(np.float32),
+        ),
     )
 
 
 def match_functions(
-    first: Decomposition, second: Decomposition, vertices: npt.ArrayLike
+    first: Eigenpairs, second: Eigenpairs, vertices: npt.ArrayLike
 ) -> FunctionMatches:
     """Tell which eigenfunction of one shape is which of another, and with which sign.
 
     Parameters
     ----------
-    first, second : Decomposition
+    first, second : Eigenpairs
         With k and l pairs.
     vertices : array_like of int, shape (n,)
         For each vertex of the first the same one of the second, -1 where there is none: all in
@@ -193,8 +315,8 @@ def match_functions(
     used = (there >= 0) & (first.mass > 0.0)
     used[used] = second.mass[there[used]] > 0.0
     weights = first.mass[used]
-    here = first.rows[:, used]
-    carried = second.rows[:, there[used]]
+    here = np.asarray(first.rows[: len(first.eigenvalues)])[:, used]
+    carried = np.asarray(second.rows[: len(second.eigenvalues)])[:, there[used]]
     products = (here * weights) @ carried.T
     norms = np.sqrt(np.square(here) @ weights)[:, None] * np.sqrt(np.square(carried) @ weights)
     correlations = np.divide(products, norms, out=np.zeros(products.shape), where=norms > 0.0)

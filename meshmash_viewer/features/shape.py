@@ -19,6 +19,7 @@ from meshmash_viewer.features.reconstruction import Reconstruction
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.laplacian import SparseMatrix, compute_vertex_areas, cotangent_laplacian
 from meshmash_viewer.mesh import MeshLike, as_mesh
+from meshmash_viewer.progress import CancelCallback, Cancelled
 
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigensolver import Decomposition
@@ -36,6 +37,8 @@ __all__ = [
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 #: `Features`, or their values alone, shape (n, f).
 FeaturesLike: TypeAlias = Any
+#: Vertices that are matched before it is asked whether to go on.
+_AT_ONCE = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +261,12 @@ def spectral_distance(
 
 
 def match_features(
-    a: FeaturesLike, b: FeaturesLike, *, quantile: float = 0.1, standardize: bool = False
+    a: FeaturesLike,
+    b: FeaturesLike,
+    *,
+    quantile: float = 0.1,
+    standardize: bool = False,
+    cancel: CancelCallback | None = None,
 ) -> Matches:
     """For each vertex of `a`, find the vertex of `b` with the nearest features.
 
@@ -271,6 +279,8 @@ def match_features(
     standardize : bool
         Divide each column by its spread over `b` first (`column_spread`). Otherwise the columns
         with the largest values decide: the shortest times of a heat kernel signature.
+    cancel : callable, optional
+        Asked from time to time; `Cancelled` is raised if it says so.
 
     Returns
     -------
@@ -295,7 +305,13 @@ def match_features(
         raise InputError("One of the two shapes has no vertex with features to match.")
     scale = column_spread(values_b[rows_b]) if standardize else 1.0
     tree = KDTree(values_b[rows_b] / scale)
-    distances, nearest = tree.query(values_a[rows_a] / scale, workers=-1)
+    distances = np.empty(len(rows_a))
+    nearest = np.empty(len(rows_a), dtype=np.int64)
+    for start in range(0, len(rows_a), _AT_ONCE):
+        if cancel is not None and cancel():
+            raise Cancelled
+        some = slice(start, start + _AT_ONCE)
+        distances[some], nearest[some] = tree.query(values_a[rows_a[some]] / scale, workers=-1)
     indices = np.full(len(values_a), -1, dtype=np.int64)
     scores = np.full(len(values_a), np.nan)
     confident = np.zeros(len(values_a), dtype=np.bool_)

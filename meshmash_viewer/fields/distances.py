@@ -60,7 +60,7 @@ class Distances(Family):
 
     measure: str = parameter("geodesic", type="choice", values=tuple(MEASURES))
     vertex: int | None = parameter(type="vertex", least=0, most=2**31 - 1)
-    time: float | None = number(_ABOVE_ZERO)
+    time: float | None = number(_ABOVE_ZERO, 2)
 
     # -- choices ------------------------------------------------------------------------------
 

@@ -8,6 +8,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from meshmash_viewer.features.comparison import Correspondence
 from meshmash_viewer.fields.family import (
     Answer,
     Family,
@@ -58,6 +59,15 @@ class Eigenfunctions(Family):
     def for_other_mesh(self, n_components: int) -> Self:
         """The first function that is not constant on every component: nothing to see before."""
         return replace(self, index=n_components, flipped=frozenset())
+
+    def carried(self, to: Correspondence) -> Self:
+        """The same function where it can be told, with its sign; else the one of that index."""
+        same, index = to.functions, self.index
+        if same is None or index >= len(same.indices) or same.indices[index] < 0:
+            return self
+        other = int(same.indices[index])
+        flipped = (same.signs[index] < 0.0) != (index in self.flipped)
+        return replace(self, index=other, flipped=frozenset({other} if flipped else ()))
 
     def within(self, spectrum: Spectrum) -> Self:
         return replace(self, index=min(max(self.index, 0), max(len(spectrum) - 1, 0)))

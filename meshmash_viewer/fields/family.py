@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Self, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.features.comparison import Correspondence
 from meshmash_viewer.features.filters import FilterBank
 from meshmash_viewer.fields.spectrum import Spectrum, same_pairs
 from meshmash_viewer.progress import CancelCallback
@@ -46,8 +47,8 @@ def parameter(default: Any = None, **bounds: Any) -> Any:
 
     These are ``type`` ("whole", "number", "flag", "indices", "vertex", "text", "named numbers",
     "choice" with its ``values``, or "family" for the name of a feature), for numbers ``least`` and
-    ``most``, for a text the ``most`` characters and a ``check`` that raises `InputError`. A default
-    of None is a value, too.
+    ``most``, and the ``power`` of a length that they are, for a text the ``most`` characters and a
+    ``check`` that raises `InputError`. A default of None is a value, too.
     """
     return field(default=default, metadata=bounds)
 
@@ -57,9 +58,9 @@ def whole(default: int | None, least: int, most: int) -> Any:
     return parameter(default, type="whole", least=least, most=most)
 
 
-def number(least: float) -> Any:
-    """A parameter that is a number from a least one on, or left open."""
-    return parameter(None, type="number", least=least)
+def number(least: float, power: int) -> Any:
+    """A parameter that is a power of a length, from a least one on, or left open."""
+    return parameter(None, type="number", least=least, power=power)
 
 
 def flag(default: bool) -> Any:
@@ -252,6 +253,26 @@ class Family:
     def for_other_mesh(self, n_components: int) -> Self:
         """What of it carries over to another mesh, which has so many connected components."""
         return self
+
+    def carried(self, to: Correspondence) -> Self:
+        """The same on another shape: what are lengths grows with it, vertices are the same ones."""
+        other: dict[str, Any] = {}
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if value is not None and each.metadata.get("power"):
+                other[each.name] = value * to.length ** each.metadata["power"]
+            elif value is not None and each.metadata.get("type") == "vertex":
+                other[each.name] = to.vertex(value)
+        return replace(self, **other)
+
+    def filled_in(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
+        """The same with the parameters that were left open, where they can be told."""
+        if not self.usable or (self.needs_pairs and not len(spectrum)):
+            return self
+        known = self.resolved(spectrum, chosen)
+        names = (each.name for each in fields(self) if each.metadata)
+        told = {name: getattr(known, name) for name in names if getattr(known, name) is not None}
+        return replace(self, **told)
 
     def within(self, spectrum: Spectrum) -> Self:
         """The same at a position that a spectrum has."""

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.comparison import Correspondence
 from meshmash_viewer.features.filters import (
     FilterBank,
     band_pass_bank,
@@ -100,8 +101,8 @@ class Filters(Family):
     values: Values = parameter((), type="named numbers")  # noqa: RUF009
     count: int = whole(1, 1, MOST_COLUMNS)
     automatic: bool = flag(True)
-    low: float | None = number(_ABOVE_ZERO)
-    high: float | None = number(_ABOVE_ZERO)
+    low: float | None = number(_ABOVE_ZERO, 0)
+    high: float | None = number(_ABOVE_ZERO, 0)
 
     # -- parameters ---------------------------------------------------------------------------
 
@@ -164,6 +165,17 @@ class Filters(Family):
     def for_other_mesh(self, n_components: int) -> Self:
         """The formula stays; its parameters were chosen for another spectrum."""
         return replace(self, values=(), automatic=True, low=None, high=None)
+
+    def carried(self, to: Correspondence) -> Self:
+        """Its parameters are the lengths: what they mean is in the formula."""
+        powers = self.formula.powers
+
+        def grown(name: str) -> float:
+            return float(to.length ** powers.get(name, 0))
+
+        values = tuple((name, value * grown(name)) for name, value in self.values)
+        low, high = (end and end * grown(self.first) for end in (self.low, self.high))
+        return replace(self, values=values, low=low, high=high)
 
     def step(self, spectrum: Spectrum, steps: int) -> Self:
         if not self.first:

@@ -45,8 +45,8 @@ class GeometryVectors(BankColumns):
     ordered: ClassVar[tuple[str, str] | None] = ("low", "high")
 
     automatic: bool = flag(True)
-    low: float | None = number(0.0)
-    high: float | None = number(0.0)
+    low: float | None = number(0.0, -2)
+    high: float | None = number(0.0, -2)
 
     def range(self, spectrum: Spectrum) -> tuple[float, float]:
         """Smallest and largest eigenvalue in force, in inverse squared length units."""

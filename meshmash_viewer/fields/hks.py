@@ -66,10 +66,10 @@ class HeatKernelSignature(Family):
     interval: ClassVar[int] = 50  # times are a film
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (True, True, True)
 
-    time: float | None = number(_ABOVE_ZERO)
+    time: float | None = number(_ABOVE_ZERO, 2)
     automatic: bool = flag(True)
-    t_min: float | None = number(_ABOVE_ZERO)
-    t_max: float | None = number(_ABOVE_ZERO)
+    t_min: float | None = number(_ABOVE_ZERO, 2)
+    t_max: float | None = number(_ABOVE_ZERO, 2)
     scales: int = whole(32, 1, MOST_COUNT)
 
     def range(self, spectrum: Spectrum) -> tuple[float, float]:

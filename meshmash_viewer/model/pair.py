@@ -1,0 +1,301 @@
+"""Two meshes in step: the second shows what is looked at on the first, as they are linked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from psygnal import Signal
+
+from meshmash_viewer.features.comparison import (
+    Comparison,
+    Correspondence,
+    check_comparable,
+    compare_shapes,
+    matched_top,
+    unit_area_spectrum,
+)
+from meshmash_viewer.fields import EXPORTS, FEATURES
+from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.model.document import Document, Pin
+from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.spectral.weyl import Target
+
+__all__ = ["LINKS", "MATCHED_IN", "ComparisonRequest", "Pair"]
+
+#: What can be linked, with what it is called.
+LINKS = {
+    "camera": "Camera",
+    "kind": "Family",
+    "position": "Index, time, band",
+    "colors": "Colours and limits",
+}
+#: Features in which vertices are matched: those of many columns that nothing has to be chosen for.
+MATCHED_IN: dict[str, type[Family]] = {
+    name: family
+    for name, family in FEATURES.items()
+    if family.export in EXPORTS and getattr(family(), family.counted) > 1
+}
+
+
+class _Pairs(NamedTuple):
+    eigenvalues: npt.NDArray[np.float64]
+    rows: Any
+    mass: npt.NDArray[np.float64]
+
+
+def _pairs_of(spectrum: Spectrum) -> _Pairs:
+    # as they are drawn, so that signs are those that one sees
+    rows = spectrum.rows if spectrum.shown is None else spectrum.shown[: len(spectrum)]
+    return _Pairs(spectrum.eigenvalues, rows, spectrum.vertex_areas)
+
+
+@dataclass(frozen=True, eq=False)
+class ComparisonRequest:
+    """Eigenpairs of two meshes, both up to the same eigenvalue times area, and how to match them.
+
+    Parameters
+    ----------
+    first, second : Spectrum
+    matched_in : str
+        A key of `MATCHED_IN`.
+    """
+
+    first: Spectrum
+    second: Spectrum
+    matched_in: str
+
+    def answered(self, cancel: CancelCallback | None = None) -> Comparison:
+        """The comparison; `InputError` where there is too little to compare."""
+        pairs = []
+        for spectrum in (self.first, self.second):
+            mesh = spectrum.mesh
+            assert mesh is not None
+            check_comparable(mesh.name, spectrum.n_vertices, spectrum.eigenvalues)
+            pairs.append(_pairs_of(spectrum))
+        bank = MATCHED_IN[self.matched_in].exported().bank(unit_area_spectrum(pairs[0]))
+        return compare_shapes(pairs[0], pairs[1], bank, cancel)
+
+
+class Pair:
+    """A second document that follows a first one.
+
+    Views listen to `changed`; who compares listens to `comparison_requested`, which carries a
+    `ComparisonRequest`, and answers with `accept`.
+
+    Parameters
+    ----------
+    first, second : Document
+
+    Attributes
+    ----------
+    links : frozenset of str
+        Those of `LINKS` that are in force; changed by `link`.
+    comparison : Comparison or None
+        None until both are decomposed and compared.
+    carries : bool
+        Whether the second shows the colours of the first, carried by the match of all vertices.
+    """
+
+    changed = Signal()
+    comparison_requested = Signal(object)
+
+    def __init__(self, first: Document, second: Document) -> None:
+        self.first, self.second = first, second
+        self.links = frozenset(LINKS)
+        self.comparison: Comparison | None = None
+        self.carries = False
+        self._matched_in = next(iter(MATCHED_IN))
+        self._request: ComparisonRequest | None = None
+        self._seen: Mapping[str, Family] = {}
+        self._asked: tuple[Any, Any] = None, None
+        #: Vertices of the second that were pinned themselves, by the number of their pin.
+        self._pinned: dict[int, int] = {}
+        events = first.display.events
+        self._heard = [
+            *((getattr(events, name), self._follow_display) for name in (
+                "fields", "kind", "policies", "diverging_colormap", "sequential_colormap",
+                "nodal_lines",
+            )),
+            (first.pins_changed, self._follow_pins),
+            (first.spectrum_changed, self._follow_spectra),
+            (second.spectrum_changed, self._follow_spectra),
+            (second.mesh_changed, self._follow_spectra),
+        ]  # fmt: skip
+        for signal, slot in self._heard:
+            signal.connect(slot)
+        self._follow_spectra()
+
+    def close(self) -> None:
+        """Follow no more."""
+        for signal, slot in self._heard:
+            signal.disconnect(slot)
+
+    # -- choices ------------------------------------------------------------------------------
+
+    def link(self, name: str, on: bool) -> None:
+        """Put one of `LINKS` in force, or cut it: what it was about stays on the second."""
+        self.links = self.links | {name} if on else self.links - {name}
+        self._seen = {}
+        self._follow_display()
+        self.changed.emit()
+
+    def carry(self, on: bool) -> None:
+        """Show the colours of the first on the second, or its own."""
+        self.carries = on
+        self.changed.emit()
+
+    @property
+    def matched_in(self) -> str:
+        """The feature in which vertices are matched: a key of `MATCHED_IN`."""
+        return self._matched_in
+
+    @matched_in.setter
+    def matched_in(self, name: str) -> None:
+        self._matched_in = name
+        self._follow_spectra()
+
+    def pin_second(self, vertex: int) -> None:
+        """Pin a vertex of the second, with its best match on the first, or take both away."""
+        there = {pin.vertex: pin.number for pin in self.second.pins}
+        match = -1 if self.comparison is None else int(self.comparison.back.indices[vertex])
+        if vertex in there:
+            taken = next(pin for pin in self.first.pins if pin.number == there[vertex])
+            self.first.toggle_pin(taken.vertex)
+        elif match >= 0:
+            mine = {pin.vertex: pin.number for pin in self.first.pins}
+            if match in mine:
+                self._pinned[mine[match]] = vertex
+                self._follow_pins()
+            else:
+                number = 1 + max((pin.number for pin in self.first.pins), default=0)
+                self._pinned[number] = vertex
+                self.first.toggle_pin(match, number)
+
+    # -- what is compared ---------------------------------------------------------------------
+
+    @property
+    def correspondence(self) -> Correspondence:
+        """What of the first is what of the second, as far as it is known."""
+        mesh, other, known = self.first.mesh, self.second.mesh, self.comparison
+        if mesh is None or other is None or not mesh.area > 0.0:
+            return Correspondence()
+        length = math.sqrt(other.area / mesh.area)
+        if known is None:
+            return Correspondence(length)
+        return Correspondence(length, known.forth.indices, known.functions)
+
+    @property
+    def comparing(self) -> bool:
+        """Whether a comparison is on its way."""
+        return self._request is not None and self.comparison is None
+
+    def accept(self, request: ComparisonRequest, comparison: Comparison) -> None:
+        """Take a comparison, if it is the one that was asked for last."""
+        if request is self._request:
+            self.comparison = comparison
+            self._seen = {}
+            self._follow_display()
+            self._follow_pins()
+            self.changed.emit()
+
+    def best_matches(self, vertex: int, count: int = 4) -> tuple[tuple[int, float], ...]:
+        """Vertices of the second that look most like one of the first, and no neighbours.
+
+        They come with their scores, best first; the matches are apart by a fiftieth of the size.
+        """
+        mesh = self.second.mesh
+        if self.comparison is None or mesh is None:
+            return ()
+        apart = 0.02 * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        return self.comparison.best_matches(vertex, mesh.vertices, apart, count)
+
+    # -- following ----------------------------------------------------------------------------
+
+    def _follow_spectra(self) -> None:
+        """Solve the second as far as the first, and compare them as soon as both are there."""
+        self._decompose_second()
+        first, second = self.first.spectrum, self.second.spectrum
+        before, request = self._request, None
+        if (
+            first is not None
+            and second is not None
+            and first.complete
+            and second.complete
+            and self.second.is_computed
+        ):
+            request = ComparisonRequest(first, second, self._matched_in)
+        same = (
+            before is not None
+            and request is not None
+            and before.matched_in == request.matched_in
+            and before.first.rows is request.first.rows
+            and before.second.rows is request.second.rows
+        )
+        if not same:
+            self._request, self.comparison = request, None
+            if request is not None:
+                self.comparison_requested.emit(request)
+        self._seen = {}
+        self._follow_display()
+        self._follow_pins()
+        self.changed.emit()
+
+    def _decompose_second(self) -> None:
+        first, mesh = self.first.spectrum, self.second.mesh
+        if first is None or not first.complete or mesh is None:
+            return
+        asked = first.rows, mesh.vertices
+        if all(one is other for one, other in zip(asked, self._asked, strict=True)):
+            return  # once: what was cancelled is not asked for again
+        self._asked = asked
+        top = matched_top(_pairs_of(first), mesh.area)
+        self.second.operator = self.first.operator
+        if top > 0.0:
+            self.second.target = Target("max_eigenvalue", top)
+        else:
+            self.second.target = self.first.target
+        if not self.second.is_computed:
+            self.second.compute()
+
+    def _follow_display(self) -> None:
+        """Show on the second what is looked at on the first."""
+        mine, other, to = self.first.display, self.second.display, self.correspondence
+        known = self.first.known
+        if known is None:
+            return
+        moved = []
+        for name, family in mine.fields.items():
+            if self._seen.get(name) is not family:
+                carried = family.filled_in(known, mine.fields).carried(to)
+                if "position" not in self.links:
+                    kept = {each: getattr(other.fields[name], each) for each in family.position}
+                    carried = replace(carried, **kept)
+                moved.append(carried)
+        self._seen = mine.fields
+        other.put(*moved)
+        if "kind" in self.links:
+            other.kind = mine.kind
+        if "colors" in self.links:
+            other.policies = mine.policies
+            other.diverging_colormap = mine.diverging_colormap
+            other.sequential_colormap = mine.sequential_colormap
+        other.nodal_lines = mine.nodal_lines
+
+    def _follow_pins(self) -> None:
+        """Pin the best match of each pin, under its number."""
+        numbers = {pin.number for pin in self.first.pins}
+        self._pinned = {number: at for number, at in self._pinned.items() if number in numbers}
+        to = self.correspondence
+        found = ((pin.number, self._pinned.get(pin.number, to.vertex(pin.vertex)))
+                 for pin in self.first.pins)  # fmt: skip
+        pins = tuple(Pin(vertex, number) for number, vertex in found if vertex is not None)
+        if pins != self.second.pins:
+            self.second.pins = pins
+            self.second.pins_changed.emit()
+            self.changed.emit()

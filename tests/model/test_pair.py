@@ -1,0 +1,211 @@
+"""Two meshes in step: a copy of a mesh shows what the mesh shows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapes
+
+import meshmash_viewer as mv
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.comparison import compare_shapes
+from meshmash_viewer.fields import FAMILIES
+from meshmash_viewer.fields.distances import Distances
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.filters import Filters
+from meshmash_viewer.fields.geometry_vectors import GeometryVectors
+from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.fields.similarity import Similarity
+from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.health import mesh_health
+from meshmash_viewer.laplacian import cotangent_laplacian
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.field import Field, LiveFeatures, compute_field, request_of
+from meshmash_viewer.model.jobs import DecomposeJob, MeshReady
+from meshmash_viewer.model.pair import MATCHED_IN, ComparisonRequest, Pair
+from meshmash_viewer.spectral.eigensolver import solve
+from meshmash_viewer.spectral.weyl import Target
+
+COUNT = 60
+
+
+def opened(mesh: Mesh) -> Document:
+    """A document that decomposes its mesh at once when it is asked to."""
+    document = Document()
+    document.job_requested.connect(lambda job: answer(document, job))
+    document.accept_mesh(MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals))
+    return document
+
+
+def answer(document: Document, job: DecomposeJob) -> None:
+    matrices = cotangent_laplacian(job.mesh, robust=True)
+    if job.target.kind == "count":
+        found = solve(*matrices, round(job.target.value))
+        known_to = 0.0
+    else:
+        found = solve(*matrices, max_eigenvalue=job.target.value)
+        known_to = job.target.value
+    spectrum = Spectrum(
+        found.eigenvalues, found.rows, found.residuals, total=len(found.eigenvalues),
+        certificate=found.certificate, operator=job.operator, mass=found.mass, known_to=known_to,
+    )  # fmt: skip
+    document.accept_spectrum(spectrum)
+
+
+def paired(first: Document, second: Document) -> Pair:
+    """A pair whose comparisons are there at once."""
+    pair = Pair(first, second)
+    pair.comparison_requested.connect(lambda request: pair.accept(request, request.answered()))
+    return pair
+
+
+@pytest.fixture(scope="module")
+def meshes() -> tuple[Mesh, Mesh, np.ndarray]:
+    mesh = shapes.blob(3)
+    return mesh, *shapes.moved_copy(mesh)
+
+
+@pytest.fixture
+def pair(meshes: tuple[Mesh, Mesh, np.ndarray]) -> Pair:
+    first, second = (opened(mesh) for mesh in meshes[:2])
+    pair = paired(first, second)
+    first.target = Target("count", COUNT)
+    first.compute()
+    return pair
+
+
+def shown(document: Document) -> Field:
+    request, live = request_of(document), LiveFeatures()
+    assert request is not None
+    live.prepare(request)
+    field = compute_field(request, live)
+    assert field is not None
+    return field
+
+
+def test_both_are_solved_to_the_same_eigenvalue_times_area_and_compared(pair: Pair) -> None:
+    first, second = pair.first.spectrum, pair.second.spectrum
+    assert len(first) == len(second) == COUNT
+    found = pair.comparison
+    np.testing.assert_allclose(found.distance, 0.0, atol=1e-6)
+    assert found.mutual_share > 0.99
+    # the numbers are those of the library
+    decompositions = [
+        solve(*cotangent_laplacian(each.mesh, robust=True), COUNT)
+        for each in (pair.first, pair.second)
+    ]
+    bank = MATCHED_IN[pair.matched_in].exported().bank(found.spectra[0])
+    wanted = compare_shapes(*decompositions, bank)
+    np.testing.assert_allclose(found.spectra, wanted.spectra, rtol=1e-6)
+    np.testing.assert_array_equal(found.forth.indices, wanted.forth.indices)
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_the_copy_shows_what_the_mesh_shows(
+    pair: Pair, meshes: tuple[Mesh, Mesh, np.ndarray], name: str
+) -> None:
+    first, place = pair.first, meshes[2]
+    first.toggle_pin(40)
+    first.display.change(Eigenfunctions, index=7)
+    first.display.change(HeatKernelSignature, time=0.2)
+    first.display.change(GeometryVectors, index=5)
+    first.display.change(Filters, text="exp(-t*x)", values=(("t", 0.1),))
+    first.display.change(Similarity, vertex=40)
+    first.display.change(Distances, vertex=40, measure="diffusion", time=0.3)
+    first.display.kind = name
+    mine, other = shown(first), shown(pair.second)
+    assert pair.second.display.kind == name == other.family.name
+    carried = other.values[place]
+    carried = carried / np.linalg.norm(carried)
+    np.testing.assert_allclose(carried, mine.values / np.linalg.norm(mine.values), atol=2e-4)
+
+
+def test_a_function_that_was_turned_round_and_moved_is_the_same_one(
+    meshes: tuple[Mesh, Mesh, np.ndarray],
+) -> None:
+    first, second = (opened(mesh) for mesh in meshes[:2])
+    pair = paired(first, second)
+    second.job_requested.disconnect()
+    second.job_requested.connect(lambda job: swapped(second, job))
+    first.target = Target("count", COUNT)
+    first.compute()
+    functions, one = pair.comparison.functions, nearest_neighbours(first.spectrum)
+    assert functions.indices[one] == one + 1
+    assert functions.indices[one + 1] == one
+    first.display.change(Eigenfunctions, index=one)
+    mine, other = shown(first), shown(second)
+    assert other.family.index == one + 1
+    assert np.corrcoef(mine.values, other.values[meshes[2]])[0, 1] > 0.999
+
+
+def nearest_neighbours(spectrum: Spectrum) -> int:
+    """The first of two pairs whose eigenvalues are nearest, so that features stay as they are."""
+    return int(np.argmin(np.diff(spectrum.eigenvalues[:20])))
+
+
+def swapped(document: Document, job: DecomposeJob) -> None:
+    """Two functions in each other's place, every third one with the other sign."""
+    answer(document, job)
+    spectrum = document.spectrum
+    rows, one = np.array(spectrum.rows), nearest_neighbours(spectrum)
+    rows[[one, one + 1]] = rows[[one + 1, one]]
+    rows[::3] *= -1.0
+    document.accept_spectrum(replace(spectrum, rows=rows))
+
+
+def test_what_is_cut_stays(pair: Pair) -> None:
+    first, second = pair.first.display, pair.second.display
+    first.kind = "hks"
+    pair.link("kind", False)
+    first.kind = "band"
+    assert second.kind == "hks"
+    pair.link("kind", True)
+    assert second.kind == "band"
+    first.change(GeometryVectors, index=3)
+    pair.link("position", False)
+    first.change(GeometryVectors, index=9)
+    assert second[GeometryVectors].index == 3
+    pair.close()
+    first.kind = "hks"
+    assert second.kind == "band"
+
+
+def test_a_pin_is_on_both_with_the_next_best(
+    pair: Pair, meshes: tuple[Mesh, Mesh, np.ndarray]
+) -> None:
+    place = meshes[2]
+    pair.first.toggle_pin(100)
+    (pin,) = pair.second.pins
+    assert (pin.vertex, pin.number) == (place[100], 1)
+    best, *others = pair.best_matches(100)
+    assert best[0] == place[100]
+    assert len(others) == 3
+    scores = [best[1], *(score for _, score in others)]
+    assert scores == sorted(scores)
+    assert best[1] == pytest.approx(0.0, abs=1e-3)
+    pair.pin_second(int(place[7]))
+    assert [each.vertex for each in pair.first.pins] == [100, 7]
+    pair.pin_second(int(place[7]))
+    assert [each.vertex for each in pair.first.pins] == [100]
+
+
+def test_vertices_are_matched_in_another_feature(pair: Pair) -> None:
+    before = pair.comparison
+    for name in MATCHED_IN:
+        pair.matched_in = name
+        assert pair.comparison is not None
+        assert pair.comparison.mutual_share > 0.99
+    assert pair.comparison is not before
+
+
+def test_a_mesh_that_has_too_little_is_one_sentence(pair: Pair) -> None:
+    tetrahedron = mv.Mesh(np.eye(4)[:, :3], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+    small = opened(tetrahedron)
+    small.target = Target("count", 2)
+    small.compute()
+    request = ComparisonRequest(small.spectrum, pair.second.spectrum, pair.matched_in)
+    with pytest.raises(InputError, match="eigenvalue above zero"):
+        request.answered()
