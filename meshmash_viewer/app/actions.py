@@ -34,6 +34,7 @@ MOUSE_HELP: tuple[tuple[str, str], ...] = (
     ("Move", "Read index and value of the vertex under the pointer"),
     ("Click", "Pin that vertex, or take its pin away"),
     ("Drop a file", "Open it, or add its values per vertex to the mesh"),
+    ("Drop a mesh on the right half", "Compare it with the open one"),
 )
 
 
@@ -61,7 +62,7 @@ class Command:
     separated : bool
         Whether a line goes before it on the menu (and on the toolbar).
     needs : str
-        What must be there: "", "mesh", "render", "spectrum", "exact spectrum"
+        What must be there: "", "mesh", "render", "spectrum", "exact spectrum", "second mesh"
         (`Commands.there`).
     submenu : str
         Name of a submenu that holds it.
@@ -89,6 +90,11 @@ COMMANDS: tuple[Command, ...] = (
             toolbar="Open", icon="open"),
     Command("open_sample", "Open the sample neuron", "File",
             "Open a small dendrite with spines, in nm"),
+    Command("compare_with", "Compare with…", "File",
+            "Open a second mesh beside this one: linked views, spectra, matching vertices",
+            ("Ctrl+Shift+D",), needs="render"),
+    Command("end_comparison", "Close the second mesh", "File",
+            "Leave the first mesh alone in the window", needs="second mesh"),
     Command("add_map", "Add map…", "File",
             "Add values per vertex of this mesh from files: thickness, activity, labels",
             needs="render"),

@@ -11,18 +11,20 @@ from meshmash_viewer.app.controls.dock import Dock
 
 __all__ = ["Arrangement"]
 
-_VERSION = 2
+_VERSION = 3
 #: What the four tabs of the Field panel need, in logical pixels.
 _FIELD_WIDTH = 316
 #: Least width of a plot beside the other, before the two share one place: less than the render's.
 _PLOT_WIDTH = 130
 #: Below this width of the window the two plots share one place, as tabs.
 _NARROW = 1240
+#: Panels that share one place, as tabs.
+_LEFT = ("mesh", "shape", "pair")
 _BOTTOM = Qt.DockWidgetArea.BottomDockWidgetArea
 
 
 class Arrangement:
-    """The docks: Mesh and Shape at the left, Field at the right, Spectrum and Profiles below.
+    """The docks: Mesh, Shape and Compare at the left, Field at the right, two plots below.
 
     Parameters
     ----------
@@ -42,6 +44,7 @@ class Arrangement:
         for name, title, area in (
             ("mesh", "Mesh", areas.LeftDockWidgetArea),
             ("shape", "Shape", areas.LeftDockWidgetArea),
+            ("pair", "Compare", areas.LeftDockWidgetArea),
             ("field", "Field", areas.RightDockWidgetArea),
             ("spectrum", "Spectrum", _BOTTOM),
             ("profile", "Profiles", _BOTTOM),
@@ -51,8 +54,9 @@ class Arrangement:
         window.splitDockWidget(
             self.docks["spectrum"], self.docks["profile"], Qt.Orientation.Horizontal
         )
-        window.tabifyDockWidget(self.docks["mesh"], self.docks["shape"])
-        for name in ("mesh", "shape"):
+        for name in _LEFT[1:]:
+            window.tabifyDockWidget(self.docks[_LEFT[0]], self.docks[name])
+        for name in _LEFT:
             self.docks[name].visibilityChanged.connect(partial(self._show, self.docks[name]))
         self.docks["mesh"].raise_()
         self._first = window.saveState(_VERSION)
@@ -62,7 +66,7 @@ class Arrangement:
         panel.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         if name == "field":
             panel.setMinimumWidth(_FIELD_WIDTH)
-        elif name not in ("mesh", "shape"):
+        elif name not in _LEFT:
             panel.setMinimumWidth(_PLOT_WIDTH)
         placeholder = self.docks[name].widget()
         self.docks[name].setWidget(panel)

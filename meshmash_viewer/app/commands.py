@@ -28,6 +28,7 @@ from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.failure import Failure
 
 if TYPE_CHECKING:
+    from meshmash_viewer.app.comparing import Comparing
     from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
     from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
     from meshmash_viewer.app.dialogs.movie_dialog import MovieDialog
@@ -58,6 +59,8 @@ class Commands:
     ----------
     scene : MeshView, optional
         The render, once it is loaded.
+    comparing : Comparing, optional
+        What opens a second mesh, likewise.
     restoration : Restoration, optional
         The session that was opened last.
     """
@@ -77,6 +80,7 @@ class Commands:
         self._actions, self._stage, self._arrangement = actions, stage, arrangement
         self._recent_menu, self._read = recent_menu, read
         self.scene: MeshView | None = None
+        self.comparing: Comparing | None = None
         self.restoration: Restoration | None = None
         self._export_ending = self._pictured = ""
         self._picture: PictureChoice | None = None
@@ -128,6 +132,7 @@ class Commands:
             "exact spectrum": some
             and spectrum is not None
             and (not spectrum.preview or spectrum.complete),
+            "second mesh": self.comparing is not None and self.comparing.beside is not None,
         }
         return {name for name, known_now in known.items() if known_now}
 
@@ -189,16 +194,37 @@ class Commands:
 
     def open_mesh(self) -> None:
         """Let the person choose a mesh file."""
+        path = self._ask_for_mesh("Open mesh")
+        if path is not None:
+            self.open_path(path)
+
+    def compare_with(self) -> None:
+        """Let the person choose a second mesh."""
+        path = self._ask_for_mesh("Compare with")
+        if path is not None:
+            self._settings.folder = path.parent
+            self.open_beside(path)
+
+    def open_beside(self, path: Path) -> None:
+        """Open a second mesh, in the unit that it was given last."""
+        assert self.comparing is not None
+        self.comparing.open(path)
+
+    def end_comparison(self) -> None:
+        """Leave the first mesh alone in the window."""
+        assert self.comparing is not None
+        self.comparing.end()
+
+    def _ask_for_mesh(self, title: str) -> Path | None:
         # FreeSurfer surfaces have endings of many kinds
         patterns = " ".join([*(f"*{ending}" for ending in READABLE_ENDINGS), "lh.*", "rh.*"])
         path, _ = QFileDialog.getOpenFileName(
             self._window,
-            "Open mesh",
+            title,
             str(self._settings.folder),
             f"Meshes ({patterns});;All files (*)",
         )
-        if path:
-            self.open_path(Path(path))
+        return Path(path) if path else None
 
     def open_sample(self) -> None:
         """Open the dendrite that comes with the program."""
@@ -406,6 +432,10 @@ class Commands:
     def say_failed(self, failure: Failure) -> None:
         """Say why something is not there."""
         self._document.notify(notice_of(failure))
+
+    def say_match_written(self, path: Path) -> None:
+        """Say where the match is."""
+        self._document.notify(Notice(f"Match written to {path}."))
 
     def say_shape_written(self, path: Path) -> None:
         """Say where the shape is."""

@@ -41,6 +41,8 @@ from meshmash_viewer.app.panels.mesh_panel import MeshPanel
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.tasks import Tasks
+from meshmash_viewer.io.maps import is_map_file
+from meshmash_viewer.io.session import SESSION_ENDING
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.field import Field
@@ -50,6 +52,7 @@ from meshmash_viewer.units import counted, format_quantity, named_vertex
 if TYPE_CHECKING:
     from meshmash_viewer.app.shape_source import DrawnShape
     from meshmash_viewer.app.view.render_widget import RenderWidget
+    from meshmash_viewer.model.pair import Pair
 
 __all__ = ["MainWindow"]
 
@@ -159,7 +162,9 @@ class MainWindow(QMainWindow):
         """Build the render and the plots; importing their libraries takes a moment."""
         if self.loaded or self._closed:
             return
+        from meshmash_viewer.app.comparing import Comparing
         from meshmash_viewer.app.panels.field_panel import FieldPanel
+        from meshmash_viewer.app.panels.pair_panel import PairPanel
         from meshmash_viewer.app.panels.profile_panel import ProfilePanel
         from meshmash_viewer.app.panels.shape_panel import ShapePanel
         from meshmash_viewer.app.panels.spectrum_panel import SpectrumPanel
@@ -174,7 +179,8 @@ class MainWindow(QMainWindow):
         self.spectrum_panel = SpectrumPanel(self.document)
         self.profile_panel = ProfilePanel(self.document)
         self.shape_panel = ShapePanel(self.document)
-        for name in ("field", "spectrum", "profile", "shape"):
+        self.pair_panel = PairPanel(self.document)
+        for name in ("field", "spectrum", "profile", "shape", "pair"):
             self.arrangement.put(name, getattr(self, f"{name}_panel"))
         theme.pad_fields(self)
         self.field_source = FieldSource(self.document, self)
@@ -188,6 +194,16 @@ class MainWindow(QMainWindow):
         self.shape_source.failed.connect(self.commands.say_failed)
         self.shape_source.written.connect(self.commands.say_shape_written)
         self.shape_panel.save_requested.connect(self.shape_source.write)
+        self.comparing = Comparing(
+            self.document, self.stage, self.scene, self.field_source, self.last_look.unit, self
+        )
+        self.commands.comparing = self.comparing
+        self.comparing.changed.connect(self._on_pair_changed)
+        self.comparing.failed.connect(self.commands.say_failed)
+        self.comparing.written.connect(self.commands.say_match_written)
+        self.pair_panel.open_requested.connect(self.commands.compare_with)
+        self.pair_panel.close_requested.connect(self.commands.end_comparison)
+        self.pair_panel.save_requested.connect(self.comparing.write_match)
         self.row_check = RowCheck(self.document, self)
         self.scene.vertex_clicked.connect(self.document.toggle_pin)
         self.scene.vertex_hovered.connect(self._on_hover)
@@ -239,6 +255,7 @@ class MainWindow(QMainWindow):
             and self.map_loader.idle
             and self.field_source.idle
             and self.shape_source.idle
+            and self.comparing.idle
         ):
             if deadline.hasExpired():
                 raise TimeoutError(f"The window is still busy after {seconds:g} s.")
@@ -308,11 +325,7 @@ class MainWindow(QMainWindow):
             self._set_swing(None)
             later(self._clear_title)
             return
-        colormap: str | tuple[str, ...]
-        limits = field.limits(display.policies.get(field.family.name))
-        colormap = display.diverging_colormap if field.signed else display.sequential_colormap
-        if field.labels:
-            colormap = tuple(label.color for label in field.labels)
+        limits, colormap = display.colors(field)
         self.scene.set_field(field, limits, colormap)
         self.scene.set_nodal_lines(field.values if display.nodal_lines and field.signed else None)
         self.field_panel.set_field(field, limits)
@@ -330,6 +343,13 @@ class MainWindow(QMainWindow):
         if self.scene.mesh is drawn.spectrum.mesh:
             self.scene.set_shape(drawn.points, drawn.normals, rests=drawn.rests)
             self.shape_panel.show_shape(drawn)
+
+    def _on_pair_changed(self, pair: Pair | None) -> None:
+        self.pair_panel.set_pair(pair)
+        self.commands.refresh()
+        if pair is not None:
+            self.arrangement.docks["pair"].show()
+            self.arrangement.docks["pair"].raise_()
 
     def _clear_title(self) -> None:
         self.stage.message_bar.keep_clear(self.scene.title_size, self.scene.bar_width)
@@ -394,6 +414,7 @@ class MainWindow(QMainWindow):
         self.actions_.refresh_icons()
         if self.loaded:
             self.scene.set_theme(theme.is_dark())
+            self.comparing.set_theme()
 
     # -- events -------------------------------------------------------------------------------
 
@@ -431,7 +452,18 @@ class MainWindow(QMainWindow):
         paths = [Path(url.toLocalFile()) for url in event.mimeData().urls() if url.isLocalFile()]
         if paths:
             event.acceptProposedAction()
-            self.commands.open_paths(paths)
+            if self._compares(paths, event.position().x()):
+                self.commands.open_beside(paths[0])
+            else:
+                self.commands.open_paths(paths)
+
+    def _compares(self, paths: Sequence[Path], x: float) -> bool:
+        """Whether what is dropped there is a mesh to compare with the one that is open."""
+        middle = self.stage.mapTo(self, self.stage.rect().center()).x()
+        right = middle < x <= middle + self.stage.width() / 2
+        one = len(paths) == 1 and not is_map_file(paths[0])
+        session = paths[0].name.endswith(SESSION_ENDING)
+        return self.loaded and self.document.ready is not None and right and one and not session
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Stop what runs, leave no process and no temporary file, and forget nothing."""
@@ -449,6 +481,7 @@ class MainWindow(QMainWindow):
             self.tasks.close()
             self.map_loader.close()
             if self.loaded:
+                self.comparing.close()
                 self.field_source.close()
                 self.shape_source.close()
                 self.profile_panel.close()

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from PySide6.QtCore import Qt
 from PySide6.QtOpenGLWidgets import QOpenGLWidget
-from PySide6.QtWidgets import QStackedLayout, QWidget
+from PySide6.QtWidgets import QSplitter, QStackedLayout, QWidget
 
 from meshmash_viewer.app.controls.message_bar import MessageBar
 from meshmash_viewer.app.welcome import Welcome
@@ -23,14 +24,22 @@ class Stage(QWidget):
         self._pages = QStackedLayout(self)
         self.welcome = Welcome()
         self._pages.addWidget(self.welcome)
-        self._scene: QWidget | None = None
+        self._scene: QSplitter | None = None
         self.message_bar = MessageBar(self)
 
     def set_scene(self, scene: QWidget) -> None:
         """Take the render as the second page."""
-        self._scene = scene
-        self._pages.addWidget(scene)
+        self._scene = QSplitter(Qt.Orientation.Horizontal)
+        self._scene.setChildrenCollapsible(False)
+        self._scene.addWidget(scene)
+        self._pages.addWidget(self._scene)
         self.message_bar.raise_()
+
+    def put_beside(self, other: QWidget) -> None:
+        """Put something beside the render, as wide."""
+        assert self._scene is not None
+        self._scene.addWidget(other)
+        self._scene.setSizes([1000, 1000])
 
     def show_scene(self, shown: bool) -> None:
         """Show the render, or the welcome."""

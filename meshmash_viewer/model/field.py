@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -98,6 +98,11 @@ class Field:
         if known is None:
             known = self._limits[policy] = policy.limits(self.values, self.request.sample)
         return known
+
+    def carried(self, vertices: npt.NDArray[np.int64]) -> Field:
+        """The same on another mesh, which has the values of these vertices; NaN for -1."""
+        values = np.where(vertices >= 0, self.values[vertices], np.float32(np.nan))
+        return replace(self, values=values)
 
     @property
     def complete(self) -> bool:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from psygnal import Signal
 
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.comparison import (
     Comparison,
     Correspondence,
@@ -22,6 +24,8 @@ from meshmash_viewer.features.comparison import (
 from meshmash_viewer.fields import EXPORTS, FEATURES
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.io.provenance import export_options
+from meshmash_viewer.io.write import write_features
 from meshmash_viewer.model.document import Document, Pin
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.weyl import Target
@@ -126,6 +130,7 @@ class Pair:
             (first.spectrum_changed, self._follow_spectra),
             (second.spectrum_changed, self._follow_spectra),
             (second.mesh_changed, self._follow_spectra),
+            (second.job_changed, self._decompose_second),
         ]  # fmt: skip
         for signal, slot in self._heard:
             signal.connect(slot)
@@ -204,6 +209,34 @@ class Pair:
             self._follow_pins()
             self.changed.emit()
 
+    def give_up(self, request: ComparisonRequest) -> None:
+        """Note that a comparison will not come."""
+        if request is self._request:
+            self._request = None
+            self.changed.emit()
+
+    def write_match(self, path: Path) -> None:
+        """Write which vertex of the second each of the first looks like (`Comparison.match_table`).
+
+        May be called from any thread. `InputError` is raised if there is nothing to write, or the
+        file cannot be written.
+        """
+        found, request = self.comparison, self._request
+        if found is None or request is None:
+            raise InputError("There is no match to write: wait until the meshes are compared.")
+        first, second = request.first, request.second
+        assert first.mesh is not None
+        assert second.mesh is not None
+        proofs = (
+            each.certificate.sentence(len(each), each.mesh.unit)
+            for each in (first, second)
+            if each.certificate is not None and each.mesh is not None
+        )
+        operator = first.operator or self.first.operator
+        options = export_options("match", operator, self.first.target, "; ".join(proofs))
+        options["matched_in"] = MATCHED_IN[request.matched_in].export
+        write_features(path, found.match_table(second.mesh.name), first.mesh, meta=options)
+
     def best_matches(self, vertex: int, count: int = 4) -> tuple[tuple[int, float], ...]:
         """Vertices of the second that look most like one of the first, and no neighbours.
 
@@ -248,7 +281,8 @@ class Pair:
 
     def _decompose_second(self) -> None:
         first, mesh = self.first.spectrum, self.second.mesh
-        if first is None or not first.complete or mesh is None:
+        busy = self.second.job is not None
+        if first is None or not first.complete or mesh is None or busy:
             return
         asked = first.rows, mesh.vertices
         if all(one is other for one, other in zip(asked, self._asked, strict=True)):

@@ -56,6 +56,8 @@ class MeshView(QWidget):
     vertex_clicked = Signal(int)
     #: Ctrl and the wheel: one step forward or back in whatever is being scrolled.
     stepped = Signal(int)
+    #: Looked at from elsewhere, by whoever it was.
+    camera_changed = Signal()
     #: The first frame is on the screen.
     first_frame = Signal()
     #: The search structure for picking is there.
@@ -284,6 +286,7 @@ class MeshView(QWidget):
         self.renderer.reset_view(*self.plotter.pixels())
         self._user_moved_camera = False
         self.plotter.render()
+        self.camera_changed.emit()
 
     def camera(self) -> dict[str, Any] | None:
         """The camera as plain numbers for a session, None without a mesh."""
@@ -294,11 +297,26 @@ class MeshView(QWidget):
         self.renderer.view = View.from_json(state)
         self._user_moved_camera = True
         self.plotter.render()
+        self.camera_changed.emit()
+
+    def look_like(self, other: MeshView) -> None:
+        """Look from where another view looks at its mesh, each mesh as large as the other."""
+        view, mine, theirs = other.renderer.view, self.mesh, other.mesh
+        if view is None or mine is None or theirs is None:
+            return
+        ratio = np.linalg.norm(np.ptp(mine.bounds, axis=0)) / np.linalg.norm(
+            np.ptp(theirs.bounds, axis=0)
+        )
+        offset = view.focus - theirs.bounds.mean(axis=0)
+        focus = mine.bounds.mean(axis=0) + ratio * offset
+        self._set_view(View(focus, view.axes, float(ratio * view.half_size)))
+        self._user_moved_camera = other._user_moved_camera
 
     def _set_view(self, view: View) -> None:
         self.renderer.view = view
         self._user_moved_camera = True
         self._moves()
+        self.camera_changed.emit()
 
     # -- pictures and places ----------------------------------------------------------------
 
@@ -559,6 +577,7 @@ class MeshView(QWidget):
     def _resized(self) -> None:
         if self.renderer.view is not None and not self._user_moved_camera:
             self.renderer.fit_view(self.renderer.view.axes, *self.plotter.pixels())
+            self.camera_changed.emit()
         self._set_hovered(-1)
 
     # -- the end ----------------------------------------------------------------------------

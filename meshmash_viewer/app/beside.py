@@ -1,0 +1,232 @@
+"""The second mesh of a comparison, beside the first: its render, and what works for it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from PySide6.QtCore import QSize, Qt, Signal, Slot
+from PySide6.QtGui import QIcon
+from PySide6.QtWidgets import QLabel, QToolButton, QVBoxLayout, QWidget
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import icons
+from meshmash_viewer.app.controls.layout import row
+from meshmash_viewer.app.faults import notice_of
+from meshmash_viewer.app.field_source import FieldSource
+from meshmash_viewer.app.latest_thread import LatestThread
+from meshmash_viewer.app.listening import follow, listen, stop_listening
+from meshmash_viewer.app.tasks import Tasks
+from meshmash_viewer.app.view.mesh_view import MeshView
+from meshmash_viewer.features.comparison import Comparison
+from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.failure import failure_of
+from meshmash_viewer.model.field import Field
+from meshmash_viewer.model.pair import ComparisonRequest, Pair
+from meshmash_viewer.progress import CancelCallback, Cancelled
+
+__all__ = ["Beside"]
+
+
+class Beside(QWidget):
+    """A second mesh that follows the first.
+
+    Parameters
+    ----------
+    first : Document
+    scene : MeshView
+        The render of the first.
+    source : FieldSource
+        Of the first.
+
+    Attributes
+    ----------
+    pair : Pair
+        What is linked, and what the comparison says.
+    """
+
+    #: The person closes it.
+    close_requested = Signal()
+    #: It could not be read: there is nothing to show.
+    unread = Signal()
+    _compared = Signal(object, object)
+
+    def __init__(self, first: Document, scene: MeshView, source: FieldSource) -> None:
+        super().__init__()
+        theme.named(self, "beside", "Second mesh")
+        self.document = Document()
+        self.document.seconds_rate = first.seconds_rate
+        self._first_scene, self._first_source = scene, source
+        self.scene = MeshView(self.document)
+        theme.named(self.scene, "second_scene", "Render of the second mesh")
+        self.tasks = Tasks(self.document, self)
+        self.field_source = FieldSource(self.document, self)
+        self.pair = Pair(first, self.document)
+        self._turning = False
+        self._build()
+        self._compared.connect(self._accept, Qt.ConnectionType.QueuedConnection)
+        self._thread = LatestThread(self._compare, parent=self)
+        self._thread.start()
+        self.pair.comparison_requested.connect(self._thread.ask)
+        self._connect()
+        self.scene.set_theme(theme.is_dark())
+
+    def _build(self) -> None:
+        self.status_label = theme.named(QLabel(), "second_label", "Second mesh, and its state")
+        close = theme.named(
+            QToolButton(), "second_close_button", "Close the second mesh",
+            tip="Close the second mesh",
+        )  # fmt: skip
+        close.setIcon(QIcon(icons.pixmap("close", theme.palette().muted, 12)))
+        close.setIconSize(QSize(12, 12))
+        close.clicked.connect(self.close_requested)
+        head = theme.named(QWidget(), "dock_title")
+        head.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        head.setLayout(row((self.status_label,), close, margins=(theme.MARGIN, 4, 6, 4)))
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(0)
+        layout.addWidget(head)
+        layout.addWidget(self.scene, 1)
+
+    def _connect(self) -> None:
+        document = self.document
+        listen(document.mesh_changed, self._on_mesh_changed)
+        listen(document.pins_changed, self._on_pins_changed)
+        for signal in (document.job_changed, document.spectrum_changed, self.pair.changed):
+            follow(signal, self._say_status)
+        listen(self.pair.changed, self.show_field)
+        for event in ("policies", "diverging_colormap", "sequential_colormap", "nodal_lines"):
+            listen(getattr(document.display.events, event), self.show_field)
+        document.noticed.connect(self._on_notice)
+        follow(document.job_changed, self._on_job_changed)  # its notice goes first
+        self.field_source.field_ready.connect(self.show_field)
+        self.field_source.awaited.connect(self.scene.set_awaited)
+        self.field_source.failed.connect(lambda text: document.notify(Notice(text, Severity.ERROR)))
+        self._first_source.field_ready.connect(self._first_shown)
+        self.scene.vertex_clicked.connect(self.pair.pin_second)
+        self.scene.stepped.connect(self._step)
+        for mine, other in ((self.scene, self._first_scene), (self._first_scene, self.scene)):
+            other.camera_changed.connect(lambda mine=mine, other=other: self._turn(mine, other))
+
+    def open_mesh(self, path: str | Path, unit: str = "") -> None:
+        """Read the second mesh; the one that is there stays if that fails."""
+        self.document.open_mesh(path, unit)
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is being computed for it."""
+        return (
+            self.document.job is None
+            and self.field_source.idle
+            and not self._thread.working
+            and not self.pair.comparing
+        )
+
+    def shut(self) -> None:
+        """Stop all that works for it; it cannot be shown again."""
+        self.pair.close()
+        self.pair.comparison_requested.disconnect(self._thread.ask)
+        stop_listening(self)
+        self.document.noticed.disconnect(self._on_notice)
+        self._first_source.field_ready.disconnect(self._first_shown)
+        self._thread.close()
+        self.tasks.close()
+        self.field_source.close()
+        self.scene.close()
+
+    # -- comparing ----------------------------------------------------------------------------
+
+    def _compare(self, request: ComparisonRequest, cancel: CancelCallback) -> None:
+        answer: Comparison | Exception
+        try:
+            answer = request.answered(cancel)
+        except Cancelled:
+            return
+        except Exception as error:  # noqa: BLE001  the window says it
+            answer = error
+        self._compared.emit(request, answer)
+
+    @Slot(object, object)
+    def _accept(self, request: ComparisonRequest, answer: Comparison | Exception) -> None:
+        if isinstance(answer, Exception):
+            self.pair.give_up(request)
+            self._on_notice(notice_of(failure_of(answer, "Comparing")))
+        else:
+            self.pair.accept(request, answer)
+
+    # -- from the documents -------------------------------------------------------------------
+
+    def _on_mesh_changed(self) -> None:
+        ready = self.document.ready
+        if ready is not None:
+            self.scene.set_mesh(ready.mesh, ready.normals)
+            self._turn(self.scene, self._first_scene)
+            self.show_field()
+
+    def _on_pins_changed(self) -> None:
+        self.scene.set_pins(self.document.pins)
+
+    def _on_job_changed(self) -> None:
+        if self.document.job is None and self.document.ready is None:
+            self.unread.emit()
+
+    def _on_notice(self, notice: Notice) -> None:
+        """Say it where all is said, with the name of the mesh."""
+        if notice.severity is not Severity.INFORMATION:
+            self.pair.first.notify(replace(notice, text=f"Second mesh: {notice.text}", undo=None))
+
+    def _say_status(self) -> None:
+        job, spectrum = self.document.job, self.document.spectrum
+        first = self.pair.first.spectrum
+        ready = self.document.ready
+        name = (ready.mesh.name if ready is not None else "") or "Second mesh"
+        text = ""
+        if job is not None:
+            share = job.progress.fraction
+            text = job.job.label + ("" if share is None else f" · {share:.0%}")
+        elif self.pair.comparing:
+            text = "comparing …"
+        elif first is None or not first.complete:
+            text = "waits for the eigenpairs of the first: press Compute"
+        elif spectrum is not None:
+            text = f"{len(spectrum):,} pairs" + (" · complete" if spectrum.complete else "")
+        self.status_label.setText(f"{name}  ·  {text}" if text else name)
+
+    def _first_shown(self, _field: Field | None) -> None:
+        if self.pair.carries:
+            self.show_field()
+
+    def show_field(self, _field: Field | None = None) -> None:
+        """Put the field on the render: its own, or that of the first carried by the match."""
+        mesh, display = self.document.mesh, self.document.display
+        field, found = self.field_source.field, self.pair.comparison
+        first = self._first_source.field
+        if self.pair.carries and found is not None and first is not None:
+            limits, colormap = self.pair.first.display.colors(first)
+            field = first.carried(found.back.indices)
+        elif field is not None and mesh is not None and len(field.values) == mesh.n_vertices:
+            limits, colormap = display.colors(field)
+        else:
+            self.scene.set_field(None, (0.0, 1.0), display.sequential_colormap)
+            self.scene.set_nodal_lines(None)
+            return
+        self.scene.set_field(field, limits, colormap)
+        self.scene.set_nodal_lines(field.values if display.nodal_lines and field.signed else None)
+
+    # -- from the person ----------------------------------------------------------------------
+
+    def _turn(self, mine: MeshView, other: MeshView) -> None:
+        """Look at one mesh as at the other, where cameras are linked."""
+        if not self._turning and "camera" in self.pair.links:
+            self._turning = True
+            mine.look_like(other)
+            self._turning = False
+
+    def _step(self, steps: int) -> None:
+        """Step the first, which this one follows; or this one alone, where the link is cut."""
+        linked = "position" in self.pair.links
+        document = self.pair.first if linked else self.document
+        spectrum, shown = document.spectrum, document.display.family
+        if spectrum is not None and len(spectrum):
+            document.display.put(shown.step(spectrum, steps))

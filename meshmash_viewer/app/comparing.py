@@ -1,0 +1,109 @@
+"""Opens a second mesh beside the first, and closes it again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from PySide6.QtCore import QObject, QThreadPool, Signal
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.beside import Beside
+from meshmash_viewer.app.field_source import FieldSource
+from meshmash_viewer.app.stage import Stage
+from meshmash_viewer.app.view.mesh_view import MeshView
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.failure import failure_of
+
+__all__ = ["Comparing"]
+
+
+class Comparing(QObject):
+    """The second mesh of a window, while there is one.
+
+    `changed` carries the `Pair`, or None when the second mesh has gone; `written` the path of a
+    match that has been saved, `failed` a `Failure`.
+
+    Parameters
+    ----------
+    document : Document
+        Of the first mesh.
+    stage : Stage
+    scene : MeshView
+    source : FieldSource
+    unit : callable
+        The unit in which a mesh file was looked at last, "" for that of the file.
+
+    Attributes
+    ----------
+    beside : Beside or None
+    """
+
+    changed = Signal(object)
+    written = Signal(object)
+    failed = Signal(object)
+
+    def __init__(
+        self,
+        document: Document,
+        stage: Stage,
+        scene: MeshView,
+        source: FieldSource,
+        unit: Callable[[Path], str],
+        parent: QObject | None = None,
+    ) -> None:
+        super().__init__(parent)
+        self._document, self._stage, self._scene = document, stage, scene
+        self._source, self._unit = source, unit
+        self._pool = QThreadPool(self)
+        self.beside: Beside | None = None
+
+    @property
+    def idle(self) -> bool:
+        """Whether there is nothing beside that works."""
+        return self.beside is None or self.beside.idle
+
+    def open(self, path: Path) -> None:
+        """Read a mesh beside the first; one that is there stays if that fails."""
+        if self.beside is None:
+            self.beside = Beside(self._document, self._scene, self._source)
+            self.beside.close_requested.connect(self.end)
+            self.beside.unread.connect(self.end)
+            self._stage.put_beside(self.beside)
+            self.changed.emit(self.beside.pair)
+        self.beside.open_mesh(path, self._unit(path))
+
+    def end(self) -> None:
+        """Leave the first mesh alone."""
+        if self.beside is not None:
+            beside, self.beside = self.beside, None
+            beside.shut()
+            self.changed.emit(None)
+            beside.setParent(None)
+            beside.deleteLater()
+
+    def set_theme(self) -> None:
+        """Light or dark."""
+        if self.beside is not None:
+            self.beside.scene.set_theme(theme.is_dark())
+
+    def write_match(self, path: Path) -> None:
+        """Save which vertex is which."""
+        if self.beside is None:
+            return
+        pair = self.beside.pair
+
+        def work() -> None:
+            try:
+                pair.write_match(path)
+            except Exception as fault:  # noqa: BLE001  said to the person
+                self.failed.emit(failure_of(fault, f"Writing {path.name}"))
+            else:
+                self.written.emit(path)
+
+        self._pool.start(work)
+
+    def close(self) -> None:
+        """Wait for what is being written, and close what is beside."""
+        self._pool.waitForDone()
+        self.end()

@@ -1,0 +1,260 @@
+"""The Compare panel: how far two meshes are apart, which vertex is which, and what is linked."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QCheckBox, QComboBox, QFileDialog, QLabel, QPushButton, QWidget
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.facts import Facts, keep_room, note, show_note, show_quietly
+from meshmash_viewer.app.controls.layout import PANEL, column, row
+from meshmash_viewer.app.listening import follow
+from meshmash_viewer.app.plots.plot import Plot, dashed, solid
+from meshmash_viewer.features.comparison import comparison_remarks
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.io.write import WRITERS
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.pair import LINKS, MATCHED_IN, Pair
+from meshmash_viewer.units import format_number, named_vertex
+
+__all__ = ["PairPanel"]
+
+_FIGURES = {
+    "pair_distance_label": "Spectral distance",
+    "pair_compared_label": "Eigenvalues",
+    "pair_mutual_label": "Mutual matches",
+    "pair_function_label": "Eigenfunction",
+}
+_MATCHES = {"pair_best_label": "Best match", "pair_next_label": "Next best"}
+
+
+class PairPanel(QWidget):
+    """What a comparison says; without a second mesh, how to open one."""
+
+    open_requested = Signal()
+    close_requested = Signal()
+    #: A file to save the match in.
+    save_requested = Signal(object)
+
+    def __init__(self, document: Document) -> None:
+        super().__init__()
+        theme.named(self, "pair_panel", "Compare")
+        self._document = document
+        self._pair: Pair | None = None
+        self._build()
+        for signal in (
+            document.display.events.fields, document.display.events.kind, document.pins_changed,
+            document.mesh_changed,
+        ):  # fmt: skip
+            follow(signal, self.refresh)
+        theme.notifier().changed.connect(self._dress)
+        self._dress()
+        self.refresh()
+
+    def _build(self) -> None:
+        self.name_label = theme.named(QLabel(), "pair_name_label", role="heading")
+        self.open_button = theme.named(
+            QPushButton("Compare with…"), "pair_open_button", "Open a second mesh beside this one"
+        )
+        self.open_button.clicked.connect(self.open_requested)
+        self.close_button = theme.named(
+            QPushButton("Close"), "pair_close_button", "Close the second mesh"
+        )
+        self.close_button.clicked.connect(self.close_requested)
+        self.hint = note("pair_hint")
+        self.remark = note("pair_remark", role="warning")
+        self.figures = Facts(_FIGURES)
+        self.plot = Plot("pair_plot", "Spectra of both meshes, at an area of 1")
+        self.plot.setFixedHeight(130)
+        self.plot.set_labels("Index", "λ × area")
+        self.plot.set_whole(True)
+        keep_room(self.plot)
+        self._curves = tuple(pg.PlotCurveItem() for _ in range(2))
+        for curve in self._curves:
+            self.plot.addItem(curve)
+        self.legend = theme.named(QLabel(), "pair_legend", role="muted")
+        self.feature_combo = theme.named(
+            QComboBox(), "pair_feature_combo", "Feature in which vertices are matched"
+        )
+        for name, family in MATCHED_IN.items():
+            self.feature_combo.addItem(family.short, name)
+        self.feature_combo.activated.connect(self._choose_feature)
+        self.matches = Facts(_MATCHES)
+        self.carry_check = theme.named(
+            QCheckBox("Colours of the first, by the match"),
+            "pair_carry_check",
+            "Show the colours of the first mesh on the second, each vertex as its match",
+        )
+        self.carry_check.toggled.connect(self._carry)
+        self.save_button = theme.named(
+            QPushButton("Export match…"), "pair_save_button", "Save the match of all vertices"
+        )
+        self.save_button.clicked.connect(self._save)
+        self.links = {
+            name: theme.named(QCheckBox(text), f"pair_link_{name}", f"Link: {text}")
+            for name, text in LINKS.items()
+        }
+        for name, check in self.links.items():
+            check.toggled.connect(partial(self._link, name))
+        first, second, third, fourth = self.links.values()
+        self.content = QWidget()
+        self.content.setLayout(
+            column(
+                self.figures,
+                self.legend,
+                self.plot,
+                theme.with_role(QLabel("Vertices"), "heading"),
+                row(theme.with_role(QLabel("Matched by"), "muted"), (self.feature_combo,)),
+                self.matches,
+                self.carry_check,
+                row(self.save_button, None),
+                theme.with_role(QLabel("Linked"), "heading"),
+                row((first,), (second,)),
+                third,
+                fourth,
+            )
+        )
+        self.setLayout(
+            column(
+                self.name_label,
+                row(self.open_button, self.close_button, None),
+                self.hint,
+                self.remark,
+                self.content,
+                None,
+                margins=PANEL,
+            )
+        )
+
+    # -- from the person ----------------------------------------------------------------------
+
+    def _carry(self, on: bool) -> None:
+        if self._pair is not None:
+            self._pair.carry(on)
+
+    def _link(self, name: str, on: bool) -> None:
+        if self._pair is not None:
+            self._pair.link(name, on)
+
+    def _choose_feature(self, index: int) -> None:
+        if self._pair is not None:
+            self._pair.matched_in = self.feature_combo.itemData(index)
+
+    def _save(self) -> None:
+        document = self._document
+        folder = document.path.parent if document.path else Path()
+        name = document.mesh.name if document.mesh is not None else ""
+        path, _ = QFileDialog.getSaveFileName(
+            self,
+            "Export match",
+            str(folder / f"{name or 'mesh'}_match.npz"),
+            f"Tables ({' '.join(f'*{ending}' for ending in WRITERS)})",
+        )
+        if path:
+            self.save_requested.emit(Path(path))
+
+    # -- from the model -----------------------------------------------------------------------
+
+    def set_pair(self, pair: Pair | None) -> None:
+        """Tell of two meshes, or of one alone."""
+        self._pair = pair
+        if pair is not None:
+            follow(pair.changed, self.refresh)
+            follow(pair.second.mesh_changed, self.refresh)
+            follow(pair.second.job_changed, self.refresh)
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Show what the model holds."""
+        pair = self._pair
+        self.open_button.setEnabled(self._document.ready is not None)
+        self.close_button.setEnabled(pair is not None)
+        self.content.setVisible(pair is not None)
+        other = None if pair is None else pair.second.mesh
+        self.name_label.setText("Two meshes" if other is None else other.name or "Second mesh")
+        show_note(self.hint, self._hint())
+        mesh = self._document.mesh
+        remarks = comparison_remarks(mesh, other) if mesh is not None and other is not None else []
+        show_note(self.remark, " ".join(each[0].upper() + each[1:] for each in remarks))
+        if pair is None:
+            return
+        found = pair.comparison
+        for name, check in self.links.items():
+            show_quietly(check, name in pair.links)
+        show_quietly(self.carry_check, pair.carries)
+        self.feature_combo.setCurrentIndex(self.feature_combo.findData(pair.matched_in))
+        for control in (self.carry_check, self.save_button):
+            control.setEnabled(found is not None)
+        figures = dict.fromkeys((*_FIGURES, *_MATCHES), "")
+        if found is not None:
+            distance = format_number(found.distance)
+            figures |= {
+                "pair_distance_label": f"{distance} ({found.relative_distance:.2%})",
+                "pair_compared_label": f"{len(found.spectra[0]):,} of each, times area",
+                "pair_mutual_label": f"{found.mutual_share:.1%} of the vertices",
+                "pair_function_label": self._told(pair),
+            }
+            if pair.first.pins:
+                best, *others = self._matches_of(pair)
+                figures["pair_best_label"] = best
+                figures["pair_next_label"] = "\n".join(others)
+        for name, text in figures.items():
+            (self.figures if name in _FIGURES else self.matches).show_value(name, text)
+        self.plot.setVisible(found is not None)
+        spectra = found.spectra if found is not None else (np.empty(0), np.empty(0))
+        for curve, values in zip(self._curves, spectra, strict=True):
+            curve.setData(np.arange(len(values)), values)
+        self._name_curves()
+
+    def _hint(self) -> str:
+        if self._document.ready is None:
+            return "Open a mesh, then a second one to compare it with."
+        if self._pair is None:
+            return (
+                "Open a second mesh beside this one, or drop it on the right half of the render."
+                " Both are solved to the same eigenvalue times area."
+            )
+        spectrum = self._document.spectrum
+        if spectrum is None or not spectrum.complete:
+            return "Press Compute: the second mesh is solved as far as the first."
+        return "" if self._pair.comparison is not None else "The meshes are being compared …"
+
+    def _told(self, pair: Pair) -> str:
+        """Which eigenfunction of the second is the one that was chosen on the first."""
+        functions = pair.comparison.functions if pair.comparison is not None else None
+        index = self._document.display[Eigenfunctions].index
+        if functions is None or index >= len(functions.indices) or functions.indices[index] < 0:
+            return f"{index}: cannot be told, shown by its index"
+        turned = ", flipped" if functions.signs[index] < 0.0 else ""
+        alike = functions.correlations[index]
+        return f"{index} is {functions.indices[index]}{turned} (correlation {alike:.2f})"
+
+    def _matches_of(self, pair: Pair) -> list[str]:
+        """The matches of the pin that was set last."""
+        pin = pair.first.pins[-1]
+        found = pair.best_matches(pin.vertex)
+        return [f"{named_vertex(vertex)} · {score:.3g}" for vertex, score in found] or [""]
+
+    def _dress(self) -> None:
+        self.plot.dress()
+        colors = theme.plot_colors().series
+        first, second = self._curves
+        first.setPen(solid(colors[0], 2.0))
+        second.setPen(dashed(colors[1], 2.0))
+        self._name_curves()
+
+    def _name_curves(self) -> None:
+        names = [self._document.mesh, self._pair.second.mesh if self._pair else None]
+        colors = theme.plot_colors().series
+        self.legend.setText(
+            "&nbsp;&nbsp; ".join(
+                f'<span style="color:{color}">▬</span> {each.name or "mesh"}'
+                for each, color in zip(names, colors, strict=False)
+                if each is not None
+            )
+        )

@@ -1,0 +1,238 @@
+"""Two meshes in step in the window: opened beside, linked, matched, saved, closed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapes
+from PySide6.QtCore import QMimeData, QPoint, QPointF, Qt, QUrl
+from PySide6.QtGui import QDropEvent
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QCheckBox, QComboBox, QFileDialog, QLabel, QPushButton, QWidget
+
+import meshmash_viewer as mv
+from meshmash_viewer.app.beside import Beside
+from meshmash_viewer.app.listening import catch_up
+from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.run import application
+from meshmash_viewer.features.comparison import Comparison, compare_shapes, unit_area_spectrum
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.spectral.weyl import Target
+
+LEFT = Qt.MouseButton.LeftButton
+PAIRS = 40
+FIRST = shapes.blob(3)
+COPY, PLACE = shapes.moved_copy(FIRST)
+#: Another shape, not a copy.
+OTHER = mv.Mesh(
+    FIRST.vertices * [1.0, 1.1, 0.95] + 0.02 * np.sin(5.0 * FIRST.vertices), FIRST.faces
+)
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60.0
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        QTest.qWait(10)
+    catch_up()
+
+
+def rest(window: MainWindow) -> None:
+    QTest.qWait(5)
+    window.wait(60.0)
+    catch_up()
+
+
+def part(window: MainWindow, kind: type, name: str) -> QWidget:
+    (found,) = window.findChildren(kind, name)
+    return found
+
+
+def text(window: MainWindow, name: str) -> str:
+    return part(window, QLabel, name).text()
+
+
+def library(second: mv.Mesh) -> Comparison:
+    """What the library says of the same meshes."""
+    first, other = (
+        mv.solve(*mv.cotangent_laplacian(mesh, robust=True), PAIRS) for mesh in (FIRST, second)
+    )
+    top = float(unit_area_spectrum(first)[-1]) * (1.0 + 1e-9)
+    matrices = mv.cotangent_laplacian(second, robust=True)
+    other = mv.solve(*matrices, max_eigenvalue=top / second.area)
+    return compare_shapes(first, other, HeatKernelSignature().bank(unit_area_spectrum(first)))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("meshes")
+    for name, mesh in (("first", FIRST), ("copy", COPY), ("other", OTHER)):
+        np.savez(folder / f"{name}.npz", vertices=mesh.vertices, faces=mesh.faces)
+    (folder / "broken.ply").write_text("ply\nnothing")
+    np.savez(folder / "small.npz", vertices=np.eye(3), faces=[[0, 1, 2]])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def one_window(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[MainWindow]:
+    application()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        window = MainWindow(fresh=True)
+        window.resize(1300, 850)
+        window.show()
+        window.activateWindow()
+        wait_for(window.isActiveWindow)
+        window.open_mesh(folder / "first.npz")
+        wait_for(lambda: window.document.mesh is not None)
+        rest(window)
+        window.document.target = Target("count", PAIRS)
+        QTest.mouseClick(window.mesh_panel.compute_button, LEFT)
+        wait_for(lambda: bool(window.document.spectrum and window.document.spectrum.complete))
+        rest(window)
+        yield window
+        window.close()
+        window.deleteLater()
+
+
+@pytest.fixture
+def window(one_window: MainWindow) -> Iterator[MainWindow]:
+    """With nothing beside the first mesh."""
+    yield one_window
+    one_window.comparing.end()
+    one_window.document.clear_pins()
+    one_window.document.display.kind = "eigenfunction"
+    one_window.stage.message_bar.dismiss()
+    rest(one_window)
+
+
+def beside(window: MainWindow, path: Path, monkeypatch: pytest.MonkeyPatch) -> Beside:
+    """Open a second mesh as a person does."""
+    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(path), ""))
+    window.actions_["compare_with"].trigger()
+    assert window.comparing.beside is not None
+    wait_for(lambda: window.comparing.beside.pair.comparison is not None)
+    rest(window)
+    return window.comparing.beside
+
+
+def test_figures_are_the_librarys(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened, wanted = beside(window, folder / "other.npz", monkeypatch), library(OTHER)
+    found = opened.pair.comparison
+    np.testing.assert_allclose(found.spectra, wanted.spectra, rtol=1e-6)
+    assert found.distance == pytest.approx(wanted.distance, rel=1e-6)
+    np.testing.assert_array_equal(found.forth.indices, wanted.forth.indices)
+    np.testing.assert_allclose(found.forth.scores, wanted.forth.scores, rtol=1e-6, atol=1e-9)
+    assert text(window, "pair_distance_label").startswith(f"{wanted.distance:.4g}")
+    assert f"{100 * wanted.mutual_share:.1f}%" in text(window, "pair_mutual_label")
+    assert "complete" in text(window, "second_label")
+
+
+def test_a_copy_shows_the_same_and_is_looked_at_alike(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = beside(window, folder / "copy.npz", monkeypatch)
+    window.document.display.change(Eigenfunctions, index=3)
+    QTest.keyClick(window, Qt.Key.Key_Right)
+    rest(window)
+    mine, other = window.field_source.field, opened.field_source.field
+    assert mine.family.index == 4
+    assert np.corrcoef(mine.values, other.values[PLACE])[0, 1] > 0.999
+    assert "4 is 4" in text(window, "pair_function_label")
+    QTest.keyClick(window, Qt.Key.Key_2)
+    rest(window)
+    mine, other = window.field_source.field, opened.field_source.field
+    assert other.family.name == "hks"
+    np.testing.assert_allclose(other.values[PLACE] * 2.5**2, mine.values, rtol=1e-3)
+    # turned by the mouse, the other turns with it
+    canvas = window.scene.plotter
+    before = np.array(opened.scene.camera()["axes"])
+    QTest.mousePress(canvas, LEFT, pos=QPoint(60, 60))
+    for step in range(1, 5):
+        QTest.mouseMove(canvas, QPoint(60 + 20 * step, 60))
+    QTest.mouseRelease(canvas, LEFT, pos=QPoint(140, 60))
+    catch_up()
+    after = np.array(opened.scene.camera()["axes"])
+    assert not np.allclose(before, after)
+    np.testing.assert_allclose(after, window.scene.camera()["axes"])
+    QTest.mouseClick(part(window, QCheckBox, "pair_link_camera"), LEFT, pos=QPoint(8, 8))
+    QTest.keyClick(window, Qt.Key.Key_R)
+    catch_up()
+    np.testing.assert_allclose(opened.scene.camera()["axes"], after)
+
+
+def test_a_pin_has_its_match_and_colours_are_carried(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = beside(window, folder / "copy.npz", monkeypatch)
+    window.document.toggle_pin(100)
+    catch_up()
+    assert [pin.vertex for pin in opened.document.pins] == [PLACE[100]]
+    assert text(window, "pair_best_label").startswith(f"vertex {PLACE[100]:,} ")
+    assert text(window, "pair_next_label").count("vertex") == 3
+    combo = part(window, QComboBox, "pair_feature_combo")
+    combo.setFocus()
+    QTest.keyClick(combo, Qt.Key.Key_Down)
+    wait_for(lambda: opened.pair.matched_in != "hks" and opened.pair.comparison is not None)
+    rest(window)
+    assert text(window, "pair_best_label").startswith(f"vertex {PLACE[100]:,} ")
+    check = part(window, QCheckBox, "pair_carry_check")
+    QTest.mouseClick(check, LEFT, pos=QPoint(8, 8))
+    catch_up()
+    surface = opened.scene.to_pyvista()
+    mine = window.field_source.field.values
+    np.testing.assert_allclose(surface.active_scalars[PLACE], mine, rtol=1e-6)
+
+
+def test_the_match_is_saved(
+    window: MainWindow, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = beside(window, folder / "copy.npz", monkeypatch)
+    path = tmp_path / "match.npz"
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), ""))
+    QTest.mouseClick(part(window, QPushButton, "pair_save_button"), LEFT)
+    wait_for(path.exists)
+    bar = window.stage.message_bar
+    wait_for(lambda: bar.notice is not None and str(path) in bar.notice.text)
+    with np.load(path) as file:
+        np.testing.assert_array_equal(file["features"][:, 0], opened.pair.comparison.forth.indices)
+
+
+def test_a_mesh_dropped_on_the_right_half_is_the_second(window: MainWindow, folder: Path) -> None:
+    stage = window.stage
+    right = stage.mapTo(window, QPoint(3 * stage.width() // 4, stage.height() // 2))
+    data = QMimeData()
+    data.setUrls([QUrl.fromLocalFile(str(folder / "other.npz"))])
+    copy, none = Qt.DropAction.CopyAction, Qt.KeyboardModifier.NoModifier
+    window.dropEvent(QDropEvent(QPointF(right), copy, data, LEFT, none))
+    wait_for(lambda: window.comparing.beside is not None)
+    wait_for(lambda: window.comparing.beside.pair.comparison is not None)
+    assert window.document.path == folder / "first.npz"
+    QTest.mouseClick(part(window, QPushButton, "pair_close_button"), LEFT)
+    assert window.comparing.beside is None
+    rest(window)
+    assert window.document.mesh is not None
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("broken.ply", "broken.ply"), ("small.npz", "above zero to be compared")]
+)
+def test_what_cannot_be_compared_costs_a_sentence(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, said: str
+) -> None:
+    shown = window.field_source.field
+    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(folder / name), ""))
+    window.actions_["compare_with"].trigger()
+    bar = window.stage.message_bar
+    wait_for(lambda: bar.notice is not None and said in bar.notice.text)
+    assert "Traceback" not in bar.notice.text
+    if name.startswith("broken"):
+        wait_for(lambda: window.comparing.beside is None)
+    assert window.field_source.field is shown
