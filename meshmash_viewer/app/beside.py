@@ -203,10 +203,10 @@ class Beside(QWidget):
         field, found = self.field_source.field, self.pair.comparison
         first = self._first_source.field
         if self.pair.carries and found is not None and first is not None:
-            limits, colormap = self.pair.first.display.colors(first)
+            limits, colormap = first.colors(self.pair.first.display)
             field = first.carried(found.back.indices)
         elif field is not None and mesh is not None and len(field.values) == mesh.n_vertices:
-            limits, colormap = display.colors(field)
+            limits, colormap = field.colors(display)
         else:
             self.scene.set_field(None, (0.0, 1.0), display.sequential_colormap)
             self.scene.set_nodal_lines(None)

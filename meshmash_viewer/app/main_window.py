@@ -325,7 +325,7 @@ class MainWindow(QMainWindow):
             self._set_swing(None)
             later(self._clear_title)
             return
-        limits, colormap = display.colors(field)
+        limits, colormap = field.colors(display)
         self.scene.set_field(field, limits, colormap)
         self.scene.set_nodal_lines(field.values if display.nodal_lines and field.signed else None)
         self.field_panel.set_field(field, limits)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from psygnal import SignalGroupDescriptor
 
@@ -12,9 +12,6 @@ from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.model.limits import LimitPolicy
 from meshmash_viewer.model.shape import Shape
-
-if TYPE_CHECKING:
-    from meshmash_viewer.model.field import Field
 
 __all__ = ["Display"]
 
@@ -82,13 +79,6 @@ class Display:
         """Take other parameters of a family, and put it on the render."""
         self.put(family)
         self.kind = family.name
-
-    def colors(self, field: Field) -> tuple[tuple[float, float], str | tuple[str, ...]]:
-        """Limits of a field's colours, and their map: a name, or the colours of its labels."""
-        limits = field.limits(self.policies.get(field.family.name))
-        if field.labels:
-            return limits, tuple(label.color for label in field.labels)
-        return limits, self.diverging_colormap if field.signed else self.sequential_colormap
 
     @property
     def limits(self) -> LimitPolicy | None:

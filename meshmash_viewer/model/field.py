@@ -99,6 +99,13 @@ class Field:
             known = self._limits[policy] = policy.limits(self.values, self.request.sample)
         return known
 
+    def colors(self, display: Display) -> tuple[tuple[float, float], str | tuple[str, ...]]:
+        """Limits of its colours, and their map: a name, or the colours of its labels."""
+        limits = self.limits(display.policies.get(self.family.name))
+        if self.labels:
+            return limits, tuple(label.color for label in self.labels)
+        return limits, display.diverging_colormap if self.signed else display.sequential_colormap
+
     def carried(self, vertices: npt.NDArray[np.int64]) -> Field:
         """The same on another mesh, which has the values of these vertices; NaN for -1."""
         values = np.where(vertices >= 0, self.values[vertices], np.float32(np.nan))
