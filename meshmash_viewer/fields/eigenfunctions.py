@@ -69,6 +69,15 @@ class Eigenfunctions(Family):
         flipped = (same.signs[index] < 0.0) != (index in self.flipped)
         return replace(self, index=other, flipped=frozenset({other} if flipped else ()))
 
+    def told(self, to: Correspondence) -> str:
+        same, index = to.functions, self.index
+        if same is None or index >= len(same.indices) or same.indices[index] < 0:
+            return f"{index}: cannot be told, shown by its index"
+        turned = ", flipped" if same.signs[index] < 0.0 else ""
+        return (
+            f"{index} is {same.indices[index]}{turned} (correlation {same.correlations[index]:.2f})"
+        )
+
     def within(self, spectrum: Spectrum) -> Self:
         return replace(self, index=min(max(self.index, 0), max(len(spectrum) - 1, 0)))
 

@@ -265,6 +265,10 @@ class Family:
                 other[each.name] = to.vertex(value)
         return replace(self, **other)
 
+    def told(self, to: Correspondence) -> str:
+        """Which one of another shape is shown for it, where that is a question."""
+        return ""
+
     def filled_in(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
         """The same with the parameters that were left open, where they can be told."""
         if not self.usable or (self.needs_pairs and not len(spectrum)):

@@ -16,7 +16,6 @@ from meshmash_viewer.app.controls.layout import PANEL, column, row
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.plots.plot import Plot, dashed, solid
 from meshmash_viewer.features.comparison import comparison_remarks
-from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.io.write import WRITERS
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pair import LINKS, MATCHED_IN, Pair
@@ -197,7 +196,7 @@ class PairPanel(QWidget):
                 "pair_distance_label": f"{distance} ({found.relative_distance:.2%})",
                 "pair_compared_label": f"{len(found.spectra[0]):,} of each, times area",
                 "pair_mutual_label": f"{found.mutual_share:.1%} of the vertices",
-                "pair_function_label": self._told(pair),
+                "pair_function_label": self._document.display.family.told(pair.correspondence),
             }
             if pair.first.pins:
                 best, *others = self._matches_of(pair)
@@ -223,16 +222,6 @@ class PairPanel(QWidget):
         if spectrum is None or not spectrum.complete:
             return "Press Compute: the second mesh is solved as far as the first."
         return "" if self._pair.comparison is not None else "The meshes are being compared …"
-
-    def _told(self, pair: Pair) -> str:
-        """Which eigenfunction of the second is the one that was chosen on the first."""
-        functions = pair.comparison.functions if pair.comparison is not None else None
-        index = self._document.display[Eigenfunctions].index
-        if functions is None or index >= len(functions.indices) or functions.indices[index] < 0:
-            return f"{index}: cannot be told, shown by its index"
-        turned = ", flipped" if functions.signs[index] < 0.0 else ""
-        alike = functions.correlations[index]
-        return f"{index} is {functions.indices[index]}{turned} (correlation {alike:.2f})"
 
     def _matches_of(self, pair: Pair) -> list[str]:
         """The matches of the pin that was set last."""
