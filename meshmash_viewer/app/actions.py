@@ -166,7 +166,8 @@ COMMANDS: tuple[Command, ...] = (
             "Draw the eigenfunction with the other sign, which is as good", ("F",),
             toolbar="Flip sign", icon="flip", separated=True, needs="spectrum"),
     *(
-        Command(f"show_{name}", family.label, "Field", family.tip, (str(at),),
+        Command(f"show_{name}", family.label, "Field", family.tip,
+                (str(at),) if at < 10 else (),
                 separated=at == 1, needs="spectrum", does=("show_kind", name))
         for at, (name, family) in enumerate(FAMILIES.items(), 1)
     ),

@@ -47,6 +47,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.jobs import ReadJob
+from meshmash_viewer.plug_ins import known_plug_ins
 from meshmash_viewer.units import counted, format_quantity, named_vertex
 
 if TYPE_CHECKING:
@@ -224,6 +225,9 @@ class MainWindow(QMainWindow):
         self.commands.refresh()
         self.field_source.refresh()
         self.commands.look()
+        for each in known_plug_ins():
+            if each.fault:
+                self.document.notify(Notice(each.fault, Severity.WARNING))
 
     # -- for scripts --------------------------------------------------------------------------
 

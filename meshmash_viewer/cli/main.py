@@ -12,6 +12,7 @@ import json
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -72,6 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "gallery": _gallery,
         "movie": _movie,
     }
+    warnings.showwarning = lambda message, *_: _say(str(message))
     try:
         if arguments and arguments[0] in commands:
             command = commands[arguments[0]]

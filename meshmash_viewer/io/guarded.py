@@ -23,8 +23,9 @@ from typing import Any
 import numpy as np
 
 from meshmash_viewer.errors import InputError, missing_module, not_installed, printable
-from meshmash_viewer.io.polygons import RawMap, RawMesh
+from meshmash_viewer.io.polygons import RawMap, RawMesh, raw_mesh
 from meshmash_viewer.io.scratch import ScratchFolder
+from meshmash_viewer.plug_ins import PlugIn
 from meshmash_viewer.vertex_map import Label
 
 __all__ = ["RAISE_LIMITS", "LimitExceeded", "ReadLimits", "convert", "read_guarded", "unreadable"]
@@ -151,7 +152,9 @@ def read_guarded(
         What `reader` raises, or that it ended its process.
     """
     if _watched:
-        return reader(path)
+        return raw_mesh(reader(path))
+    if isinstance(reader, PlugIn):
+        reader.load()  # says what is wrong with it, as its process could not
     limits = limits or ReadLimits.of(path.stat().st_size)
     with ScratchFolder() as folder:
         result = folder / "mesh.npz"
@@ -231,7 +234,7 @@ def convert(reader: str, source: str, result: str, memory: str) -> None:
     _watched = True
     try:
         with contextlib.redirect_stdout(io.StringIO()):
-            raw: RawMesh = read(Path(source))
+            raw = raw_mesh(read(Path(source)))
             _save(raw, result)
     except MemoryError:
         sys.exit(_TOO_LARGE)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
-from meshmash_viewer.mesh import FloatArray, IntArray, first_equal
+from meshmash_viewer.mesh import FloatArray, IntArray, MeshLike, as_mesh, first_equal
 from meshmash_viewer.vertex_map import Label
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "fan_triangles",
     "merge_equal_vertices",
     "parse_rows",
+    "raw_mesh",
     "strip_triangles",
 ]
 
@@ -75,6 +76,15 @@ class RawMesh:
     faces: IntArray
     unit: str | None = None
     maps: tuple[RawMap, ...] = ()
+
+
+def raw_mesh(given: RawMesh | MeshLike) -> RawMesh:
+    """What a reader gives: those of plug-ins give a mesh in any accepted form."""
+    if isinstance(given, RawMesh):
+        return given
+    mesh = as_mesh(given)
+    maps = tuple(RawMap(each.name, each.values, each.labels) for each in mesh.maps)
+    return RawMesh(mesh.vertices, mesh.faces, mesh.unit or None, maps)
 
 
 class NotANumber(InputError):

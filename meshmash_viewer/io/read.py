@@ -27,9 +27,10 @@ from meshmash_viewer.io.formats.ply import read_ply
 from meshmash_viewer.io.formats.stl import read_stl
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtp
 from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded, unreadable
-from meshmash_viewer.io.polygons import RawMap, RawMesh
+from meshmash_viewer.io.polygons import RawMap, RawMesh, raw_mesh
 from meshmash_viewer.io.scratch import ScratchFolder, remove_abandoned
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.plug_ins import plug_ins
 from meshmash_viewer.units import NO_VOXEL, counted, parse_unit
 from meshmash_viewer.vertex_map import Label, VertexMap
 
@@ -59,6 +60,7 @@ READERS: dict[str, Reader] = {
     ".gii": read_gifti,
     **dict.fromkeys(FREESURFER_ENDINGS, read_freesurfer),
 }
+READERS |= plug_ins("readers", READERS)
 
 #: Formats that are packed or refer to other files are not found gzipped.
 _NEVER_GZIPPED = (".npz", ".gltf", ".glb")
@@ -114,7 +116,8 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
         with warnings.catch_warnings(), _unpacked(path, ending) as (plain, limits):
             warnings.simplefilter("ignore")  # what is wrong is said below, in one sentence
             reader = READERS.get(ending.removesuffix(".gz"), read_freesurfer)
-            raw = reader(plain) if limits is None else read_guarded(reader, plain, limits)
+            guarded = limits is not None
+            raw = read_guarded(reader, plain, limits) if guarded else raw_mesh(reader(plain))
             _check_content(raw)
             stated = raw.unit or ""
             return Mesh(

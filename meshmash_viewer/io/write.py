@@ -33,6 +33,7 @@ from meshmash_viewer.io.writers import (
     WRITERS,
     FeatureTable,
 )
+from meshmash_viewer.plug_ins import PlugIn
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.map_spectrum import MapSpectrum
@@ -277,7 +278,8 @@ def _writer(table: dict[str, Any], path: Path, what: str) -> Any:
             needed = NEEDED.get(ending[ending.rindex(".") :])
             if needed and find_spec(needed) is None:
                 raise InputError(f"{path} is written by {not_installed(needed)}.")
-            return table[ending]
+            writer = table[ending]
+            return writer.load() if isinstance(writer, PlugIn) else writer
     raise InputError(
         f"{path} has no ending in which {what} can be written; give it one of {' '.join(table)}."
     )

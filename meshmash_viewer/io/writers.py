@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.mesh import mesh_to_poly
+from meshmash_viewer.plug_ins import plug_ins
 
 if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
@@ -278,6 +279,8 @@ WRITERS: dict[str, FeatureWriter] = {
     ".shape.gii": _features_gifti,
     ".gii": _features_gifti,
 }
+
+WRITERS |= plug_ins("writers", WRITERS)
 
 #: The same for eigenpairs.
 EIGENPAIR_WRITERS: dict[str, EigenpairWriter] = {".npz": _eigenpairs_npz, ".vtp": _eigenpairs_vtp}

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from importlib import metadata
 
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.fields import FAMILIES  # noqa: F401  whose plug-ins are told
+from meshmash_viewer.io import read, writers  # noqa: F401
 from meshmash_viewer.io.cache import EigenpairCache
 from meshmash_viewer.model import cost
+from meshmash_viewer.plug_ins import known_plug_ins
 
 __all__ = ["system_report"]
 
@@ -37,5 +42,10 @@ def system_report(graphics: str) -> str:
         except metadata.PackageNotFoundError:
             versions.append((name, "not installed"))
     more = [("Graphics", graphics), ("Eigenpairs kept", kept), *versions]
+    for each in known_plug_ins():
+        with suppress(InputError):
+            each.load()
+        said = each.fault or f"{each.name} of {each.package}"
+        more.append((f"Plug-in, {each.group}", said))
     report = scooby.Report(core=[], optional=[], ncol=1, text_width=100, extra_meta=more)
     return str(report).strip()

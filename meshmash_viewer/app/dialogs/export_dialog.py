@@ -34,6 +34,7 @@ from meshmash_viewer.io.write import EIGENPAIR_WRITERS
 from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.jobs import ExportJob
+from meshmash_viewer.plug_ins import known_plug_ins
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import named_apart
 
@@ -65,6 +66,11 @@ FORMATS = (
     Format("VTK PolyData", ".vtp", "the mesh with its columns, for ParaView", 8, 80),
     Format("PLY", ".ply", "the mesh with one property a column", 4, 50),
     Format("GIFTI functional", ".func.gii", "maps for neuroimaging tools", 5, 0),
+    *(
+        Format(each.package, each.name, "what that plug-in writes", 8, 0)
+        for each in known_plug_ins()
+        if each.group == "writers" and not each.fault
+    ),
 )
 
 

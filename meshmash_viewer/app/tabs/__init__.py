@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.util import find_spec
 
 from meshmash_viewer.app.tabs.field_stepper import FamilyTab
+from meshmash_viewer.app.tabs.plug_in_tab import plug_in_tab
+from meshmash_viewer.fields.bank_columns import BankColumns
 from meshmash_viewer.fields.family import Family
 
 __all__ = ["tab_of"]
@@ -12,10 +15,12 @@ __all__ = ["tab_of"]
 
 def tab_of(family: type[Family]) -> type[FamilyTab]:
     """The class of a family's controls: the one of its module whose `family` it is."""
-    module = import_module(f"{__name__}.{family.name}_tab")
+    name = f"{__name__}.{family.name}_tab"
+    if issubclass(family, BankColumns) and find_spec(name) is None:
+        return plug_in_tab(family)
     found: type[FamilyTab] = next(
         each
-        for each in vars(module).values()
+        for each in vars(import_module(name)).values()
         if isinstance(each, type) and vars(each).get("family") is family
     )
     return found

@@ -1,0 +1,127 @@
+"""Plug-ins: what other installed packages add by entry points, and which of it cannot be used."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Container
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, TypeAlias
+
+from meshmash_viewer.errors import InputError, printable
+
+__all__ = ["PlugIn", "PlugInWarning", "check_function", "known_plug_ins", "plug_ins", "warn"]
+
+
+Check: TypeAlias = Callable[[str, Any], None]
+
+
+class PlugInWarning(UserWarning):
+    """A plug-in cannot be used; all else works as it does without it."""
+
+
+class PlugIn:
+    """What a package adds, loaded when it is first used.
+
+    Called, it does what the function does that it stands for.
+
+    Parameters
+    ----------
+    group : "fields", "readers" or "writers"
+    entry : EntryPoint
+    check : callable
+        Raises for a name and what was loaded, if it cannot be used.
+
+    Attributes
+    ----------
+    name : str
+        Of a family of fields, or the ending of a file.
+    package : str
+        Name and version of the package.
+    fault : str
+        Why it cannot be used, in one sentence; empty as far as is known.
+    """
+
+    def __init__(self, group: str, entry: EntryPoint, check: Check) -> None:
+        self.group, self.name, self.fault = group, entry.name, ""
+        self.package = f"{entry.dist.name} {entry.dist.version}" if entry.dist else entry.module
+        self._entry, self._check = entry, check
+        # where another process finds the function
+        self.__module__, self.__qualname__ = entry.module, entry.attr
+
+    def __call__(self, *given: Any) -> Any:
+        return self.load()(*given)
+
+    def load(self) -> Any:
+        """What it stands for.
+
+        Raises
+        ------
+        InputError
+            If it cannot be used.
+        """
+        if self.fault:
+            raise InputError(self.fault)
+        try:
+            loaded = self._entry.load()
+            self._check(self.name, loaded)
+        except (Exception, SystemExit) as error:
+            raise self.refused(printable(error) or type(error).__name__) from error
+        return loaded
+
+    def refused(self, why: str) -> InputError:
+        """Keep in mind that it cannot be used, and say so."""
+        self.fault = (
+            f"The plug-in {self.name} of {self.package} cannot be used ({why.rstrip('.')}):"
+            " update or uninstall that package."
+        )
+        return InputError(self.fault)
+
+
+_known: list[PlugIn] = []
+
+
+def known_plug_ins() -> tuple[PlugIn, ...]:
+    """Those of the groups that have been asked for by now."""
+    return tuple(_known)
+
+
+def check_function(name: str, loaded: Any) -> None:
+    """See that it is a function.
+
+    Raises
+    ------
+    TypeError
+        If it is none.
+    """
+    if not callable(loaded):
+        raise TypeError("it is no function")
+
+
+def plug_ins(group: str, taken: Container[str], check: Check = check_function) -> dict[str, PlugIn]:
+    """What packages add to a group, by name; it is warned of names that cannot be had.
+
+    Parameters
+    ----------
+    group : "fields", "readers" or "writers"
+        Names of the latter two are lower-case endings of files.
+    taken : container of str
+        Names that cannot be had.
+    check : callable
+        See `PlugIn`.
+    """
+    found: dict[str, PlugIn] = {}
+    for entry in sorted(entry_points(group=f"meshmash_viewer.{group}")):
+        each = PlugIn(group, entry, check)
+        _known.append(each)
+        if entry.name in taken or entry.name in found:
+            warn(each.refused("the name is taken"))
+        elif group != "fields" and not (entry.name[0] == "." and entry.name.islower()):
+            warn(each.refused("its name is no lower-case ending such as .off"))
+        else:
+            found[entry.name] = each
+    return found
+
+
+def warn(fault: InputError) -> None:
+    """Say that a plug-in cannot be used, and go on without it."""
+    warnings.warn(str(fault), PlugInWarning, stacklevel=3)
