@@ -72,7 +72,7 @@ class Eigenfunctions(Family):
     def told(self, to: Correspondence) -> str:
         same, index = to.functions, self.index
         if same is None or index >= len(same.indices) or same.indices[index] < 0:
-            return f"{index}: cannot be told, shown by its index"
+            return f"{index} cannot be told"
         turned = ", flipped" if same.signs[index] < 0.0 else ""
         return (
             f"{index} is {same.indices[index]}{turned} (correlation {same.correlations[index]:.2f})"

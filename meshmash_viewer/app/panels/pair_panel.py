@@ -7,8 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QCheckBox, QComboBox, QFileDialog, QLabel, QPushButton, QWidget
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QFileDialog,
+    QLabel,
+    QPushButton,
+    QScrollArea,
+    QWidget,
+)
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import Facts, keep_room, note, show_note, show_quietly
@@ -76,7 +84,7 @@ class PairPanel(QWidget):
         self._curves = tuple(pg.PlotCurveItem() for _ in range(2))
         for curve in self._curves:
             self.plot.addItem(curve)
-        self.legend = theme.named(QLabel(), "pair_legend", role="muted")
+        self.legend = theme.named(QLabel(wordWrap=True), "pair_legend", role="muted")
         self.feature_combo = theme.named(
             QComboBox(), "pair_feature_combo", "Feature in which vertices are matched"
         )
@@ -118,7 +126,8 @@ class PairPanel(QWidget):
                 fourth,
             )
         )
-        self.setLayout(
+        whole = theme.named(QWidget(), "panel_content")
+        whole.setLayout(
             column(
                 self.name_label,
                 row(self.open_button, self.close_button, None),
@@ -129,6 +138,11 @@ class PairPanel(QWidget):
                 margins=PANEL,
             )
         )
+        scroll = QScrollArea(widgetResizable=True)
+        scroll.setWidget(whole)
+        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setLayout(column(scroll))
 
     # -- from the person ----------------------------------------------------------------------
 
@@ -241,7 +255,7 @@ class PairPanel(QWidget):
         names = [self._document.mesh, self._pair.second.mesh if self._pair else None]
         colors = theme.plot_colors().series
         self.legend.setText(
-            "&nbsp;&nbsp; ".join(
+            "<br>".join(
                 f'<span style="color:{color}">▬</span> {each.name or "mesh"}'
                 for each, color in zip(names, colors, strict=False)
                 if each is not None
