@@ -130,7 +130,7 @@ class Pair:
             (first.spectrum_changed, self._follow_spectra),
             (second.spectrum_changed, self._follow_spectra),
             (second.mesh_changed, self._follow_spectra),
-            (second.job_changed, self._decompose_second),
+            (second.job_changed, self._follow_job),
         ]  # fmt: skip
         for signal, slot in self._heard:
             signal.connect(slot)
@@ -250,6 +250,10 @@ class Pair:
 
     # -- following ----------------------------------------------------------------------------
 
+    def _follow_job(self) -> None:
+        if self.second.job is None:
+            self._follow_spectra()
+
     def _follow_spectra(self) -> None:
         """Solve the second as far as the first, and compare them as soon as both are there."""
         self._decompose_second()
@@ -260,7 +264,7 @@ class Pair:
             and second is not None
             and first.complete
             and second.complete
-            and self.second.is_computed
+            and self.second.job is None
         ):
             request = ComparisonRequest(first, second, self._matched_in)
         same = (

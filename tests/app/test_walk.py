@@ -12,7 +12,8 @@ from PySide6.QtWidgets import QApplication
 
 
 @pytest.fixture
-def walk(qapp: QApplication, tmp_path: Path) -> Iterator[Walk]:
+def walk(qapp: QApplication, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Walk]:
+    monkeypatch.chdir(tmp_path)  # what is typed as a path may be a name alone
     walk = Walk(tmp_path, seed=20)
     yield walk
     walk.close()

@@ -201,6 +201,18 @@ def test_vertices_are_matched_in_another_feature(pair: Pair) -> None:
     assert pair.comparison is not before
 
 
+def test_more_pairs_than_needed_are_compared_too(meshes: tuple[Mesh, Mesh, np.ndarray]) -> None:
+    # as after a visit in which more were stored
+    first, second = (opened(mesh) for mesh in meshes[:2])
+    second.target = Target("count", COUNT + 30)
+    second.compute()
+    pair = paired(first, second)
+    first.target = Target("count", COUNT)
+    first.compute()
+    assert pair.comparison is not None
+    assert len(pair.comparison.spectra[1]) == COUNT
+
+
 def test_a_mesh_that_has_too_little_is_one_sentence(pair: Pair) -> None:
     tetrahedron = mv.Mesh(np.eye(4)[:, :3], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
     small = opened(tetrahedron)
