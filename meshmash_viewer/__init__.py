@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.features.distances import biharmonic_distance as biharmonic_distance
     from meshmash_viewer.features.distances import commute_time_distance as commute_time_distance
     from meshmash_viewer.features.distances import diffusion_distance as diffusion_distance
+    from meshmash_viewer.features.distances import distance_features as distance_features
     from meshmash_viewer.features.distances import geodesic_distance as geodesic_distance
     from meshmash_viewer.features.filters import FilterBank as FilterBank
     from meshmash_viewer.features.filters import band_pass_bank as band_pass_bank
@@ -160,6 +161,7 @@ _CONTENTS = {
         "biharmonic_distance",
         "commute_time_distance",
         "diffusion_distance",
+        "distance_features",
         "geodesic_distance",
     ),
     # Meshes too large for one go

@@ -766,3 +766,73 @@ def test_interrupt_on_a_terminal_is_clean(tmp_path: Path) -> None:
     # No process of its group is left.
     with pytest.raises(ProcessLookupError):
         os.killpg(process.pid, 0)
+
+
+@pytest.mark.parametrize("measure", ["geodesic", "biharmonic", "commute", "diffusion"])
+def test_distances_are_written(
+    capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path, measure: str
+) -> None:
+    """Columns are those of the library, at vertices in the order in which they were named."""
+    from meshmash_viewer.features.distances import distance_features
+    from meshmash_viewer.laplacian import cotangent_laplacian
+
+    out, mesh = tmp_path / "out.npz", read_mesh(ball, "um")
+    time = ("--time", 0.25) if measure == "diffusion" else ()
+    chosen = ("--kind", "distance", "--distance", measure, *time, "--vertex", 17, "--vertex", 5)
+    common = ("--count", 30, "--unit", "um", "-o", out, "--json")
+    status, text, err = run(capsys, "features", ball, *chosen, *common)
+    assert status == 0
+    assert ("misses" in err or "miss more" in err) == (measure in ("commute", "biharmonic")), err
+    report = json.loads(text)
+    assert ("proof" in report) == (measure != "geodesic"), "along the surface no pairs are needed"
+    pairs = solve(*cotangent_laplacian(mesh), 30)
+    given = (pairs, 0.25 if time else None) if measure != "geodesic" else ()
+    wanted = distance_features(mesh, [17, 5], measure, *given)
+    with np.load(out) as archive:
+        assert archive["columns"].tolist() == [f"{measure}_from_17", f"{measure}_from_5"]
+        largest = wanted.values.max()
+        np.testing.assert_allclose(archive["features"], wanted.values, atol=1e-6 * largest)
+        about = json.loads(str(archive["meta"]))["options"]
+    assert (about["kind"], about["measure"], about["vertices"]) == ("distance", measure, [17, 5])
+    assert about["values_unit"] == wanted.unit
+    assert about.get("time") == (0.25 if time else None)
+
+
+@pytest.mark.parametrize(
+    ("options", "clause"),
+    [
+        ("", "give --vertex"),
+        ("--vertex 4 --vertex 4", "each once"),
+        ("--vertex -1", "no vertex -1"),
+        ("--vertex 99999", "they are counted from 0 to"),
+        ("--vertex x", "invalid int value"),
+        ("--vertex 4 --distance walk", "invalid choice"),
+        ("--vertex 4 --time 3", "--distance diffusion"),
+        ("--vertex 4 --distance diffusion --time -3", "means nothing"),
+        ("--vertex 4 --n-components 3", "one column for each"),
+        ("--vertex 4 --t-min 3", "--t-min is of --kind hks"),
+        ("--vertex 4 --pieces 4", "whole mesh"),
+        ("--vertex 4 --tail weyl", "for heat kernel signatures"),
+    ],
+)
+def test_distances_that_cannot_be_had_are_one_line(
+    capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path, options: str, clause: str
+) -> None:
+    out = tmp_path / "out.npz"
+    chosen = ("--kind", "distance", *options.split(), "--count", 9)
+    status, text, err = run(capsys, "features", ball, *chosen, "-o", out)
+    assert (status, text, err.count("\n"), out.exists()) == (2, "", 1, False)
+    assert clause in err
+
+
+def test_distances_without_their_package_say_what_to_install(
+    capsys: pytest.CaptureFixture[str],
+    ball: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "potpourri3d", None)
+    out = tmp_path / "out.npz"
+    status, _, err = run(capsys, "features", ball, "--kind", "distance", "--vertex", 4, "-o", out)
+    assert (status, err.count("\n"), out.exists()) == (2, 1, False)
+    assert 'pip install "meshmash-viewer[geodesic]"' in err

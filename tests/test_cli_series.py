@@ -59,11 +59,82 @@ def test_a_gallery_of_every_kind_is_drawn(
     capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
 ) -> None:
     for kind in SWEPT:
-        options = ("--kind", kind, "--count", 20, "--n-components", 5, "--size", "300x200")
+        columns = ("--n-components", 5) if SWEPT[kind].counted else ()
+        columns = ("--vertex", 4, "--vertex", 40) if kind == "distance" else columns
+        options = ("--kind", kind, "--count", 20, *columns, "--size", "300x200")
         status, _, err = run(capsys, "gallery", ball, *options, "-o", tmp_path / f"{kind}.png")
         assert (status, err) == (0, ""), kind
     sheets = [np.asarray(Image.open(tmp_path / f"{kind}.png").convert("RGB")) for kind in SWEPT]
     assert all(sheet.std() > 5.0 for sheet in sheets)
+
+
+def gallery(
+    capsys: pytest.CaptureFixture[str], ball: Path, out: Path, *options: object
+) -> tuple[np.ndarray, dict[str, object]]:
+    """The pixels of a gallery, and its report."""
+    common = ("--count", 30, "--size", "300x200", "-o", out, "--json")
+    status, text, err = run(capsys, "gallery", ball, *common, *options)
+    assert (status, err) == (0, "")
+    with Image.open(out) as image:
+        return np.asarray(image.convert("RGB")).astype(int), json.loads(text)
+
+
+def test_what_a_kind_is_asked_for_is_what_its_gallery_shows(
+    capsys: pytest.CaptureFixture[str], ball: Path, sphere: Mesh, tmp_path: Path
+) -> None:
+    """The parameters that `features` has for a kind change the pictures of that kind."""
+    out, depth = tmp_path / "sheet.png", tmp_path / "depth.npy"
+    np.save(depth, sphere.vertices[:, 2])
+    one = ("--columns", "0")
+    pairs = [
+        # a time that is named is the column of a longer row of times
+        (
+            ("--kind", "hks", "--t-min", 0.5, "--t-max", 8, "--n-components", 5, "--columns", "2"),
+            ("--kind", "hks", "--t-min", 2, "--t-max", 8, *one),
+        ),
+        # a formula of one's own is the ready filter of the same values
+        (
+            ("--kind", "filter", "--formula", "exp(-q*x)", "--set", "q=2:8", *one),
+            ("--kind", "filter", "--formula", "exp(-2*x)", *one),
+        ),
+        (
+            ("--kind", "distance", "--distance", "diffusion", "--vertex", 7, "--vertex", 9,
+             "--time", 0.3, "--columns", "1"),
+            ("--kind", "distance", "--distance", "diffusion", "--vertex", 9, "--vertex", 7,
+             "--time", 0.3, *one),
+        ),
+        (
+            ("--kind", "map", "--map", depth, "--map-name", "depth.npy", *one),
+            ("--kind", "map", "--map", depth, *one),
+        ),
+    ]  # fmt: skip
+    top = slice(60, None)  # below the captions, which name what was asked for
+    for given, same in pairs:
+        first, second = (gallery(capsys, ball, out, *each)[0] for each in (given, same))
+        assert np.abs(first[top] - second[top]).mean() < 0.5, given
+    other, _ = gallery(capsys, ball, out, "--kind", "hks", "--t-min", 0.01, "--t-max", 8, *one)
+    same, _ = gallery(capsys, ball, out, "--kind", "hks", "--t-min", 0.5, "--t-max", 8, *one)
+    assert np.abs(other[top] - same[top]).mean() > 0.5
+    _, report = gallery(
+        capsys, ball, out, "--kind", "map", "--view", "pairs", "--map-name", "Mean curvature"
+    )
+    assert len(report["columns"]) == 15, "every other of 30 sums"
+
+
+def test_what_no_eigenpairs_make_asks_for_none(
+    capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("potpourri3d")
+    out = tmp_path / "sheet.png"
+    _, report = gallery(capsys, ball, out, "--kind", "distance", "--vertex", 3, "--vertex", 8)
+    assert report["columns"] == [0, 1]
+    assert "proof" not in report
+    options = ("--count", 30, "--kind", "distance", "--distance", "diffusion", "--vertex", 3)
+    film = (*options, "--sweep", ":", "--rate", 5, "--seconds", 2, "--size", "160x120")
+    assert run(capsys, "movie", ball, *film, "-o", tmp_path / "times.gif")[0] == 0
+    shown, length = moving(tmp_path / "times.gif")
+    assert (len(shown), length) == (10, 2000.0)
+    assert np.abs(shown[0] - shown[-1]).mean() > 1.0, "the time goes on"
 
 
 def moving(path: Path) -> tuple[list[np.ndarray], float]:
@@ -146,6 +217,13 @@ def test_an_interrupted_movie_leaves_nothing(
         ("gallery {ball} -o out.jpg", ".png"),
         ("gallery {ball} -o out.png --kind similarity", "invalid choice"),
         ("gallery {ball} -o out.png --count 9 --columns 0:12", "9 columns"),
+        ("gallery {ball} -o out.png --t-min 3", "--t-min is of --kind hks"),
+        ("gallery {ball} -o out.png --kind hks --t-min 3 --t-max 1", "swap"),
+        ("gallery {ball} -o out.png --kind filter --formula x$", "at character 2"),
+        ("gallery {ball} -o out.png --kind distance", "give --vertex"),
+        ("gallery {ball} -o out.png --kind distance --vertex 9999", "no vertex 9999"),
+        ("gallery {ball} -o out.png --kind map --map-name depth", "no map 'depth'"),
+        ("movie {ball} -o film.gif --turntable --kind hks --vertex 3", "of --kind distance"),
         ("gallery {ball} -o out.png --count 9 --columns x", "START:STOP"),
         ("gallery {ball} -o out.png --count 9 --size 40x40", "too small"),
         ("gallery {ball} -o out.png --count 9 --colormap x", "colour map"),

@@ -15,11 +15,13 @@ from meshmash_viewer.features.distances import (
     biharmonic_distance,
     commute_time_distance,
     diffusion_distance,
+    distance_features,
     geodesic_distance,
     missing_square,
 )
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.spectral.eigensolver import solve
 
 
 def torus() -> Mesh:
@@ -183,3 +185,68 @@ def test_what_is_missing_is_about_as_expected(kind: str, within: float) -> None:
     missing = np.median(whole**2 - part**2)
     expected = missing_square(kind, values[:kept], mesh.area, mesh.n_vertices, time)
     assert 1.0 / within < expected / missing < within
+
+
+def spheres_and_a_stray() -> Mesh:
+    one = shapes.icosphere(2)
+    vertices = np.concatenate([one.vertices, one.vertices + 5.0, [[9.0, 9.0, 9.0]]])
+    faces = np.concatenate([one.faces, one.faces + one.n_vertices])
+    return Mesh(vertices, faces, unit="nm")
+
+
+@pytest.mark.parametrize("measure", ["geodesic", "biharmonic", "commute", "diffusion"])
+def test_columns_are_the_distances_from_each_vertex(measure: str) -> None:
+    mesh = spheres_and_a_stray()
+    n = mesh.n_vertices // 2
+    L, M = cotangent_laplacian(mesh)
+    pairs = solve(L, M, 40)
+    given = () if measure == "geodesic" else (pairs, 0.3 if measure == "diffusion" else None)
+    found = distance_features(mesh, [3, n + 5], measure, *given)
+    assert found.columns == (f"{measure}_from_3", f"{measure}_from_{n + 5}")
+    assert found.values[3, 0] == found.values[n + 5, 1] == 0.0
+    elsewhere = np.isnan(found.values)
+    assert elsewhere[n:, 0].all()
+    assert not elsewhere[:n, 0].any()
+    assert elsewhere[:n, 1].all()
+    assert not elsewhere[n:-1, 1].any(), "the last vertex belongs to no face"
+    spectral = pairs.eigenvalues, pairs.eigenvectors, 3
+    wanted = {
+        "geodesic": lambda: geodesic_distance(mesh, 3),
+        "biharmonic": lambda: biharmonic_distance(*spectral),
+        "commute": lambda: commute_time_distance(*spectral),
+        "diffusion": lambda: diffusion_distance(*spectral, 0.3),
+    }[measure]()
+    np.testing.assert_allclose(found.values[:n, 0], wanted[:n], rtol=1e-9)
+    unit = {"geodesic": "nm", "biharmonic": "nm", "commute": "", "diffusion": "nm⁻¹"}[measure]
+    assert (found.unit, found.meta["vertices"]) == (unit, [3, n + 5])
+
+
+def test_what_is_missing_of_them_is_what_more_pairs_add() -> None:
+    mesh = shapes.icosphere(4)
+    L, M = cotangent_laplacian(mesh)
+    few, many = (distance_features(mesh, 7, "commute", solve(L, M, k)) for k in (20, 600))
+    share = 1.0 - np.median(few.values) / np.median(many.values)
+    said = few.meta["missing_shares"][0] - many.meta["missing_shares"][0]
+    assert said == pytest.approx(share, abs=0.05)
+    assert "commute_from_7 about" in few.missing
+
+
+@pytest.mark.parametrize(
+    ("vertices", "options", "sentence"),
+    [
+        (-1, {}, "no vertex -1"),
+        (325, {}, "no vertex 325"),
+        (324, {}, "belongs to no face"),
+        ([3, 3], {}, "each once"),
+        ([], {}, "one or more"),
+        (3, {"measure": "walk"}, "no distance 'walk'"),
+        (3, {"measure": "commute"}, "sum over eigenpairs"),
+        (3, {"measure": "diffusion", "decomposition": "pairs"}, "takes a time"),
+    ],
+)
+def test_what_there_is_no_distance_from_is_said(
+    vertices: object, options: dict[str, object], sentence: str
+) -> None:
+    with pytest.raises(InputError, match=sentence) as told:
+        distance_features(spheres_and_a_stray(), vertices, **options)
+    assert str(told.value).endswith(".")

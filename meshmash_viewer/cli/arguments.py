@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -49,7 +50,7 @@ def window_parser() -> argparse.ArgumentParser:
         description="Open the window, on meshes or a session if given.",
         epilog="commands without a window (each has its own --help):\n"
         f"  {PROGRAM} info MESH...                 health, area, length of the spectrum\n"
-        f"  {PROGRAM} features MESH... -o OUT      HKS, geometry vectors, WKS or eigenpairs\n"
+        f"  {PROGRAM} features MESH... -o OUT      HKS, geometry vectors, distances …\n"
         f"  {PROGRAM} compare A B [-o OUT]         spectral distance, matches of vertices\n"
         f"  {PROGRAM} render MESH -o OUT.png       a picture\n"
         f"  {PROGRAM} gallery MESH -o OUT.png      many fields side by side\n"
@@ -94,28 +95,11 @@ def command_parser() -> argparse.ArgumentParser:
         metavar="N",
         help="number of columns, default 32; 1 of --kind filter",
     )
-    features.add_argument(
-        "--t-min",
-        type=float,
-        metavar="T",
-        help="shortest diffusion time (unit²); default by the λ of each mesh, so give both times"
-        " where columns of many meshes are to agree",
-    )
-    features.add_argument("--t-max", type=float, metavar="T", help="longest diffusion time (unit²)")
-    features.add_argument(
-        "--formula",
-        help='of --kind filter: "exp(-t*x) * (x > 1e-8)", with x for λ; default "x < c"',
-    )
-    features.add_argument(
-        "--set",
-        action="append",
-        metavar="NAME=VALUE",
-        help="a parameter of the formula; NAME=LOW:HIGH takes the columns through a range",
-    )
+    _add_families(features, EXPORTS)
     features.add_argument(
         "--tail",
         choices=("weyl",),
-        help="add to the HKS what Weyl's law expects of the eigenpairs that are not computed",
+        help="of --kind hks: add what Weyl's law expects of the eigenpairs that are not computed",
     )
     features.add_argument(
         "--component-column",
@@ -273,13 +257,32 @@ def _add_series(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--n-components",
         type=_positive,
-        default=32,
         metavar="N",
         help="number of columns of the kinds that have as many as one likes, default 32",
     )
+    _add_families(parser, SWEPT)
+    _add_maps(parser)
     _add_mesh(parser)
     _add_target(parser)
     _add_solver(parser)
+
+
+def _add_families(parser: argparse.ArgumentParser, table: Mapping[str, type[Family]]) -> None:
+    """The options of the families of a table, each once, with the kinds that they are of."""
+    kinds: dict[str, list[str]] = {}
+    for kind, family in table.items():
+        for option in family.options:
+            kinds.setdefault(option.name, []).append(kind)
+    known = {option.name: option for family in table.values() for option in family.options}
+    for name, option in known.items():
+        parser.add_argument(
+            option.flag,
+            type=option.kind,
+            choices=option.values,
+            metavar=option.metavar,
+            action="append" if option.many else "store",
+            help=f"of --kind {', '.join(kinds[name])}: {option.about}",
+        )
 
 
 def _add_looks(parser: argparse.ArgumentParser, size: tuple[int, int]) -> None:
@@ -418,12 +421,14 @@ def check_repairs(options: argparse.Namespace) -> None:
 
 def check_pieces(options: argparse.Namespace) -> None:
     """Complain of what cannot be had in pieces."""
+    from meshmash_viewer.fields import EXPORTS
+
     wrong = {
         "--drop-first": options.drop_first,
         "--tail": options.tail is not None,
         "--count auto": options.count == "auto",
         "--component-column": options.component_column,
-        "--kind eigenpairs": options.kind == "eigenpairs",
+        f"--kind {options.kind}": not EXPORTS[options.kind].counted,
     }
     for name, given in wrong.items():
         if given:
@@ -441,17 +446,26 @@ def chosen_operator(options: argparse.Namespace) -> OperatorOptions:
     return OperatorOptions(robust=not options.no_robust, mollify_factor=options.mollify_factor)
 
 
-def chosen_family(options: argparse.Namespace) -> Family:
-    """The family that is asked for; complains now, not after the first decomposition."""
-    from meshmash_viewer.fields import EXPORTS
+def chosen_family(
+    options: argparse.Namespace, table: Mapping[str, type[Family]], n_columns: int | None = None
+) -> Family:
+    """The family of a table that is asked for; complains now, not after the first decomposition.
 
-    chosen = EXPORTS[options.kind]
-    for kind, family in EXPORTS.items():
-        for name in set(family.options) - set(chosen.options):
-            if getattr(options, name) is not None:
-                option = f"--{name.replace('_', '-')}"
-                raise InputError(f"{option} is of --kind {kind}, not of {options.kind}.")
-    given = {name: getattr(options, name) for name in chosen.options}
+    `n_columns` are those of families that have as many as one likes, where nobody says.
+    """
+    chosen = table[options.kind]
+    own = {option.name for option in chosen.options}
+    for kind, family in table.items():
+        for option in family.options:
+            if option.name not in own and getattr(options, option.name) is not None:
+                raise InputError(f"{option.flag} is of --kind {kind}, not of {options.kind}.")
+    if getattr(options, "tail", None) is not None:
+        from meshmash_viewer.features.sums import check_tail
+
+        check_tail(options.tail, chosen.export)
+    given = {name: getattr(options, name) for name in own}
     parameters = {name: value for name, value in given.items() if value is not None}
-    parameters.pop("tail", None)  # of the sum, not of the filters
-    return chosen.exported(options.n_components, **parameters)
+    count = options.n_components
+    if count is None and chosen.counted:
+        count = n_columns
+    return chosen.exported(count, **parameters)

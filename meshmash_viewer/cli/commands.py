@@ -33,6 +33,7 @@ __all__ = [
     "describe",
     "is_folder",
     "output_paths",
+    "with_maps",
     "write_kind",
     "write_render",
 ]
@@ -243,7 +244,6 @@ def write_kind(
     dict
         JSON-able report.
     """
-    from meshmash_viewer.features.sums import truncated_features
     from meshmash_viewer.features.truncation import mesh_limit, sufficient_target
     from meshmash_viewer.health import median_edge_length
     from meshmash_viewer.io.provenance import export_options
@@ -253,69 +253,76 @@ def write_kind(
     began = time.perf_counter()
     n = mesh.n_vertices - len(mesh.unreferenced)
     remarks: list[str] = []
-    if (maps or own_maps) and not family.counted:
+    if (maps or own_maps) and not family.makes_features():
         raise InputError(f"--map and --maps are columns of features; {kind} have none.")
     if mesh.maps and not own_maps:
         names = ", ".join(each.name for each in mesh.maps)
-        if family.counted:
+        if family.makes_features():
             remarks.append(f"left out: {names}; --maps adds them as columns.")
         for each in mesh.maps:
             mesh = mesh.without_map(each.name)
-    mesh = _with_maps(mesh, maps)
+    mesh = with_maps(mesh, maps)
+    family.check_mesh(mesh)
     features: Features | None = None
     if automatic:
         assert t_min is not None
         solver.target = sufficient_target(t_min, mesh.area, n)
+    pairs: Decomposition | None = None
     try:
-        pairs = solver(mesh)
+        pairs = solver(mesh) if family.of_pairs else None
     except InputError as fault:
         if not automatic or t_min is None:
             raise
         reach = mesh_limit(t_min, mesh.area, n, mesh.unit, median_edge_length(mesh))
         raise InputError(f"{fault} {reach}") from fault
     solved = time.perf_counter()
-    if family.counted:
-        bank = family.bank(pairs.eigenvalues, mesh.area, solver.target.max_eigenvalue)
-        features = truncated_features(
+    bound = solver.target.max_eigenvalue
+    if family.makes_features():
+        features = family.compute_features(
             pairs,
-            bank,
-            unit=mesh.unit,
+            mesh,
+            mesh.area,
+            bound,
             drop_first=drop_first,
             tail=tail,
-            known_to=solver.target.max_eigenvalue if pairs.complete else None,
+            known_to=bound if pairs is not None and pairs.complete else None,
         )
 
-    proof = pairs.proof(mesh.unit)
+    proof = "" if pairs is None else pairs.proof(mesh.unit)
     options = export_options(kind, solver.operator, solver.target, proof, repairs)
-    largest = float(pairs.eigenvalues[-1])
     report: dict[str, Any] = {
         "mesh": mesh.name,
         "output": str(path),
         "kind": kind,
         "n_vertices": mesh.n_vertices,
-        "n_eigenpairs": pairs.n_components,
-        "max_eigenvalue": largest,
-        "wavelength": _finite(wavelength(largest)),
-        "complete": pairs.complete,
-        "worst_residual": float(pairs.residuals.max(initial=0.0)),
-        "orthonormality": float(pairs.orthonormality),
-        "proof": proof,
-        "seconds_eigenpairs": round(solved - began, 3),
         "remarks": remarks,
     }
+    if pairs is not None:
+        largest = float(pairs.eigenvalues[-1])
+        report |= {
+            "n_eigenpairs": pairs.n_components,
+            "max_eigenvalue": largest,
+            "wavelength": _finite(wavelength(largest)),
+            "complete": pairs.complete,
+            "worst_residual": float(pairs.residuals.max(initial=0.0)),
+            "orthonormality": float(pairs.orthonormality),
+            "proof": proof,
+            "seconds_eigenpairs": round(solved - began, 3),
+        }
     wanted = solver.target.n_components
     if automatic and t_min is not None:
         edge = median_edge_length(mesh)
         if wavelength(required_eigenvalue(t_min)) < 2.0 * edge:
             remarks.append(mesh_limit(t_min, mesh.area, n, mesh.unit, edge))
-    elif wanted is not None and wanted > n:
+    elif pairs is not None and wanted is not None and wanted > n:
         remarks.append(
             f"{wanted:,} eigenpairs were asked for; the mesh has {n:,}, and all of them are used."
         )
     if features is None:
+        assert pairs is not None
         write_eigenpairs(path, pairs, mesh, options)
     else:
-        if not (pairs.eigenvalues > 0.0).any():
+        if pairs is not None and not (pairs.eigenvalues > 0.0).any():
             remarks.append(
                 f"all {pairs.n_components} eigenvalues are zero, one for each connected component,"
                 " so the features are the same all over a component: go further up the spectrum"
@@ -323,14 +330,15 @@ def write_kind(
             )
         missing = features.truncation
         report["truncation"] = None if missing is None else missing.as_dict()
-        if missing is not None and len(missing.flagged):
-            remarks.append(f"{missing.sentence()}{_more_pairs(t_min)}.")
+        if features.missing:
+            remarks.append(f"{features.missing}{_more_pairs(t_min)}.")
         remarks += features.remarks(mesh)
         features = features.with_maps(mesh)
         if component_column:
             features = features.with_components(mesh)
         report["n_features"] = len(features.columns)
-        write_features(path, features, mesh, eigenvalues=pairs.eigenvalues, meta=options)
+        values = None if pairs is None else pairs.eigenvalues
+        write_features(path, features, mesh, eigenvalues=values, meta=options)
     report["seconds"] = round(time.perf_counter() - began, 3)
     return report
 
@@ -342,8 +350,8 @@ def _more_pairs(t_min: float | None) -> str:
     return ": take more of them (--count, --max-eigenvalue, --wavelength)"
 
 
-def _with_maps(mesh: Mesh, paths: Sequence[Path]) -> Mesh:
-    """A mesh with the maps in files."""
+def with_maps(mesh: Mesh, paths: Sequence[Path]) -> Mesh:
+    """A mesh with the maps in files, besides its own."""
     from meshmash_viewer.io.maps import read_maps
 
     for path in paths:
@@ -358,7 +366,7 @@ def _shown_map(mesh: Mesh, paths: Sequence[Path], name: str) -> Field:
     from meshmash_viewer.model.field import FieldRequest, LiveFeatures, compute_field
 
     n_own = len(mesh.maps)
-    mesh = _with_maps(mesh, paths)
+    mesh = with_maps(mesh, paths)
     if paths and not name:
         name = mesh.maps[n_own].name
     names = [*(each.name for each in mesh.maps), *CURVATURES]

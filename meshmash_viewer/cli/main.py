@@ -45,6 +45,8 @@ if TYPE_CHECKING:
 __all__ = ["main"]
 
 _DEFECT, _INTERRUPTED = 1, 130
+#: Columns of a gallery or movie where a family has as many as one likes.
+_COLUMNS = 32
 #: Of many meshes, the worst status is that of the command.
 _SEVERITY = (0, FAULT, _DEFECT)
 
@@ -164,11 +166,12 @@ def _info(options: argparse.Namespace) -> int:
 
 def _features(options: argparse.Namespace) -> int:
     from meshmash_viewer.cli.commands import is_folder, output_paths, write_kind
+    from meshmash_viewer.fields import EXPORTS
     from meshmash_viewer.io.atomic import made_folder
     from meshmash_viewer.io.write import check_output
 
     target, operator = chosen_target(options), chosen_operator(options)
-    family = chosen_family(options)
+    family = chosen_family(options, EXPORTS)
     outputs = output_paths(options.mesh, options.output, options.kind, f".{options.format}")
 
     if options.pieces is not None:
@@ -192,7 +195,11 @@ def _features(options: argparse.Namespace) -> int:
                 own_maps=options.maps,
                 repairs=tuple(options.repair),
             )
-        said = f"{report['output']}: {report['proof']} · {_reach(report, mesh)}"
+        said = f"{report['output']}: " + (
+            f"{report['proof']} · {_reach(report, mesh)}"
+            if "proof" in report
+            else counted(report["n_features"], "column")
+        )
         _tell(options, index, report, said)
 
     if options.map and len(options.mesh) > 1:
@@ -200,7 +207,7 @@ def _features(options: argparse.Namespace) -> int:
     folder = Path(options.output) if is_folder(options.output) else None
     with made_folder(folder) if folder else contextlib.nullcontext():
         for path in outputs:
-            check_output(path, "eigenpairs" if options.kind == "eigenpairs" else "features")
+            check_output(path, "features" if family.makes_features() else "eigenpairs")
         return _for_each(options, work)
 
 
@@ -300,9 +307,11 @@ def _render(options: argparse.Namespace) -> int:
 
 def _gallery(options: argparse.Namespace) -> int:
     from meshmash_viewer.cli.series import write_gallery
+    from meshmash_viewer.fields.sweep import SWEPT
     from meshmash_viewer.io.write import check_output
 
     target, operator = chosen_target(options), chosen_operator(options)
+    family = chosen_family(options, SWEPT, _COLUMNS)
     check_output(options.output, "picture")
 
     def work(index: int, mesh: Mesh) -> None:
@@ -310,10 +319,10 @@ def _gallery(options: argparse.Namespace) -> int:
             report = write_gallery(
                 mesh,
                 options.output,
-                options.kind,
+                family,
                 solver,
                 columns=options.columns,
-                n_components=options.n_components,
+                maps=options.map,
                 transparent=options.transparent,
                 **_looks(options),
             )
@@ -326,12 +335,14 @@ def _gallery(options: argparse.Namespace) -> int:
 
 def _movie(options: argparse.Namespace) -> int:
     from meshmash_viewer.cli.series import write_movie
+    from meshmash_viewer.fields.sweep import SWEPT
     from meshmash_viewer.io.movie import check_movie
     from meshmash_viewer.io.write import check_output
     from meshmash_viewer.model.cost import written_bytes
 
     target, operator = chosen_target(options), chosen_operator(options)
     check_movie(options.output, options.size, 1.0 if options.rate is None else options.rate)
+    family = chosen_family(options, SWEPT, _COLUMNS)
     check_output(options.output, "movie")
 
     def work(index: int, mesh: Mesh) -> None:
@@ -339,13 +350,13 @@ def _movie(options: argparse.Namespace) -> int:
             report = write_movie(
                 mesh,
                 options.output,
-                options.kind,
+                family,
                 solver,
                 columns=options.sweep,
+                maps=options.map,
                 column=options.column,
                 rate=options.rate,
                 seconds=options.seconds,
-                n_components=options.n_components,
                 announce=_say if sys.stderr.isatty() else None,
                 **_looks(options),
             )

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from meshmash_viewer.cli.commands import with_maps
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family
@@ -31,11 +32,11 @@ _AS_IT_COMES = {name: family() for name, family in FAMILIES.items()}
 def write_gallery(
     mesh: Mesh,
     path: Path,
-    kind: str,
+    family: Family,
     solver: Solver,
     *,
     columns: str | None = None,
-    n_components: int = 32,
+    maps: Sequence[Path] = (),
     size: tuple[int, int] = (2400, 1800),
     colormap: str | None = None,
     limits: tuple[float, float] | None = None,
@@ -49,13 +50,13 @@ def write_gallery(
     mesh : Mesh
     path : Path
         Ends in ".png".
-    kind : str
-        A name of `meshmash_viewer.fields.sweep.SWEPT`.
+    family : Family
+        One of `meshmash_viewer.fields.sweep.SWEPT`, with its parameters.
     solver : Solver
     columns : str, optional
         "START:STOP:STEP" as in Python; None takes some two dozen, evenly spread.
-    n_components : int
-        Number of columns of a family in which that can be chosen.
+    maps : sequence of Path
+        Files with more maps of the mesh.
     size : (int, int)
         Of the sheet in pixels.
     colormap, limits, transparent, dark
@@ -70,7 +71,8 @@ def write_gallery(
     from meshmash_viewer.app.view.series import aspect, draw_series, series_view, shots_of
     from meshmash_viewer.io.write import write_picture
 
-    family, spectrum, report = _solved(mesh, path, kind, solver, n_components)
+    mesh = with_maps(mesh, maps)
+    spectrum, report = _solved(mesh, path, family, solver)
     most = n_columns(family, spectrum)
     chosen = evenly(most, _PICTURES) if columns is None else chosen_columns(columns, most)
     drawing, look = _drawing(mesh, family, colormap, limits, dark)
@@ -93,14 +95,14 @@ def write_gallery(
 def write_movie(
     mesh: Mesh,
     path: Path,
-    kind: str,
+    family: Family,
     solver: Solver,
     *,
     columns: str | None = None,
+    maps: Sequence[Path] = (),
     column: int | None = None,
     rate: float | None = None,
     seconds: float | None = None,
-    n_components: int = 32,
     size: tuple[int, int] = (1280, 720),
     colormap: str | None = None,
     limits: tuple[float, float] | None = None,
@@ -114,7 +116,7 @@ def write_movie(
     mesh : Mesh
     path : Path
         With one of `meshmash_viewer.io.movie.MOVIE_ENDINGS`.
-    kind, solver, n_components, size, colormap, limits, dark
+    family, solver, maps, size, colormap, limits, dark
         See `write_gallery`.
     columns : str, optional
         "START:STOP:STEP" of the sweep; None turns the mesh.
@@ -148,7 +150,8 @@ def write_movie(
     from meshmash_viewer.model.cost import written_bytes
     from meshmash_viewer.model.field import LiveFeatures
 
-    family, spectrum, report = _solved(mesh, path, kind, solver, n_components)
+    mesh = with_maps(mesh, maps)
+    spectrum, report = _solved(mesh, path, family, solver)
     most = n_columns(family, spectrum)
     drawing, look = _drawing(mesh, family, colormap, limits, dark)
     if columns is not None:
@@ -159,7 +162,8 @@ def write_movie(
     else:
         rate = TURN_RATE if rate is None else rate
         count = n_frames(rate, TURN_SECONDS if seconds is None else seconds)
-        shown = family.for_other_mesh(mesh.n_components)
+        # what was asked for stays; of eigenfunctions the first that is not constant is shown
+        shown = family if family.options else family.for_other_mesh(mesh.n_components)
         if column is not None:
             shown = sweep(family, spectrum, chosen_columns(str(column), most))[0]
         one = shots_of([shown], spectrum, mesh, mesh.area_sample(), _AS_IT_COMES)[0]
@@ -191,9 +195,13 @@ def write_movie(
 
 
 def _solved(
-    mesh: Mesh, path: Path, kind: str, solver: Solver, n_components: int
-) -> tuple[Family, Spectrum, dict[str, Any]]:
-    """A family with its parameters filled in, the eigenpairs, and what is reported of them."""
+    mesh: Mesh, path: Path, family: Family, solver: Solver
+) -> tuple[Spectrum, dict[str, Any]]:
+    """The eigenpairs, if the family is made of any, and what is reported of them."""
+    family.check_mesh(mesh)
+    report: dict[str, Any] = {"mesh": mesh.name, "output": str(path), "kind": family.name}
+    if not family.of_pairs:
+        return Spectrum.without_pairs(mesh), report
     pairs = solver(mesh)
     spectrum = Spectrum(
         pairs.eigenvalues,
@@ -204,15 +212,9 @@ def _solved(
         operator=solver.operator,
         mesh=mesh,
     )
-    family = FAMILIES[kind].exported(n_components)
-    report = {
-        "mesh": mesh.name,
-        "output": str(path),
-        "kind": kind,
-        "proof": pairs.proof(mesh.unit),
-        "max_eigenvalue": float(pairs.eigenvalues[-1]),
-    }
-    return family, spectrum, report
+    report["proof"] = pairs.proof(mesh.unit)
+    report["max_eigenvalue"] = float(pairs.eigenvalues[-1])
+    return spectrum, report
 
 
 def _drawing(

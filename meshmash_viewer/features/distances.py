@@ -10,28 +10,44 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filter_parameters import ZERO_SHARE, as_spectrum
-from meshmash_viewer.features.sums import sum_squares
+from meshmash_viewer.features.sums import Features, sum_squares
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
+from meshmash_viewer.units import power_unit
+
+if TYPE_CHECKING:
+    from meshmash_viewer.spectral.eigensolver import Decomposition
 
 __all__ = [
+    "MEASURES",
     "GeodesicSolver",
     "RowsFrom",
     "biharmonic_distance",
+    "check_vertices",
     "commute_time_distance",
     "diffusion_distance",
+    "distance_columns",
+    "distance_features",
     "geodesic_distance",
     "missing_square",
     "spectral_weights",
 ]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+#: Kinds of distance by name: what they are called, and what power of length they are.
+MEASURES: dict[str, tuple[str, int]] = {
+    "geodesic": ("Geodesic", 1),
+    "biharmonic": ("Biharmonic", 1),
+    "commute": ("Commute time", 0),
+    "diffusion": ("Diffusion", -1),
+}
 
 
 def diffusion_distance(
@@ -292,3 +308,102 @@ def geodesic_distance(mesh: MeshLike, vertex: int) -> FloatArray:
         In the unit of the mesh; NaN in other components.
     """
     return GeodesicSolver(as_mesh(mesh)).from_vertex(vertex)
+
+
+def check_vertices(mesh: Mesh, vertices: npt.ArrayLike) -> None:
+    """Complain of vertices that a mesh does not have, or from which nothing is at a distance."""
+    for vertex in np.atleast_1d(np.asarray(vertices)).tolist():
+        _check_vertex(vertex, mesh.n_vertices)
+        if not mesh.referenced[vertex]:
+            raise InputError(
+                f"Vertex {vertex} belongs to no face, so nothing is at a distance from it: choose"
+                " another."
+            )
+
+
+def distance_columns(measure: str, vertices: npt.ArrayLike) -> tuple[str, ...]:
+    """Names of the columns of `distance_features`."""
+    return tuple(f"{measure}_from_{vertex}" for vertex in np.atleast_1d(np.asarray(vertices)))
+
+
+def distance_features(
+    mesh: MeshLike,
+    vertices: npt.ArrayLike,
+    measure: str = "geodesic",
+    decomposition: Decomposition | None = None,
+    time: float | None = None,
+) -> Features:
+    """Distances from some vertices, a column for each.
+
+    Parameters
+    ----------
+    mesh : MeshLike
+    vertices : int or array_like of int, shape (f,)
+        From which they are measured.
+    measure : {"geodesic", "biharmonic", "commute", "diffusion"}
+    decomposition : Decomposition, optional
+        Eigenpairs of the mesh, which all but the geodesic distance need.
+    time : float, optional
+        Of diffusion, in squared unit.
+
+    Returns
+    -------
+    Features
+        Values of shape (n, f), NaN in other components; ``missing_shares`` in its `meta` is what
+        Weyl's law expects to be missing of a typical distance for want of eigenpairs.
+
+    Raises
+    ------
+    InputError
+        If a vertex does not exist, belongs to no face or is named twice, if the measure needs
+        eigenpairs or a time that are not given, or if potpourri3d is not installed, which geodesic
+        distances need.
+    """
+    surface = as_mesh(mesh)
+    chosen = [int(vertex) for vertex in np.atleast_1d(np.asarray(vertices))]
+    if measure not in MEASURES:
+        raise InputError(f"There is no distance {measure!r}; there are {', '.join(MEASURES)}.")
+    if not chosen or len(set(chosen)) < len(chosen):
+        raise InputError("A distance is from a vertex: give one or more, and each once.")
+    check_vertices(surface, chosen)
+    meta: dict[str, Any] = {"measure": measure, "vertices": chosen}
+    if measure == "geodesic":
+        solver = GeodesicSolver(surface)
+        values = np.stack([solver.from_vertex(vertex) for vertex in chosen], axis=1)
+    else:
+        if decomposition is None:
+            raise InputError(f"The {measure} distance is a sum over eigenpairs: give a solution.")
+        if measure == "diffusion":
+            if time is None or not (np.isfinite(time) and time > 0.0):
+                raise InputError(f"Diffusion takes a time: give a positive one, not {time}.")
+            meta |= {"time": time, "time_unit": power_unit(surface.unit, 2)}
+        values = _from_pairs(surface, chosen, measure, decomposition, time or 1.0)
+        meta["n_eigenpairs"] = len(decomposition.eigenvalues)
+        n, weights = np.count_nonzero(surface.referenced), decomposition.eigenvalues
+        left = missing_square(measure, weights, surface.area, int(n), time or 1.0)
+        typical = np.nanmedian(values, axis=0)
+        shares = 1.0 - typical / np.sqrt(np.maximum(typical**2 + left, 1e-300))
+        meta["missing_shares"] = shares.tolist()
+    power = MEASURES[measure][1]
+    unit = power_unit(surface.unit, power) if power else ""
+    return Features(values, distance_columns(measure, chosen), unit, "distance", meta)
+
+
+def _from_pairs(
+    mesh: Mesh, vertices: list[int], measure: str, pairs: Decomposition, time: float
+) -> FloatArray:
+    if len(pairs.eigenvectors) != mesh.n_vertices:
+        raise InputError(
+            f"Eigenvectors at {len(pairs.eigenvectors)} vertices do not go with a mesh of"
+            f" {mesh.n_vertices}."
+        )
+    if not _above_zero(pairs.eigenvalues).any():
+        raise InputError(
+            "All eigenvalues are zero, and a distance is a sum over those above: compute more."
+        )
+    values = np.empty((mesh.n_vertices, len(vertices)), order="F")
+    labels = mesh.component_labels
+    for column, vertex in enumerate(vertices):
+        found = _distance(measure, pairs.eigenvalues, pairs.eigenvectors, vertex, time)
+        values[:, column] = np.where(labels == labels[vertex], found, np.nan)
+    return values

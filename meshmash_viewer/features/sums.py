@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, TruncationWarning
-from meshmash_viewer.features.truncation import Truncation, measure_truncation
+from meshmash_viewer.features.truncation import Truncation, measure_truncation, missing_sentence
 from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.spectral.alignment import ShownRows
 from meshmash_viewer.units import counted, power_unit
@@ -73,6 +73,14 @@ class Features:
                 f"Features of shape {self.values.shape} do not go with {len(self.columns)} column "
                 "names: give one name a column."
             )
+
+    @property
+    def missing(self) -> str:
+        """What is missing for want of eigenpairs, a sentence without its full stop, or empty."""
+        if self.truncation is not None:
+            return self.truncation.sentence()
+        shares = np.asarray(self.meta.get("missing_shares", ()), dtype=np.float64)
+        return missing_sentence(self.columns[: len(shares)], shares) if len(shares) else ""
 
     def truncation_at_vertices(self) -> tuple[FloatArray, FloatArray]:
         """Estimate and bound of the truncation error of every value.

@@ -3,34 +3,36 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.distances import (
+    MEASURES,
     GeodesicSolver,
     RowsFrom,
+    check_vertices,
+    distance_columns,
+    distance_features,
     missing_square,
     spectral_weights,
 )
-from meshmash_viewer.features.sums import sum_squares
+from meshmash_viewer.features.sums import Features, sum_squares
 from meshmash_viewer.fields.family import Answer, ColumnArray, Family, Table, number, parameter
 from meshmash_viewer.fields.heat_table import build_heat_table
+from meshmash_viewer.fields.options import Option
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, same_pairs
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.units import format_quantity, named_vertex, power_unit
+from meshmash_viewer.units import counted, format_quantity, named_vertex, power_unit
+
+if TYPE_CHECKING:
+    from meshmash_viewer.mesh import Mesh
+    from meshmash_viewer.spectral.eigensolver import Decomposition
 
 __all__ = ["MEASURES", "Distances"]
-
-#: Kinds of distance by name: what they are called, and what power of length they are.
-MEASURES: dict[str, tuple[str, int]] = {
-    "geodesic": ("Geodesic", 1),
-    "biharmonic": ("Biharmonic", 1),
-    "commute": ("Commute time", 0),
-    "diffusion": ("Diffusion", -1),
-}
 
 #: Steps of the arrow keys from the shortest to the longest time.
 _STEPS = 32
@@ -49,18 +51,29 @@ class Distances(Family):
         From which it is measured.
     time : float or None
         Of diffusion, in squared length units.
+    vertices : tuple of int
+        From which the exported columns are measured; `vertex` alone if empty.
     """
 
     name: ClassVar[str] = "distance"
     label: ClassVar[str] = "Distance from a vertex"
     short: ClassVar[str] = "Distance"
     tip: ClassVar[str] = "Geodesic, biharmonic, commute-time or diffusion distance from a pin"
+    export: ClassVar[str] = "distance"
+    options: ClassVar[tuple[Option, ...]] = (
+        Option(
+            "vertex", "from which it is measured, from 0; each is a column", "V", int, many=True
+        ),
+        Option("distance", "which one; default: geodesic", values=tuple(MEASURES)),
+        Option("time", "of diffusion (unit²); default the middle of its range", "T", float),
+    )
     position: ClassVar[tuple[str, ...]] = ("time",)
     interval: ClassVar[int] = 50
 
     measure: str = parameter("geodesic", type="choice", values=tuple(MEASURES))
     vertex: int | None = parameter(type="vertex", least=0, most=2**31 - 1)
     time: float | None = number(_ABOVE_ZERO, 2)
+    vertices: tuple[int, ...] = ()
 
     # -- choices ------------------------------------------------------------------------------
 
@@ -86,19 +99,33 @@ class Distances(Family):
         return replace(self, time=self.time_in(spectrum) if self.timed else None)
 
     def for_other_mesh(self, n_components: int) -> Self:
-        return replace(self, vertex=None, time=None)
+        return replace(self, vertex=None, time=None, vertices=())
 
     def behind(self, chosen: Mapping[str, Family]) -> Family:
         """A distance has no filters of its own: the first family's are shown."""
         return next(iter(chosen.values()))
 
     def step(self, spectrum: Spectrum, steps: int) -> Self:
+        """The next time of diffusion; where there are several vertices, the next of them."""
+        if len(self.vertices) > 1 and self.vertex is not None:
+            at = self.vertices.index(self.vertex) + steps
+            return replace(self, vertex=self.vertices[min(max(at, 0), len(self.vertices) - 1)])
         if not self.timed or first_nonzero(spectrum) >= len(spectrum):
             return self
         low, high = (math.log(end) for end in spectrum.time_range)
         before = math.log(self.time_in(spectrum))
         moved = min(max(before + steps / _STEPS * (high - low), low), high)
         return replace(self, time=math.exp(moved)) if abs(moved - before) > 1e-9 else self
+
+    def place(self, spectrum: Spectrum) -> float:
+        if len(self.vertices) > 1 and self.vertex is not None:
+            return float(self.vertices.index(self.vertex))
+        return math.log10(self.time_in(spectrum)) if self.timed else 0.0
+
+    def at_place(self, spectrum: Spectrum, place: float) -> Self:
+        if len(self.vertices) > 1:
+            return replace(self, vertex=self.vertices[round(place)])
+        return replace(self, time=10.0**place) if self.timed else self
 
     def title(self) -> str:
         return f"{MEASURES[self.measure][0]} distance"
@@ -188,13 +215,61 @@ class Distances(Family):
 
     # -- files --------------------------------------------------------------------------------
 
+    @classmethod
+    def exported(cls, n_columns: int | None = None, **chosen: Any) -> Self:
+        vertices = tuple(chosen.get("vertex", ()))
+        measure, time = chosen.get("distance", "geodesic"), chosen.get("time")
+        if n_columns is not None:
+            raise InputError("Distances have one column for each --vertex: leave --n-components.")
+        if not vertices or len(set(vertices)) < len(vertices):
+            raise InputError("A distance is from a vertex: give --vertex, from 0, each once.")
+        if time is not None and measure != "diffusion":
+            raise InputError(f"--time is of --distance diffusion, not of {measure}.")
+        if time is not None and not 0.0 < time < math.inf:
+            raise InputError(f"--time {time:g} means nothing: give a positive one.")
+        return cls(measure, vertices[0], time, vertices)
+
+    @property
+    def _origins(self) -> tuple[int, ...]:
+        found = self.vertices or (() if self.vertex is None else (self.vertex,))
+        if not found:
+            raise InputError("A distance is from a vertex: pin one on the render.")
+        return found
+
+    def measured_from(self, vertices: Sequence[int]) -> Self:
+        return replace(self, vertices=tuple(vertices))
+
+    def check_mesh(self, mesh: Mesh) -> None:
+        check_vertices(mesh, self._origins)
+
+    def compute_features(
+        self,
+        pairs: Decomposition | None,
+        mesh: Mesh,
+        area: float | None = None,
+        bound: float | None = None,
+        **summed: Any,
+    ) -> Features:
+        """Of all pairs that are not zero, whatever `summed` says."""
+        time = None
+        if self.timed and pairs is not None:
+            none = np.empty((0, 0))
+            time = self.time_in(Spectrum(pairs.eigenvalues, none, none))
+        return distance_features(mesh, self._origins, self.measure, pairs, time)
+
+    def column_names(self, spectrum: Spectrum) -> tuple[str, ...]:
+        return distance_columns(self.measure, self._origins)
+
+    def contents(self, spectrum: Spectrum, unit: str) -> str:
+        told = f"{self.title()} from {counted(len(self._origins), 'vertex')}"
+        if self.timed:
+            told += f", t = {format_quantity(self.time_in(spectrum), unit, 2)}"
+        return f"{told}."
+
     def script(self, spectrum: Spectrum) -> list[str]:
-        if self.measure == "geodesic":
-            return [f"values = mv.geodesic_distance(mesh, {self.vertex})"]
-        name = "commute_time" if self.measure == "commute" else self.measure
-        time = f", {self.time_in(spectrum)!r}" if self.timed else ""
+        pairs = f", {self.measure!r}, decomposition" if self.needs_pairs else ""
+        time = f", time={self.time_in(spectrum)!r}" if self.timed else ""
         return [
-            f"values = mv.{name}_distance(",
-            f"    decomposition.eigenvalues, decomposition.eigenvectors, {self.vertex}{time}",
-            ")",
+            f"features = mv.distance_features(mesh, {self.vertex}{pairs}{time})",
+            "values = features.values[:, 0]",
         ]

@@ -126,6 +126,9 @@ class Eigenfunctions(Family):
         values = power_unit(unit, -1)
         return f"{about}, eigenvectors{f' in {values}' if values else ''}, M-orthonormal."
 
+    def column_names(self, spectrum: Spectrum) -> tuple[str, ...]:
+        return tuple(f"eigenvector_{at}" for at in range(len(spectrum)))
+
     def script(self, spectrum: Spectrum) -> list[str]:
         shown = spectrum.shown
         turned = 1.0 if shown is None else shown.alignment.sign(self.index)

@@ -7,19 +7,25 @@ fills these in from a spectrum, and leaves out what makes no difference to the v
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.features.comparison import Correspondence
 from meshmash_viewer.features.filters import FilterBank
+from meshmash_viewer.features.sums import Features, truncated_features
+from meshmash_viewer.fields.options import Option
 from meshmash_viewer.fields.spectrum import Spectrum, same_pairs
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.units import power_unit
 from meshmash_viewer.vertex_map import Label
+
+if TYPE_CHECKING:
+    from meshmash_viewer.mesh import Mesh
+    from meshmash_viewer.spectral.eigensolver import Decomposition
 
 __all__ = [
     "MOST_COUNT",
@@ -177,7 +183,7 @@ class Family:
         What that is called where it differs from `label`.
     counted : str
         Name of the parameter that is the number of exported columns.
-    options : tuple of str
+    options : tuple of Option
         What `exported` takes from the command line besides the number of columns.
     position : tuple of str
         Parameters that say where in the family one is; they come last in what is remembered.
@@ -203,7 +209,7 @@ class Family:
     export: ClassVar[str] = ""
     export_label: ClassVar[str] = ""
     counted: ClassVar[str] = ""
-    options: ClassVar[tuple[str, ...]] = ()
+    options: ClassVar[tuple[Option, ...]] = ()
     position: ClassVar[tuple[str, ...]] = ()
     ordered: ClassVar[tuple[str, str] | None] = None
     response_label: ClassVar[str] = "Response"
@@ -231,6 +237,11 @@ class Family:
         If not, it is asked with a spectrum of no pairs, which has its mesh.
         """
         return True
+
+    @property
+    def of_pairs(self) -> bool:
+        """Whether its values are made of eigenpairs; not if there is the same to see without."""
+        return self.needs_pairs
 
     @property
     def table_columns(self) -> int:
@@ -381,6 +392,39 @@ class Family:
         """
         count = {cls.counted: n_columns} if cls.counted and n_columns is not None else {}
         return cls(**count, **chosen)
+
+    @classmethod
+    def makes_features(cls) -> bool:
+        """Whether it is exported as columns, rather than as eigenpairs."""
+        return bool(cls.counted) or cls.compute_features is not Family.compute_features
+
+    def measured_from(self, vertices: Sequence[int]) -> Self:
+        """The same with a column for each of some vertices, where its columns are of vertices."""
+        return self
+
+    def check_mesh(self, mesh: Mesh) -> None:
+        """Raise `InputError` if a mesh does not have what was asked for."""
+
+    def compute_features(
+        self,
+        pairs: Decomposition | None,
+        mesh: Mesh,
+        area: float | None = None,
+        bound: float | None = None,
+        **summed: Any,
+    ) -> Features:
+        """The exported columns; without pairs if it needs none.
+
+        `area` and `bound` are those of `bank`, `summed` goes to
+        `meshmash_viewer.features.sums.compute_features`.
+        """
+        assert pairs is not None
+        bank = self.bank(pairs.eigenvalues, area, bound)
+        return truncated_features(pairs, bank, unit=mesh.unit, **summed)
+
+    def column_names(self, spectrum: Spectrum) -> tuple[str, ...]:
+        """Names of the exported columns; `InputError` is raised where there are none."""
+        return self.bank(spectrum.eigenvalues).columns
 
     def bank(
         self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None

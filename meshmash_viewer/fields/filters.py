@@ -35,6 +35,7 @@ from meshmash_viewer.fields.family import (
     parameter,
     whole,
 )
+from meshmash_viewer.fields.options import Option
 from meshmash_viewer.fields.pair_table import MOST_COLUMNS as MOST_BENDS
 from meshmash_viewer.fields.pair_table import PairTable, build_pair_table
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, same_pairs
@@ -91,7 +92,15 @@ class Filters(Family):
     tip: ClassVar[str] = "Low-pass, band-pass, Gaussian, or any formula in λ"
     export: ClassVar[str] = "filter"
     counted: ClassVar[str] = "count"
-    options: ClassVar[tuple[str, ...]] = ("formula", "set")
+    options: ClassVar[tuple[Option, ...]] = (
+        Option("formula", '"exp(-t*x) * (x > 1e-8)", with x for λ; default "x < c"'),
+        Option(
+            "set",
+            "a parameter of the formula; NAME=LOW:HIGH takes the columns through a range",
+            "NAME=VALUE",
+            many=True,
+        ),
+    )
     ordered: ClassVar[tuple[str, str] | None] = ("low", "high")
     position: ClassVar[tuple[str, ...]] = ("values",)
     interval: ClassVar[int] = 100

@@ -26,6 +26,7 @@ from meshmash_viewer.fields.family import (
     whole,
 )
 from meshmash_viewer.fields.heat_table import build_heat_table
+from meshmash_viewer.fields.options import Option
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, grew
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.weyl import resolved_time
@@ -60,7 +61,16 @@ class HeatKernelSignature(Family):
     tip: ClassVar[str] = "Heat kernel signature"
     export: ClassVar[str] = "hks"
     counted: ClassVar[str] = "scales"
-    options: ClassVar[tuple[str, ...]] = ("t_min", "t_max", "tail")
+    options: ClassVar[tuple[Option, ...]] = (
+        Option(
+            "t_min",
+            "shortest diffusion time (unit²); default by the λ of each mesh, so give both times"
+            " where columns of many meshes are to agree",
+            "T",
+            float,
+        ),
+        Option("t_max", "longest diffusion time (unit²)", "T", float),
+    )
     position: ClassVar[tuple[str, ...]] = ("time",)
     ordered: ClassVar[tuple[str, str] | None] = ("t_min", "t_max")
     interval: ClassVar[int] = 50  # times are a film
@@ -183,7 +193,7 @@ class HeatKernelSignature(Family):
     @classmethod
     def exported(cls, n_columns: int | None = None, **chosen: Any) -> Self:
         check_times(chosen.get("t_min"), chosen.get("t_max"))
-        return super().exported(n_columns, **chosen)
+        return super().exported(n_columns, automatic=not chosen, **chosen)
 
     def bank(
         self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None

@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.map_spectrum import (
     MapSpectrum,
     band_edges,
@@ -30,6 +31,7 @@ from meshmash_viewer.fields.family import (
     whole,
 )
 from meshmash_viewer.fields.filters import Filters
+from meshmash_viewer.fields.options import Option
 from meshmash_viewer.fields.spectrum import Spectrum, grew, same_pairs
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback
@@ -88,6 +90,15 @@ class OwnMaps(Family):
     label: ClassVar[str] = "Own maps"
     short: ClassVar[str] = "Own maps"
     tip: ClassVar[str] = "Values per vertex from a file, and the curvature of the mesh"
+    options: ClassVar[tuple[Option, ...]] = (
+        Option("map_name", "which map, of a file or of the mesh, or a curvature", "NAME"),
+        Option(
+            "view",
+            "the map itself, and each is a column; its sum over the lowest pairs, with a column"
+            " for each number of them; or the band that is strongest at each vertex",
+            values=("map", "pairs", "band"),
+        ),
+    )
     position: ClassVar[tuple[str, ...]] = ("pairs", "view", "filter")
     response_label: ClassVar[str] = "Relative energy"
     response_decades: ClassVar[int] = 6
@@ -105,6 +116,10 @@ class OwnMaps(Family):
     @property
     def needs_pairs(self) -> bool:
         return False
+
+    @property
+    def of_pairs(self) -> bool:
+        return self.view != "map"
 
     @property
     def signed(self) -> bool:
@@ -294,6 +309,17 @@ class OwnMaps(Family):
         return Profile(both, both)
 
     # -- files --------------------------------------------------------------------------------
+
+    @classmethod
+    def exported(cls, n_columns: int | None = None, **chosen: Any) -> Self:
+        return cls(chosen.get("map_name", ""), chosen.get("view", "map"))
+
+    def check_mesh(self, mesh: Mesh) -> None:
+        names = [*(each.name for each in mesh.maps), *CURVATURES]
+        if self.chosen and self.chosen not in names:
+            raise InputError(
+                f"{mesh.name} has no map {self.chosen!r}; its maps are {', '.join(names)}."
+            )
 
     def script(self, spectrum: Spectrum) -> list[str]:
         if self.shown is None:

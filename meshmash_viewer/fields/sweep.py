@@ -10,9 +10,9 @@ from meshmash_viewer.units import counted
 
 __all__ = ["FAR", "SWEPT", "chosen_columns", "evenly", "film", "n_columns", "n_frames", "sweep"]
 
-#: Families with positions to go through that need nobody to choose something first, by name.
+#: Families with positions to go through, by name.
 SWEPT: dict[str, type[Family]] = {
-    name: family for name, family in FAMILIES.items() if family.position and family().usable
+    name: family for name, family in FAMILIES.items() if family.position
 }
 #: Farther than any family goes.
 FAR = 1_000_000_000

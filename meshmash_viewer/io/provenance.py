@@ -73,21 +73,18 @@ def export_options(
     target : Target
         How much of the spectrum was used.
     proof : str
-        What the eigenpairs have been shown to be.
+        What the eigenpairs have been shown to be; "" where none took part.
     repairs : sequence of str
         What had been done to the mesh.
 
     Returns
     -------
     dict
-        JSON-able: ``kind``, ``operator``, ``target``, ``proof``, ``repairs``.
+        JSON-able: ``kind``, ``repairs``, and of eigenpairs ``operator``, ``target``, ``proof``.
     """
-    options: dict[str, Any] = {
-        "kind": kind,
-        "operator": asdict(operator),
-        "target": asdict(target),
-        "proof": proof,
-    }
+    options: dict[str, Any] = {"kind": kind}
+    if proof:
+        options |= {"operator": asdict(operator), "target": asdict(target), "proof": proof}
     if repairs:
         options["repairs"] = list(repairs)
     return options

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family
@@ -14,6 +15,9 @@ from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Cancelled, Progress
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import counted
+
+if TYPE_CHECKING:
+    from meshmash_viewer.spectral.eigensolver import Decomposition
 
 __all__ = ["ExportJob"]
 
@@ -65,10 +69,43 @@ class ExportJob:
         Cancelled
             If the person asked to stop.
         """
-        from meshmash_viewer.features.sums import truncated_features
         from meshmash_viewer.io.provenance import export_options
-        from meshmash_viewer.io.spectrum import find_eigenpairs
         from meshmash_viewer.io.write import write_eigenpairs, write_features
+
+        pairs, known_to, proof = None, None, ""
+        if self.family.of_pairs:
+            pairs, known_to = self._pairs(channel)
+            proof = pairs.proof(self.mesh.unit)
+        meta = export_options(
+            self.family.export,
+            self.operator,
+            self.target or Target("count", self.n_pairs),
+            proof,
+            self.repairs,
+        )
+        if not self.family.makes_features():
+            assert pairs is not None
+            channel.report(Progress("writing", message=self.label))
+            write_eigenpairs(self.path, pairs, self.mesh, meta)
+            return Written(self.path, counted(self.n_pairs, "eigenpair"))
+        channel.report(Progress("features", message="Computing features"))
+        features = self.family.compute_features(pairs, self.mesh, known_to=known_to)
+        if channel.cancelled():
+            raise Cancelled
+        if self.maps:
+            features = features.with_maps(self.mesh)
+        channel.report(Progress("writing", message=self.label))
+        values = None if pairs is None else pairs.eigenvalues
+        write_features(self.path, features, self.mesh, eigenvalues=values, meta=meta)
+        return Written(
+            self.path,
+            f"{self.family.label}, {counted(len(features.columns), 'column')},",
+            features.missing,
+        )
+
+    def _pairs(self, channel: Channel) -> tuple[Decomposition, float | None]:
+        """The leading eigenpairs, and up to where they are known to be all there are."""
+        from meshmash_viewer.io.spectrum import find_eigenpairs
         from meshmash_viewer.model.decomposition import SPARE
 
         channel.report(Progress("reading", message="Reading eigenpairs"))
@@ -86,38 +123,12 @@ class ExportJob:
                 " which takes what is whole as it is."
             )
         decomposition = stored.decomposition(self.n_pairs)
-        meta = export_options(
-            self.family.export,
-            self.operator,
-            self.target or Target("count", self.n_pairs),
-            decomposition.proof(self.mesh.unit),
-            self.repairs,
-        )
-        if not self.family.counted:
-            channel.report(Progress("writing", message=self.label))
-            write_eigenpairs(self.path, decomposition, self.mesh, meta)
-            return Written(self.path, counted(self.n_pairs, "eigenpair"))
-        if not len(decomposition.mass):
+        if self.family.makes_features() and not len(decomposition.mass):
             # A solve that was cancelled has left pairs, but nothing that says how they are weighed.
             operator = self.operator
             areas = compute_vertex_areas(self.mesh, operator.robust, operator.mollify_factor)
             decomposition = replace(decomposition, mass=areas)
-        values = decomposition.eigenvalues
-        bank = self.family.bank(values)
-        channel.report(Progress("features", message="Computing features"))
         # The threshold that the pairs were computed to says more than the last of them.
         bound = None if stored.proof is None else stored.proof.max_eigenvalue
         all_of_them = decomposition.complete and self.n_pairs == len(stored.eigenvalues)
-        features = truncated_features(
-            decomposition, bank, unit=self.mesh.unit, known_to=bound if all_of_them else None
-        )
-        if channel.cancelled():
-            raise Cancelled
-        if self.maps:
-            features = features.with_maps(self.mesh)
-        channel.report(Progress("writing", message=self.label))
-        write_features(self.path, features, self.mesh, eigenvalues=values, meta=meta)
-        said = "" if features.truncation is None else features.truncation.sentence()
-        return Written(
-            self.path, f"{self.family.label}, {counted(len(features.columns), 'column')},", said
-        )
+        return decomposition, bound if all_of_them else None

@@ -76,9 +76,7 @@ def _shape(document: Document, n_pairs: int) -> list[str]:
 def _writing(document: Document, request: FieldRequest) -> list[str]:
     name = document.mesh.name if document.mesh is not None else ""
     stem = f"{name or 'mesh'}_{request.family.name}"
-    if request.family.counted:
-        return [
-            f"mv.write_features({f'{stem}.npz'!r}, features, mesh, "
-            "eigenvalues=decomposition.eigenvalues)"
-        ]
+    if request.family.makes_features():
+        told = ", eigenvalues=decomposition.eigenvalues" if request.family.of_pairs else ""
+        return [f"mv.write_features({f'{stem}.npz'!r}, features, mesh{told})"]
     return [f"np.save({f'{stem}.npy'!r}, values)"]

@@ -10,7 +10,7 @@ import pytest
 from closed_form import give, rectangle_document
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QDialog, QLineEdit, QPushButton
+from PySide6.QtWidgets import QDialog, QLabel, QLineEdit, QPushButton, QSpinBox
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
@@ -113,6 +113,33 @@ def test_no_text_of_the_export_dialog_touches_another(qtbot: QtBot, window: Main
             assert upper.geometry().bottom() < lower.geometry().top(), kind
         for label in (dialog.contents_label, dialog.columns_label, dialog.remark_label):
             assert label.heightForWidth(label.width()) <= label.height(), kind
+
+
+def test_distances_are_exported_from_every_pin(
+    qtbot: QtBot, window: MainWindow, tmp_path: Path
+) -> None:
+    document = window.document
+    document.display.kind = "distance"
+    document.toggle_pin(20)
+    document.toggle_pin(70)
+    window.show()
+    dialog = asked(qtbot, window, "export_dialog", Qt.Key.Key_E)
+    assert dialog.kind == "distance"
+    columns = dialog.findChild(QLabel, "export_columns_label").text()
+    assert columns.startswith("geodesic_from_20,  geodesic_from_70")
+    assert not dialog.findChild(QSpinBox, "export_pairs_spin").isVisible(), "none are needed"
+    assert not dialog.findChild(QSpinBox, "export_count_spin").isVisible()
+    told = dialog.findChild(QLabel, "export_contents_label").text()
+    assert "2 columns" in told
+    assert "Geodesic distance from 2 vertices" in told
+    dialog.reject()
+    for vertex in (20, 70):
+        document.toggle_pin(vertex)
+    again = asked(qtbot, window, "export_dialog", Qt.Key.Key_E)
+    again.kind_combo.setCurrentIndex(again.kind_combo.findData("distance"))
+    assert "pin one" in again.findChild(QLabel, "export_contents_label").text()
+    assert not again.findChild(QPushButton, "export_button").isEnabled()
+    again.reject()
 
 
 def test_arrows_of_a_number_stay_at_its_limits(qtbot: QtBot, window: MainWindow) -> None:

@@ -24,7 +24,11 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.field import LiveFeatures
 
 CHOSEN = {name: family() for name, family in FAMILIES.items()}
-WITH_PROFILES = [name for name, family in FAMILIES.items() if family.export]
+WITH_PROFILES = [
+    name
+    for name, family in FAMILIES.items()
+    if family.export and family.profile is not Family.profile
+]
 
 
 @dataclass

@@ -18,9 +18,13 @@ def spectrum() -> Spectrum:
 
 def resolved(name: str, spectrum: Spectrum, count: int = 11) -> Family:
     chosen = {each: family() for each, family in FAMILIES.items()}
-    # maps have one column each until they are summed over pairs
-    view = {"view": "pairs"} if name == "map" else {}
-    return FAMILIES[name].exported(count, **view).resolved(spectrum, chosen)
+    # maps have one column each until they are summed over pairs, distances one for each vertex
+    given = {
+        "map": {"view": "pairs"},
+        "distance": {"vertex": list(range(37)), "distance": "biharmonic"},
+    }.get(name, {})
+    counted = count if FAMILIES[name].counted else None
+    return FAMILIES[name].exported(counted, **given).resolved(spectrum, chosen)
 
 
 @pytest.mark.parametrize("name", SWEPT)

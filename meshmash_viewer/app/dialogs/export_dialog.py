@@ -137,6 +137,7 @@ class ExportDialog(SaveDialog):
         for name in names.values():
             name.setContentsMargins(0, 4, 0, 0)
         self._count_row = names["Columns"], columns
+        self._pairs_row = names["Made from"], self.pairs_spin
         self.export_button = self.accept_button = theme.named(
             QPushButton("Export"), "export_button", role="primary"
         )
@@ -158,7 +159,8 @@ class ExportDialog(SaveDialog):
         self.maps_check.setVisible(bool(maps))
         self.table.itemSelectionChanged.connect(self._change_format)
         self.file_row.edit.textChanged.connect(self._follow_name)
-        shown = document.display.family.behind(document.display.fields)
+        shown = document.display.family
+        shown = shown if shown.export else shown.behind(document.display.fields)
         self.kind_combo.setCurrentIndex(max(self.kind_combo.findData(shown.export), 0))
         self._change_kind()
         self._choose_ending(ending)
@@ -191,7 +193,8 @@ class ExportDialog(SaveDialog):
     def _chosen(self) -> Family:
         """The family to export, as the window has it."""
         family = EXPORTS[self.kind]
-        return self._document.display.fields.get(family.name) or family()
+        chosen = self._document.display.fields.get(family.name) or family()
+        return chosen.measured_from([pin.vertex for pin in self._document.pins])
 
     def _family(self, used: Spectrum) -> Family:
         """With ranges for as many pairs as are used, so that the screen and the file agree."""
@@ -248,13 +251,17 @@ class ExportDialog(SaveDialog):
 
     def _holds(self, chosen: Format) -> bool:
         """Whether a format can hold what is exported: only two of them hold eigenpairs."""
-        return bool(self._chosen().counted) or chosen.ending in EIGENPAIR_WRITERS
+        return self._chosen().makes_features() or chosen.ending in EIGENPAIR_WRITERS
 
     def _change_kind(self) -> None:
         chosen = self._chosen()
-        self._output = "features" if chosen.counted else "eigenpairs"
+        features = chosen.makes_features()
+        self._output = "features" if features else "eigenpairs"
+        self.count_spin.setVisible(bool(chosen.counted))
         for widget in self._count_row:
-            widget.setVisible(bool(chosen.counted))
+            widget.setVisible(bool(chosen.counted) or (features and bool(self._mesh.maps)))
+        for widget in self._pairs_row:
+            widget.setVisible(chosen.of_pairs)
         if chosen.counted:
             show_quietly(self.count_spin, getattr(chosen, chosen.counted))
         flags = Qt.ItemFlag.ItemIsEnabled | Qt.ItemFlag.ItemIsSelectable
@@ -312,15 +319,15 @@ class ExportDialog(SaveDialog):
         used, unit = self._used(), self._mesh.unit
         self._missing = ""
         family = self._family(used)
+        names = list(family.column_names(used))
         about = family.contents(used, unit)
-        if not family.counted:
-            return [f"eigenvector_{at}" for at in range(len(used))], about
-        bank = family.bank(used.eigenvalues)
-        shares = used.missing_shares(bank, self._mesh.area)
-        if sentence := missing_sentence(bank.columns, shares):
-            self._missing = f"{sentence}: the file will say so."
+        if not family.makes_features():
+            return names, about
+        if family.counted:
+            shares = used.missing_shares(family.bank(used.eigenvalues), self._mesh.area)
+            if sentence := missing_sentence(tuple(names), shares):
+                self._missing = f"{sentence}: the file will say so."
         values = family.unit(unit)
-        names = list(bank.columns)
         if self.maps_check.isChecked():
             names += [each.name for each in named_apart(self._mesh.maps, names)]
         return names, f"{about} Values in {values}." if values else about

@@ -26,7 +26,7 @@ __all__ = ["ProfilePanel"]
 _VIEWS = {
     name: family.short
     for name, family in sorted(FAMILIES.items(), key=lambda item: not item[1].counted)
-    if family.export
+    if family.export and family.profile is not Family.profile
 }
 
 #: Eigenfunctions that are in view at once: the values of hundreds would be a solid block.
