@@ -79,8 +79,11 @@ def write_gallery(
     drawing.annotated = False
     families = sweep(family, spectrum, chosen)
     shots = shots_of(families, spectrum, mesh, mesh.area_sample(), _AS_IT_COMES)
-    captions = [each.request.quantity for each in shots if each.request is not None]
-    title = f"{mesh.name} · {family.label}" if mesh.name else family.label
+    requests = [each.request for each in shots if each.request is not None]
+    captions = [each.quantity for each in requests]
+    titles = {each.family.title() for each in requests}
+    title = titles.pop() if len(titles) == 1 else family.label
+    title = f"{mesh.name} · {title}" if mesh.name else title
     sheet = ContactSheet(captions, size, aspect(drawing), title, dark=dark, transparent=transparent)
     drawing.view = series_view(drawing, sheet.picture_size)
     series = draw_series(drawing, sheet.picture_size, shots, look, transparent=True)

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.features.comparison import Correspondence
 from meshmash_viewer.features.filters import FilterBank
 from meshmash_viewer.features.sums import Features, truncated_features
 from meshmash_viewer.fields.options import Option
@@ -24,6 +23,7 @@ from meshmash_viewer.units import power_unit
 from meshmash_viewer.vertex_map import Label
 
 if TYPE_CHECKING:
+    from meshmash_viewer.features.comparison import Correspondence
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
