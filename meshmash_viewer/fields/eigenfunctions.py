@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
-from meshmash_viewer.features.comparison import Correspondence
 from meshmash_viewer.fields.family import (
     Answer,
     Family,
@@ -20,6 +19,9 @@ from meshmash_viewer.fields.family import (
 )
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.units import format_quantity, named_quantity, power_unit, subscript
+
+if TYPE_CHECKING:
+    from meshmash_viewer.features.comparison import Correspondence
 
 __all__ = ["Eigenfunctions"]
 

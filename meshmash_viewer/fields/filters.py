@@ -6,12 +6,11 @@ import html
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.comparison import Correspondence
 from meshmash_viewer.features.filters import (
     FilterBank,
     band_pass_bank,
@@ -41,6 +40,9 @@ from meshmash_viewer.fields.pair_table import PairTable, build_pair_table
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, same_pairs
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.units import format_number, format_quantity, named_quantity
+
+if TYPE_CHECKING:
+    from meshmash_viewer.features.comparison import Correspondence
 
 __all__ = ["READY", "Filters"]
 
