@@ -26,6 +26,7 @@ from meshmash_viewer.io.session import SESSION_ENDING
 from meshmash_viewer.model import cost, stepping
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.failure import Failure
+from meshmash_viewer.model.pair import Pair
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.comparing import Comparing
@@ -215,6 +216,11 @@ class Commands:
         assert self.comparing is not None
         self.comparing.end()
 
+    @property
+    def _pair(self) -> Pair | None:
+        beside = None if self.comparing is None else self.comparing.beside
+        return None if beside is None else beside.pair
+
     def _ask_for_mesh(self, title: str) -> Path | None:
         # FreeSurfer surfaces have endings of many kinds
         patterns = " ".join([*(f"*{ending}" for ending in READABLE_ENDINGS), "lh.*", "rh.*"])
@@ -275,11 +281,14 @@ class Commands:
             camera = self.restoration.take_camera()
             if camera is not None:
                 self.scene.set_camera(camera.to_json())
+            second = self.restoration.take_second()
+            if second is not None and self.comparing is not None:
+                self.comparing.open(*second)
 
     def store_session(self, path: Path) -> None:
         """Write what is on screen; `InputError` if the file cannot be written."""
         camera = self.scene.camera() if self.scene is not None else None
-        store_session(self._document, camera or {}, path)
+        store_session(self._document, camera or {}, path, self._pair)
 
     def save_session(self) -> None:
         """Save what is on screen under a name that the person chooses."""
@@ -454,7 +463,7 @@ class Commands:
         """Put a script that makes what is on screen on the clipboard."""
         from meshmash_viewer.model.script import reproduction_script
 
-        QGuiApplication.clipboard().setText(reproduction_script(self._document))
+        QGuiApplication.clipboard().setText(reproduction_script(self._document, self._pair))
         self._document.notify(Notice("Copied a Python script that makes what is on screen again."))
 
     def clear_cache(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 from PySide6.QtCore import QObject, QThreadPool, Signal
@@ -14,6 +14,7 @@ from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import failure_of
+from meshmash_viewer.model.pair import LINKS
 
 __all__ = ["Comparing"]
 
@@ -63,15 +64,21 @@ class Comparing(QObject):
         """Whether there is nothing beside that works."""
         return self.beside is None or self.beside.idle
 
-    def open(self, path: Path) -> None:
-        """Read a mesh beside the first; one that is there stays if that fails."""
+    def open(self, path: Path, unit: str = "", links: Collection[str] = tuple(LINKS)) -> None:
+        """Read a mesh beside the first; one that is there stays if that fails.
+
+        It is in the unit that it was looked at last, unless another is given; what is not among
+        the `LINKS` is cut.
+        """
         if self.beside is None:
             self.beside = Beside(self._document, self._scene, self._source)
             self.beside.close_requested.connect(self.end)
             self.beside.unread.connect(self.end)
             self._stage.put_beside(self.beside)
             self.changed.emit(self.beside.pair)
-        self.beside.open_mesh(path, self._unit(path))
+        for name in LINKS:
+            self.beside.pair.link(name, name in links)
+        self.beside.open_mesh(path, unit or self._unit(path))
 
     def end(self) -> None:
         """Leave the first mesh alone."""

@@ -20,12 +20,15 @@ from meshmash_viewer.model.display_json import (
 )
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.jobs import ReadJob
+from meshmash_viewer.model.pair import Pair
 from meshmash_viewer.spectral.weyl import Target
 
 __all__ = ["Restoration", "store_session"]
 
 
-def store_session(document: Document, camera: dict[str, Any], path: Path) -> None:
+def store_session(
+    document: Document, camera: dict[str, Any], path: Path, pair: Pair | None = None
+) -> None:
     """Write what a window shows.
 
     Parameters
@@ -35,6 +38,8 @@ def store_session(document: Document, camera: dict[str, Any], path: Path) -> Non
     camera : dict
         As `View.to_json` gives it; empty while there is no render.
     path : Path
+    pair : Pair, optional
+        With the second mesh, where there is one.
 
     Raises
     ------
@@ -43,6 +48,7 @@ def store_session(document: Document, camera: dict[str, Any], path: Path) -> Non
     """
     mesh = document.mesh
     assert mesh is not None
+    second = None if pair is None or pair.second.path is None else pair.second
     session = Session(
         mesh_path=str(document.path or ""),
         maps=list(dict.fromkeys(each.path for each in mesh.maps if each.path)),
@@ -56,6 +62,9 @@ def store_session(document: Document, camera: dict[str, Any], path: Path) -> Non
         pins=[pin.vertex for pin in document.pins],
         pin_numbers=[pin.number for pin in document.pins],
         camera=camera,
+        second_path=str(second.path) if second is not None else "",
+        second_unit=second.unit_text if second is not None else "",
+        links=sorted(pair.links) if pair is not None else [],
     )
     write_session(path, session)
 
@@ -97,7 +106,7 @@ class Restoration:
         self._mesh_path = Path(session.mesh_path)
         self._repairs = list(session.repairs)
         self._before = document.ready
-        self._started = self._restored = False
+        self._started = self._restored = self._second_taken = False
 
     def begin(self) -> None:
         """Ask for the mesh."""
@@ -166,6 +175,14 @@ class Restoration:
             return None
         camera, self._camera = self._camera, None
         return camera
+
+    def take_second(self) -> tuple[Path, str, frozenset[str]] | None:
+        """File, unit and links of the second mesh, once, as soon as the first is there."""
+        second = self._session.second_path
+        if not self._restored or not second or self._second_taken:
+            return None
+        self._second_taken = True
+        return Path(second), self._session.second_unit, frozenset(self._session.links)
 
     def _warn(self, text: str) -> None:
         self._document.notify(Notice(text, Severity.WARNING))

@@ -69,6 +69,10 @@ class Session:
         Pinned vertices, and the numbers of their pins, which decide their colours.
     camera : dict
         Position, focal point and so on in the mesh's coordinates; empty for the default view.
+    second_path, second_unit : str
+        File of the second mesh, relative as `mesh_path` is, and its unit as `unit` is; "" for none.
+    links : list of str
+        What of the second follows the first.
     """
 
     mesh_path: str = ""
@@ -83,6 +87,9 @@ class Session:
     pins: list[int] = field(default_factory=list)
     pin_numbers: list[int] = field(default_factory=list)
     camera: dict[str, Any] = field(default_factory=dict)
+    second_path: str = ""
+    second_unit: str = ""
+    links: list[str] = field(default_factory=list)
 
 
 def _unit(value: object) -> str:
@@ -120,6 +127,9 @@ _CHECKS: dict[str, Check] = {
             "half_size": number(1e-30, 1e30),
         }
     ),
+    "second_path": text(),
+    "second_unit": _unit,
+    "links": listing(text(100), 100, different=True),
 }
 
 
@@ -134,8 +144,9 @@ def write_session(path: str | Path, session: Session) -> None:
     path = Path(path)
     content = asdict(session)
     folder = path.absolute().parent
-    if session.mesh_path:
-        content["mesh_path"] = _relative(session.mesh_path, folder)
+    for name in ("mesh_path", "second_path"):
+        if content[name]:
+            content[name] = _relative(content[name], folder)
     content["maps"] = [_relative(each, folder) for each in session.maps]
     text = json.dumps({"format": _FORMAT, "version": _VERSION, **content}, indent=1)
     with writing_errors(path), written_whole(path) as part:
@@ -188,8 +199,9 @@ def read_session(path: str | Path) -> Session:
             f"{session['n_vertices']} vertices: mend that entry, or open another file."
         )
     folder = path.absolute().parent
-    if session.get("mesh_path"):
-        session["mesh_path"] = os.path.normpath(folder / session["mesh_path"])
+    for name in ("mesh_path", "second_path"):
+        if session.get(name):
+            session[name] = os.path.normpath(folder / session[name])
     session["maps"] = [os.path.normpath(folder / each) for each in session.get("maps", ())]
     return Session(**session)
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from meshmash_viewer.features.comparison import Correspondence
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import FieldRequest, request_of
+from meshmash_viewer.model.pair import MATCHED_IN, Pair
 from meshmash_viewer.model.shape import FEWEST_PAIRS
 
 __all__ = ["reproduction_script"]
 
 
-def reproduction_script(document: Document) -> str:
-    """Write the script: read, repair, decompose, compute the field, write it.
+def reproduction_script(document: Document, pair: Pair | None = None) -> str:
+    """Write the script: read, repair, decompose, compute the field, write it; compare a pair.
 
     A whole Python program that uses nothing but this package and NumPy. A mesh without a file gets
     a line for its owner to fill in.
@@ -27,18 +29,23 @@ def reproduction_script(document: Document) -> str:
             if not any(line.startswith("decomposition =") for line in lines):
                 lines += _decomposition(document, len(request.spectrum))
             lines += _shape(document, len(request.spectrum))
+        if pair is not None and pair.comparison is not None:
+            if not any(line.startswith("decomposition =") for line in lines):
+                lines += _decomposition(document, len(request.spectrum))
+            lines += _comparison(pair, request)
     imports = ["import numpy as np", ""] if any("np." in line for line in lines) else []
     return "\n".join([*imports, "import meshmash_viewer as mv", *lines, ""])
 
 
-def _reading(document: Document) -> list[str]:
+def _reading(document: Document, name: str = "mesh") -> list[str]:
     if document.mesh is None:
         return []
     path = document.path
     if path is None:
-        lines = ["", "mesh = mv.Mesh(vertices, faces, unit=...)  # the mesh in memory"]
+        lines = ["", f"{name} = mv.Mesh(vertices, faces, unit=...)  # the mesh in memory"]
     else:
-        lines = ["", f"mesh = mv.read_mesh({str(path.absolute())!r}, unit={document.unit_text!r})"]
+        read = f"mv.read_mesh({str(path.absolute())!r}, unit={document.unit_text!r})"
+        lines = ["", f"{name} = {read}"]
     if document.repairs:
         lines.insert(0, "from meshmash_viewer.health import REPAIRS")
         lines += [f"mesh = REPAIRS[{name!r}].apply(mesh)" for name in document.repairs]
@@ -47,14 +54,36 @@ def _reading(document: Document) -> list[str]:
     return lines
 
 
-def _decomposition(document: Document, n_pairs: int) -> list[str]:
+def _operator(document: Document) -> str:
     spectrum = document.spectrum
     operator = (spectrum.operator if spectrum is not None else None) or document.operator
     options = f"robust={operator.robust}"
     if operator.robust:
         options += f", mollify_factor={operator.mollify_factor!r}"
+    return options
+
+
+def _comparison(pair: Pair, request: FieldRequest) -> list[str]:
+    """Solve the second mesh as far as the first, and match their vertices."""
+    first, mesh = request.spectrum, pair.first.mesh
+    assert mesh is not None
+    family = MATCHED_IN[pair.matched_in]().resolved(first, pair.first.display.fields)
+    bank = family.carried(Correspondence(1.0 / mesh.area**0.5)).bank_script()
+    area = "decomposition.mass.sum()"
+    bank = bank.replace("decomposition.eigenvalues", f"decomposition.eigenvalues * {area}")
     return [
-        f"laplacian, mass = mv.cotangent_laplacian(mesh, {options})",
+        *_reading(pair.second, "other"),
+        f"other_laplacian, other_mass = mv.cotangent_laplacian(other, {_operator(pair.second)})",
+        f"top = decomposition.eigenvalues[-1] * {area} / other_mass.sum() * (1 + 1e-9)",
+        "other_decomposition = mv.solve(other_laplacian, other_mass, max_eigenvalue=top)",
+        f"comparison = mv.compare_shapes(decomposition, other_decomposition, {bank})",
+        "print(comparison.distance, comparison.mutual_share)",
+    ]
+
+
+def _decomposition(document: Document, n_pairs: int) -> list[str]:
+    return [
+        f"laplacian, mass = mv.cotangent_laplacian(mesh, {_operator(document)})",
         f"decomposition = mv.solve(laplacian, mass, {n_pairs})",
         "print(decomposition.proof(mesh.unit))",
     ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +23,8 @@ from meshmash_viewer.app.run import application
 from meshmash_viewer.features.comparison import Comparison, compare_shapes, unit_area_spectrum
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.model.pair import MATCHED_IN
+from meshmash_viewer.model.script import reproduction_script
 from meshmash_viewer.spectral.weyl import Target
 
 LEFT = Qt.MouseButton.LeftButton
@@ -219,6 +222,32 @@ def test_a_mesh_dropped_on_the_right_half_is_the_second(window: MainWindow, fold
     assert window.comparing.beside is None
     rest(window)
     assert window.document.mesh is not None
+
+
+def test_a_session_and_a_script_have_both(
+    window: MainWindow, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = beside(window, folder / "other.npz", monkeypatch)
+    for name in MATCHED_IN:
+        opened.pair.matched_in = name
+        rest(window)
+        made: dict[str, Any] = {}
+        monkeypatch.chdir(tmp_path)
+        exec(reproduction_script(window.document, opened.pair), made)
+        found, wanted = made["comparison"], opened.pair.comparison
+        assert found.distance == pytest.approx(wanted.distance, rel=1e-6)
+        assert np.mean(found.forth.indices == wanted.forth.indices) > 0.99
+    opened.pair.link("position", False)
+    path = tmp_path / "both.meshmash.json"
+    window.commands.store_session(path)
+    window.comparing.end()
+    window.commands.restore_session(path)
+    wait_for(lambda: window.comparing.beside is not None)
+    rest(window)
+    again = window.comparing.beside
+    assert again.document.path == folder / "other.npz"
+    assert again.pair.links == {"camera", "kind", "colors"}
+    assert again.pair.comparison.distance == pytest.approx(wanted.distance, rel=1e-6)
 
 
 @pytest.mark.parametrize(
