@@ -72,6 +72,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.health import mesh_health as mesh_health
     from meshmash_viewer.health import repair_mesh as repair_mesh
     from meshmash_viewer.io.maps import read_maps as read_maps
+    from meshmash_viewer.io.napari import to_napari as to_napari
     from meshmash_viewer.io.read import read_mesh as read_mesh
     from meshmash_viewer.io.write import write_eigenpairs as write_eigenpairs
     from meshmash_viewer.io.write import write_features as write_features
@@ -102,6 +103,7 @@ _CONTENTS = {
     "vertex_map": ("Label", "VertexMap"),
     "io.read": ("read_mesh",),
     "io.maps": ("read_maps",),
+    "io.napari": ("to_napari",),
     "io.write": ("write_eigenpairs", "write_features", "write_map_spectrum"),
     "errors": ("InputError", "TruncationWarning"),
     "surface.curvature": ("gaussian_curvature", "mean_curvature"),

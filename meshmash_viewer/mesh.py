@@ -20,7 +20,8 @@ __all__ = ["Mesh", "MeshLike", "as_mesh", "first_equal", "mesh_to_poly"]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
-#: ``(vertices, faces)``, an object with these two attributes, or a pyvista ``PolyData``.
+#: ``(vertices, faces)``, an object with these two attributes or with LaPy's ``v`` and ``t``, or a
+#: pyvista ``PolyData``.
 MeshLike: TypeAlias = Any
 
 #: How many offenders a message names before it only counts.
@@ -320,8 +321,8 @@ def as_mesh(mesh: MeshLike) -> Mesh:
     ----------
     mesh : Mesh, pair, object or PolyData
         A `Mesh` (returned as it is), a pair ``(vertices, faces)``, an object with attributes
-        `vertices` and `faces` such as a ``trimesh.Trimesh``, or a pyvista ``PolyData``, whose
-        polygons are triangulated.
+        `vertices` and `faces` such as a ``trimesh.Trimesh``, or `v` and `t` such as a LaPy
+        ``TriaMesh``, or a pyvista ``PolyData``, whose polygons are triangulated.
 
     Raises
     ------
@@ -336,6 +337,8 @@ def as_mesh(mesh: MeshLike) -> Mesh:
         return Mesh(np.asarray(poly.points), faces)
     if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
         return Mesh(mesh.vertices, mesh.faces)
+    if hasattr(mesh, "v") and hasattr(mesh, "t"):
+        return Mesh(mesh.v, mesh.t)
     if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
         from scipy.sparse import issparse
 

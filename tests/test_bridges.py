@@ -1,0 +1,81 @@
+"""Meshes and eigenpairs that go to other programs and come from them, which are tried if there."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import shapes
+
+import meshmash_viewer as mv
+from meshmash_viewer.mesh import as_mesh
+
+BALL = shapes.icosphere(3)
+
+
+def test_an_object_with_v_and_t_is_a_mesh() -> None:
+    taken = as_mesh(SimpleNamespace(v=BALL.vertices, t=BALL.faces))
+    assert taken.content_hash == BALL.content_hash
+    tetrahedra = SimpleNamespace(v=BALL.vertices, t=np.zeros((2, 4), dtype=int))
+    with pytest.raises(mv.InputError, match=r"Faces have shape \(2, 4\)"):
+        as_mesh(tetrahedra)
+
+
+def test_a_layer_of_napari_has_the_axes_of_images() -> None:
+    mesh = mv.Mesh(BALL.vertices * (1.0, 2.0, 3.0), BALL.faces, "µm", "egg")
+    field = mesh.vertices[:, 2].copy()
+    field[5] = np.nan
+    (places, faces, values), options, kind = mv.to_napari(mesh, field)
+    assert kind == "surface"
+    np.testing.assert_array_equal(places.max(axis=0), mesh.vertices.max(axis=0)[[2, 1, 0]])
+    np.testing.assert_array_equal(np.delete(places[:, 0], 5), np.delete(values, 5))
+    np.testing.assert_array_equal(faces, mesh.faces)
+    assert (options["name"], options["metadata"]) == ("egg", {"unit": "µm"})
+    assert options["contrast_limits"] == (np.nanmin(field), np.nanmax(field))
+
+
+def test_a_layer_of_napari_needs_no_field_and_shares_no_memory() -> None:
+    data, options, _ = mv.to_napari(BALL)
+    assert len(data) == 2
+    assert "contrast_limits" not in options
+    assert not np.shares_memory(data[0], BALL.vertices)
+    assert not np.shares_memory(data[1], BALL.faces)
+    assert "contrast_limits" not in mv.to_napari(BALL, np.ones(BALL.n_vertices))[1]
+
+
+def test_a_field_of_another_mesh_is_refused() -> None:
+    with pytest.raises(mv.InputError, match=r"shape \(7,\) does not go with 642 vertices"):
+        mv.to_napari(BALL, np.ones(7))
+
+
+@pytest.mark.filterwarnings("default")
+def test_lapy_takes_our_eigenpairs_and_we_its_mesh() -> None:
+    lapy = pytest.importorskip("lapy")
+    theirs = lapy.TriaMesh(BALL.vertices.copy(), BALL.faces.copy())
+    values, vectors = mv.decompose_mesh(theirs, 16, robust=False)
+    wanted, _ = lapy.Solver(theirs, lump=True).eigs(k=16)
+    np.testing.assert_allclose(values[1:], wanted[1:], rtol=1e-5)
+    heat = pytest.importorskip("lapy.heat").kernel(
+        np.array([0.5]), 7, vectors, values[:, np.newaxis], 16
+    )
+    ours = vectors * np.exp(-0.5 * values) @ vectors[7]
+    np.testing.assert_allclose(np.ravel(heat), ours, rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.filterwarnings("default")
+def test_pyfm_takes_our_eigenpairs() -> None:
+    signatures = pytest.importorskip("pyFM.signatures")
+    values, vectors = mv.decompose_mesh(BALL, 16)
+    times = np.geomspace(0.1, 2.0, 5)
+    theirs = signatures.HKS(values, vectors, times)
+    ours = np.square(vectors) @ mv.heat_kernel_bank(times)(values).T
+    np.testing.assert_allclose(theirs, ours, rtol=1e-10)
+
+
+@pytest.mark.filterwarnings("default")
+def test_napari_makes_a_layer_of_it() -> None:
+    layers = pytest.importorskip("napari.layers")
+    layer = layers.Layer.create(*mv.to_napari(BALL, BALL.vertices[:, 2]))
+    assert type(layer).__name__ == "Surface"
+    np.testing.assert_array_equal(layer.vertex_values, BALL.vertices[:, 2])
