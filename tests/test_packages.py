@@ -96,6 +96,15 @@ def test_the_wheel_holds_the_package_whole(archives: tuple[Path, Path]) -> None:
     assert {"geodesic", "html", "movie"} <= set(metadata.get_all("Provides-Extra", []))
 
 
+def test_the_source_archive_holds_examples_pages_and_tests(archives: tuple[Path, Path]) -> None:
+    with tarfile.open(archives[0]) as archive:
+        held = {name.partition("/")[2] for name in archive.getnames()}
+    for folder in ("docs", "examples", "tests"):
+        wanted = {path.relative_to(ROOT).as_posix() for path in (ROOT / folder).rglob("*.py")}
+        assert wanted <= held
+    assert {"dev", "mkdocs.yml", "docs/index.md", "examples/plugin/pyproject.toml"} <= held
+
+
 @pytest.mark.skipif(find_spec("twine") is None, reason="twine is not installed")
 def test_the_description_can_be_shown(archives: tuple[Path, Path]) -> None:
     run(sys.executable, "-m", "twine", "check", "--strict", *archives, cwd=ROOT)

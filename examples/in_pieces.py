@@ -1,0 +1,20 @@
+"""A mesh that is too large to be solved whole: features in overlapping pieces, stitched."""
+
+import numpy as np
+
+import meshmash_viewer as mv
+from meshmash_viewer.samples import sample_path
+
+TIMES = {"t_min": 3e5, "t_max": 3e6}  # each piece has a spectrum of its own: give the times
+
+
+def signature(piece):
+    return mv.compute_hks(piece, count=60, n_components=4, **TIMES)
+
+
+mesh = mv.read_mesh(sample_path("dendrite"))
+stitcher = mv.MeshStitcher(mesh, n_jobs=1)
+stitcher.split_mesh(max_vertex_threshold=8000)
+values = stitcher.apply(signature)
+print(f"{len(stitcher.pieces)} pieces, {values.shape}, {np.isnan(values).any(axis=1).sum()} NaN")
+np.save("hks_in_pieces.npy", values)
