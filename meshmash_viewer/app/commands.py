@@ -396,6 +396,13 @@ class Commands:
         dialog.finished.connect(dialog.deleteLater)
         dialog.show()
 
+    def compute_in_pieces(self) -> None:
+        """Ask for feature, pieces and place, and compute."""
+        from meshmash_viewer.app.dialogs.pieces_dialog import PiecesDialog
+
+        dialog = PiecesDialog(self._document, self._settings.folder, self._window)
+        self._ask(dialog, lambda: self._document.compute_in_pieces(dialog.job()))
+
     def save_scene(self) -> None:
         """Ask for format and place, and save the mesh with its field as a scene."""
         from meshmash_viewer.app.dialogs.scene_dialog import SceneDialog

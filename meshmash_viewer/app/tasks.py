@@ -19,7 +19,9 @@ from meshmash_viewer.model.jobs import (
     SpectrumGrew,
     Written,
 )
+from meshmash_viewer.model.pieces import PiecesJob
 from meshmash_viewer.model.previews import is_worthwhile
+from meshmash_viewer.model.results import MapGrew
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.units import counted
 
@@ -96,15 +98,18 @@ class Tasks(QObject):
         self._document.job_started(job)
         self._worker.submit(job)
 
-    def _end(self, notice: Notice | None = None) -> None:
+    def _end(self, notice: Notice | None = None, whole: bool = False) -> None:
         self._job = None
+        self._document.end_growing(whole)
         self._document.job_ended(notice)
         if self._queue and self._job is None:
             self._start(self._queue.pop(0))
 
     def _on_mesh_changed(self) -> None:
         """Stop a decomposition of a mesh that is no longer shown, as after an undo."""
-        if isinstance(self._job, DecomposeJob | PreviewJob) and not self._is_shown(self._job.mesh):
+        job = self._job
+        kinds = DecomposeJob | PreviewJob | PiecesJob
+        if isinstance(job, kinds) and not self._is_shown(job.mesh):
             self._worker.cancel()
 
     def _is_shown(self, mesh: Mesh) -> bool:
@@ -121,6 +126,8 @@ class Tasks(QObject):
         job = self._job
         if isinstance(message, Notice):
             self._document.notify(message)
+        elif isinstance(message, MapGrew) and isinstance(job, PiecesJob):
+            self._document.accept_growing(job.mesh, message)
         elif (
             isinstance(message, SpectrumGrew)
             and isinstance(job, DecomposeJob | PreviewJob)
@@ -140,9 +147,10 @@ class Tasks(QObject):
         elif isinstance(result, Written):
             written = f"{result.description} written to {result.path}."
             if result.remark:
-                self._end(Notice(f"{written} {result.remark}.", Severity.WARNING))
+                severity = Severity.WARNING if result.warns else Severity.INFORMATION
+                self._end(Notice(f"{written} {result.remark}.", severity), whole=True)
             else:
-                self._end(Notice(written))
+                self._end(Notice(written), whole=True)
         else:
             self._on_sent(result)
             self._end()

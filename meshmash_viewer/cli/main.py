@@ -214,7 +214,7 @@ def _features(options: argparse.Namespace) -> int:
 def _in_pieces(
     options: argparse.Namespace, index: int, mesh: Mesh, output: Path, family: Family
 ) -> None:
-    from meshmash_viewer.cli.pieces import write_in_pieces
+    from meshmash_viewer.model.pieces import described_seams, write_in_pieces
 
     shown = ProgressBar(mesh.name, leave=False) if sys.stderr.isatty() else contextlib.nullcontext()
     with shown as bar, _interruptible() as cancel:
@@ -229,14 +229,7 @@ def _in_pieces(
             progress=bar,
             cancel=cancel,
         )
-    worst = max(report["seam_largest"], default=0.0)
-    typical = max(report["seam_median"], default=0.0)
-    said = f"{report['output']}: {counted(report['pieces'], 'piece')} of at most"
-    said += (
-        f" {counted(report['largest_piece'], 'vertex')}; at {report['seam_vertices']:,} vertices"
-    )
-    said += f" beside seams they differ by {100 * worst:.2g} % at most, by {100 * typical:.2g} % in"
-    _tell(options, index, report, f"{said} the median of the worst column")
+    _tell(options, index, report, f"{report['output']}: {described_seams(report)}")
 
 
 def _compare(options: argparse.Namespace) -> int:

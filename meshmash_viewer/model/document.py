@@ -33,10 +33,12 @@ from meshmash_viewer.model.jobs import (
     RepairJob,
     ScaleJob,
 )
+from meshmash_viewer.model.pieces import PiecesJob
+from meshmash_viewer.model.results import MapGrew
 from meshmash_viewer.model.shape import Shape
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.weyl import Target, Translation
-from meshmash_viewer.units import Voxel, counted, parse_unit, written_unit
+from meshmash_viewer.units import Voxel, counted, parse_unit, power_unit, written_unit
 from meshmash_viewer.vertex_map import VertexMap
 
 __all__ = ["PIN_COLORS", "Document", "Notice", "Pin", "Severity"]
@@ -117,6 +119,8 @@ class Document:
         self._undo: list[tuple[MeshReady, Spectrum | None]] = []
         #: Units before each change of it since the last repair, as `set_unit` takes them.
         self._units: list[str] = []
+        #: The map that is being computed, and the family that was on the render before.
+        self._growing: tuple[str, str] | None = None
         #: Files of maps that are to come with a mesh file that is being read.
         self._maps_of: tuple[Path, tuple[Path, ...]] | None = None
 
@@ -261,6 +265,34 @@ class Document:
             names = ", ".join(each.name for each in more.maps[len(now.maps) :])
             self.notify(Notice(f"Added {counted(len(maps), 'map')}: {names}."))
         self.spectrum_changed.emit()
+
+    def accept_growing(self, mesh: Mesh, grew: MapGrew) -> None:
+        """Take more values of a map that is being computed, and show it as far as it is there."""
+        now = self.mesh
+        if now is None or now.vertices is not mesh.vertices or self.ready is None:
+            return
+        if self._growing is None:
+            self._growing = grew.name, self.display.kind
+            values = np.full(now.n_vertices, np.nan, dtype=np.float32)
+        else:
+            values = np.array(now.map_named(grew.name).values)
+        values[grew.vertices] = grew.values
+        if any(each.name == grew.name for each in now.maps):
+            now = now.without_map(grew.name)
+        unit = power_unit(now.unit, -2)
+        now = now.with_maps(VertexMap(grew.name, values, unit=unit))
+        self._take(replace(self.ready, mesh=now), self.spectrum)
+        chosen = replace(self.display[OwnMaps], chosen=grew.name, view="map")
+        self.display.show(chosen)
+        self.spectrum_changed.emit()
+
+    def end_growing(self, whole: bool) -> None:
+        """Keep the map that was computed if it is whole; else show what was there before."""
+        if self._growing is not None:
+            (name, kind), self._growing = self._growing, None
+            if not whole and self.mesh is not None:
+                self.remove_map(name)
+                self.display.kind = kind
 
     def remove_map(self, name: str) -> None:
         """Take a map away from the mesh; its file stays."""
@@ -428,6 +460,10 @@ class Document:
                 n_vertices = int(self.translation().n_vertices)
                 target = sufficient_target(target.value, self.ready.health.area, n_vertices)
             self._request(DecomposeJob(self.ready.mesh, self.operator, target))
+
+    def compute_in_pieces(self, job: PiecesJob) -> None:
+        """Ask for features of the open mesh in pieces."""
+        self._request(job)
 
     def accept_spectrum(self, spectrum: Spectrum) -> None:
         """Take a spectrum that has grown, or a preview; a preview is not replaced by less."""

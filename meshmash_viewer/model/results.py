@@ -18,7 +18,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.alignment import Alignment, ShownRows
 from meshmash_viewer.spectral.certificate import Certificate
 
-__all__ = ["MeshReady", "SpectrumGrew", "Written"]
+__all__ = ["MapGrew", "MeshReady", "SpectrumGrew", "Written"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +119,22 @@ class MeshReady:
     sample: npt.NDArray[np.int64] | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class MapGrew:
+    """Values at more vertices of a map that is being computed.
+
+    Parameters
+    ----------
+    name : str
+    vertices : ndarray of int64, shape (m,)
+    values : ndarray of float64, shape (m,)
+    """
+
+    name: str
+    vertices: npt.NDArray[np.int64]
+    values: npt.NDArray[np.float64]
+
+
 @dataclass(frozen=True)
 class Written:
     """A file that was exported, and what there is to say of what is in it."""
@@ -126,3 +142,5 @@ class Written:
     path: Path
     description: str
     remark: str = ""
+    #: Whether the remark is one that a person should not miss.
+    warns: bool = True

@@ -7,6 +7,7 @@ that of the whole mesh, because heat has not yet seen the cut.
 
 from __future__ import annotations
 
+import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
@@ -148,6 +149,7 @@ class MeshStitcher:
         function: Callable[[PieceMesh], Any],
         stitch: bool = True,
         *,
+        done: Callable[[IntArray, Any], None] | None = None,
         progress: ProgressCallback | None = None,
         cancel: CancelCallback | None = None,
     ) -> Any:
@@ -164,6 +166,9 @@ class MeshStitcher:
             Whether to return one array for the whole mesh, each vertex with the value of the
             piece it lies deepest in (farthest from the cut along the edges), or the list of what
             the function returned, in the order of `pieces`.
+        done : callable, optional
+            Called with the vertices that a piece gives its values to, and these values, as soon as
+            they are there.
         progress, cancel : callable, optional
             See `meshmash_viewer.progress`; called between pieces.
 
@@ -188,13 +193,19 @@ class MeshStitcher:
         """
         if not self.pieces:
             self.split_mesh()
-        results = []
+        results: list[Any] = []
+        total, began = len(self.pieces), time.monotonic()
         for result in self._results(function, cancel):
+            if done is not None:
+                piece = self.pieces[len(results)]
+                own = self._piece_of[piece] == len(results)
+                done(piece[own], np.asarray(result)[own])
             results.append(result)
             if progress is not None:
-                done, total = len(results), len(self.pieces)
-                message = f"{done} of {total} pieces"
-                progress(Progress("pieces", done / total, message=message))
+                share = len(results) / total
+                left = (time.monotonic() - began) * (1.0 / share - 1.0)
+                message = f"{len(results)} of {total} pieces"
+                progress(Progress("pieces", share, remaining=left, message=message))
         return self.stitched(results) if stitch else results
 
     def seams(self, results: list[Any]) -> FloatArray:

@@ -1,30 +1,38 @@
-"""Features of a mesh in pieces, from the command line: for meshes too large to be solved whole."""
+"""Features of a mesh in overlapping pieces: for meshes too large to be solved whole."""
 
 from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import FilterBank
+from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.spectral.weyl import Target, Translation
+from meshmash_viewer.model.results import MapGrew, Written
+from meshmash_viewer.model.transport import Channel
+from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback
+from meshmash_viewer.spectral.weyl import Target, Translation, weyl_eigenvalue
+from meshmash_viewer.units import counted
 
-if TYPE_CHECKING:
-    from meshmash_viewer.fields.family import Family
-    from meshmash_viewer.progress import CancelCallback, ProgressCallback
+__all__ = ["LEAST", "PiecesJob", "described_seams", "in_pieces", "usual_pieces", "write_in_pieces"]
 
-__all__ = ["write_in_pieces"]
+#: Fewest vertices that a piece is worth having, and how many are solved in seconds.
+LEAST, _USUAL = 500, 20_000
 
-#: Fewest vertices that a piece is worth having.
-_LEAST = 500
+
+def usual_pieces(n_vertices: int) -> int:
+    """Number of pieces that are solved in seconds each; two at least, if that is worth it."""
+    return max(math.ceil(n_vertices / _USUAL), min(2, n_vertices // LEAST), 1)
 
 
 @dataclass(frozen=True)
@@ -58,6 +66,7 @@ def write_in_pieces(
     operator: OperatorOptions,
     *,
     n_jobs: int | None = None,
+    done: Callable[[npt.NDArray[np.int64], npt.NDArray[np.float64]], None] | None = None,
     progress: ProgressCallback | None = None,
     cancel: CancelCallback | None = None,
 ) -> dict[str, Any]:
@@ -77,6 +86,8 @@ def write_in_pieces(
     operator : OperatorOptions
     n_jobs : int, optional
         Processes; None for one a core.
+    done : callable, optional
+        See `MeshStitcher.apply`.
     progress, cancel : callable, optional
         See `meshmash_viewer.progress`; called between pieces.
 
@@ -98,19 +109,18 @@ def write_in_pieces(
 
     began = time.perf_counter()
     n = mesh.n_vertices - len(mesh.unreferenced)
-    if count > 1 and n / count < _LEAST:
+    if count > 1 and n / count < LEAST:
         raise InputError(
-            f"{count} pieces of {n:,} vertices would have fewer than {_LEAST} each: give at most"
-            f" {max(n // _LEAST, 1)}."
+            f"{count} pieces of {n:,} vertices would have fewer than {LEAST} each: give at most"
+            f" {max(n // LEAST, 1)}."
         )
     top = Translation(mesh.area, n_vertices=n).eigenvalue(target)[0]
     bank = _common_bank(family, top)
     stitcher = MeshStitcher(mesh, n_jobs=-1 if n_jobs is None else n_jobs)
     # a piece holds its overlap, too
     stitcher.split_mesh(max_vertex_threshold=math.ceil(1.35 * n / count))
-    results = stitcher.apply(
-        _Task(operator, top, bank), stitch=False, progress=progress, cancel=cancel
-    )
+    task = _Task(operator, top, bank)
+    results = stitcher.apply(task, stitch=False, done=done, progress=progress, cancel=cancel)
     seams = stitcher.seams(results)
     options = export_options(family.export, operator, target, "each piece complete")
     told = {
@@ -136,6 +146,66 @@ def write_in_pieces(
         "remarks": [],
         "seconds": round(time.perf_counter() - began, 3),
     }
+
+
+def in_pieces(family: Family, mesh: Mesh, target: Target) -> Family:
+    """The same with what it would take from the spectrum of the whole taken from Weyl's law.
+
+    `InputError` is raised if its columns need that spectrum itself.
+    """
+    n = mesh.n_vertices - len(mesh.unreferenced)
+    top = Translation(mesh.area, n_vertices=n).eigenvalue(target)[0]
+    values = np.array([0.0, min(weyl_eigenvalue(mesh.area, 1), 0.5 * top), top])
+    expected = Spectrum(values, np.empty((3, mesh.n_vertices)), np.zeros(3), mesh=mesh)
+    known = family.filled_in(expected, {})
+    _common_bank(known, top)
+    return known
+
+
+@dataclass(frozen=True, eq=False)
+class PiecesJob:
+    """Compute features in pieces and write them; sends a `MapGrew` for each, returns `Written`."""
+
+    mesh: Mesh
+    path: Path
+    family: Family
+    count: int
+    target: Target
+    operator: OperatorOptions
+
+    @property
+    def label(self) -> str:
+        return f"Computing {self.mesh.name or 'the mesh'} in pieces"
+
+    def run(self, channel: Channel) -> Written:
+        middle = None
+
+        def done(vertices: npt.NDArray[np.int64], values: npt.NDArray[np.float64]) -> None:
+            nonlocal middle
+            middle = values.shape[1] // 2 if middle is None else middle
+            channel.send(MapGrew(self.name(middle), vertices, values[:, middle]))
+
+        channel.report(Progress("splitting", message="Cutting the mesh into pieces"))
+        report = write_in_pieces(
+            self.mesh, self.path, self.family, self.count, self.target, self.operator,
+            done=done, progress=channel.report, cancel=channel.cancelled,
+        )  # fmt: skip
+        return Written(self.path, self.family.label, described_seams(report), warns=False)
+
+    def name(self, column: int) -> str:
+        """What the map of a column is called."""
+        return f"{self.family.short} {column}, in pieces"
+
+
+def described_seams(report: dict[str, Any]) -> str:
+    """What `write_in_pieces` found where pieces meet, as a sentence without its stop."""
+    worst, typical = (max(report[name], default=0.0) for name in ("seam_largest", "seam_median"))
+    return (
+        f"{counted(report['pieces'], 'piece')} of at most"
+        f" {counted(report['largest_piece'], 'vertex')}; at {report['seam_vertices']:,} vertices"
+        f" beside seams they differ by {100 * worst:.2g} % at most, by {100 * typical:.2g} % in"
+        " the median of the worst column"
+    )
 
 
 def _columns(values: npt.NDArray[np.float64]) -> list[float]:

@@ -1,0 +1,91 @@
+"""Computing features in pieces: which, in how many, up to where, and the file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from PySide6.QtWidgets import QComboBox, QLabel, QPushButton, QSpinBox, QWidget
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.file_row import FileRow
+from meshmash_viewer.app.controls.layout import grid
+from meshmash_viewer.app.dialogs.saving import SaveDialog
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.fields import FEATURES
+from meshmash_viewer.fields.family import Family
+from meshmash_viewer.io.write import WRITERS
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.pieces import LEAST, PiecesJob, in_pieces, usual_pieces
+from meshmash_viewer.units import counted, format_quantity
+
+__all__ = ["PiecesDialog"]
+
+
+class PiecesDialog(SaveDialog):
+    """Asks for a feature, the number of pieces, and the file.
+
+    The feature has the parameters of its tab, and what it would take from the spectrum of the whole
+    mesh from Weyl's law; the pieces go as far up their spectra as the Mesh panel asks of the whole.
+    """
+
+    def __init__(self, document: Document, folder: Path, parent: QWidget | None = None) -> None:
+        mesh = document.mesh
+        assert mesh is not None
+        self._document, self._mesh = document, mesh
+        self._families: dict[str, Family] = {}
+        for name in FEATURES:
+            try:
+                found = in_pieces(document.display.fields[name], mesh, document.target)
+            except InputError:
+                continue  # it needs the spectrum of the whole mesh
+            self._families[name] = found
+        patterns = " ".join(f"*{ending}" for ending in WRITERS)
+        path = folder / f"{mesh.name or 'mesh'}_pieces.npz"
+        row = FileRow(path, f"Tables ({patterns})", ".npz")
+        super().__init__("features", "Compute in pieces", row, parent)
+        theme.named(self, "pieces_dialog")
+        self.family_combo = theme.named(QComboBox(), "pieces_family_combo", "Feature")
+        for name, family in self._families.items():
+            self.family_combo.addItem(family.label, name)
+        shown = self.family_combo.findData(document.display.kind)
+        self.family_combo.setCurrentIndex(max(shown, 0))
+        n = mesh.n_vertices - len(mesh.unreferenced)
+        self.count_spin = theme.named(QSpinBox(), "pieces_count_spin", "Number of pieces")
+        self.count_spin.setRange(1, max(n // LEAST, 1))
+        self.count_spin.setValue(usual_pieces(n))
+        self.size_label = theme.named(QLabel(wordWrap=True), "pieces_size_label", role="muted")
+        self.accept_button = theme.named(
+            QPushButton("Compute"), "pieces_compute_button", role="primary"
+        )
+        self._arrange(
+            grid(
+                (QLabel("Feature"), self.family_combo),
+                (QLabel("Pieces"), self.count_spin),
+                (None, self.size_label),
+                (QLabel("File"), self.file_row),
+                (None, self.remark_label),
+                spacing=(theme.MARGIN, theme.GAP),
+            )
+        )
+        self.setMinimumWidth(560)
+        self.count_spin.valueChanged.connect(self._say_size)
+        self._say_size()
+        self._refresh_remark()
+
+    def _say_size(self) -> None:
+        document, count = self._document, self.count_spin.value()
+        size = round(self._mesh.n_vertices / count)
+        top, _ = document.translation().eigenvalue(document.target)
+        self.size_label.setText(
+            f"About {counted(size, 'vertex')} each, and what they overlap by, up to"
+            f" λ = {format_quantity(top, document.unit, -2)} as the Mesh panel says."
+        )
+
+    def job(self) -> PiecesJob:
+        """What was chosen."""
+        document = self._document
+        family = self._families[self.family_combo.currentData()]
+        return PiecesJob(
+            self._mesh, self.path, family, self.count_spin.value(), document.target,
+            document.operator,
+        )  # fmt: skip

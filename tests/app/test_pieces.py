@@ -1,0 +1,151 @@
+"""Features in pieces in the window: they grow on the render, are told of, written, and kept."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapes
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QComboBox, QDialog, QLineEdit, QPushButton, QSpinBox, QWidget
+
+import meshmash_viewer as mv
+from meshmash_viewer.app.listening import catch_up
+from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.run import application
+from meshmash_viewer.fields.geometry_vectors import GeometryVectors
+from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.fields.maps import OwnMaps
+from meshmash_viewer.model.document import Severity
+from meshmash_viewer.spectral.weyl import Target
+
+LEFT = Qt.MouseButton.LeftButton
+MESH = shapes.icosphere(4, radius=500.0)
+#: Enough of each piece that its values are those of the whole, far from where it was cut.
+PAIRS = 60
+
+
+def wait_for(condition: Callable[[], bool], seconds: float = 100.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        QTest.qWait(5)
+    catch_up()
+
+
+@pytest.fixture(scope="module")
+def one_window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MainWindow]:
+    application()
+    folder = tmp_path_factory.mktemp("mesh")
+    np.savez(folder / "ball.npz", vertices=MESH.vertices, faces=MESH.faces)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        window = MainWindow(fresh=True)
+        window.show()
+        window.activateWindow()
+        wait_for(window.isActiveWindow)
+        window.open_mesh(folder / "ball.npz", "nm")
+        wait_for(lambda: window.document.mesh is not None)
+        window.wait(60.0)
+        yield window
+        window.close()
+        window.deleteLater()
+
+
+@pytest.fixture
+def window(one_window: MainWindow) -> Iterator[MainWindow]:
+    yield one_window
+    for each in one_window.document.mesh.maps:
+        one_window.document.remove_map(each.name)
+    one_window.document.display.kind = "eigenfunction"
+    one_window.stage.message_bar.dismiss()
+    one_window.wait(60.0)
+
+
+def begin(window: MainWindow, path: Path, family: str, pieces: int) -> None:
+    """Ask for features in pieces as a person does."""
+    window.document.target = Target("count", PAIRS)
+    window.actions_["compute_in_pieces"].trigger()
+    (dialog,) = window.findChildren(QDialog, "pieces_dialog")
+    part(dialog, QComboBox, "pieces_family_combo").setCurrentIndex(
+        part(dialog, QComboBox, "pieces_family_combo").findData(family)
+    )
+    spin = part(dialog, QSpinBox, "pieces_count_spin")
+    spin.selectAll()
+    QTest.keyClicks(spin, str(pieces))
+    edit = part(dialog, QLineEdit, "file_edit")
+    edit.selectAll()
+    QTest.keyClicks(edit, str(path))
+    QTest.mouseClick(part(dialog, QPushButton, "pieces_compute_button"), LEFT)
+
+
+def part(parent: QWidget, kind: type, name: str) -> QWidget:
+    (found,) = parent.findChildren(kind, name)
+    return found
+
+
+def stitched(family: GeometryVectors | HeatKernelSignature, pieces: int) -> np.ndarray:
+    """The same by the library alone."""
+    stitcher = mv.MeshStitcher(MESH, n_jobs=1)
+    stitcher.split_mesh(max_vertex_threshold=int(np.ceil(1.35 * MESH.n_vertices / pieces)))
+    top = 4.0 * np.pi * PAIRS / MESH.area
+
+    def features(piece: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        found = mv.solve(*mv.cotangent_laplacian(piece, robust=True), max_eigenvalue=top)
+        return mv.compute_features(found, family.bank(found.eigenvalues, bound=top)).values
+
+    return stitcher.apply(features)
+
+
+@pytest.mark.parametrize("kind", ["hks", "band"])
+def test_they_are_the_librarys(window: MainWindow, tmp_path: Path, kind: str) -> None:
+    top = 4.0 * np.pi * PAIRS / MESH.area
+    window.document.display.put(
+        HeatKernelSignature(scales=6, automatic=False, t_min=20 / top, t_max=400 / top),
+        GeometryVectors(count=6, automatic=False, low=0.0, high=top),
+    )
+    path = tmp_path / "pieces.npz"
+    grown: list[int] = []
+
+    def note() -> None:
+        grown.append(int(np.count_nonzero(np.isfinite(window.document.mesh.maps[-1].values))))
+
+    window.document.spectrum_changed.connect(note)
+    begin(window, path, kind, 3)
+    wait_for(lambda: window.document.job is None and path.exists())
+    window.wait(60.0)
+    window.document.spectrum_changed.disconnect(note)
+    assert len(grown) >= 3, "piece by piece"
+    assert sorted(grown) == grown
+    assert grown[0] < MESH.n_vertices == grown[-1]
+    with np.load(path) as file:
+        values = file["features"]
+    wanted = stitched(window.document.display.fields[kind], 3)
+    np.testing.assert_allclose(values, wanted, rtol=1e-6, atol=1e-12)
+    field = window.field_source.field
+    assert isinstance(field.family, OwnMaps)
+    np.testing.assert_allclose(field.values, wanted[:, 3], rtol=1e-6)
+    notice = window.stage.message_bar.notice
+    assert notice.severity is Severity.INFORMATION
+    assert "beside seams they differ by" in notice.text
+
+
+def test_cancel_shows_what_was_there(window: MainWindow, tmp_path: Path) -> None:
+    path = tmp_path / "pieces.npz"
+    window.document.display.kind = "map"
+    window.wait(60.0)
+    begin(window, path, "band", 5)
+    wait_for(lambda: bool(window.document.mesh.maps))
+    window.actions_["cancel"].trigger()
+    wait_for(lambda: window.document.job is None)
+    window.wait(60.0)
+    assert not path.exists()
+    assert not window.document.mesh.maps
+    assert window.document.display.kind == "map"
+    assert window.field_source.field.title == "Mean curvature"
+    assert "Cancelled" in window.stage.message_bar.notice.text
+    assert not list(tmp_path.iterdir())
