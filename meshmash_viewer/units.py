@@ -22,6 +22,7 @@ __all__ = [
     "named_vertex",
     "parse_unit",
     "power_unit",
+    "round_length",
     "subscript",
     "superscript",
     "whole_number",
@@ -136,6 +137,12 @@ def format_range(
 ) -> str:
     """Write two numbers with a power of a unit: "0 – 1.2e-08 nm⁻²"."""
     return f"{format_number(low, digits)} {word} {format_quantity(high, unit, power, digits)}"
+
+
+def round_length(longest: float) -> float:
+    """The largest of 1, 2 and 5 times a power of ten that is at most `longest` (positive)."""
+    power = 10.0 ** math.floor(math.log10(longest))
+    return max(step * power for step in (0.5, 1.0, 2.0, 5.0) if step * power <= longest * 1.000001)
 
 
 def counted(number: int, noun: str) -> str:

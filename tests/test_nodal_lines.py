@@ -4,7 +4,7 @@ import numpy as np
 import shapes
 
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.surface.nodal_lines import line_lengths, nodal_lines
+from meshmash_viewer.surface.nodal_lines import level_lines, line_lengths, nodal_lines
 
 
 def length(segments: np.ndarray) -> float:
@@ -81,3 +81,28 @@ def test_each_line_has_its_own_length() -> None:
     np.testing.assert_allclose(lengths[first], 2 * np.pi, rtol=5e-3)
     np.testing.assert_allclose(lengths[~first], 0.5 * np.pi, rtol=5e-3)
     assert line_lengths(segments[:0]).shape == (0,)
+
+
+def test_levels_cut_a_sphere_in_circles() -> None:
+    sphere, levels = shapes.icosphere(5), (-0.9, -0.25, 0.0, 0.5)
+    z = sphere.vertices[:, 2]
+    segments = level_lines(sphere.vertices, sphere.faces, z, levels)
+    heights = segments[..., 2]
+    nearest = np.asarray(levels)[np.abs(heights[..., None] - levels).argmin(axis=-1)]
+    np.testing.assert_allclose(heights, nearest, atol=1e-12)
+    for level in levels:
+        there = segments[np.abs(nearest[:, 0] - level) < 1e-9]
+        assert abs(length(there) - 2 * np.pi * np.sqrt(1 - level**2)) < 2e-2, level
+
+
+def test_levels_are_the_nodal_lines_of_each(rng: np.random.Generator) -> None:
+    sphere = shapes.icosphere(3)
+    values = rng.standard_normal(sphere.n_vertices).astype(np.float32)
+    values[5] = np.nan
+    levels = (-0.5, 0.0, 0.25, 1.0)
+    found = level_lines(sphere.vertices, sphere.faces, values, levels)
+    wanted = [
+        nodal_lines(sphere.vertices, sphere.faces, values - np.float64(level)) for level in levels
+    ]
+    np.testing.assert_array_equal(found, np.concatenate(wanted))
+    assert level_lines(sphere.vertices, sphere.faces, values, ()).shape == (0, 2, 3)

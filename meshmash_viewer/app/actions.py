@@ -139,8 +139,9 @@ COMMANDS: tuple[Command, ...] = (
     # -- View
     Command("reset_camera", "Reset camera", "View", "Show the whole mesh", ("R",),
             toolbar="Reset camera", icon="reset", needs="render", separated=True),
-    Command("nodal_lines", "Nodal lines", "View", "Draw the lines where the field is zero",
-            ("N",), checkable=True, toolbar="Nodal lines", icon="nodal", needs="spectrum"),
+    Command("nodal_lines", "Nodal lines", "View",
+            "Draw the lines where the field is zero, or at round distances", ("N",),
+            checkable=True, toolbar="Nodal lines", icon="nodal", needs="spectrum"),
     Command("theme_system", "Follow the system", "View", "Light or dark as the desktop is",
             checkable=True, submenu="Theme", does=("choose_theme", Mode.SYSTEM)),
     Command("theme_light", "Light", "View", "Always light", checkable=True, submenu="Theme",

@@ -212,7 +212,8 @@ class Beside(QWidget):
             self.scene.set_nodal_lines(None)
             return
         self.scene.set_field(field, limits, colormap)
-        self.scene.set_nodal_lines(field.values if display.nodal_lines and field.signed else None)
+        levels = field.levels if display.nodal_lines else ()
+        self.scene.set_nodal_lines(field.values if levels else None, levels)
 
     # -- from the person ----------------------------------------------------------------------
 

@@ -149,8 +149,8 @@ class Commands:
         actions["clear_pins"].setEnabled(bool(document.pins))
         actions["similar"].setEnabled(bool(document.pins) and document.spectrum is not None)
         if not display.family.signed:
-            for name in ("nodal_lines", "flip"):
-                actions[name].setEnabled(False)
+            actions["flip"].setEnabled(False)
+            actions["nodal_lines"].setEnabled(display.family.contoured and display.family.usable)
         actions["nodal_lines"].setChecked(display.nodal_lines)
         actions["play"].setChecked(display.playing)
         for mode in theme.Mode:

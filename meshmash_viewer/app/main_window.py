@@ -331,7 +331,8 @@ class MainWindow(QMainWindow):
             return
         limits, colormap = field.colors(display)
         self.scene.set_field(field, limits, colormap)
-        self.scene.set_nodal_lines(field.values if display.nodal_lines and field.signed else None)
+        levels = field.levels if display.nodal_lines else ()
+        self.scene.set_nodal_lines(field.values if levels else None, levels)
         self.field_panel.set_field(field, limits)
         self._set_swing(field)
         self.spectrum_panel.follow_field()

@@ -68,6 +68,7 @@ class Distances(Family):
         Option("time", "of diffusion (unit²); default the middle of its range", "T", float),
     )
     position: ClassVar[tuple[str, ...]] = ("time",)
+    contoured: ClassVar[bool] = True
     interval: ClassVar[int] = 50
 
     measure: str = parameter("geodesic", type="choice", values=tuple(MEASURES))

@@ -193,6 +193,8 @@ class Family:
         What the left axis of its response is.
     response_decades : int
         Powers of ten from 0 to 1 of that axis; 0 where it is even.
+    contoured : bool
+        Whether lines are drawn on it at round values.
     tailed : bool
         Whether a few vertices may have values far beyond all others.
     interval : int
@@ -214,6 +216,7 @@ class Family:
     ordered: ClassVar[tuple[str, str] | None] = None
     response_label: ClassVar[str] = "Response"
     response_decades: ClassVar[int] = 0
+    contoured: ClassVar[bool] = False
     tailed: ClassVar[bool] = False
     interval: ClassVar[int] = 0
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (False, False, False)

@@ -14,6 +14,7 @@ from meshmash_viewer.fields.family import Answer, Family, Table
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.limits import LimitPolicy, automatic_limits
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.units import format_number, round_length
 from meshmash_viewer.vertex_map import Label
 
 if TYPE_CHECKING:
@@ -34,6 +35,8 @@ __all__ = [
 #: Columns of a usual heat table, and fields in use at one time: the one drawn, the one before
 #: it, the one being computed, the one that may be asked for next.
 _HEAT_COLUMNS, _FIELDS = 40, 4
+#: Fewest lines at round values, but for rounding.
+_LINES = 8
 
 
 @dataclass(frozen=True)
@@ -140,6 +143,32 @@ class Field:
     def unit(self) -> str:
         """Of the values; empty for pure numbers and for meshes without a unit."""
         return self.family.unit(self.request.unit)
+
+    @cached_property
+    def spacing(self) -> float:
+        """A round number of `unit` by which lines are apart; 0 where none are at round values."""
+        largest = float(np.max(self.values, initial=0.0, where=np.isfinite(self.values)))
+        contoured = self.family.contoured and largest > 0.0
+        return round_length(largest / _LINES) if contoured else 0.0
+
+    @property
+    def levels(self) -> tuple[float, ...]:
+        """Ascending values at which lines can be drawn: zero, or every `spacing`."""
+        if not self.spacing:
+            return (0.0,) if self.signed else ()
+        count = int(np.nanmax(self.values) / self.spacing)
+        return tuple(self.spacing * (at + 1) for at in range(count))
+
+    @property
+    def spacing_told(self) -> str:
+        """How far its lines are apart, "lines every 500 nm"; empty where that is not said."""
+        if not self.spacing:
+            return ""
+        return f"lines every {format_number(self.spacing)} {self.unit}".rstrip()
+
+    def told(self, lines: bool) -> str:
+        """Its quantity, and how far lines are apart if they are drawn."""
+        return " · ".join(filter(None, [self.quantity, self.spacing_told if lines else ""]))
 
     @property
     def signed(self) -> bool:

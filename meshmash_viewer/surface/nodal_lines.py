@@ -1,13 +1,15 @@
-"""Nodal lines: where a function on the vertices is zero, by marching triangles."""
+"""Level lines of a function on the vertices, those of zero first, by marching triangles."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-__all__ = ["line_lengths", "nodal_lines", "nodal_segments"]
+__all__ = ["level_lines", "line_lengths", "nodal_lines", "nodal_segments"]
 
 
 def nodal_lines(
@@ -46,6 +48,29 @@ def nodal_lines(
     return segments
 
 
+def level_lines(
+    vertices: npt.NDArray[np.floating],
+    faces: npt.NDArray[np.integer],
+    values: npt.NDArray[np.floating],
+    levels: Sequence[float],
+) -> npt.NDArray[np.floating]:
+    """Segments along which the linear interpolation of `values` is at one of the ascending levels.
+
+    See `nodal_lines`; those of one level follow one another, shape (s, 2, 3).
+    """
+    # how many levels are at or below each vertex: a face is crossed by those between its corners
+    reached = np.searchsorted(np.asarray(levels), values, side="right").astype(np.int32)
+    corners = reached[faces]
+    least, most = corners.min(axis=1), corners.max(axis=1)
+    crossed = np.flatnonzero(least < most)
+    faces, least, most = faces[crossed], least[crossed], most[crossed]
+    found = [
+        nodal_lines(vertices, faces[(least <= at) & (at < most)], values - np.float64(level))
+        for at, level in enumerate(levels)
+    ]
+    return np.concatenate(found) if found else np.empty((0, 2, 3), dtype=vertices.dtype)
+
+
 def line_lengths(segments: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
     """Length of the line that each segment belongs to, shape (s,): those that share an end are one.
 
@@ -67,8 +92,9 @@ def nodal_segments(
     faces: npt.NDArray[np.integer],
     values: npt.NDArray[np.floating],
     centre: npt.NDArray[np.floating],
+    levels: Sequence[float] = (0.0,),
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]]:
-    """`nodal_lines` relative to a centre, with the width of the branch that each goes around.
+    """`level_lines` relative to a centre, with the width of the branch that each goes around.
 
     Returns
     -------
@@ -76,6 +102,6 @@ def nodal_segments(
     widths : ndarray of float64, shape (s,)
         The length of a line that goes around a branch is as wide as that times π.
     """
-    segments = nodal_lines(vertices, faces, values)
+    segments = level_lines(vertices, faces, values, levels)
     widths = np.asarray(line_lengths(segments) / np.pi, dtype=np.float64)
     return (segments - centre).astype(np.float32), widths

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from closed_form import part, rectangle_document, shown
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QCheckBox
+from pytestqt.qtbot import QtBot
 
+from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.panels.field_panel import FieldPanel
 from meshmash_viewer.features.distances import (
     biharmonic_distance,
@@ -18,7 +23,7 @@ from meshmash_viewer.features.distances import (
 from meshmash_viewer.fields.distances import MEASURES, Distances
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, LiveFeatures, compute_field, request_of
-from meshmash_viewer.units import format_quantity
+from meshmash_viewer.units import format_number, format_quantity
 
 pytestmark = pytest.mark.usefixtures("shown_at_once")
 
@@ -124,3 +129,51 @@ def test_what_is_missing_is_said(panel: FieldPanel, document: Document) -> None:
     document.toggle_pin(70)
     panel.set_field(on_the_render(document, LiveFeatures()), (0.0, 1.0))
     assert "missing for want of eigenpairs" in part(panel, "distance_missing_label").text()
+
+
+def test_lines_are_at_round_distances_from_the_pin(
+    qtbot: QtBot, open_window: Callable[..., MainWindow]
+) -> None:
+    """On a flat sheet they are circles about the pin, as far apart as tab and render say."""
+    document = rectangle_document()
+    document.display.kind = "distance"
+    window = open_window(document)
+    document.toggle_pin(20)
+    document.toggle_pin(70)
+    check = window.findChild(QCheckBox, "distance_lines_check")
+    qtbot.waitUntil(lambda: check.text().startswith("Lines every "), timeout=60_000)
+    QTest.mouseClick(check, Qt.MouseButton.LeftButton, pos=QPoint(8, check.height() // 2))
+    assert document.display.nodal_lines
+    renderer = window.scene.renderer
+    qtbot.waitUntil(lambda: renderer.segments is not None, timeout=60_000)
+    field = window.field_source.field
+    assert field is not None
+    spacing = field.spacing
+    step = spacing / 10.0 ** np.floor(np.log10(spacing))
+    assert round(step, 9) in (1.0, 2.0, 5.0)
+    assert 8 <= len(field.levels) <= 20
+    told = f"every {format_number(spacing)} {field.unit}"
+    assert check.text() == f"Lines {told}"
+    assert renderer.caption.quantity.endswith(f"· lines {told}")
+    mesh = document.mesh
+    edge = np.linalg.norm(mesh.vertices[mesh.faces[:, 0]] - mesh.vertices[mesh.faces[:, 1]], axis=1)
+    away = renderer.segments + renderer.centre - mesh.vertices[70]
+    distances = np.linalg.norm(away, axis=-1)
+    off = np.abs(distances - spacing * np.round(distances / spacing))
+    assert np.median(off) < 0.3 * edge.max() < spacing, "the heat method is right to an edge"
+    drawn = set(np.round(distances / spacing).astype(int).ravel().tolist())
+    assert drawn >= set(range(2, len(field.levels) - 2))
+    QTest.keyClick(window, Qt.Key.Key_N)
+    qtbot.waitUntil(lambda: renderer.segments is None, timeout=60_000)
+    assert "lines" not in renderer.caption.quantity
+    assert not check.isChecked()
+
+
+def test_two_pins_tell_the_length_between_them(panel: FieldPanel, document: Document) -> None:
+    document.toggle_pin(20)
+    document.toggle_pin(70)
+    panel.set_field(on_the_render(document, LiveFeatures()), (0.0, 1.0))
+    number, unit = part(panel, "distance_pins_label").text().removeprefix("1: ").split(" ")
+    apart = np.linalg.norm(document.mesh.vertices[20] - document.mesh.vertices[70])
+    assert unit == document.mesh.unit
+    assert float(number) == pytest.approx(apart, rel=0.05), "on a flat sheet it is a straight line"

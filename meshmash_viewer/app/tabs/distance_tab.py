@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from PySide6.QtWidgets import QComboBox, QLabel
+from PySide6.QtWidgets import QCheckBox, QComboBox, QLabel
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
@@ -25,6 +25,7 @@ __all__ = ["DistanceTab"]
 _POSITIONS = 1000
 #: Missing share of a distance from which it is said.
 _TOLD = 0.01
+_LINES = "Lines at round distances"
 _ABOUT = {
     "geodesic": "Along the surface, by the heat method: right to about an edge.",
     "biharmonic": "Smooth at the vertex, and aware of the whole shape far from it.",
@@ -52,6 +53,10 @@ class DistanceTab(PinChooser):
         self.time_label = theme.named(QLabel(), "distance_time_label", "Time of diffusion")
         self.play = PlayButton(self._document, "distance_play_button")
         self.facts = Facts({"distance_pins_label": "To the other pins"})
+        self.lines_check = theme.named(
+            QCheckBox(_LINES), "distance_lines_check", "Draw lines at round distances"
+        )
+        self.lines_check.toggled.connect(self._toggle_lines)
         self.missing_note = note("distance_missing_label", "warning")
         self._fill(
             "distance_label",
@@ -63,6 +68,7 @@ class DistanceTab(PinChooser):
             row(self.time_label, None, self.play),
             slider,
             self.facts,
+            self.lines_check,
             self.missing_note,
             self.hint,
         )
@@ -71,6 +77,9 @@ class DistanceTab(PinChooser):
 
     def _choose_measure(self, index: int) -> None:
         self._change(measure=self.measure_combo.itemData(index))
+
+    def _toggle_lines(self, on: bool) -> None:
+        self._document.display.nodal_lines = on
 
     def _choose(self, position: int) -> None:
         spectrum = self._document.scaled_spectrum
@@ -86,6 +95,7 @@ class DistanceTab(PinChooser):
         self.title.setText(f"Distance from {self._show_pin(chosen.vertex)}")
         self.measure_combo.setCurrentIndex(self.measure_combo.findData(chosen.measure))
         show_note(self.about, _ABOUT[chosen.measure])
+        show_quietly(self.lines_check, self._document.display.nodal_lines)
         spectrum = self._document.scaled_spectrum
         for widget in (self.time_label, self.play, self.slider):
             widget.setVisible(chosen.timed)
@@ -118,6 +128,8 @@ class DistanceTab(PinChooser):
             if pin.vertex != family.vertex and np.isfinite(field.values[pin.vertex])
         ]
         self.facts.show_value("distance_pins_label", "\n".join(far))
+        told = field.spacing_told
+        self.lines_check.setText(told[:1].upper() + told[1:] or _LINES)
         sample = field.request.sample
         typical = float(np.nanmedian(field.values if sample is None else field.values[sample]))
         missing = family.missing(field.request.spectrum, typical) if family.needs_pairs else 0.0

@@ -33,7 +33,8 @@ from vtkmodules.vtkRenderingCore import (
 
 from meshmash_viewer.app.view.camera import Margins, View
 from meshmash_viewer.app.view.colors import NAN_COLOR, ColorMap, RenderTheme, color_table, rgb
-from meshmash_viewer.app.view.ticks import exponent_text, round_length, scale_bar_text, ticks
+from meshmash_viewer.app.view.ticks import exponent_text, scale_bar_text, ticks
+from meshmash_viewer.units import round_length
 
 __all__ = [
     "BAR_SPACE",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from time import perf_counter
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,9 @@ from meshmash_viewer.mesh import Mesh, mesh_to_poly
 from meshmash_viewer.surface.nodal_lines import nodal_segments
 
 __all__ = ["MeshView"]
+
+#: Values at the vertices, and the levels at which lines are drawn.
+_Lines: TypeAlias = tuple[npt.NDArray[np.floating], tuple[float, ...]]
 
 #: How long (ms) nothing must move before the full mesh is drawn again.
 REST = 220
@@ -83,11 +86,11 @@ class MeshView(QWidget):
         self._closed = False
         self._first = True
         self._quantity = self._awaited = ""
-        self._line_values: npt.NDArray[np.floating] | None = None
+        self._lines: _Lines | None = None
         #: A field that waits for its nodal lines, and the one to come after it with their values.
         self._held: tuple[Any, tuple[float, float], ColorMap] | None = None
         self._next: tuple[Any, tuple[float, float], ColorMap] | None = None
-        self._next_lines: npt.NDArray[np.floating] | None = None
+        self._next_lines: _Lines | None = None
         self._hovered = self._told = -1
         #: Whether the vertices stay where they are drawn for a while.
         self._shape_rests = True
@@ -132,7 +135,7 @@ class MeshView(QWidget):
         """Draw a mesh with vertex normals of shape (n, 3), or nothing."""
         self._generation += 1
         self._stand_in.forget()
-        self._line_values = self._held = self._next = None
+        self._lines = self._held = self._next = None
         self._line_delay.stop()
         self._rest.stop()
         self.renderer.set_mesh(mesh, normals, picking=True)
@@ -156,7 +159,7 @@ class MeshView(QWidget):
         While a film with nodal lines is played, each picture waits for its lines.
         """
         chosen = field, limits, colormap
-        if field is None or self._line_values is None or not self.document.display.playing:
+        if field is None or self._lines is None or not self.document.display.playing:
             self._held = self._next = None
             self._put_field(*chosen)
         elif self._held is None:
@@ -192,7 +195,7 @@ class MeshView(QWidget):
             self.renderer.pick_moved()
             self._picking_poll.start()
         self._shape_rests = rests
-        if self._line_values is None or not rests:
+        if self._lines is None or not rests:
             self._line_delay.stop()
         else:
             self._line_delay.start()
@@ -211,14 +214,15 @@ class MeshView(QWidget):
         if mesh is None:
             return
         had_caption = self.renderer.caption is not None
-        self._quantity = "" if field is None else field.quantity
+        lined = self.document.display.nodal_lines
+        self._quantity = "" if field is None else field.told(lined)
         if field is None:
             self.renderer.set_field(None, limits, colormap)
         else:
             values = mesh.on_surface(field.values)
-            words = field.title, self._awaited or field.quantity, field.unit
+            words = field.title, self._awaited or self._quantity, field.unit
             self.renderer.set_field(values, limits, colormap, *words, complete=field.complete)
-        if self._line_values is not None:
+        if self._lines is not None:
             # The lines of another field would be wrong; new ones follow `set_nodal_lines`.
             self.renderer.set_segments(None)
             self._line_delay.stop()
@@ -254,19 +258,25 @@ class MeshView(QWidget):
         self.renderer.set_pins([(pin.vertex, pin.color, str(pin.number)) for pin in pins])
         self.plotter.render()
 
-    def set_nodal_lines(self, values: npt.NDArray[np.floating] | None) -> None:
-        """Draw the zeros of values of shape (n,) as soon as they rest, or none."""
+    def set_nodal_lines(
+        self, values: npt.NDArray[np.floating] | None, levels: tuple[float, ...] = (0.0,)
+    ) -> None:
+        """Draw where values of shape (n,) are at a level, as soon as they rest; or no lines."""
+        before = self._lines
+        lines = None if values is None else (values, levels)
+        if lines is not None and before is not None and before[0] is values and before[1] == levels:
+            lines = before
         if self._next is not None:
-            if values is not None:
-                self._next_lines = values
+            if lines is not None:
+                self._next_lines = lines
                 return
             self._held, self._next = self._next, None
-        before, self._line_values = self._line_values, values
-        if self.renderer.mesh is None or (values is None and before is None):
+        self._lines = lines
+        if self.renderer.mesh is None or (lines is None and before is None):
             return
-        if values is not None and self._held is not None:
+        if lines is not None and self._held is not None:
             self._compute_lines()
-        elif values is None:
+        elif lines is None:
             self._show_held()
             self._line_delay.stop()
             self.renderer.set_segments(None)
@@ -463,18 +473,19 @@ class MeshView(QWidget):
             self._run("coarse", stand_in.task())
 
     def _compute_lines(self) -> None:
-        mesh, values, centre = self.renderer.mesh, self._line_values, self.renderer.centre
-        if mesh is None or values is None:
+        mesh, lines, centre = self.renderer.mesh, self._lines, self.renderer.centre
+        if mesh is None or lines is None:
             return
+        values, levels = lines
 
         moved = self.renderer.moved
 
         def compute() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]]:
             if moved is not None:
-                return nodal_segments(moved[0], mesh.faces, values, np.zeros(3))
-            return nodal_segments(mesh.vertices, mesh.faces, values, centre)
+                return nodal_segments(moved[0], mesh.faces, values, np.zeros(3), levels)
+            return nodal_segments(mesh.vertices, mesh.faces, values, centre, levels)
 
-        self._run("lines", compute, (values, moved))
+        self._run("lines", compute, (lines, moved))
 
     def _run(self, what: str, compute: Any, key: Any = None) -> None:
         """Compute in the pool; `_take_computed` gets the result on this thread."""
@@ -502,13 +513,13 @@ class MeshView(QWidget):
             if self._rest.isActive():
                 self._rest.start(REST)
                 self.plotter.render()
-        elif key[0] is self._line_values:
+        elif key[0] is self._lines:
             self._show_held()
             if key[1] is self.renderer.moved:
                 self.renderer.set_segments(*result)
             if self._next is not None:
                 self._held, self._next = self._next, None
-                self._line_values = self._next_lines
+                self._lines = self._next_lines
                 self._compute_lines()
             self.plotter.render()
 

@@ -90,7 +90,7 @@ class Dress:
             self.limits,
             self.colormap,
             self.field.title,
-            self.field.quantity,
+            self.field.told(self.lines is not None),
             self.field.unit,
             complete=self.field.complete,
         )
@@ -154,8 +154,8 @@ def dressed(
     mesh, lines = drawing.mesh, None
     assert mesh is not None
     values = mesh.on_surface(found.values if picked is None else found.values[picked])
-    if look.nodal_lines and found.signed:
-        lines = nodal_segments(mesh.vertices, mesh.faces, values, drawing.centre)
+    if look.nodal_lines and found.levels:
+        lines = nodal_segments(mesh.vertices, mesh.faces, values, drawing.centre, found.levels)
     return Dress(shot, found, values, found.limits(look.policy), look.colormap, lines)
 
 

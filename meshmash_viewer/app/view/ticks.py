@@ -1,4 +1,4 @@
-"""Round numbers: ticks of a colour bar and lengths of a scale bar."""
+"""Round numbers: ticks of a colour bar, and how a scale bar is written."""
 
 from __future__ import annotations
 
@@ -6,17 +6,11 @@ from math import ceil, floor, log10
 
 from meshmash_viewer.units import format_quantity, superscript
 
-__all__ = ["exponent_text", "round_length", "scale_bar_text", "ticks"]
+__all__ = ["exponent_text", "scale_bar_text", "ticks"]
 
 #: Each unit with the next larger one and how many of it make one of that.
 _LARGER = {"nm": ("µm", 1000.0), "µm": ("mm", 1000.0), "mm": ("m", 1000.0)}
 _SMALLER = {"m": ("mm", 1000.0), "mm": ("µm", 1000.0), "µm": ("nm", 1000.0)}
-
-
-def round_length(longest: float) -> float:
-    """The largest of 1, 2 and 5 times a power of ten that is at most `longest` (positive)."""
-    power = 10.0 ** floor(log10(longest))
-    return max(step * power for step in (0.5, 1.0, 2.0, 5.0) if step * power <= longest * 1.000001)
 
 
 def scale_bar_text(length: float, unit: str) -> str:

@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmash_viewer.app.view.ticks import exponent_text, round_length, scale_bar_text, ticks
+from meshmash_viewer.app.view.ticks import exponent_text, scale_bar_text, ticks
+from meshmash_viewer.units import round_length
 
 
 @pytest.mark.parametrize(
