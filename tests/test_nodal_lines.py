@@ -1,10 +1,16 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import shapes
 
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.surface.nodal_lines import level_lines, line_lengths, nodal_lines
+from meshmash_viewer.surface.nodal_lines import (
+    level_lines,
+    line_lengths,
+    nodal_lines,
+    nodal_segments,
+)
 
 
 def length(segments: np.ndarray) -> float:
@@ -106,3 +112,13 @@ def test_levels_are_the_nodal_lines_of_each(rng: np.random.Generator) -> None:
     ]
     np.testing.assert_array_equal(found, np.concatenate(wanted))
     assert level_lines(sphere.vertices, sphere.faces, values, ()).shape == (0, 2, 3)
+
+
+def test_lines_at_round_values_are_seen_on_thin_branches_too() -> None:
+    sphere, centre = shapes.icosphere(3), np.array([1.0, 2.0, 3.0])
+    given = sphere.vertices, sphere.faces, sphere.vertices[:, 2], centre
+    segments, widths = nodal_segments(*given)
+    assert widths == pytest.approx(np.full(len(segments), 2.0), rel=0.02), "the sphere's width"
+    marks, widths = nodal_segments(*given, (0.0, 0.5))
+    assert np.isinf(widths).all()
+    np.testing.assert_allclose(np.unique((marks + centre)[..., 2].round(5)), [0.0, 0.5])

@@ -151,7 +151,7 @@ class Field:
         contoured = self.family.contoured and largest > 0.0
         return round_length(largest / _LINES) if contoured else 0.0
 
-    @property
+    @cached_property
     def levels(self) -> tuple[float, ...]:
         """Ascending values at which lines can be drawn: zero, or every `spacing`."""
         if not self.spacing:

@@ -100,8 +100,13 @@ def nodal_segments(
     -------
     segments : ndarray of float32, shape (s, 2, 3)
     widths : ndarray of float64, shape (s,)
-        The length of a line that goes around a branch is as wide as that times π.
+        The length of a line that goes around a branch is as wide as that times π. Infinite for
+        other levels than zero, which are far apart and mark thin branches as well.
     """
-    segments = level_lines(vertices, faces, values, levels)
-    widths = np.asarray(line_lengths(segments) / np.pi, dtype=np.float64)
+    if tuple(levels) == (0.0,):
+        segments = nodal_lines(vertices, faces, values)
+        widths = np.asarray(line_lengths(segments) / np.pi, dtype=np.float64)
+    else:
+        segments = level_lines(vertices, faces, values, levels)
+        widths = np.full(len(segments), np.inf)
     return (segments - centre).astype(np.float32), widths

@@ -58,7 +58,7 @@ def field(values: np.ndarray, title: str = "Eigenfunction 5") -> SimpleNamespace
         values=values.astype(np.float32),
         complete=not np.isnan(values).any(),
         title=title,
-        quantity="λ₅ = 1 nm⁻²",
+        told=lambda _lines: "λ₅ = 1 nm⁻²",
         unit="nm⁻¹",
     )
 
