@@ -63,6 +63,11 @@ def run(folder: Path, blocked: str, *command: str) -> subprocess.CompletedProces
         ("pyarrow", (*FEATURES, "out.npz", "--map", "values.csv"), "pip install pyarrow"),
         ("nibabel", (*FEATURES, "out.func.gii"), "pip install nibabel"),
         ("nibabel", ("info", "ball.gii"), "pip install nibabel"),
+        (
+            "potpourri3d",
+            (*FEATURES, "out.npz", "--kind", "distance", "--vertex", "0"),
+            'pip install "meshmash-viewer[geodesic]"',
+        ),
         ("robust_laplacian", (*FEATURES, "out.npz"), "pip install robust_laplacian"),
         ("PySide6", ("ball.off",), "pip install PySide6-Essentials"),
         (
