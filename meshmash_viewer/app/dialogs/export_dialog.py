@@ -330,7 +330,7 @@ class ExportDialog(SaveDialog):
         values = family.unit(unit)
         if self.maps_check.isChecked():
             names += [each.name for each in named_apart(self._mesh.maps, names)]
-        return names, f"{about} Values in {values}." if values else about
+        return names, f"{about} Values in {values}.".lstrip() if values else about
 
     def _refresh_remark(self) -> None:
         parts = [self._missing]
