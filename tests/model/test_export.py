@@ -12,6 +12,7 @@ import shapes
 from listeners import Listener
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.distances import distance_features
 from meshmash_viewer.features.filters import (
     bspline_bank,
     heat_kernel_bank,
@@ -22,11 +23,12 @@ from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.io.maps import read_maps
 from meshmash_viewer.io.write import WRITERS
-from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.decomposition import decompose
 from meshmash_viewer.model.jobs import ExportJob
 from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.vertex_map import Label, VertexMap
 
@@ -131,3 +133,23 @@ def test_maps_are_columns_beside_the_features(sphere: Mesh, tmp_path: Path) -> N
     assert about["x"]["labels"] == {"2": "back", "7": "front"}
     content = exported(mesh, "hks", 9, listener, n_columns=3)
     assert content["features"].shape[1] == 3
+
+
+@pytest.mark.parametrize("measure", ["geodesic", "commute"])
+def test_distances_are_written_by_their_pairs_or_without(
+    sphere: Mesh, listener: Listener, measure: str
+) -> None:
+    """Along the surface there is nothing to look for in the store of eigenpairs."""
+    chosen = {"vertex": [3, 8], "distance": measure}
+    if measure == "geodesic":
+        content = exported(sphere, "distance", 20, listener, **chosen)
+        wanted = distance_features(sphere, [3, 8])
+    else:
+        with pytest.raises(InputError, match="no longer in the cache"):
+            exported(sphere, "distance", 20, listener, **chosen)
+        decompose(sphere, OPERATOR, Target("count", 20), listener)
+        content = exported(sphere, "distance", 20, listener, **chosen)
+        pairs = solve(*cotangent_laplacian(sphere), 20)
+        wanted = distance_features(sphere, [3, 8], measure, pairs)
+    assert content["columns"].tolist() == list(wanted.columns)
+    np.testing.assert_allclose(content["features"], wanted.values, atol=1e-6)

@@ -12,6 +12,7 @@ from listeners import Listener
 from solved import spectrum_of
 
 from meshmash_viewer.fields import FAMILIES
+from meshmash_viewer.fields.distances import Distances
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.fields.similarity import Similarity
@@ -125,3 +126,27 @@ def test_signs_that_follow_a_preview_are_in_the_script(document: Document) -> No
     assert reproduction_script(document) == plain
     document.display.change(Eigenfunctions, index=5)
     assert "multiplet" in reproduction_script(document)
+
+
+@pytest.mark.parametrize("measure", ["geodesic", "biharmonic", "commute", "diffusion"])
+def test_script_measures_from_the_pin_and_writes_what_is_exported(
+    document: Document, tmp_path: Path, measure: str
+) -> None:
+    document.display.kind = "distance"
+    document.display.change(Distances, vertex=11, measure=measure)
+    if measure == "diffusion":
+        low, high = document.spectrum.time_range
+        document.display.change(Distances, time=0.3 * low + 0.7 * high)
+    live, request = LiveFeatures(), request_of(document)
+    live.prepare(request)
+    shown = compute_field(request, live).values
+    code = reproduction_script(document)
+    assert ("mv.solve" in code) == (measure != "geodesic"), "along the surface it needs no pairs"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    with np.load(tmp_path / "my neuron_distance.npz") as file:
+        assert file["columns"].tolist() == [f"{measure}_from_11"]
+        made = file["features"][:, 0]
+    np.testing.assert_allclose(shown, made, atol=5e-3 * np.nanmax(made))
