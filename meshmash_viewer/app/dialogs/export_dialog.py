@@ -334,7 +334,7 @@ class ExportDialog(SaveDialog):
 
     def _refresh_remark(self) -> None:
         parts = [self._missing]
-        if not self._spectrum.complete:
+        if self._chosen().of_pairs and not self._spectrum.complete:
             parts.append("The decomposition is not complete: the file will say so.")
         parts.append(self.file_row.remark)
         self.remark_label.setText(" ".join(filter(None, parts)))
