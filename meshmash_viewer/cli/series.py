@@ -75,7 +75,7 @@ def write_gallery(
     spectrum, report = _solved(mesh, path, family, solver)
     most = n_columns(family, spectrum)
     chosen = evenly(most, _PICTURES) if columns is None else chosen_columns(columns, most)
-    drawing, look = _drawing(mesh, family, colormap, limits, dark)
+    drawing, look = _drawing(mesh, colormap, limits, dark)
     drawing.annotated = False
     families = sweep(family, spectrum, chosen)
     shots = shots_of(families, spectrum, mesh, mesh.area_sample(), _AS_IT_COMES)
@@ -156,7 +156,7 @@ def write_movie(
     mesh = with_maps(mesh, maps)
     spectrum, report = _solved(mesh, path, family, solver)
     most = n_columns(family, spectrum)
-    drawing, look = _drawing(mesh, family, colormap, limits, dark)
+    drawing, look = _drawing(mesh, colormap, limits, dark)
     if columns is not None:
         if column is not None:
             raise InputError("--column is of --turntable; a sweep has those that it goes through.")
@@ -222,7 +222,6 @@ def _solved(
 
 def _drawing(
     mesh: Mesh,
-    family: Family,
     colormap: str | None,
     limits: tuple[float, float] | None,
     dark: bool,
@@ -236,10 +235,11 @@ def _drawing(
     if limits is not None and not limits[0] < limits[1]:
         raise InputError(f"The limits {limits[0]:g} and {limits[1]:g} leave no range: swap them.")
     usual = Display()
-    usual_colormap = usual.diverging_colormap if family.signed else usual.sequential_colormap
+    policy = LockedLimits(*limits) if limits else None
+    both = colormap or usual.sequential_colormap, colormap or usual.diverging_colormap
     drawing = MeshRenderer(dark)
     drawing.set_mesh(mesh, mesh.vertex_normals)
-    return drawing, Look(colormap or usual_colormap, LockedLimits(*limits) if limits else None)
+    return drawing, Look(both[0], policy, diverging=both[1])
 
 
 def _tell(solver: Solver, done: int, of: int, what: str) -> None:

@@ -320,6 +320,12 @@ class OwnMaps(Family):
             raise InputError(
                 f"{mesh.name} has no map {self.chosen!r}; its maps are {', '.join(names)}."
             )
+        shown = next((each for each in mesh.maps if each.name == (self.chosen or names[0])), None)
+        if self.view != "map" and shown is not None and shown.labels:
+            raise InputError(
+                f"{shown.name} holds numbers of labels, and these have no sum over pairs: leave"
+                " --view, or choose another map."
+            )
 
     def script(self, spectrum: Spectrum) -> list[str]:
         if self.shown is None:

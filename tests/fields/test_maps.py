@@ -10,12 +10,14 @@ import shapes
 from solved import spectrum_of
 
 import meshmash_viewer as mv
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.maps import CURVATURES, OwnMaps
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.field import LiveFeatures
+from meshmash_viewer.vertex_map import Label, VertexMap
 
 CHOSEN = {name: family() for name, family in FAMILIES.items()}
 LABELS = (mv.Label(4, "a", "#ff0000"), mv.Label(-2, "b", "#00ff00"))
@@ -152,3 +154,13 @@ def test_a_map_goes_with_a_repair() -> None:
     bare = Spectrum.without_pairs(left)
     index = shown(bare, chosen="index").astype(int)
     np.testing.assert_array_equal(both.vertices[index], left.vertices)
+
+
+def test_labels_are_not_summed_over_pairs(rectangle: Mesh) -> None:
+    labels = Label(0, "left", "#d01010"), Label(1, "right", "#1010d0")
+    mesh = rectangle.with_maps(VertexMap("halves", rectangle.vertices[:, 0] > 1, labels=labels))
+    OwnMaps.exported(map_name="halves").check_mesh(mesh)
+    OwnMaps.exported(map_name="Mean curvature", view="pairs").check_mesh(mesh)
+    for chosen in ({}, {"map_name": "halves"}):
+        with pytest.raises(InputError, match="halves holds numbers of labels"):
+            OwnMaps.exported(view="pairs", **chosen).check_mesh(mesh)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.app.view.annotations import margins
 from meshmash_viewer.app.view.camera import Margins, View, fitted_view
+from meshmash_viewer.app.view.colors import ColorMap
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import OffScreen, RawPicture, all_steps, text_scale
 from meshmash_viewer.fields.family import Family
@@ -52,12 +53,21 @@ class Look:
     policy : LimitPolicy, optional
         How limits are chosen for each; None as suits the field.
     nodal_lines : bool
-        Whether fields of both signs have them drawn.
+        Whether lines are drawn, of zero or at round values.
+    diverging : str, optional
+        The colour map of fields of both signs, if it is another.
     """
 
     colormap: str
     policy: LimitPolicy | None = None
     nodal_lines: bool = False
+    diverging: str = ""
+
+    def colors(self, field: Field) -> str | tuple[str, ...]:
+        """The colour map of a field, or the colours of its labels."""
+        if field.labels:
+            return tuple(label.color for label in field.labels)
+        return (self.diverging if field.signed else "") or self.colormap
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +86,7 @@ class Dress:
     field: Field | None = None
     values: npt.NDArray[np.float32] | None = None
     limits: tuple[float, float] = (0.0, 1.0)
-    colormap: str = ""
+    colormap: ColorMap = ""
     lines: tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]] | None = None
 
     def put_on(self, drawing: MeshRenderer) -> None:
@@ -103,8 +113,12 @@ class Dress:
 def look_of(display: Display) -> Look:
     """The colours of what is on the render."""
     family = shown_family(display)
-    colormap = display.diverging_colormap if family.signed else display.sequential_colormap
-    return Look(colormap, display.policies.get(family.name), display.nodal_lines)
+    return Look(
+        display.sequential_colormap,
+        display.policies.get(family.name),
+        display.nodal_lines,
+        display.diverging_colormap,
+    )
 
 
 def shots_of(
@@ -156,7 +170,7 @@ def dressed(
     values = mesh.on_surface(found.values if picked is None else found.values[picked])
     if look.nodal_lines and found.levels:
         lines = nodal_segments(mesh.vertices, mesh.faces, values, drawing.centre, found.levels)
-    return Dress(shot, found, values, found.limits(look.policy), look.colormap, lines)
+    return Dress(shot, found, values, found.limits(look.policy), look.colors(found), lines)
 
 
 def draw_series(

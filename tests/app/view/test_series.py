@@ -12,11 +12,20 @@ from PIL import Image
 
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import render_picture
-from meshmash_viewer.app.view.series import Look, Shot, draw_series, series_view, turntable
+from meshmash_viewer.app.view.series import (
+    Look,
+    Shot,
+    draw_series,
+    series_view,
+    shots_of,
+    turntable,
+)
 from meshmash_viewer.fields import FAMILIES
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.fields.sweep import sweep
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.field import FieldRequest
+from meshmash_viewer.vertex_map import Label, VertexMap
 
 SIZE = (320, 240)
 
@@ -114,3 +123,42 @@ def test_what_was_looked_at_is_what_the_series_shows(plate: Mesh) -> None:
     corners = np.array([near.from_pixels(x, y, 800, 600) for x in (0, 800) for y in (0, 600)])
     places = part.to_pixels(corners, 200, 300)[:, :2]
     np.testing.assert_allclose((places.min(axis=0)[0], places.max(axis=0)[0]), (0, 200), atol=1e-6)
+
+
+def test_each_map_has_the_colours_that_suit_it(plate: Mesh) -> None:
+    """Labels have their own, curvature those of both signs, and lines are told in the title."""
+    half = (plate.vertices[:, 0] > A / 2).astype(np.float64)
+    labels = Label(0, "left", "#d01010"), Label(1, "right", "#1010d0")
+    mesh = plate.with_maps(VertexMap("halves", half, labels=labels), VertexMap("x", half + 1.0))
+    bare = Spectrum.without_pairs(mesh)
+    families = sweep(FAMILIES["map"](), bare, range(4))
+    shots = shots_of(families, bare, mesh, mesh.area_sample(), {})
+    look = Look("viridis", None, True, "RdBu_r")
+    found = [
+        (dress.colormap, picture.rgba())
+        for dress, picture in draw_series(drawing_of(mesh), SIZE, shots, look)
+    ]
+    colors = [shades for shades, _ in found]
+    assert colors == [("#d01010", "#1010d0"), "viridis", "RdBu_r", "RdBu_r"]
+    pixels = found[0][1][..., :3].astype(int)
+    for channel in (0, 2):
+        strong = pixels[..., channel] > 2 * pixels[..., [1, 2 - channel]].max(axis=-1)
+        assert strong.sum() > 2000, "both halves are in the colour of their label"
+
+
+def test_lines_of_a_distance_are_said_on_its_picture(plate: Mesh) -> None:
+    pytest.importorskip("potpourri3d")
+    bare = Spectrum.without_pairs(plate)
+    far = FAMILIES["distance"].exported(vertex=[7])
+    shots = shots_of([far], bare, plate, plate.area_sample(), {})
+    quantities, pictures = [], []
+    for lines in (True, False):
+        drawing = drawing_of(plate)
+        ((_, picture),) = draw_series(drawing, SIZE, shots, Look("viridis", None, lines))
+        assert drawing.caption is not None
+        quantities.append(drawing.caption.quantity)
+        pictures.append(picture.rgba().astype(int)[70:])
+    assert " · lines every " in quantities[0]
+    assert quantities[0].startswith(quantities[1])
+    dark = [(each[..., :3].max(axis=-1) < 40).sum() for each in pictures]
+    assert dark[0] > dark[1] + 100, "the lines are on it"
