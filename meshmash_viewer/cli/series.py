@@ -80,7 +80,7 @@ def write_gallery(
     families = sweep(family, spectrum, chosen)
     shots = shots_of(families, spectrum, mesh, mesh.area_sample(), _AS_IT_COMES)
     requests = [each.request for each in shots if each.request is not None]
-    captions = [each.quantity for each in requests]
+    captions = [each.caption for each in requests]
     titles = {each.family.title() for each in requests}
     title = titles.pop() if len(titles) == 1 else family.label
     title = f"{mesh.name} · {title}" if mesh.name else title

@@ -314,6 +314,10 @@ class Family:
         """Which one it is, with the unit: "λ₅ = 1.2e-08 nm⁻²"."""
         raise NotImplementedError
 
+    def caption(self, spectrum: Spectrum, unit: str) -> str:
+        """What tells it from the other columns of a gallery."""
+        return self.quantity(spectrum, unit)
+
     def unit(self, length: str) -> str:
         """Unit of the values; eigenvectors are M-orthonormal, so that φ² is per area."""
         return power_unit(length, -2)

@@ -176,6 +176,9 @@ class OwnMaps(Family):
         low, high = (format_number(end) for end in shown.range)
         return f"{low} to {high} {shown.unit}".rstrip()
 
+    def caption(self, spectrum: Spectrum, unit: str) -> str:
+        return self.quantity(spectrum, unit) if self.view == "pairs" else self.chosen
+
     def unit(self, length: str) -> str:
         if self.view == "band":
             return ""

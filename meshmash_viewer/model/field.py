@@ -68,6 +68,11 @@ class FieldRequest:
         """Which field of the family it is, with its unit."""
         return self.family.quantity(self.spectrum, self.unit)
 
+    @property
+    def caption(self) -> str:
+        """What tells it from others of the family on a gallery."""
+        return self.family.caption(self.spectrum, self.unit)
+
     def same_mesh(self, other: FieldRequest) -> bool:
         """Whether two requests are about one surface, be it in another unit."""
         return self.places is other.places

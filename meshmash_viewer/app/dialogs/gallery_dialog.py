@@ -182,7 +182,7 @@ class GalleryDialog(QDialog):
         drawing, picked = self._small.drawing(self._scene)
         drawing.annotated = False
         size = QSize(_WIDTH, min(round(_WIDTH / aspect(drawing)), _MOST_HEIGHT))
-        captions = [each.request.quantity for each in shots if each.request is not None]
+        captions = [each.request.caption for each in shots if each.request is not None]
         self.list.begin(captions, size)
         self.count_label.setText(f"{counted(len(shots), 'picture')} · {family.label}")
         self.remark_label.setText(
@@ -250,7 +250,7 @@ class GalleryDialog(QDialog):
             return
         drawing, shots = self._scene.twin(), self._shots()
         drawing.annotated = False
-        captions = [each.request.quantity for each in shots if each.request is not None]
+        captions = [each.request.caption for each in shots if each.request is not None]
         label = shown_family(self._document.display).label
         try:
             sheet = ContactSheet(

@@ -133,6 +133,8 @@ def test_each_map_has_the_colours_that_suit_it(plate: Mesh) -> None:
     bare = Spectrum.without_pairs(mesh)
     families = sweep(FAMILIES["map"](), bare, range(4))
     shots = shots_of(families, bare, mesh, mesh.area_sample(), {})
+    names = ["halves", "x", "Mean curvature", "Gaussian curvature"]
+    assert [shot.request.caption for shot in shots if shot.request is not None] == names
     look = Look("viridis", None, True, "RdBu_r")
     found = [
         (dress.colormap, picture.rgba())
