@@ -27,9 +27,11 @@ from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
 from meshmash_viewer.app.view.render_widget import RenderWidget
+from meshmash_viewer.fields.distances import Distances
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.io.read import read_mesh
+from meshmash_viewer.model.shape import Shape
 from meshmash_viewer.samples import sample_path
 
 LEFT = Qt.MouseButton.LeftButton
@@ -195,6 +197,7 @@ class Tour:
         self.settle()
         self.shoot("similar")
 
+        self.go_through_instruments(mesh)
         display.kind = "hks"
         self.settle()
         self.dialog("export", "export_dialog", "export")
@@ -246,6 +249,45 @@ class Tour:
         self.go_large(mesh)
         window.close()
 
+    def go_through_instruments(self, mesh: Path) -> None:
+        """Curvature, distances from a pin, a filter, the shape from few pairs, and two meshes."""
+        window, document, display = self.window, self.document, self.display
+        display.nodal_lines = False
+        display.kind = "map"
+        self.settle()
+        self.shoot("curvature")
+        display.nodal_lines = True
+        display.show(Distances(vertex=document.pins[0].vertex))
+        self.settle()
+        self.shoot("distance")
+        display.nodal_lines = False
+        display.kind = "filter"
+        self.settle()
+        self.shoot("filter")
+
+        docks = window.arrangement.docks
+        display.kind = "map"
+        docks["shape"].raise_()
+        display.shape = Shape(shown=True, pairs=150)
+        self.wait(lambda: window.shape_source.idle)
+        self.settle()
+        self.shoot("shape")
+        display.shape = Shape()
+        self.wait(lambda: window.shape_source.idle)
+
+        display.kind = "eigenfunction"
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "bent.npz"
+            bend(mesh, path)
+            window.comparing.open(path, "nm")
+            display.nodal_lines = True
+            self.wait(lambda: window.comparing.idle and window.comparing.beside is not None)
+            self.settle()
+            self.shoot("compare")
+            window.comparing.end()
+        docks["mesh"].raise_()
+        self.settle()
+
     def go_large(self, mesh: Path) -> None:
         """Go through what only large meshes need: preview, hand-over, and the stand-in."""
         document, display = self.document, self.display
@@ -290,6 +332,20 @@ class Tour:
         """Values on the render, and the upper end of their colours."""
         field = self.window.field_source.field
         return field.values[np.isfinite(field.values)], field.limits(self.display.limits)[1]
+
+
+def bend(mesh: Path, path: Path) -> None:
+    """Write a mesh in another pose: bent by a thirtieth of a circle."""
+    read = read_mesh(mesh)
+    low, high = read.bounds
+    long = int(np.argmax(high - low))
+    side = (long + 1) % 3
+    radius = 30.0 * (high[long] - low[long]) / (2.0 * np.pi)
+    vertices = read.vertices.copy()
+    angle = (vertices[:, long] - low[long]) / radius
+    reach = radius + vertices[:, side] - low[side]
+    vertices[:, long], vertices[:, side] = reach * np.sin(angle), reach * np.cos(angle)
+    np.savez(path, vertices=vertices, faces=read.faces)
 
 
 def refine(mesh: Path, path: Path) -> None:

@@ -60,6 +60,10 @@ TICKS = {
     "filter": "filter tick, exp(-t*x)",
     "filter_edges": "filter tick, a sharp band",
     "similarity": "similarity tick",
+    "wks": "WKS tick",
+    "diffusion": "tick of the diffusion time",
+    "map_pairs": "a map from one pair more",
+    "map_filter": "a map filtered, exp(-t*x)",
 }
 
 

@@ -33,12 +33,15 @@ from meshmash_viewer.app import heap
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application, tend_garbage
 from meshmash_viewer.app.view.render_widget import RenderWidget
+from meshmash_viewer.fields.distances import Distances
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.filters import READY, Filters
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.fields.similarity import Similarity
+from meshmash_viewer.fields.wks import WaveKernelSignature
 from meshmash_viewer.model.jobs import ExportJob
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import subscript
@@ -300,6 +303,12 @@ class Session:
             "filter": (Filters, "values", self.heat_at),
             "filter_edges": (Filters, "values", self.edges_at),
             "similarity": (Similarity, "vertex", lambda i: 7919 * (i + 1) % vertices),
+            "wks": (WaveKernelSignature, "index", lambda i: i % 32),
+            "diffusion": (
+                Distances, "time", lambda i: time_at(self.document, (i % 37) / 37)
+            ),
+            "map_pairs": (OwnMaps, "pairs", lambda i: 20 + i),
+            "map_filter": (Filters, "values", self.heat_at),
         }  # fmt: skip
         for key in ("ticks", "ticks_p95", "ticks_in_render", "ticks_rounds"):
             self.result[key] = {}
@@ -310,7 +319,12 @@ class Session:
             if family is Filters:
                 text = READY["Band-pass"] if name == "filter_edges" else "exp(-t*x)"
                 display.change(Filters, text=text, values=())
-            display.kind = family.name
+            if family is Distances:
+                display.change(Distances, vertex=0, measure="diffusion")
+            of_map = name.startswith("map")
+            if of_map:
+                display.change(OwnMaps, view="pairs" if family is OwnMaps else "filter")
+            display.kind = OwnMaps.name if of_map else family.name
             yield 0.5
             yield self.at_rest
             rounds = []

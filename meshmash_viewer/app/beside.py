@@ -219,6 +219,9 @@ class Beside(QWidget):
 
     def _turn(self, mine: MeshView, other: MeshView) -> None:
         """Look at one mesh as at the other, where cameras are linked."""
+        if mine is self._first_scene and not other.turned_by_hand:
+            # what fits the second into its place is no wish to look at the first in another way
+            mine, other = other, mine
         if not self._turning and "camera" in self.pair.links:
             self._turning = True
             mine.look_like(other)

@@ -115,7 +115,7 @@ class Eigenfunctions(Family):
         return Profile(both, both)
 
     def axes(self, unit: str) -> tuple[str, str]:
-        return "Index", named_quantity("φ at the vertex", unit, -1)
+        return "Index", named_quantity("φ", unit, -1)
 
     def place(self, spectrum: Spectrum) -> float:
         return float(self.within(spectrum).index)

@@ -99,7 +99,7 @@ class GeometryVectors(BankColumns):
         return replace(self, index=int(np.argmin(np.abs(self.centers(spectrum) - value))))
 
     def axes(self, unit: str) -> tuple[str, str]:
-        return "Band", named_quantity("Geometry vector", unit, -2)
+        return "Band", named_quantity("Vector", unit, -2)
 
     # -- files --------------------------------------------------------------------------------
 

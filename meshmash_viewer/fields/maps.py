@@ -301,7 +301,7 @@ class OwnMaps(Family):
         return replace(self, view="pairs", pairs=round(place) + 1).within(spectrum)
 
     def axes(self, unit: str) -> tuple[str, str]:
-        return "Index", "Share of the map at the vertex"
+        return "Index", "Share of the map"
 
     def profile(self, spectrum: Spectrum) -> Profile | None:
         """What each pair adds at a vertex."""

@@ -309,6 +309,11 @@ class MeshView(QWidget):
         self.plotter.render()
         self.camera_changed.emit()
 
+    @property
+    def turned_by_hand(self) -> bool:
+        """Whether it is looked at otherwise than as it fits best."""
+        return self._user_moved_camera
+
     def look_like(self, other: MeshView) -> None:
         """Look from where another view looks at its mesh, each mesh as large as the other."""
         view, mine, theirs = other.renderer.view, self.mesh, other.mesh
