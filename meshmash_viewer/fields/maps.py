@@ -32,6 +32,8 @@ from meshmash_viewer.fields.family import (
 )
 from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.options import Option
+from meshmash_viewer.fields.pair_table import MOST_COLUMNS as MOST_BENDS
+from meshmash_viewer.fields.pair_table import PairTable, build_pair_table
 from meshmash_viewer.fields.spectrum import Spectrum, grew, same_pairs
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback
@@ -122,6 +124,10 @@ class OwnMaps(Family):
         return self.view != "map"
 
     @property
+    def table_columns(self) -> int:
+        return MOST_BENDS if self.view == "filter" else 0
+
+    @property
     def signed(self) -> bool:
         if self.view == "band":
             return False
@@ -210,7 +216,8 @@ class OwnMaps(Family):
             return Answer(content.bands, not ready)
         if self.filter is not None:
             weights = self.filter.weights(spectrum)[: len(content.spectrum)]
-            return Answer(content.filtered(weights, spectrum.rows), not ready)
+            values, near = content.filtered(weights, spectrum.rows)
+            return Answer(values, near or not ready)
         return Answer(
             content.up_to(min(self.pairs, len(content.spectrum)), spectrum.rows), not ready
         )
@@ -220,6 +227,8 @@ class OwnMaps(Family):
             return True
         if table is None or not table.holds(self.at_rest(), spectrum):
             return False
+        if self.filter is not None and not spectrum.small:
+            return bool(table.content.rests(self.filter.weights(spectrum)))
         return self.view != "band" or table.content.bands is not None
 
     def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
@@ -232,7 +241,18 @@ class OwnMaps(Family):
             strongest = dominant_bands(found, spectrum.rows, cancel).astype(np.float32)
             nowhere = (strongest < 0) | ~np.isfinite(values.shown)
             bands = np.where(nowhere, np.float32(np.nan), strongest)
-        return Table(spectrum, self.at_rest(), _Sums(found, bands))
+        return self._resting(Table(spectrum, self.at_rest(), _Sums(found, bands)), cancel)
+
+    def improve(self, spectrum: Spectrum, table: Table, cancel: CancelCallback | None) -> Table:
+        if table.holds(self.at_rest(), spectrum):
+            return self._resting(table, cancel)
+        return self.prepare(spectrum, cancel)
+
+    def _resting(self, table: Table, cancel: CancelCallback | None) -> Table:
+        """With the sum for the filter as it is, and what tells it nearly while that moves."""
+        if self.filter is not None and not table.spectrum.small:
+            table.content.rest(table.spectrum, self.filter.weights(table.spectrum), cancel)
+        return table
 
     def serves(self, spectrum: Spectrum, table: Table) -> bool:
         known: OwnMaps = table.family  # type: ignore[assignment]
@@ -362,6 +382,8 @@ class _Sums:
         self.spectrum = spectrum
         self.bands = bands
         self._last: tuple[int, FloatArray | float] = 0, 0.0
+        self.near: PairTable | None = None
+        self._rested: tuple[FloatArray, ColumnArray] | None = None
 
     def up_to(self, count: int, rows: Any) -> ColumnArray:
         """Sum over so many pairs; a slider moves by a few, which are added or taken away."""
@@ -373,8 +395,25 @@ class _Sums:
         self._last = count, summed
         return summed.astype(np.float32)
 
-    def filtered(self, weights: FloatArray, rows: Any) -> ColumnArray:
-        """Sum over all pairs with weights of shape (k,); none is read beyond the last weight."""
+    def filtered(self, weights: FloatArray, rows: Any) -> tuple[ColumnArray, bool]:
+        """Sum over all pairs with weights of shape (k,), and whether it is only near that."""
+        if self._rested is not None and self.rests(weights):
+            return self._rested[1], False
+        if self.near is not None:
+            return self.near.at(weights, rows), True
+        return self._summed(weights, rows), False
+
+    def rests(self, weights: FloatArray) -> bool:
+        """Whether the sum with these weights is there."""
+        return self._rested is not None and np.array_equal(self._rested[0], weights)
+
+    def rest(self, spectrum: Spectrum, weights: FloatArray, cancel: CancelCallback | None) -> None:
+        """Compute the sum with these weights, and once what is near it with any others."""
+        if self.near is None:
+            self.near = build_pair_table(spectrum, cancel, self.spectrum.coefficients)
+        self._rested = weights, self._summed(weights, spectrum.rows)
+
+    def _summed(self, weights: FloatArray, rows: Any) -> ColumnArray:
         last = int(np.max(np.flatnonzero(weights), initial=-1)) + 1
         weighted = weights[:last] * self.spectrum.coefficients[:last]
         return np.asarray(partial_sum(rows, weighted, 0, last), dtype=np.float32)

@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.features.map_spectrum import partial_sum
 from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.progress import CancelCallback
@@ -43,15 +44,18 @@ class PairTable:
     bends : ndarray of int64, shape (m,)
         Pairs at whose eigenvalues the lines are bent.
     columns : ndarray of float32, shape (m, n)
-        ``Σ_k hats[j, k] φ_k²``.
+        ``Σ_k hats[j, k] φ_k²``, or with coefficients ``Σ_k hats[j, k] c_k φ_k``.
+    coefficients : ndarray of float64, shape (k,), optional
+        Those of a map that is filtered.
     """
 
     hats: FloatArray
     bends: npt.NDArray[np.int64]
     columns: ColumnArray
+    coefficients: FloatArray | None = None
 
     def at(self, weights: FloatArray, rows: Any) -> ColumnArray:
-        """About ``Σ_k weights[k] rows[k]²``, shape (n,)."""
+        """About ``Σ_k weights[k] rows[k]²`` or ``Σ_k weights[k] c_k rows[k]``, shape (n,)."""
         heights, apart = self._split(weights)
         used = np.flatnonzero(np.abs(heights) > _NOTHING * np.abs(heights).max(initial=0.0))
         # one product of what lies together is faster than a gathering of the columns
@@ -63,9 +67,13 @@ class PairTable:
         if len(apart):
             rest = (weights - heights @ self.hats)[apart]
             pairs = [np.asarray(rows[index]) for index in apart]
+            squared = self.coefficients is None
+            if self.coefficients is not None:
+                rest = rest * self.coefficients[apart]
             for start in range(0, len(values), _VERTICES):
                 part = slice(start, start + _VERTICES)
-                values[part] += rest @ np.square([each[part] for each in pairs])
+                terms = np.array([each[part] for each in pairs])
+                values[part] += rest @ (np.square(terms) if squared else terms)
         return values
 
     def _split(self, weights: FloatArray) -> tuple[FloatArray, npt.NDArray[np.int64]]:
@@ -86,8 +94,12 @@ class PairTable:
         return heights, apart
 
 
-def build_pair_table(spectrum: Spectrum, cancel: CancelCallback | None = None) -> PairTable:
-    """Compute the columns for a spectrum."""
+def build_pair_table(
+    spectrum: Spectrum,
+    cancel: CancelCallback | None = None,
+    coefficients: FloatArray | None = None,
+) -> PairTable:
+    """Compute the columns for a spectrum, or for a map with these coefficients on it."""
     values, count = spectrum.eigenvalues, len(spectrum)
     # close together at the low end, where filters change by the logarithm of λ
     density = np.log1p(np.arange(count)) / np.log1p(count) + np.arange(count) / count
@@ -96,5 +108,8 @@ def build_pair_table(spectrum: Spectrum, cancel: CancelCallback | None = None) -
     # equal eigenvalues bend a line at one place
     bends = bends[np.unique(values[bends], return_index=True)[1]]
     hats = np.stack([np.interp(values, values[bends], unit) for unit in np.eye(len(bends))])
-    columns = sum_squares(spectrum.rows, hats, cancel=cancel)
-    return PairTable(hats, bends, np.asarray(columns, dtype=np.float32))
+    if coefficients is None:
+        columns = np.asarray(sum_squares(spectrum.rows, hats, cancel=cancel), dtype=np.float32)
+    else:
+        columns = partial_sum(spectrum.rows, hats * coefficients, 0, count).astype(np.float32)
+    return PairTable(hats, bends, columns, coefficients)

@@ -12,7 +12,9 @@ from solved import spectrum_of
 import meshmash_viewer as mv
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import FAMILIES
+from meshmash_viewer.fields import spectrum as spectra
 from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.maps import CURVATURES, OwnMaps
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.mesh import Mesh
@@ -164,3 +166,33 @@ def test_labels_are_not_summed_over_pairs(rectangle: Mesh) -> None:
     for chosen in ({}, {"map_name": "halves"}):
         with pytest.raises(InputError, match="halves holds numbers of labels"):
             OwnMaps.exported(view="pairs", **chosen).check_mesh(mesh)
+
+
+def test_a_filter_is_near_while_it_moves_over_a_large_mesh_and_right_where_it_rests(
+    spectrum: Spectrum, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(spectra, "_SMALL", 0)
+    live, near = LiveFeatures(), None
+    mass, rows = spectrum.vertex_areas, np.asarray(spectrum.rows)
+    height = spectrum.mesh.map_named("height").values
+    coefficients = rows @ (mass * height)
+    for text, values in (
+        ("exp(-t*x)", {"t": 0.01}),
+        ("exp(-t*x)", {"t": 0.05}),
+        ("x < c", {"c": 80.0}),
+    ):
+        chosen = {**CHOSEN, "filter": Filters(text).with_values(**values)}
+        family = OwnMaps(chosen="height", view="filter").resolved(spectrum, chosen)
+        weights = chosen["filter"].weights(spectrum)
+        wanted = (weights * coefficients) @ rows
+        asked = Asked(spectrum, family)
+        if near is not None:
+            found = live.compute(asked)
+            assert found.draft
+            np.testing.assert_allclose(found.values, wanted, atol=0.02 * np.ptp(wanted))
+        live.prepare(asked)
+        found = live.compute(asked)
+        assert not found.draft
+        np.testing.assert_allclose(found.values, wanted, rtol=1e-5, atol=1e-6)
+        assert near is None or live.table("map").content.near is near, "it is built once"
+        near = live.table("map").content.near
