@@ -381,19 +381,19 @@ class _Sums:
     def __init__(self, spectrum: MapSpectrum, bands: ColumnArray | None) -> None:
         self.spectrum = spectrum
         self.bands = bands
-        self._last: tuple[int, FloatArray | float] = 0, 0.0
+        self._last: tuple[int, FloatArray | None] = 0, None
         self.near: PairTable | None = None
         self._rested: tuple[FloatArray, ColumnArray] | None = None
 
     def up_to(self, count: int, rows: Any) -> ColumnArray:
         """Sum over so many pairs; a slider moves by a few, which are added or taken away."""
         known, total = self._last
-        if abs(count - known) > count:
-            known, total = 0, 0.0
+        if total is None or abs(count - known) > count:
+            known, total = 0, np.zeros(rows.shape[1])
         change = partial_sum(rows, self.spectrum.coefficients, *sorted((count, known)))
-        summed = total + change if count >= known else total - change
-        self._last = count, summed
-        return summed.astype(np.float32)
+        np.add(total, change if count >= known else -change, out=total)
+        self._last = count, total
+        return total.astype(np.float32)
 
     def filtered(self, weights: FloatArray, rows: Any) -> tuple[ColumnArray, bool]:
         """Sum over all pairs with weights of shape (k,), and whether it is only near that."""

@@ -7,6 +7,7 @@ filter is near its broken line, and a sharp edge is far from it for the pairs be
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -30,7 +31,7 @@ MOST_COLUMNS, _MOST_PAIRS, _MOST_ALONE = 32, 6, 10
 #: share of the largest below which a column is nothing.
 _SEEN, _NOTHING = 5e-4, 1e-7
 #: Vertices at a time, whose squares stay in the processor's cache.
-_VERTICES = 8192
+_VERTICES = 65536
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,22 +59,28 @@ class PairTable:
         """About ``Σ_k weights[k] rows[k]²`` or ``Σ_k weights[k] c_k rows[k]``, shape (n,)."""
         heights, apart = self._split(weights)
         used = np.flatnonzero(np.abs(heights) > _NOTHING * np.abs(heights).max(initial=0.0))
-        # one product of what lies together is faster than a gathering of the columns
-        if len(used):
-            which = slice(int(used[0]), int(used[-1]) + 1)
-            values: ColumnArray = heights[which].astype(np.float32) @ self.columns[which]
-        else:
-            values = 0.0 * self.columns[0]  # NaN stays NaN
-        if len(apart):
-            rest = (weights - heights @ self.hats)[apart]
-            pairs = [np.asarray(rows[index]) for index in apart]
-            squared = self.coefficients is None
-            if self.coefficients is not None:
-                rest = rest * self.coefficients[apart]
-            for start in range(0, len(values), _VERTICES):
-                part = slice(start, start + _VERTICES)
-                terms = np.array([each[part] for each in pairs])
-                values[part] += rest @ (np.square(terms) if squared else terms)
+        # what lies together is read faster than a gathering of the columns
+        which = slice(int(used[0]), int(used[-1]) + 1) if len(used) else slice(0, 1)
+        # a filter that is nothing is 0, but NaN stays NaN
+        line = heights[which].astype(np.float32) if len(used) else np.zeros(1, dtype=np.float32)
+        left = weights - heights @ self.hats
+        squared = self.coefficients is None
+        if self.coefficients is not None:
+            left = left * self.coefficients
+        rest = left[apart].astype(np.float32)
+        pairs = [np.asarray(rows[index]) for index in apart]
+        values = np.empty(self.columns.shape[1], dtype=np.float32)
+
+        def fill(start: int) -> None:
+            part = slice(start, start + _VERTICES)
+            np.matmul(line, self.columns[which, part], out=values[part])
+            if pairs:
+                terms = np.array([each[part] for each in pairs], dtype=np.float32)
+                values[part] += rest @ (np.square(terms, out=terms) if squared else terms)
+
+        # memory gives to two threads nearly twice what it gives to one
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(fill, range(0, len(values), _VERTICES)))
         return values
 
     def _split(self, weights: FloatArray) -> tuple[FloatArray, npt.NDArray[np.int64]]:
