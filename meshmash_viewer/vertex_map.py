@@ -94,11 +94,6 @@ class VertexMap:
         return float(np.nanmin(self.values)), float(np.nanmax(self.values))
 
     @cached_property
-    def mean(self) -> float:
-        """Mean of the values, each vertex counted once."""
-        return float(np.nanmean(self.values))
-
-    @cached_property
     def n_values(self) -> int:
         """Number of vertices that have a value, or a label."""
         return int(np.count_nonzero(~np.isnan(self.shown)))

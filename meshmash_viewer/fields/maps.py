@@ -64,6 +64,8 @@ CURVATURES: dict[str, tuple[Callable[[Mesh], FloatArray], int, str]] = {
 }
 #: What is shown of a map.
 VIEWS = {"map": "Map", "pairs": "From pairs", "filter": "Filtered", "band": "Band"}
+#: Of the areas of the vertices, among what is derived from the mesh.
+_AREAS = "areas of the vertices"
 #: Spectra by map, with the pairs that they are on, as long as the map is there: made in the thread
 #: that answers, read by whoever draws.
 _projected: WeakKeyDictionary[VertexMap, tuple[Spectrum, MapSpectrum]] = WeakKeyDictionary()
@@ -280,9 +282,26 @@ class OwnMaps(Family):
         _projected[shown] = spectrum, found[1]  # next time it is the very same
         return found[1]
 
+    def mean(self, spectrum: Spectrum) -> float:
+        """Mean over the surface where the map has values, each weighed by the area of its vertex.
+
+        NaN before the map has been shown once, for labels, and without values on the surface.
+        """
+        shown, mesh = self.vertex_map(spectrum), spectrum.mesh
+        areas = None if mesh is None else mesh.derived.get(_AREAS)
+        if shown is None or shown.labels or areas is None:
+            return np.nan
+        weights = areas * np.isfinite(shown.values)
+        total = weights.sum()
+        return float(weights @ np.nan_to_num(shown.values) / total) if total > 0.0 else np.nan
+
     def _values(self, spectrum: Spectrum) -> VertexMap:
         """The map, computed where it is a curvature that is not known yet."""
         known, mesh = self.vertex_map(spectrum), spectrum.mesh
+        if mesh is not None and _AREAS not in mesh.derived:
+            from meshmash_viewer.laplacian import compute_vertex_areas  # which loads SciPy
+
+            mesh.derived[_AREAS] = compute_vertex_areas(mesh)
         if known is not None:
             return known
         assert mesh is not None

@@ -196,3 +196,24 @@ def test_a_filter_is_near_while_it_moves_over_a_large_mesh_and_right_where_it_re
         np.testing.assert_allclose(found.values, wanted, rtol=1e-5, atol=1e-6)
         assert near is None or live.table("map").content.near is near, "it is built once"
         near = live.table("map").content.near
+
+
+def test_mean_is_that_of_the_surface(rectangle: Mesh) -> None:
+    """A coordinate's mean is the middle of a rectangle, wherever its vertices are crowded."""
+    vertices = np.array(rectangle.vertices)
+    width = np.ptp(vertices[:, 0])
+    vertices[:, 0] = width * ((vertices[:, 0] - vertices[:, 0].min()) / width) ** 3
+    stray = np.array([[9.0, 9.0, 9.0]])
+    crowded = Mesh(np.concatenate([vertices, stray]), rectangle.faces)
+    values = np.append(vertices[:, 0], 1e6)
+    crowded = crowded.with_maps(
+        mv.VertexMap("x", values),
+        mv.VertexMap("flat", np.where(values < 0.3 * width, np.nan, 2.0)),
+        mv.VertexMap("parts", np.array([4, -2])[np.arange(len(values)) % 2], LABELS),
+    )
+    bare = Spectrum.without_pairs(crowded)
+    assert np.isnan(OwnMaps(chosen="x").mean(bare)), "areas are not summed by who only asks"
+    for name, wanted in (("x", 0.5 * width), ("flat", 2.0), ("parts", np.nan)):
+        family = OwnMaps(chosen=name).resolved(bare, CHOSEN)
+        family.compute(bare, None)
+        np.testing.assert_allclose(family.mean(bare), wanted, rtol=1e-12)

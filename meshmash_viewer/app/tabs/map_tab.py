@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtGui import QColor, QIcon, QPixmap
 from PySide6.QtWidgets import (
@@ -37,7 +38,11 @@ from meshmash_viewer.vertex_map import Label, VertexMap
 
 __all__ = ["MapTab"]
 
-_FACTS = {"map_range_label": "Range", "map_mean_label": "Mean", "map_count_label": "Vertices"}
+_FACTS = {
+    "map_range_label": "Range",
+    "map_mean_label": "Mean by area",
+    "map_count_label": "Vertices",
+}
 _SHARES = {
     "map_residual_label": "Residual",
     "map_share_label": "Energy in them",
@@ -174,7 +179,7 @@ class MapTab(FieldStepper):
         self.remove_button.setEnabled(resolved.shown is not None)
         self.title.setText(resolved.chosen)
         shown = resolved.vertex_map(spectrum)
-        told = {} if shown is None else _told(shown)
+        told = {} if shown is None else _told(shown, resolved.mean(spectrum))
         for name in _FACTS:
             self.facts.show_value(name, told.get(name, ""))
         self._refresh_pairs(spectrum, resolved)
@@ -259,16 +264,17 @@ def _show_lines(shown: QListWidget, most: int) -> None:
     shown.setFixedHeight(line * min(max(shown.count(), 1), most) + 6)
 
 
-def _told(shown: VertexMap) -> dict[str, str]:
+def _told(shown: VertexMap, mean: float) -> dict[str, str]:
     of = "" if shown.n_values == shown.n_vertices else f" of {shown.n_vertices:,}"
     count = {"map_count_label": f"{shown.n_values:,}{of}"}
     if shown.labels:
         return count | {"map_range_label": counted(len(shown.labels), "label")}
     low, high = (format_number(end) for end in shown.range)
-    mean = format_number(shown.mean)
     return count | {
         "map_range_label": f"{low} to {high} {shown.unit}".rstrip(),
-        "map_mean_label": f"{mean} {shown.unit}".rstrip(),
+        "map_mean_label": f"{format_number(mean)} {shown.unit}".rstrip()
+        if np.isfinite(mean)
+        else "",
     }
 
 
