@@ -17,9 +17,11 @@ from PySide6.QtWidgets import QFileDialog, QLabel, QListWidget, QPushButton, QSp
 
 import meshmash_viewer as mv
 from meshmash_viewer.app.controls.step_slider import StepSlider
+from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
+from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.maps import CURVATURES, OwnMaps
 from meshmash_viewer.model.document import Severity
 from meshmash_viewer.spectral.weyl import Target
@@ -299,3 +301,31 @@ def test_a_session_keeps_the_maps_and_the_choice(
     rest(third)
     assert "lh.thickness does not exist" in third.stage.message_bar.notice.text
     assert third.field_source.field.title == "depth"
+
+
+def test_what_is_filtered_is_kept_and_exported(window: MainWindow, tmp_path: Path) -> None:
+    document = window.document
+    QTest.mouseClick(part(window, QPushButton, "map_view_filter"), LEFT)
+    rest(window)
+    wait_for(part(window, QPushButton, "map_keep_button").isEnabled)
+    field = window.field_source.field
+    QTest.mouseClick(part(window, QPushButton, "map_keep_button"), LEFT)
+    rest(window)
+    kept = document.mesh.maps[-1]
+    assert names(window) == ["depth", kept.name, *CURVATURES]
+    assert kept.name.startswith("depth through x < c, c = ")
+    assert window.field_source.field.title == kept.name
+    dialog = ExportDialog(document, tmp_path, window)
+    dialog.kind_combo.setCurrentIndex(dialog.kind_combo.findData("hks"))
+    assert kept.name in dialog.columns_label.text()
+    document.export(dialog.job())
+    rest(window)
+    with np.load(dialog.path) as file:
+        found = file["features"][:, list(file["columns"]).index(kept.name)]
+    phi, mass = library(window)
+    cut = document.display[Filters].value("c", document.spectrum)
+    weights = document.spectrum.eigenvalues < cut
+    assert 1 < weights.sum() < len(weights)
+    wanted = phi @ (weights * (phi.T @ (mass * DEPTH)))
+    np.testing.assert_allclose(found, wanted, atol=1e-6 * np.abs(wanted).max())
+    np.testing.assert_array_equal(field.values, kept.values)

@@ -100,7 +100,16 @@ class MapTab(FieldStepper):
         self.parameters = FilterParameters(self._document, "map_")
         self.parameters.tried.connect(lambda said: show_note(self.filter_fault, said))
         self._filter = QWidget()
-        self._filter.setLayout(column(self.filter_combo, self.parameters, self.filter_fault))
+        self.keep_button = theme.named(
+            QPushButton("Keep as a map"),
+            "map_keep_button",
+            "Keep the filtered map as a map",
+            tip="It joins the maps above: compare it with them, filter it again, export it",
+        )
+        self.keep_button.clicked.connect(self._keep)
+        self._field: Field | None = None
+        keep = row(self.keep_button, None)
+        self._filter.setLayout(column(self.filter_combo, self.parameters, self.filter_fault, keep))
         heading = theme.with_role(QLabel("On the eigenpairs"), "heading")
         self._on_pairs.setLayout(column(heading, self.views, self._sum, self._filter))
         self._fill(
@@ -159,6 +168,20 @@ class MapTab(FieldStepper):
             text = f"Coefficients of {name} on {counted(len(found), 'pair')} written to {path}."
             document.notify(Notice(text))
 
+    def _keep(self) -> None:
+        document, field = self._document, self._field
+        if document.mesh is not None and field is not None and self._can_keep():
+            made = VertexMap(f"{field.title} {field.quantity}", field.values, unit=field.unit)
+            document.accept_maps(document.mesh, [made])
+
+    def _can_keep(self) -> bool:
+        """Whether the render has the very sum that is chosen: no draft, no approximate pairs."""
+        document, field, spectrum = self._document, self._field, self._document.known
+        if field is None or field.draft or spectrum is None or spectrum.preview:
+            return False
+        fields = document.display.fields
+        return field.family == document.display[OwnMaps].resolved(spectrum, fields)
+
     def _remove(self) -> None:
         self._document.remove_map(self._document.display[OwnMaps].chosen)
 
@@ -166,6 +189,7 @@ class MapTab(FieldStepper):
 
     def show_field(self, field: Field | None) -> None:
         """A curvature, and the spectrum of a map, are known once its field has come."""
+        self._field = field
         if field is not None and self._document.display.kind == self.family.name:
             later(self.refresh)
 
@@ -196,7 +220,7 @@ class MapTab(FieldStepper):
                     item = QListWidgetItem(name, self.list)
                     item.setData(Qt.ItemDataRole.UserRole, name)
                     path = mesh.map_named(name).path if mesh is not None and name in names else ""
-                    item.setToolTip(path or ("With the mesh" if name in names else "Of the mesh"))
+                    item.setToolTip(f"{name}\n{path}".rstrip())
             every = [*names, *CURVATURES]
             _show_lines(self.list, _LINES)
             self.list.setCurrentRow(every.index(chosen))
@@ -213,6 +237,7 @@ class MapTab(FieldStepper):
         self._sum.setVisible(resolved.view in ("map", "pairs"))
         self._filter.setVisible(resolved.view == "filter")
         self._refresh_filter()
+        self.keep_button.setEnabled(self._can_keep())
         self.spin.setSuffix(f" of {last:,} pairs")
         self.views.show_key(resolved.view)
         known = resolved.map_spectrum(spectrum) if usable else None
