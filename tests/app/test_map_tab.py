@@ -308,9 +308,10 @@ def test_what_is_filtered_is_kept_and_exported(window: MainWindow, tmp_path: Pat
     QTest.mouseClick(part(window, QPushButton, "map_view_filter"), LEFT)
     rest(window)
     wait_for(part(window, QPushButton, "map_keep_button").isEnabled)
-    field = window.field_source.field
+    field, width = window.field_source.field, part(window, QListWidget, "map_list").width()
     QTest.mouseClick(part(window, QPushButton, "map_keep_button"), LEFT)
     rest(window)
+    assert part(window, QListWidget, "map_list").width() <= width, "a long name widens nothing"
     kept = document.mesh.maps[-1]
     assert names(window) == ["depth", kept.name, *CURVATURES]
     assert kept.name.startswith("depth through x < c, c = ")

@@ -14,6 +14,7 @@ from PySide6.QtWidgets import (
     QListWidget,
     QListWidgetItem,
     QPushButton,
+    QSizePolicy,
     QWidget,
 )
 
@@ -122,6 +123,9 @@ class MapTab(FieldStepper):
             self.hint,
             self.labels,
         )
+        # a map may have a long name: the panel stays as wide as it is
+        self.title.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.title.setWordWrap(True)
 
     # -- from the person --------------------------------------------------------------------
 
