@@ -12,6 +12,7 @@ import shapes
 import meshmash_viewer as mv
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.map_spectrum import band_edges
+from meshmash_viewer.progress import Cancelled
 
 
 @pytest.fixture(scope="module")
@@ -92,6 +93,10 @@ def test_the_dominant_band_is_that_of_the_stronger_wave(every_pair) -> None:
     wanted = np.where(np.abs(long) > np.abs(short), *(np.searchsorted(edges, values[[2, 60]]) - 1))
     assert 0.2 < np.mean(wanted == wanted.max()) < 0.8
     np.testing.assert_array_equal(mv.dominant_bands(found, every_pair.rows), wanted)
+    going_on = mv.dominant_bands(found, every_pair.rows, cancel=lambda: False)
+    np.testing.assert_array_equal(going_on, wanted)
+    with pytest.raises(Cancelled):
+        mv.dominant_bands(found, every_pair.rows, cancel=lambda: True)
 
 
 def test_zeros_alone_have_no_bands(mesh) -> None:

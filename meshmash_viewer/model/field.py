@@ -257,8 +257,9 @@ def shown_family(display: Display) -> Family:
 def request_of(document: Document) -> FieldRequest | None:
     """Snapshot of what a document wants on its render; None while there is nothing to show."""
     spectrum, display, ready = document.known, document.display, document.ready
-    if spectrum is None or ready is None:
+    if ready is None:
         return None
+    assert spectrum is not None  # it comes with the mesh
     chosen = shown_family(display)
     if chosen.needs_pairs and not len(spectrum):
         return None
