@@ -106,8 +106,8 @@ class Beside(QWidget):
         self._first_source.field_ready.connect(self._first_shown)
         self.scene.vertex_clicked.connect(self.pair.pin_second)
         self.scene.stepped.connect(self._step)
-        for mine, other in ((self.scene, self._first_scene), (self._first_scene, self.scene)):
-            other.camera_changed.connect(lambda mine=mine, other=other: self._turn(mine, other))
+        self.scene.camera_changed.connect(self._turned)
+        self._first_scene.camera_changed.connect(self._turn_second)
 
     def open_mesh(self, path: str | Path, unit: str = "") -> None:
         """Read the second mesh; the one that is there stays if that fails."""
@@ -130,6 +130,7 @@ class Beside(QWidget):
         stop_listening(self)
         self.document.noticed.disconnect(self._on_notice)
         self._first_source.field_ready.disconnect(self._first_shown)
+        self._first_scene.camera_changed.disconnect(self._turn_second)
         self._thread.close()
         self.tasks.close()
         self.field_source.close()
@@ -161,7 +162,7 @@ class Beside(QWidget):
         ready = self.document.ready
         if ready is not None:
             self.scene.set_mesh(ready.mesh, ready.normals)
-            self._turn(self.scene, self._first_scene)
+            self._turn_second()
             self.show_field()
 
     def _on_pins_changed(self) -> None:
@@ -175,6 +176,9 @@ class Beside(QWidget):
         """Say it where all is said, with the name of the mesh."""
         if notice.severity is not Severity.INFORMATION:
             self.pair.first.notify(replace(notice, text=f"Second mesh: {notice.text}", undo=None))
+
+    def _say_failed(self, text: str) -> None:
+        self.document.notify(Notice(text, Severity.ERROR))
 
     def _say_status(self) -> None:
         job, spectrum = self.document.job, self.document.spectrum
@@ -217,11 +221,18 @@ class Beside(QWidget):
 
     # -- from the person ----------------------------------------------------------------------
 
+    def _turned(self) -> None:
+        """Look at the first as at this one, if it was turned and not just fitted into its place."""
+        if self.scene.turned_by_hand:
+            self._turn(self._first_scene, self.scene)
+        else:
+            self._turn_second()
+
+    def _turn_second(self) -> None:
+        self._turn(self.scene, self._first_scene)
+
     def _turn(self, mine: MeshView, other: MeshView) -> None:
         """Look at one mesh as at the other, where cameras are linked."""
-        if mine is self._first_scene and not other.turned_by_hand:
-            # what fits the second into its place is no wish to look at the first in another way
-            mine, other = other, mine
         if not self._turning and "camera" in self.pair.links:
             self._turning = True
             mine.look_like(other)

@@ -178,6 +178,8 @@ class PiecesJob:
         return f"Computing {self.mesh.name or 'the mesh'} in pieces"
 
     def run(self, channel: Channel) -> Written:
+        from joblib.externals.loky import reusable_executor
+
         middle = None
 
         def done(vertices: npt.NDArray[np.int64], values: npt.NDArray[np.float64]) -> None:
@@ -186,10 +188,15 @@ class PiecesJob:
             channel.send(MapGrew(self.name(middle), vertices, values[:, middle]))
 
         channel.report(Progress("splitting", message="Cutting the mesh into pieces"))
-        report = write_in_pieces(
-            self.mesh, self.path, self.family, self.count, self.target, self.operator,
-            done=done, progress=channel.report, cancel=channel.cancelled,
-        )  # fmt: skip
+        try:
+            report = write_in_pieces(
+                self.mesh, self.path, self.family, self.count, self.target, self.operator,
+                done=done, progress=channel.report, cancel=channel.cancelled,
+            )  # fmt: skip
+        finally:
+            # those that worked on pieces would wait for more for minutes, with their memory
+            if (executor := reusable_executor._executor) is not None:
+                executor.shutdown(wait=True, kill_workers=True)
         return Written(self.path, self.family.label, described_seams(report), warns=False)
 
     def name(self, column: int) -> str:

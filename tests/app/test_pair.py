@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import time
+import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -248,6 +250,17 @@ def test_a_session_and_a_script_have_both(
     assert again.document.path == folder / "other.npz"
     assert again.pair.links == {"camera", "kind", "colors"}
     assert again.pair.comparison.distance == pytest.approx(wanted.distance, rel=1e-6)
+
+
+def test_a_closed_second_mesh_is_let_go(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held = weakref.ref(beside(window, folder / "other.npz", monkeypatch).document)
+    window.actions_["end_comparison"].trigger()
+    QTest.qWait(100)
+    gc.collect()
+    assert held() is None
+    assert window.comparing.beside is None
 
 
 @pytest.mark.parametrize(

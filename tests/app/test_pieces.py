@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 import shapes
 from PySide6.QtCore import Qt
@@ -126,6 +127,8 @@ def test_they_are_the_librarys(window: MainWindow, tmp_path: Path, kind: str) ->
         values = file["features"]
     wanted = stitched(window.document.display.fields[kind], 3)
     np.testing.assert_allclose(values, wanted, rtol=1e-6, atol=1e-12)
+    children = psutil.Process().children(recursive=True)
+    assert len(children) <= 3, "the worker, and no more than what tracks its resources"
     field = window.field_source.field
     assert isinstance(field.family, OwnMaps)
     np.testing.assert_allclose(field.values, wanted[:, 3], rtol=1e-6)

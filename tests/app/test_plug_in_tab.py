@@ -39,8 +39,9 @@ until(lambda: window.field_source.idle and document.display.kind == "wavelets")
 slider = window.findChild(QSlider, "wavelets_slider")
 slider.setFocus()
 QTest.keyClick(slider, Qt.Key.Key_Right)
-until(lambda: window.field_source.idle)
-print(document.display.family.column, window.findChild(QLabel, "wavelets_quantity_label").text())
+label = window.findChild(QLabel, "wavelets_quantity_label")
+until(lambda: window.field_source.idle and "λ" in label.text())
+print(document.display.family.column, label.text())
 window.close()
 """
 

@@ -315,6 +315,7 @@ class Walk:
     def go_home(self) -> None:
         """Be where it began: the ball with 30 eigenpairs, nothing pinned, every panel in place."""
         window, document = self.window, self.window.document
+        window.comparing.end()
         for _ in range(8):
             popup, dialog = QApplication.activePopupWidget(), self._dialog()
             if popup is not None:
