@@ -32,7 +32,8 @@ def test_five_hundred_actions(walk: Walk) -> None:
     assert after.widgets <= before.widgets + 20
     assert after.files <= before.files + 10
     assert after.threads <= before.threads + 4
-    assert after.processes <= before.processes + 1
+    # who has once worked in pieces keeps two that track what processes share, and no worker
+    assert after.processes <= before.processes + 2
     if not math.isnan(after.in_use):
         assert after.in_use <= before.in_use + 40.0
     # compiled loops of features take 110 MB once; without anything let go it is 200 MB and more
