@@ -118,9 +118,9 @@ def test_the_time_left_is_that_of_slices_of_the_usual_length(
     monkeypatch.setattr("time.perf_counter", lambda: now[0])
     told: list[tuple[float, float]] = []
     sizes = slice_sizes(5000, n_pairs)
-    # A second a step, and a quarter of that again to make pairs of them in the end.
-    steps_of_slice = [round(usual_rows(size) / BLOCK * 1.13) for size in sizes]
-    end = 32.0 + 1.26 * sum(steps_of_slice)
+    # A step orthogonalizes against those before; then all of them are made into pairs.
+    costs = [np.linspace(0.7, 1.3, round(usual_rows(size) / BLOCK * 1.13)) for size in sizes]
+    end = 32.0 + 1.5 * sum(float(cost.sum()) for cost in costs)
 
     def tell(progress: Progress) -> None:
         if progress.remaining is not None and now[0] < 0.9 * end:
@@ -133,19 +133,18 @@ def test_the_time_left_is_that_of_slices_of_the_usual_length(
     now[0] = 32.0
     pace.begin_slices(n_pairs)
     taken, done = 0, 0
-    for size, steps in zip(sizes, steps_of_slice, strict=True):
-        for _ in range(steps):
-            now[0] += 1.0
+    for size, cost in zip(sizes, costs, strict=True):
+        for seconds in cost:
+            now[0] += seconds
             taken += 1
             pace.step(taken)
-        now[0] += 0.26 * steps
+        now[0] += 0.5 * cost.sum()
         done += round(size)
         pace.pairs(done, n_pairs, taken)
     assert now[0] == pytest.approx(end, rel=0.02)
     times, left = np.array(told).T
     ratio = left / (end - times)
-    # Dearer steps to come make it more at first; a share of what is over is the least.
-    assert ratio.min() > 0.98
-    assert np.median(ratio) < 1.25
-    assert ratio.max() < 2.3
+    assert ratio.min() > 0.8
+    assert 0.85 < np.median(ratio) < 1.5
+    assert ratio.max() < 2.1
     assert len(told) > 30
