@@ -103,6 +103,15 @@ def decompose_laplacian(
     ------
     InputError
         If `n_components` < 1, `prefactor` is unknown, or the matrices make no sense.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> L, M = mv.cotangent_laplacian(ball)
+    >>> eigenvalues, eigenvectors = mv.decompose_laplacian(L, M, 4)
+    >>> eigenvalues.round(1), eigenvectors.shape
+    (array([0., 2., 2., 2.]), (642, 4))
     """
     if prefactor not in (None, "lu"):
         raise InputError(f'prefactor is {prefactor!r}: give "lu" or None.')
@@ -150,6 +159,14 @@ def decompose_mesh(
         Per squared unit of the mesh.
     eigenvectors : ndarray of float64, shape (n, k)
         NaN at unreferenced vertices.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> eigenvalues, eigenvectors = mv.decompose_mesh(ball, 4)
+    >>> eigenvalues.round(1), eigenvectors.shape
+    (array([0., 2., 2., 2.]), (642, 4))
     """
     stiffness, mass = cotangent_laplacian(mesh, robust=robust, mollify_factor=mollify_factor)
     return decompose_laplacian(
@@ -210,6 +227,15 @@ def decompose_laplacian_by_bands(
     ----------
     .. [1] Vallet, B. and Lévy, B. (2008). "Spectral Geometry Processing with Manifold
        Harmonics." Computer Graphics Forum 27(2).
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> L, M = mv.cotangent_laplacian(ball)
+    >>> eigenvalues, eigenvectors = mv.decompose_laplacian_by_bands(L, M, 7.0)
+    >>> eigenvalues.round(1)
+    array([0., 2., 2., 2., 6., 6., 6., 6., 6.])
     """
     check_bands(max_eigenvalue, band_size)
     result = find_eigenpairs(

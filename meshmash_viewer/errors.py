@@ -22,6 +22,14 @@ class InputError(ValueError):
 
     The command line prints the sentence and exits with status 2; the window shows it in its
     message bar. Any other exception is a defect of the program and is reported as such.
+
+    Examples
+    --------
+    >>> try:
+    ...     mv.read_mesh("nowhere.ply")
+    ... except mv.InputError as error:
+    ...     print(error)
+    nowhere.ply does not exist; check the spelling of its name and folder.
     """
 
 
@@ -45,6 +53,19 @@ class TruncationWarning(UserWarning):
     """More than 1 % of a feature column is missing, because too few eigenpairs took part.
 
     By the estimate of `meshmash_viewer.features.truncation`; the features carry it with its bound.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> L, M = mv.cotangent_laplacian(ball)
+    >>> pairs = mv.solve(L, M, 16)
+    >>> import warnings
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     hks = mv.compute_features(pairs, mv.heat_kernel_bank([0.01]))
+    >>> caught[0].category is mv.TruncationWarning
+    True
     """
 
 

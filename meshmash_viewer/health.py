@@ -100,6 +100,13 @@ def mesh_health(mesh: MeshLike) -> Health:
     -------
     Health
         The counts. Edges are counted over the faces with three different corners.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> health = mv.mesh_health(trimesh.creation.box())
+    >>> health.n_components, health.boundary_edges, health.area
+    (1, 0, 6.0)
     """
     mesh = as_mesh(mesh)
     faces = mesh.faces[mesh.distinct_corners]
@@ -142,6 +149,13 @@ def repair_mesh(mesh: MeshLike, *names: str) -> Mesh:
     ------
     InputError
         If there is no such repair, or it would leave no face.
+
+    Examples
+    --------
+    >>> corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [9, 9, 9]]
+    >>> mesh = mv.Mesh(corners, [[0, 1, 2]])
+    >>> mv.repair_mesh(mesh, "drop_unreferenced_vertices").n_vertices
+    3
     """
     mended = as_mesh(mesh)
     for name in names:
@@ -152,7 +166,16 @@ def repair_mesh(mesh: MeshLike, *names: str) -> Mesh:
 
 
 def largest_component(mesh: MeshLike) -> Mesh:
-    """The connected component of a mesh that has the most vertices, as a mesh of its own."""
+    """The connected component of a mesh that has the most vertices, as a mesh of its own.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> both = [trimesh.creation.icosphere(1), trimesh.creation.box()]
+    >>> two = trimesh.util.concatenate(both)
+    >>> len(two.vertices), mv.largest_component(two).n_vertices
+    (50, 42)
+    """
     return repair_mesh(mesh, "keep_largest_component")
 
 

@@ -82,6 +82,15 @@ def cotangent_laplacian(
     ----------
     .. [1] Sharp, N. and Crane, K. (2020). "A Laplacian for Nonmanifold Triangle Meshes."
        Computer Graphics Forum 39(5).
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> L, M = mv.cotangent_laplacian(ball)
+    >>> height = ball.vertices[:, 2]
+    >>> float((height @ L @ height / (height @ M @ height)).round(2))
+    2.0
     """
     mesh = as_mesh(mesh)
     vertices, faces, used = _referenced_part(mesh, along_curve=robust)
@@ -109,6 +118,14 @@ def area_matrix(mesh: MeshLike) -> SparseMatrix:
     -------
     M : scipy.sparse.dia_array of float64, shape (n, n)
         Diagonal, in squared unit of the mesh; its trace is the area of the mesh.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> M = mv.area_matrix(ball)
+    >>> bool(np.isclose(M.trace(), ball.area))
+    True
     """
     return sparse.diags_array(compute_vertex_areas(mesh))
 
@@ -132,6 +149,13 @@ def compute_vertex_areas(
     -------
     ndarray of float64, shape (n,)
         In squared unit of the mesh; 0 for unreferenced vertices.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> bool(np.isclose(mv.compute_vertex_areas(ball).sum(), ball.area))
+    True
     """
     mesh = as_mesh(mesh)
     if robust:

@@ -63,6 +63,12 @@ class Mesh:
         If an array has the wrong shape, a coordinate is not finite, an index is out of range,
         there is no face, the faces have no area at all, the unit is unknown, the voxel has not
         three positive sizes, or a map is of another number of vertices.
+
+    Examples
+    --------
+    >>> mesh = mv.Mesh([[0, 0, 0], [4, 0, 0], [0, 3, 0]], [[0, 1, 2]], unit="nm")
+    >>> mesh.n_vertices, mesh.area
+    (3, 6.0)
     """
 
     vertices: FloatArray
@@ -369,6 +375,15 @@ def mesh_to_poly(mesh: MeshLike) -> Any:
     -------
     pyvista.PolyData
         With the vertices in the same order; it shares no memory with `mesh`.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> poly = mv.mesh_to_poly(ball)
+    >>> poly["height"] = poly.points[:, 2]
+    >>> poly.n_points, poly.active_scalars_name
+    (642, 'height')
     """
     import pyvista
 

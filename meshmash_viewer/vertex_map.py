@@ -23,7 +23,14 @@ _LONGEST = 60
 
 @dataclass(frozen=True)
 class Label:
-    """A part of a surface: its number in the values, its name, its colour as "#rrggbb"."""
+    """A part of a surface: its number in the values, its name, its colour as "#rrggbb".
+
+    Examples
+    --------
+    >>> lobes = (mv.Label(1, "frontal", "#4477aa"), mv.Label(2, "parietal", "#ee6677"))
+    >>> mv.VertexMap("lobe", np.array([1.0, 1.0, 2.0]), labels=lobes).labels[1].name
+    'parietal'
+    """
 
     key: int
     name: str
@@ -57,8 +64,7 @@ class VertexMap:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> depth = VertexMap("depth", np.array([-1.0, 0.5, np.nan]), unit="mm")
+    >>> depth = mv.VertexMap("depth", np.array([-1.0, 0.5, np.nan]), unit="mm")
     >>> depth.signed, depth.range
     (True, (-1.0, 0.5))
     """

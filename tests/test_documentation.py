@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import doctest
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import meshmash_viewer as mv
@@ -37,3 +39,15 @@ def test_the_reference_names_all_that_is_public() -> None:
     page = (DOCS / "reference.md").read_text(encoding="utf-8")
     named = {line.rsplit(".", 1)[1] for line in re.findall(r"^::: (\S+)$", page, re.M)}
     assert named == set(mv.__all__) - {"__version__"}
+
+
+@pytest.mark.parametrize("name", sorted(set(mv.__all__) - {"__version__"}))
+def test_every_public_name_has_an_example_that_runs(name: str) -> None:
+    assumed = {"np": np, "mv": mv}  # as the reference says
+    (tests,) = doctest.DocTestFinder(recurse=False).find(getattr(mv, name), name, globs=assumed)
+    runs = [example for example in tests.examples if doctest.SKIP not in example.options]
+    assert runs or name == "view", "which opens a window"
+    assert tests.examples
+    wrong: list[str] = []
+    doctest.DocTestRunner().run(tests, out=wrong.append)
+    assert not wrong, "".join(wrong)

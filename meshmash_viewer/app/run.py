@@ -154,6 +154,10 @@ def view(
         Its `document` can be read and driven from the script, its `plotter` is a
         ``pyvista.Plotter`` in the mesh's coordinates, and `to_pyvista` gives what it shows.
         In somebody else's application nothing outside the window is changed.
+
+    Examples
+    --------
+    >>> window = mv.view((vertices, faces), unit="um")  # doctest: +SKIP
     """
     from meshmash_viewer.mesh import as_mesh
     from meshmash_viewer.spectral.engine.compiler import check_compiler

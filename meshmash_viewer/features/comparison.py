@@ -76,6 +76,15 @@ class FunctionMatches:
         1 or -1 to multiply the other with; 0 where it cannot be told.
     correlations : ndarray of float64, shape (k,)
         Of the two functions, from 0 to about 1; two that are the same have more than √½.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> box = trimesh.creation.box((1, 2, 3)).subdivide().subdivide()
+    >>> pairs = mv.solve(*mv.cotangent_laplacian(box), 4)
+    >>> found = mv.match_functions(pairs, pairs, np.arange(len(box.vertices)))
+    >>> found.indices, found.signs
+    (array([0, 1, 2, 3]), array([1., 1., 1., 1.]))
     """
 
     indices: IntArray
@@ -106,6 +115,16 @@ class Comparison:
         Eigenfunctions of the first among those of the second.
     features : tuple of two ndarrays of float32, shapes (n, f) and (m, f)
         In which vertices are matched, in units of their spread over the second.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> L, M = mv.cotangent_laplacian(ball)
+    >>> pairs = mv.solve(L, M, 16)
+    >>> found = mv.compare_shapes(pairs, pairs)
+    >>> found.distance, bool(found.mutual.all())
+    (0.0, True)
     """
 
     spectra: tuple[FloatArray, FloatArray]
@@ -240,12 +259,11 @@ def compare_shapes(
 
     Examples
     --------
-    >>> import meshmash_viewer as mv
     >>> from meshmash_viewer.samples import sample_path
     >>> mesh = mv.read_mesh(sample_path("dendrite"))
     >>> L, M = mv.cotangent_laplacian(mesh, robust=True)
     >>> pairs = mv.solve(L, M, 20)
-    >>> compare_shapes(pairs, pairs).distance
+    >>> mv.compare_shapes(pairs, pairs).distance
     0.0
     """
     count = min(len(first.eigenvalues), len(second.eigenvalues))
@@ -303,6 +321,16 @@ def match_functions(
     ------
     InputError
         If a vertex does not exist.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> box = trimesh.creation.box((1, 2, 3)).subdivide().subdivide()
+    >>> turn = trimesh.transformations.rotation_matrix(1.0, [0.0, 0.0, 1.0])
+    >>> turned = box.copy().apply_transform(turn)
+    >>> first, second = (mv.solve(*mv.cotangent_laplacian(mesh), 4) for mesh in (box, turned))
+    >>> mv.match_functions(first, second, np.arange(len(box.vertices))).indices
+    array([0, 1, 2, 3])
     """
     from scipy.optimize import linear_sum_assignment
 
@@ -350,6 +378,12 @@ def distinct_matches(
     -------
     ndarray of int64, shape (<= count,)
         Best first.
+
+    Examples
+    --------
+    >>> places = np.array([[0.0, 0, 0], [0.1, 0, 0], [5.0, 0, 0]])
+    >>> mv.distinct_matches(np.array([0.2, 0.3, 0.4]), places, radius=1.0)
+    array([0, 2])
     """
     left = np.where(np.isfinite(distances), distances, np.inf)
     found: list[int] = []

@@ -132,6 +132,14 @@ def spectral_geometry_filter(
     -----
     Where the eigenvectors would take a large part of the free memory they go to a temporary
     file (in ``TMPDIR``), and are read back once, a few rows at a time.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> low = mv.spectral_geometry_filter(ball, mv.low_pass_bank(7.0), max_eigenvalue=10.0)
+    >>> low.shape
+    (642, 1)
     """
     check_bands(max_eigenvalue, band_size)
     sums = _Sums(mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose)
@@ -210,6 +218,16 @@ def compute_hks(
     ----------
     .. [1] Sun, J., Ovsjanikov, M. and Guibas, L. (2009). "A Concise and Provably Informative
        Multi-Scale Signature Based on Heat Diffusion." Computer Graphics Forum 28(5).
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> hks = mv.compute_hks(ball, 40.0, t_min=0.5, t_max=50.0, n_components=3)
+    >>> hks[0].round(2)
+    array([0.19, 0.08, 0.08])
+    >>> round(1 / float(ball.area), 2)
+    0.08
     """
     n_scales = whole_number(n_components, "n_components")
     check_times(t_min, t_max)
@@ -290,6 +308,14 @@ def compute_geometry_vectors(
     ----------
     .. [1] Litman, R. and Bronstein, A. M. (2014). "Learning Spectral Descriptors for Deformable
        Shape Correspondence." IEEE TPAMI 36(1).
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> bands = mv.compute_geometry_vectors(ball, max_eigenvalue=40.0, n_components=8)
+    >>> bands.shape
+    (642, 8)
     """
     n_bands = whole_number(n_components, "n_components")
     check_bands(max_eigenvalue, band_size)

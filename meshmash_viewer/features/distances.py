@@ -83,7 +83,7 @@ def diffusion_distance(
 
     Examples
     --------
-    >>> diffusion_distance([0.0, 1.0], [[1.0, 1.0], [1.0, -1.0]], 0, time=0.5).round(3)
+    >>> mv.diffusion_distance([0.0, 1.0], [[1.0, 1.0], [1.0, -1.0]], 0, time=0.5).round(3)
     array([0.   , 1.213])
     """
     if not (np.isfinite(time) and time > 0.0):
@@ -110,7 +110,7 @@ def biharmonic_distance(
 
     Examples
     --------
-    >>> biharmonic_distance([0.0, 2.0], [[1.0, 1.0], [1.0, -1.0]], 0)
+    >>> mv.biharmonic_distance([0.0, 2.0], [[1.0, 1.0], [1.0, -1.0]], 0)
     array([0., 1.])
     """
     return _distance("biharmonic", eigenvalues, eigenvectors, vertex)
@@ -136,7 +136,7 @@ def commute_time_distance(
 
     Examples
     --------
-    >>> commute_time_distance([0.0, 4.0], [[1.0, 1.0], [1.0, -1.0]], 0)
+    >>> mv.commute_time_distance([0.0, 4.0], [[1.0, 1.0], [1.0, -1.0]], 0)
     array([0., 1.])
     """
     return _distance("commute", eigenvalues, eigenvectors, vertex)
@@ -245,6 +245,15 @@ class GeodesicSolver:
     ----------
     .. [1] Crane, K., Weischedel, C. and Wardetzky, M. (2013). "Geodesics in Heat." ACM
        Transactions on Graphics 32(5).
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> solver = mv.GeodesicSolver(mv.Mesh(ball.vertices, ball.faces))
+    >>> north, south = ball.vertices[:, 2].argmax(), ball.vertices[:, 2].argmin()
+    >>> float((solver.from_vertex(north)[south] / np.pi).round(1))
+    1.0
     """
 
     mesh: Mesh
@@ -306,6 +315,13 @@ def geodesic_distance(mesh: MeshLike, vertex: int) -> FloatArray:
     -------
     ndarray of float64, shape (n,)
         In the unit of the mesh; NaN in other components.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> float((mv.geodesic_distance(ball, 0).max() / np.pi).round(1))
+    1.0
     """
     return GeodesicSolver(as_mesh(mesh)).from_vertex(vertex)
 
@@ -358,6 +374,16 @@ def distance_features(
         If a vertex does not exist, belongs to no face or is named twice, if the measure needs
         eigenpairs or a time that are not given, or if potpourri3d is not installed, which geodesic
         distances need.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> L, M = mv.cotangent_laplacian(ball)
+    >>> pairs = mv.solve(L, M, 16)
+    >>> both = mv.distance_features(ball, [0, 1], "biharmonic", pairs)
+    >>> both.values.shape, float(both.values[0, 0])
+    ((642, 2), 0.0)
     """
     surface = as_mesh(mesh)
     chosen = [int(vertex) for vertex in np.atleast_1d(np.asarray(vertices))]

@@ -106,6 +106,11 @@ def hks_times(
     ------
     InputError
         If a bound is not positive, the bounds are out of order, or `n_scales` < 1.
+
+    Examples
+    --------
+    >>> mv.hks_times([0.0, 2.0], t_min=1.0, t_max=100.0, n_scales=3)
+    array([  1.,  10., 100.])
     """
     n_scales = whole_number(n_scales, "The number of time scales")
     check_times(t_min, t_max)

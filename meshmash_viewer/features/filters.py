@@ -84,6 +84,15 @@ class FilterBank:
         been asked, and neither is what truncation costs its features.
     normalised : bool
         Whether each filter is divided by its sum over the eigenvalues that the bank is called with.
+
+    Examples
+    --------
+    >>> bank = mv.heat_kernel_bank([1.0, 2.0])
+    >>> bank.kind, bank.columns
+    ('hks', ('hks_t=1.00e+00', 'hks_t=2.00e+00'))
+    >>> bank([0.0, 1.0]).round(3)
+    array([[1.   , 0.368],
+           [1.   , 0.135]])
     """
 
     kind: str
@@ -134,6 +143,12 @@ def heat_kernel_bank(times: npt.ArrayLike) -> FilterBank:
     ----------
     .. [1] Sun, J., Ovsjanikov, M. and Guibas, L. (2009). "A Concise and Provably Informative
        Multi-Scale Signature Based on Heat Diffusion." Computer Graphics Forum 28(5).
+
+    Examples
+    --------
+    >>> mv.heat_kernel_bank([1.0, 2.0])([0.0, 1.0]).round(3)
+    array([[1.   , 0.368],
+           [1.   , 0.135]])
     """
     scales = as_parameters(times, "diffusion time")
     columns = tuple(f"hks_t={short_text(scales, i)}" for i in range(len(scales)))
@@ -163,6 +178,13 @@ def wave_kernel_bank(
     ----------
     .. [1] Aubry, M., Schlickewei, U. and Cremers, D. (2011). "The Wave Kernel Signature: A
        Quantum Mechanical Approach to Shape Analysis." ICCV Workshops.
+
+    Examples
+    --------
+    >>> eigenvalues = np.array([0.0, 2.0, 6.0, 12.0])
+    >>> bank = mv.wave_kernel_bank(eigenvalues, n_energies=3)
+    >>> bank(eigenvalues).sum(axis=1)
+    array([1., 1., 1.])
     """
     response = wave_response(eigenvalues, n_energies, width)
     centers = np.exp(response.energies)
@@ -210,6 +232,12 @@ def bspline_bank(e_min: float, e_max: float, n_components: int) -> FilterBank:
     ----------
     .. [1] Litman, R. and Bronstein, A. M. (2014). "Learning Spectral Descriptors for Deformable
        Shape Correspondence." IEEE TPAMI 36(1).
+
+    Examples
+    --------
+    >>> bands = mv.bspline_bank(0.0, 12.0, 5)([0.0, 2.0, 6.0])
+    >>> bands.sum(axis=0)
+    array([1., 1., 1.])
     """
     bases = tuple(construct_bspline_basis(e_min, e_max, n_components))
     digits = max(2, len(str(len(bases) - 1)))
@@ -226,7 +254,13 @@ def bspline_bank(e_min: float, e_max: float, n_components: int) -> FilterBank:
 
 
 def low_pass_bank(cutoff: float) -> FilterBank:
-    """One column with all eigenvalues below `cutoff` (per squared unit), weight 1."""
+    """One column with all eigenvalues below `cutoff` (per squared unit), weight 1.
+
+    Examples
+    --------
+    >>> mv.low_pass_bank(5.0)([0.0, 2.0, 6.0])
+    array([[1., 1., 0.]])
+    """
     bound = as_parameters([cutoff], "cutoff")
     columns = (f"low_pass_λ<{short_text(bound, 0)}",)
     response = StepResponse(-np.inf, bound[0], closed=False)
@@ -234,7 +268,13 @@ def low_pass_bank(cutoff: float) -> FilterBank:
 
 
 def band_pass_bank(low: float, high: float) -> FilterBank:
-    """One column with all eigenvalues from `low` to `high`, both included, weight 1."""
+    """One column with all eigenvalues from `low` to `high`, both included, weight 1.
+
+    Examples
+    --------
+    >>> mv.band_pass_bank(2.0, 6.0)([0.0, 2.0, 6.0, 12.0])
+    array([[0., 1., 1., 0.]])
+    """
     bounds = as_parameters([low, high], "bound of a band")
     if low > high:
         raise InputError(f"The band from {low:g} to {high:g} is empty: swap its bounds.")
@@ -251,6 +291,12 @@ def gaussian_pyramid_bank(scales: npt.ArrayLike) -> FilterBank:
     ----------
     scales : array_like, shape (f,)
         In squared unit of the mesh.
+
+    Examples
+    --------
+    >>> mv.gaussian_pyramid_bank([0.0, 1.0])([0.0, 2.0]).round(3)
+    array([[1.   , 1.   ],
+           [1.   , 0.135]])
     """
     variances = as_parameters(scales, "scale")
     columns = tuple(f"gaussian_s={short_text(variances, i)}" for i in range(len(variances)))
@@ -281,6 +327,13 @@ def get_hks_filter(
     -------
     callable
         ``(k,) -> (n_scales, k)``, from short to long times; it can be pickled.
+
+    Examples
+    --------
+    >>> heat = mv.get_hks_filter(t_max=2.0, t_min=1.0, n_scales=2)
+    >>> heat([0.0, 1.0]).round(3)
+    array([[1.   , 0.368],
+           [1.   , 0.135]])
     """
     # Complain now, not after the decomposition.
     n_scales = whole_number(n_scales, "The number of time scales")
@@ -308,6 +361,12 @@ def construct_bspline_basis(e_min: float, e_max: float, n_components: int) -> li
     ------
     InputError
         If the range is empty or `n_components` < 1.
+
+    Examples
+    --------
+    >>> splines = mv.construct_bspline_basis(0.0, 12.0, 5)
+    >>> float(sum(spline(2.0) for spline in splines).round(6))
+    1.0
     """
     from scipy.interpolate import BSpline
 
@@ -350,6 +409,12 @@ def construct_bspline_filter(
     -------
     callable
         ``(k,) -> (n_components, k)``; it can be pickled.
+
+    Examples
+    --------
+    >>> bands = mv.construct_bspline_filter(0.0, 12.0, 5)
+    >>> bands([0.0, 2.0, 6.0]).shape
+    (5, 3)
     """
     return bspline_bank(e_min, e_max, n_components)
 

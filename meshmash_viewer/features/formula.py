@@ -254,7 +254,7 @@ def formula_bank(formula: str | Formula, **values: npt.ArrayLike) -> FilterBank:
 
     Examples
     --------
-    >>> bank = formula_bank("exp(-t*x)", t=[1.0, 2.0])
+    >>> bank = mv.formula_bank("exp(-t*x)", t=[1.0, 2.0])
     >>> bank([0.0, 1.0]).round(3)
     array([[1.   , 0.368],
            [1.   , 0.135]])

@@ -84,6 +84,19 @@ def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) 
     ------
     InputError
         If the shapes do not agree, or M is not diagonal.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> L, M = mv.cotangent_laplacian(ball)
+    >>> pairs = mv.solve(L, M, 16)
+    >>> ones = np.ones(len(ball.vertices))
+    >>> coefficients = mv.spectral_coefficients(pairs.eigenvectors, M, ones)
+    >>> bool(np.isclose(coefficients[0] ** 2, ball.area))
+    True
+    >>> bool(np.abs(coefficients[1:]).max() < 1e-9)
+    True
     """
     columns = _eigenvectors(eigenvectors)
     values = np.asarray(f, dtype=np.float64)
@@ -117,6 +130,18 @@ def reconstruct(eigenvectors: Any, coefficients: npt.ArrayLike) -> FloatArray:
     ------
     InputError
         If there are more coefficients than eigenvectors.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> L, M = mv.cotangent_laplacian(ball)
+    >>> pairs = mv.solve(L, M, 16)
+    >>> height = ball.vertices[:, 2]
+    >>> coefficients = mv.spectral_coefficients(pairs.eigenvectors, M, height)
+    >>> back = mv.reconstruct(pairs.eigenvectors, coefficients)
+    >>> bool(np.abs(back - height).max() < 0.01)
+    True
     """
     columns = _eigenvectors(eigenvectors)
     weights = np.asarray(coefficients, dtype=np.float64)
@@ -182,6 +207,16 @@ def low_pass_vertices(mesh: MeshLike, decomposition: Decomposition, n: int) -> F
     ----------
     .. [1] Vallet, B. and Lévy, B. (2008). "Spectral Geometry Processing with Manifold
        Harmonics." Computer Graphics Forum 27(2).
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> L, M = mv.cotangent_laplacian(ball)
+    >>> pairs = mv.solve(L, M, 16)
+    >>> smooth = mv.low_pass_vertices(ball, pairs, 4)
+    >>> bool(np.abs(smooth - ball.vertices).max() < 0.01)
+    True
     """
     mesh = as_mesh(mesh)
     if decomposition.rows.shape[1] != mesh.n_vertices:
@@ -238,6 +273,13 @@ def spectral_distance(
     ----------
     .. [1] Reuter, M., Wolter, F.-E. and Peinecke, N. (2006). "Laplace–Beltrami spectra as
        'Shape-DNA' of surfaces and solids." Computer-Aided Design 38(4).
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> small, large = (trimesh.creation.icosphere(3, radius) for radius in (1.0, 5.0))
+    >>> round(mv.spectral_distance(small, large, 20), 6)
+    0.0
     """
     from meshmash_viewer.spectral.eigensolver import solve
 
@@ -291,6 +333,12 @@ def match_features(
     ------
     InputError
         If the numbers of columns differ, or one side has no row without NaN.
+
+    Examples
+    --------
+    >>> first, second = [[0.0], [1.0], [2.0]], [[2.1], [0.1], [1.1]]
+    >>> mv.match_features(first, second).indices
+    array([1, 2, 0])
     """
     values_a, values_b = _values(a), _values(b)
     if values_a.shape[1] != values_b.shape[1]:
@@ -346,6 +394,12 @@ def feature_distance(
     ------
     InputError
         If there is no such vertex, or it has no features.
+
+    Examples
+    --------
+    >>> features = [[0.0, 1.0], [3.0, 5.0], [0.0, 1.0]]
+    >>> mv.feature_distance(features, 0, standardize=False)
+    array([0., 5., 0.])
     """
     values = _values(features)
     if not 0 <= vertex < len(values):

@@ -56,7 +56,6 @@ def filter_map(
 
     Examples
     --------
-    >>> import meshmash_viewer as mv
     >>> corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
     >>> faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
     >>> pairs = mv.solve(*mv.cotangent_laplacian((corners, faces)), 4)

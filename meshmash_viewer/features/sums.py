@@ -58,6 +58,16 @@ class Features:
     truncation : Truncation, optional
         What the pairs that were not computed would add; None where the filters do not tell what
         they do beyond the last eigenvalue, and for pairs around a shift.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> L, M = mv.cotangent_laplacian(ball)
+    >>> pairs = mv.solve(L, M, 16)
+    >>> hks = mv.compute_features(pairs, mv.heat_kernel_bank([0.5, 1.0]), unit="mm")
+    >>> hks.columns, hks.unit, hks.values.shape
+    (('hks_t=5.00e-01', 'hks_t=1.00e+00'), 'mm⁻²', (642, 2))
     """
 
     values: npt.NDArray[np.floating[Any]]
@@ -224,6 +234,16 @@ def compute_features(
     -----
     TruncationWarning
         If more than 1 % of a column is missing, by the estimate.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> L, M = mv.cotangent_laplacian(ball)
+    >>> pairs = mv.solve(L, M, 16)
+    >>> hks = mv.compute_features(pairs, mv.heat_kernel_bank([0.5, 1.0]))
+    >>> hks.values[0].round(3)
+    array([0.189, 0.113])
     """
     check_tail(tail, bank.kind)
     start = 1 if drop_first else 0

@@ -134,7 +134,16 @@ def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
 
     Examples
     --------
-    >>> mesh = mesh.with_maps(*read_maps("lh.thickness", mesh))  # doctest: +SKIP
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "height.npy"
+    ...     np.save(file, ball.vertices[:, 2])
+    ...     mesh = mv.Mesh(ball.vertices, ball.faces).with_maps(*mv.read_maps(file, ball))
+    >>> mesh.maps[0].name
+    'height.npy'
     """
     path, mesh = Path(path), as_mesh(mesh)
     check_file(path)

@@ -37,7 +37,11 @@ def to_napari(
 
     Examples
     --------
-    >>> viewer.add_layer(Layer.create(*to_napari(mesh, eigenvectors[:, 1])))  # doctest: +SKIP
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> data, options, kind = mv.to_napari(ball, ball.vertices[:, 2])
+    >>> kind, len(data)
+    ('surface', 3)
     """
     mesh = as_mesh(mesh)
     options: dict[str, Any] = {"metadata": {"unit": mesh.unit}, "shading": "smooth"}

@@ -105,7 +105,10 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
 
     Examples
     --------
-    >>> mesh = read_mesh("neuron.obj", unit="8 nm")  # doctest: +SKIP
+    >>> from meshmash_viewer.samples import sample_path
+    >>> mesh = mv.read_mesh(sample_path("dendrite"))
+    >>> mesh.unit, mesh.name
+    ('nm', 'dendrite')
     """
     path = Path(path)
     voxel, given_unit = (NO_VOXEL, None) if unit is None else parse_unit(unit)

@@ -88,6 +88,22 @@ def write_features(
     ------
     InputError
         If the ending is unknown, the rows do not go with the mesh, or the system refuses.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> L, M = mv.cotangent_laplacian(ball)
+    >>> pairs = mv.solve(L, M, 16)
+    >>> hks = mv.compute_features(pairs, mv.heat_kernel_bank([0.5, 1.0]))
+    >>> mesh = mv.Mesh(ball.vertices, ball.faces)
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "ball.npz"
+    ...     mv.write_features(file, hks, mesh)
+    ...     np.load(file)["features"].shape
+    (642, 2)
     """
     path = Path(path)
     writer = _writer(WRITERS, path, "features")
@@ -123,6 +139,21 @@ def write_eigenpairs(
     ------
     InputError
         If the ending is unknown or the system refuses.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> L, M = mv.cotangent_laplacian(ball)
+    >>> pairs = mv.solve(L, M, 16)
+    >>> mesh = mv.Mesh(ball.vertices, ball.faces)
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "ball.npz"
+    ...     mv.write_eigenpairs(file, pairs, mesh)
+    ...     np.load(file)["eigenvectors"].shape
+    (642, 16)
     """
     path = Path(path)
     writer = _writer(EIGENPAIR_WRITERS, path, "eigenpairs")
@@ -160,6 +191,22 @@ def write_map_spectrum(
     ------
     InputError
         If the ending is unknown or the system refuses.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> L, M = mv.cotangent_laplacian(ball)
+    >>> pairs = mv.solve(L, M, 16)
+    >>> height = mv.map_spectrum(pairs, ball.vertices[:, 2])
+    >>> mesh = mv.Mesh(ball.vertices, ball.faces)
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "height.csv"
+    ...     mv.write_map_spectrum(file, height, mesh)
+    ...     len(file.read_text().splitlines())
+    17
     """
     path = Path(path)
     writer = _writer(SPECTRUM_WRITERS, path, "coefficients")

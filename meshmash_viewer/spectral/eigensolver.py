@@ -49,6 +49,17 @@ class Decomposition:
         Seconds by stage.
     mass : ndarray of float64, shape (n,)
         Diagonal of M.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> L, M = mv.cotangent_laplacian(ball)
+    >>> pairs = mv.solve(L, M, 16)
+    >>> pairs.eigenvalues[:4].round(1)
+    array([0., 2., 2., 2.])
+    >>> pairs.certificate.complete, bool(pairs.residuals.max() < 1e-9)
+    (True, True)
     """
 
     eigenvalues: npt.NDArray[np.float64]
@@ -210,6 +221,15 @@ def solve(
         If the matrices or the request make no sense.
     Cancelled
         If `cancel` said so.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> L, M = mv.cotangent_laplacian(ball)
+    >>> pairs = mv.solve(L, M, max_eigenvalue=7.0)
+    >>> pairs.eigenvalues.round(1)
+    array([0., 2., 2., 2., 6., 6., 6., 6., 6.])
     """
     request = Request(
         n_components=n_components,
@@ -253,6 +273,14 @@ def iterate(
     """Yield the pairs in batches as they converge, lowest first; arguments as for `solve`.
 
     The computation runs on while a batch is looked at. Closing the iterator cancels it.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> L, M = mv.cotangent_laplacian(ball)
+    >>> sum(len(batch.eigenvalues) for batch in mv.iterate(L, M, 16))
+    16
     """
     queue: Queue[Batch | BaseException | None] = Queue()
     closed = threading.Event()

@@ -43,12 +43,24 @@ TARGET_KINDS = ("count", "max_eigenvalue", "wavelength", "time")
 
 
 def weyl_count(area: float, eigenvalue: float) -> float:
-    """Estimate how many eigenvalues lie below one: ``area * eigenvalue / 4π``."""
+    """Estimate how many eigenvalues lie below one: ``area * eigenvalue / 4π``.
+
+    Examples
+    --------
+    >>> round(mv.weyl_count(4 * np.pi, 110.0))
+    110
+    """
     return area * eigenvalue / (4.0 * math.pi)
 
 
 def weyl_eigenvalue(area: float, count: float) -> float:
-    """Estimate the eigenvalue below which `count` others lie: ``4π count / area``."""
+    """Estimate the eigenvalue below which `count` others lie: ``4π count / area``.
+
+    Examples
+    --------
+    >>> mv.weyl_eigenvalue(4 * np.pi, 110)
+    110.0
+    """
     return 4.0 * math.pi * count / area
 
 

@@ -57,10 +57,13 @@ class MeshStitcher:
 
     Examples
     --------
-    >>> stitcher = MeshStitcher(mesh, n_jobs=-1)
-    >>> stitcher.split_mesh(max_vertex_threshold=20_000)
-    >>> times = {"t_min": 1e7, "t_max": 1e9}  # the same for all pieces, here in nm²
-    >>> hks = stitcher.apply(lambda piece: compute_hks(piece, max_eigenvalue=1e-6, **times))
+    >>> import trimesh
+    >>> stitcher = mv.MeshStitcher(trimesh.creation.icosphere(3), n_jobs=1)
+    >>> stitcher.split_mesh(max_vertex_threshold=400)
+    >>> times = {"t_min": 0.5, "t_max": 2.0}  # the same for all pieces
+    >>> hks = stitcher.apply(lambda piece: mv.compute_hks(piece, count="auto", **times))
+    >>> len(stitcher.pieces) > 1, hks.shape
+    (True, (642, 32))
 
     Without `t_min` and `t_max` every piece would take those of its own spectrum, and a column would
     mean another time on each of them.
