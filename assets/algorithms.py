@@ -9,10 +9,13 @@ on a transparent ground, with words in a grey that is read on light and on dark 
 from __future__ import annotations
 
 import argparse
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import matplotlib as mpl
@@ -26,6 +29,7 @@ from matplotlib import pyplot as plt
 import meshmash_viewer as mv
 from meshmash_viewer.samples import sample_path
 
+EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 GREY = "#7d8590"
 SIGNED, POSITIVE = "RdBu_r", "viridis"
 #: Pixels of a panel, and how much finer it is rendered.
@@ -282,9 +286,27 @@ def pieces() -> list[Any]:
     ]
 
 
+def examples() -> list[Any]:
+    """What three of the scripts in ``examples`` write."""
+    with TemporaryDirectory() as folder:
+        for script in ("bands", "own_map", "distance_and_shape"):
+            subprocess.run([sys.executable, EXAMPLES / f"{script}.py"], cwd=folder, check=True)
+        table = pv.read(Path(folder) / "bands.vtp")
+        bands = np.column_stack([table[name] for name in table.point_data])
+        bend = np.load(Path(folder) / "bend_smooth.npy")
+        smooth = mv.read_mesh(Path(folder) / "smooth.ply", unit="nm")
+        moved = np.linalg.norm(smooth.vertices - dendrite().vertices, axis=1)
+    return [
+        Surface("bands.py: the strongest", dendrite(), bands.argmax(axis=1), limits=(0.0, 7.0)),
+        Surface("own_map.py", dendrite(), bend, SIGNED, _even(bend), "nm⁻¹"),
+        Surface("distance_and_shape.py", smooth, moved, limits=_most(moved), unit="moved by, nm"),
+    ]
+
+
 PAGES: list[Callable[[], list[Any]]] = [
     laplacian, eigenpairs, heat_kernel_signature, wave_kernel_signature, geometry_vectors, filters,
     similarity, two_shapes, distances, maps, reconstruction, curvature, truncation, pieces,
+    examples,
 ]  # fmt: skip
 
 

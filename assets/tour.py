@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shutil
 import tempfile
 import time
 from collections.abc import Callable
@@ -20,6 +21,7 @@ import numpy as np
 from PySide6.QtCore import QEventLoop, QPoint, Qt, QTimer
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDialog
+from trimesh.creation import icosphere
 from trimesh.remesh import subdivide
 
 from meshmash_viewer.app import theme
@@ -94,10 +96,10 @@ class Tour:
             raise OSError(f"{path} could not be written")
         print(path)
 
-    def open(self, path: Path) -> None:
+    def open(self, path: Path, unit: str = "") -> None:
         """Open a mesh and wait until it is drawn."""
         document = self.document
-        self.window.open_mesh(path)
+        self.window.open_mesh(path, unit)
         self.wait(lambda: document.path == path and document.job is None)
         self.wait(lambda: self.window.scene.can_pick)
         self.settle()
@@ -246,6 +248,7 @@ class Tour:
         self.settle()
         self.shoot("dark-faults")
         theme.set_mode(theme.Mode.LIGHT)
+        self.go_first_sessions()
         self.go_large(mesh)
         window.close()
 
@@ -287,6 +290,41 @@ class Tour:
             window.comparing.end()
         docks["mesh"].raise_()
         self.settle()
+
+    def go_first_sessions(self) -> None:
+        """Go through what the pages of the first sessions show, on surfaces of formulas."""
+        document, display = self.document, self.display
+        with tempfile.TemporaryDirectory(prefix="meshes-") as folder:
+            sphere, folded = Path(folder) / "ball.ply", Path(folder) / "folded.npz"
+            faults = Path(shutil.copy(sample_path("two_components"), folder))
+            ball = icosphere(5)
+            ball.export(sphere)
+            self.open(sphere)
+            self.ask_for(50)
+            self.wait(lambda: document.job is None and document.spectrum is not None)
+            display.change(Eigenfunctions, index=7)
+            display.nodal_lines = True
+            self.settle()
+            self.shoot("first-session-ball")
+            display.nodal_lines = False
+
+            self.open(faults)
+            self.shoot("first-session-faults")
+
+            x, y, z = ball.vertices.T
+            folds = np.sin(9.0 * x + 2.0 * y) * np.sin(8.0 * y - 3.0 * z) * np.cos(7.0 * z)
+            np.savez(
+                folded,
+                vertices=ball.vertices * ((50.0 + 6.0 * folds) * (1.0 + 0.3 * y**2))[:, None],
+                faces=ball.faces,
+            )
+            self.open(folded, "mm")
+            self.ask_for(150)
+            self.wait(lambda: document.job is None and document.spectrum is not None)
+            display.kind = "band"
+            display.change(GeometryVectors, index=6)
+            self.settle()
+            self.shoot("first-session-folded")
 
     def go_large(self, mesh: Path) -> None:
         """Go through what only large meshes need: preview, hand-over, and the stand-in."""

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import doctest
 import re
+import shlex
 from pathlib import Path
+from typing import Any
 
+import nibabel.freesurfer
 import numpy as np
 import pytest
+import trimesh
 
 import meshmash_viewer as mv
+from meshmash_viewer.cli.arguments import window_parser
+from meshmash_viewer.cli.main import main
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 PAGES = sorted(DOCS.rglob("*.md"))
@@ -21,10 +27,20 @@ BLOCKS = [
     )
 ]
 
+#: Lines of pages and README for a shell; what a line says after two blanks is for its reader. The
+#: plug-in of the example is not installed here.
+COMMANDS = sorted({
+    re.split(r"  +", line)[0]
+    for page in [*PAGES, DOCS.parent / "README.md"]
+    for line in re.findall(r"^meshmash-viewer (.+)$", page.read_text(encoding="utf-8"), re.M)
+    if "wavelets" not in line
+})  # fmt: skip
+
 
 @pytest.mark.parametrize("block", BLOCKS)
 @pytest.mark.filterwarnings("default::meshmash_viewer.TruncationWarning")
-def test_python_of_a_page_runs(block: str) -> None:
+def test_python_of_a_page_runs(block: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # some write files
     exec(compile(block, "page", "exec"), {"__name__": "page"})
 
 
@@ -51,3 +67,43 @@ def test_every_public_name_has_an_example_that_runs(name: str) -> None:
     wrong: list[str] = []
     doctest.DocTestRunner().run(tests, out=wrong.append)
     assert not wrong, "".join(wrong)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the pages call neurons, bunnies and hemispheres: balls."""
+    folder = tmp_path_factory.mktemp("meshes")
+    for name, level in {"neuron.ply": 4, "neuron.obj": 4, "bunny.obj": 4, "huge.ply": 6}.items():
+        trimesh.creation.icosphere(level, 3000.0).export(folder / name)
+    freesurfer: Any = nibabel.freesurfer
+    cortex = trimesh.creation.icosphere(4, 50.0)
+    for name in ("lh.pial", "rh.pial"):
+        freesurfer.write_geometry(folder / name, cortex.vertices, cortex.faces)
+    freesurfer.write_morph_data(folder / "lh.thickness", cortex.vertices[:, 0])
+    labels = (cortex.vertices[:, 0] > 0).astype(int)
+    colors = np.array([[200, 0, 0, 0, 1], [0, 0, 200, 0, 2]])
+    freesurfer.write_annot(folder / "lh.aparc.annot", labels, colors, ["one", "two"], True)
+    return folder
+
+
+@pytest.mark.filterwarnings("default::meshmash_viewer.TruncationWarning")
+@pytest.mark.parametrize("command", COMMANDS)
+def test_commands_of_pages_run(
+    command: str, files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for file in files.iterdir():
+        (tmp_path / file.name).symlink_to(file)
+    monkeypatch.chdir(tmp_path)
+    words = shlex.split(command)
+    if "*.ply" in words:
+        at = words.index("*.ply")
+        words[at : at + 1] = ["neuron.ply", "huge.ply"]
+    monkeypatch.setattr("meshmash_viewer.io.cache.default_cache_folder", lambda: tmp_path / "cache")
+    if words[0] in ("features", "compare", "gallery", "movie", "render", "reconstruct", "info"):
+        shorter = ["--size", "320x240", "--seconds", "0.5"] if words[0] == "movie" else []
+        assert main([*words, *shorter]) == 0
+        if "-o" in words:
+            assert Path(words[words.index("-o") + 1]).exists()
+    elif words != ["--info"]:
+        opened = window_parser().parse_args(words)
+        assert all(Path(mesh).exists() for mesh in opened.mesh)
