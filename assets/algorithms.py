@@ -332,20 +332,20 @@ def draw(panels: Sequence[Any], file: Path) -> None:
             "xtick.color": GREY,
             "ytick.color": GREY,
             "axes.edgecolor": GREY,
-            "font.size": 9.0,
+            "font.size": 8.0,
         }
     ):
         figure, axes = plt.subplots(
-            1, len(panels), figsize=(4.0 * len(panels), 3.0), squeeze=False, layout="constrained"
+            1, len(panels), figsize=(2.9 * len(panels), 2.3), squeeze=False, layout="constrained"
         )
         for panel, axis in zip(panels, axes[0], strict=True):
-            axis.set_title(panel.title, fontsize=11.0)
+            axis.set_title(panel.title, fontsize=9.5)
             if isinstance(panel, Curves):
                 _plot(panel, axis)
             else:
                 _paint(panel, axis, figure)
         figure.savefig(
-            file, dpi=110, transparent=True, bbox_inches="tight", pil_kwargs={"quality": 85}
+            file, dpi=150, transparent=True, bbox_inches="tight", pil_kwargs={"quality": 85}
         )
         plt.close(figure)
 
