@@ -1,6 +1,6 @@
 """Drives the real window through a session and saves a picture of each stop.
 
-    python assets/tour.py DIR [MESH]
+    python assets/tour.py DIR [MESH] [--stops N]
 
 Needs a display; ``./dev shots DIR`` runs it on a virtual one. Without MESH it goes through the
 dendrite that comes with the package. Nothing of the user's is read or changed: settings and stored
@@ -10,6 +10,7 @@ eigenpairs are the tour's own.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import shutil
 import tempfile
@@ -47,12 +48,16 @@ def pause(milliseconds: int) -> None:
     loop.exec()
 
 
+class LastStop(Exception):
+    """No more pictures are wanted."""
+
+
 class Tour:
     """The window, and the folder that its pictures go to."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, stops: int | None = None) -> None:
         self.folder = folder
-        self.number = 0
+        self.number, self.stops = 0, stops
         self.window = MainWindow(fresh=True)
         self.document = self.window.document
         self.display = self.window.document.display
@@ -95,6 +100,8 @@ class Tour:
         if not picture.save(str(path)):
             raise OSError(f"{path} could not be written")
         print(path)
+        if self.number == self.stops:
+            raise LastStop
 
     def open(self, path: Path, unit: str = "") -> None:
         """Open a mesh and wait until it is drawn."""
@@ -398,14 +405,16 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="where the pictures go")
     parser.add_argument("mesh", type=Path, nargs="?", default=None, help="instead of the sample")
+    parser.add_argument("--stops", type=int, help="end after so many pictures")
     options = parser.parse_args()
     options.folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="meshmash-viewer-tour-") as cache:
         os.environ["XDG_CACHE_HOME"] = cache
         application()
-        tour = Tour(options.folder)
+        tour = Tour(options.folder, options.stops)
         try:
-            tour.go(options.mesh or sample_path())
+            with contextlib.suppress(LastStop):
+                tour.go(options.mesh or sample_path())
         finally:
             tour.window.close()
             QApplication.processEvents()
