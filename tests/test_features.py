@@ -100,3 +100,9 @@ def test_a_component_is_remarked_on_where_its_features_are_out_of_proportion(thr
     (remark,) = Features(values, ("a", "b")).remarks(three_spheres)
     assert "values are up to 10,000,000 times" in remark
     assert "on 1 tiny component (162 vertices)" in remark
+
+
+def test_a_filter_that_lets_no_pair_through_keeps_what_has_no_value() -> None:
+    rows = np.array([[1.0, np.nan, 2.0], [3.0, np.nan, 4.0]])
+    sums = accumulate_features(rows, np.zeros((1, 2)))
+    np.testing.assert_array_equal(sums, [[0.0], [np.nan], [0.0]])

@@ -122,3 +122,13 @@ def test_lines_at_round_values_are_seen_on_thin_branches_too() -> None:
     marks, widths = nodal_segments(*given, (0.0, 0.5))
     assert np.isinf(widths).all()
     np.testing.assert_allclose(np.unique((marks + centre)[..., 2].round(5)), [0.0, 0.5])
+
+
+def test_segments_are_told_from_a_centre_with_the_width_of_what_they_go_around() -> None:
+    sphere = shapes.icosphere(5)
+    centre = np.array([100.0, 0.0, 0.0])
+    placed = sphere.vertices + centre
+    segments, widths = nodal_segments(placed, sphere.faces, sphere.vertices[:, 2] - 0.3, centre)
+    radius = np.sqrt(1 - 0.09)
+    np.testing.assert_allclose(np.linalg.norm(segments[..., :2], axis=-1), radius, atol=2e-3)
+    np.testing.assert_allclose(widths, 2 * radius, rtol=1e-3)

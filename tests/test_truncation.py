@@ -392,3 +392,12 @@ def test_the_tail_brings_hks_nearer(sphere, wholes):
         added = compute_hks(sphere, tail="weyl", **options)
     errors = [np.median(np.abs(each - expected)[:, 0]) for each in (plain, added)]
     assert errors[1] < 0.5 * errors[0]
+
+
+def test_a_band_beyond_where_the_law_ends_may_be_missing_as_a_whole(wholes):
+    whole = wholes["neuron"]
+    beyond = 0.9 * float(whole.eigenvalues[-1])
+    few = lowest(whole, 9)
+    told = compute_features(few, band_pass_bank(beyond, 2.0 * beyond), warn=False).truncation
+    assert told is not None
+    assert told.estimate.tolist() == [1.0]

@@ -219,7 +219,7 @@ def _symmetric(laplacian: Any) -> Any:
             f"The Laplacian is not symmetric (vertices {i} and {j} differ by "
             f"{across.data[wrong[0]]:.3g}); its eigenpairs would not be real."
         )
-    if across.nnz and across.data.max() > 0.0:
+    if across.nnz:
         laplacian = sp.csr_array((laplacian + laplacian.T) * 0.5)
     laplacian.eliminate_zeros()
     return laplacian
