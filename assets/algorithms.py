@@ -50,6 +50,14 @@ class Surface:
 
 
 @dataclass(frozen=True)
+class Picture:
+    """A panel with a picture that is there."""
+
+    title: str
+    pixels: Any
+
+
+@dataclass(frozen=True)
 class Curves:
     """A panel with lines: names and values over one abscissa."""
 
@@ -287,19 +295,23 @@ def pieces() -> list[Any]:
 
 
 def examples() -> list[Any]:
-    """What three of the scripts in ``examples`` write."""
+    """What four of the scripts in ``examples`` write."""
     with TemporaryDirectory() as folder:
-        for script in ("bands", "own_map", "distance_and_shape"):
+        for script in ("bands", "own_map", "distance_and_shape", "with_pyvista"):
             subprocess.run([sys.executable, EXAMPLES / f"{script}.py"], cwd=folder, check=True)
         table = pv.read(Path(folder) / "bands.vtp")
         bands = np.column_stack([table[name] for name in table.point_data])
         bend = np.load(Path(folder) / "bend_smooth.npy")
         smooth = mv.read_mesh(Path(folder) / "smooth.ply", unit="nm")
         moved = np.linalg.norm(smooth.vertices - dendrite().vertices, axis=1)
+        drawn = plt.imread(Path(folder) / "phi_5.png")
+        rows, columns = np.nonzero((drawn[..., :3] < 1.0).any(axis=2))
+        drawn = drawn[rows.min() : rows.max(), columns.min() : columns.max()]
     return [
         Surface("bands.py: the strongest", dendrite(), bands.argmax(axis=1), limits=(0.0, 7.0)),
         Surface("own_map.py", dendrite(), bend, SIGNED, _even(bend), "nm⁻¹"),
         Surface("distance_and_shape.py", smooth, moved, limits=_most(moved), unit="moved by, nm"),
+        Picture("with_pyvista.py: phi_5.png", drawn),
     ]
 
 
@@ -342,6 +354,9 @@ def draw(panels: Sequence[Any], file: Path) -> None:
             axis.set_title(panel.title, fontsize=9.5)
             if isinstance(panel, Curves):
                 _plot(panel, axis)
+            elif isinstance(panel, Picture):
+                axis.imshow(panel.pixels)
+                axis.axis("off")
             else:
                 _paint(panel, axis, figure)
         figure.savefig(
