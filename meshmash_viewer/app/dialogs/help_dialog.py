@@ -28,7 +28,7 @@ _METHODS = (
     "Spectrum slices certified by inertia: Grimes, Lewis & Simon 1994. "
     "Heat kernel signature: Sun, Ovsjanikov & Guibas 2009. "
     "Wave kernel signature: Aubry, Schlickewei & Cremers 2011. "
-    "Spline bands: Litman & Bronstein 2013."
+    "Spline bands: Litman & Bronstein 2014."
 )
 
 
