@@ -279,7 +279,7 @@ def write_picture(
         about.add_itxt("meshmash-viewer", json.dumps(meta))
     with writing_errors(path), written_whole(path) as part:
         image = Image.fromarray(np.ascontiguousarray(pixels))
-        image.save(part, format="PNG", pnginfo=about)
+        image.save(part, pnginfo=about)
 
 
 def _made(mesh: Mesh, said: dict[str, Any], meta: dict[str, Any] | None) -> dict[str, Any]:
