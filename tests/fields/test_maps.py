@@ -217,3 +217,13 @@ def test_mean_is_that_of_the_surface(rectangle: Mesh) -> None:
         family = OwnMaps(chosen=name).resolved(bare, CHOSEN)
         family.compute(bare, None)
         np.testing.assert_allclose(family.mean(bare), wanted, rtol=1e-12)
+
+
+def test_sums_of_one_map_are_not_shown_for_another(spectrum: Spectrum) -> None:
+    one, other = (
+        OwnMaps(chosen=name, view="pairs").resolved(spectrum, CHOSEN)
+        for name in ("height", "holed")
+    )
+    table = one.prepare(spectrum, None)
+    assert one.compute(spectrum, table) is not None
+    assert other.compute(spectrum, table) is None
