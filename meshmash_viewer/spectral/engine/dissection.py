@@ -34,7 +34,7 @@ Ask = Callable[[int, sp.csr_array], IndexArray]
 
 #: From so many vertices on METIS takes longer than processes take to start: halves, quarters.
 #: How often a graph is cut depends on nothing else, or results would depend on the machine.
-_VERTICES_TO_HALVE, _VERTICES_TO_QUARTER = 150_000, 600_000
+_VERTICES_TO_HALVE, _VERTICES_TO_QUARTER = 100_000, 600_000
 
 
 class DissectionCrew:
