@@ -495,7 +495,9 @@ def test_large_spectra_go_through_a_temporary_file(neuron, monkeypatch):
 
     monkeypatch.setattr(feature_sums, "accumulate_features", watched)
     np.testing.assert_array_equal(compute_geometry_vectors(neuron, THRESHOLD), expected)
-    assert kinds == [np.memmap]
+    monkeypatch.setattr(eigenpairs, "_MEMORY_SHARE", 0.5)
+    np.testing.assert_array_equal(compute_geometry_vectors(neuron, THRESHOLD), expected)
+    assert kinds == [np.memmap, np.ndarray]
 
 
 def test_progress_and_cancel(neuron):

@@ -101,6 +101,8 @@ def test_pairs_nearest_an_interior_shift() -> None:
         nearest = np.sort(exact[np.argsort(np.abs(exact - sigma), kind="stable")[:25]])
         decomposition = solve(*matrices, 25, sigma=float(sigma))
         check(decomposition, nearest)
+        from_below = decomposition.certificate.low is None
+        assert from_below == (nearest[0] == 0.0), "the lowest pairs have no lower end"
 
 
 def test_many_components_have_an_exact_null_space() -> None:

@@ -60,6 +60,7 @@ def test_ready_banks_are_formulas(formula, ready) -> None:
         ("exp(-x*length**2)", {"length": 1}),
         ("1 / (1 + (x/c)**n)", {"c": -2, "n": 0}),
         ("g * (x < c)", {"g": 0, "c": -2}),
+        ("exp(-x**2 / a)", {"a": -4}),
         ("x", {}),
     ],
 )

@@ -14,7 +14,7 @@ from test_eigensolver_hard import icosphere
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.engine import lanczos
 from meshmash_viewer.spectral.engine.basis import BLOCK, KrylovBasis
-from meshmash_viewer.spectral.engine.factorization import order_pencil
+from meshmash_viewer.spectral.engine.factorization import Factor, FactorizationError, order_pencil
 from meshmash_viewer.spectral.engine.lanczos import Interval, measure_pairs, rotate_to_pairs
 from meshmash_viewer.spectral.engine.orthogonality import add_product, orthonormalise
 from meshmash_viewer.spectral.engine.pencil import reduce_pencil
@@ -97,6 +97,13 @@ def test_rotation_refuses_the_same_pair_twice() -> None:
     rows = np.stack([row, row + 1e-9 * np.roll(row, 1)])
     with pytest.raises(ArithmeticError, match="twice"):
         rotate_to_pairs(ordered, rows, np.empty((8, ordered.pencil.n)))
+
+
+def test_a_pivot_that_vanishes_is_said() -> None:
+    ordered = order_pencil(reduce_pencil(sp.csc_array([[1.0, -1.0], [-1.0, 1.0]]), np.ones(2)))
+    on_the_diagonal = float(ordered.pencil.matrix.diagonal()[0])
+    with pytest.raises(FactorizationError, match="a pivot vanished"):
+        Factor(ordered, on_the_diagonal, STOP)
 
 
 @pytest.mark.parametrize(("low", "tried"), [(-1.0, 3), (1.0, 1)])

@@ -14,6 +14,7 @@ from meshmash_viewer.decompose import decompose_mesh
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.mesh import Mesh, as_mesh, mesh_to_poly
+from meshmash_viewer.vertex_map import VertexMap
 
 TRIANGLE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
@@ -229,3 +230,12 @@ def test_an_object_with_half_of_a_mesh_is_none(attribute):
     thing = SimpleNamespace(**{attribute: np.eye(3)})
     with pytest.raises(InputError, match="not of type SimpleNamespace"):
         as_mesh(thing)
+
+
+def test_maps_that_there_are_are_named_where_another_is_asked_for(sphere: Mesh) -> None:
+    values = np.zeros(sphere.n_vertices)
+    mesh = sphere.with_maps(VertexMap("depth", values), VertexMap("width", values))
+    with pytest.raises(InputError, match="'depth', 'width'"):
+        mesh.map_named("height")
+    with pytest.raises(InputError, match="none"):
+        sphere.map_named("height")

@@ -24,6 +24,7 @@ BROKEN = {
         "lost": ("nowhere:Lost", "No module named 'nowhere'"),
         "number": ("math:pi", "it is no subclass of BankColumns"),
         "bare": ("broken:Bare", "a text is missing"),
+        "twin": ("broken:Twin", "exported as another family is"),
     },
     "readers": {".ply": ("math:floor", "the name is taken"), "end": ("math:floor", "lower-case")},
 }
@@ -49,6 +50,8 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "broken" / "__init__.py").write_text(
         "from meshmash_viewer.fields.bank_columns import BankColumns\n"
         "class Bare(BankColumns):\n    name = 'bare'\n"
+        "class Twin(BankColumns):\n    name = 'twin'\n    label = short = tip = 'Twin'\n"
+        "    export = 'hks'\n"
     )
     (folder / "broken" / "ending.py").write_text("raise SystemExit('leaving')")
     about = folder / "broken-0.3.dist-info"

@@ -211,11 +211,13 @@ def test_a_failure_names_the_piece(sphere: Mesh, n_jobs: int) -> None:
     def fails(piece: tuple[np.ndarray, np.ndarray]) -> float:
         return 1 / 0 if (piece[0][0] == corner).all() else 0.0
 
+    seen: list[Progress] = []
     with pytest.raises(
         PieceError, match=rf"piece 3 of \d+ \({third} .*ZeroDivisionError"
     ) as caught:
-        stitcher.apply(lambda piece: fails(piece))
+        stitcher.apply(lambda piece: fails(piece), progress=seen.append)
     assert "in fails" in caught.value.__notes__[0]
+    assert len(seen) == 2, "two pieces were done"
 
 
 def test_one_blas_thread_each(sphere: Mesh) -> None:

@@ -30,7 +30,7 @@ from meshmash_viewer.features.filters import (
 )
 from meshmash_viewer.features.formula import formula_bank
 from meshmash_viewer.features.sums import compute_features, truncated_features
-from meshmash_viewer.features.truncation import mean_shares
+from meshmash_viewer.features.truncation import mean_shares, percent
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.eigensolver import Decomposition, solve
@@ -401,3 +401,10 @@ def test_a_band_beyond_where_the_law_ends_may_be_missing_as_a_whole(wholes):
     told = compute_features(few, band_pass_bank(beyond, 2.0 * beyond), warn=False).truncation
     assert told is not None
     assert told.estimate.tolist() == [1.0]
+
+
+@pytest.mark.parametrize(
+    ("share", "text"), [(0.954, "95 %"), (0.0142, "1.4 %"), (0.096, "10 %"), (0.0, "0 %")]
+)
+def test_a_share_has_as_many_digits_as_it_is_worth(share: float, text: str) -> None:
+    assert percent(share) == text

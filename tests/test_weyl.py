@@ -62,3 +62,11 @@ def test_targets_translate_into_each_other():
 def test_senseless_targets_are_refused(kind, value, words):
     with pytest.raises(InputError, match=words):
         Target(kind, value)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 7.0, 1e5])
+def test_bounds_go_with_the_size_of_the_mesh(scale: float) -> None:
+    low, high = Translation(4.0, n_vertices=500).bounds
+    scaled = Translation(4.0 * scale**2, n_vertices=500).bounds
+    assert low < weyl_eigenvalue(4.0, 1) < weyl_eigenvalue(4.0, 500) < high
+    assert scaled == pytest.approx((low / scale**2, high / scale**2))

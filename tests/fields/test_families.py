@@ -13,6 +13,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import bspline_bank
 from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.fields import EXPORTS, FAMILIES, FEATURES
+from meshmash_viewer.fields.distances import Distances
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
@@ -217,3 +218,20 @@ def test_exact_pairs_come_before_those_of_a_preview(spectrum: Spectrum) -> None:
     np.testing.assert_array_equal(both.rows[:20], few.rows)
     np.testing.assert_array_equal(both.rows[20:], preview.rows[20:])
     assert np.isnan(both.residuals[20:]).all()
+
+
+@pytest.mark.parametrize("name", ["band", "wks"])
+def test_there_is_no_profile_of_a_null_space(name: str) -> None:
+    zeros = Spectrum(np.zeros(3), np.ones((3, 5)), np.zeros(3))
+    assert FEATURES[name]().profile(zeros) is None
+
+
+@pytest.mark.parametrize("measure", ["biharmonic", "commute", "diffusion"])
+def test_nothing_is_at_a_distance_in_another_component(three_spheres: Mesh, measure: str) -> None:
+    some = replace(spectrum_of(three_spheres, 40), mesh=three_spheres)
+    vertex = int(np.flatnonzero(three_spheres.component_labels == 1)[0])
+    family = Distances(vertex=vertex, measure=measure).resolved(some, CHOSEN)
+    values = shown(some, family, LiveFeatures())
+    here = three_spheres.component_labels == 1
+    assert np.isnan(values[~here]).all()
+    assert np.isfinite(values[here]).all()

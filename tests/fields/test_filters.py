@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from solved import spectrum_of
 
+import meshmash_viewer as mv
 from meshmash_viewer.features.filters import band_pass_bank, low_pass_bank
 from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.fields import spectrum as spectra
@@ -146,3 +147,11 @@ def test_bands_and_steps_are_integrated_exactly(spectrum: Spectrum) -> None:
         assert spectrum.missing_shares(ready, 3.0) == spectrum.missing_shares(exact, 3.0)
     turned = Filters(READY["Band-pass"]).with_values(a=high, b=low).bank(spectrum.eigenvalues)
     assert not turned(spectrum.eigenvalues).any()
+
+
+def test_the_script_of_many_columns_makes_the_bank_of_the_export(spectrum: Spectrum) -> None:
+    family = Filters(text="exp(-t*x)", automatic=False, low=0.01, high=3.0, count=5)
+    made = eval(family.bank_script(), {"mv": mv, "np": np})
+    wanted = np.exp(-np.geomspace(0.01, 3.0, 5)[:, None] * spectrum.eigenvalues)
+    np.testing.assert_allclose(made(spectrum.eigenvalues), wanted, rtol=1e-12)
+    np.testing.assert_allclose(family.bank(spectrum.eigenvalues)(spectrum.eigenvalues), wanted)

@@ -227,3 +227,10 @@ def test_sums_of_one_map_are_not_shown_for_another(spectrum: Spectrum) -> None:
     table = one.prepare(spectrum, None)
     assert one.compute(spectrum, table) is not None
     assert other.compute(spectrum, table) is None
+
+
+def test_a_sum_of_pairs_is_captioned_by_how_many_and_a_map_by_its_name(spectrum: Spectrum) -> None:
+    chosen = replace(OwnMaps(), chosen="height", pairs=7)
+    assert chosen.resolved(spectrum, CHOSEN).caption(spectrum, "mm") == "height"
+    summed = replace(chosen, view="pairs").resolved(spectrum, CHOSEN)
+    assert "lowest 7 pairs" in summed.caption(spectrum, "mm")

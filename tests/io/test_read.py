@@ -689,3 +689,27 @@ def test_one_stray_coordinate_does_not_join_all_vertices(tmp_path: Path) -> None
     path = tmp_path / "stray.stl"
     path.write_bytes(bytes(80) + struct.pack("<I", len(corners)) + body)
     assert "a coordinate as large as 1e+38" in fault_of(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"glTF\x02\0\0\0", 'does not begin with "glTF"'),
+        (b"GLTF" + bytes(16), 'does not begin with "glTF"'),
+        (b"glTF\x02\0\0\0\x14\0\0\0\x02\0\0\0BIN\0{}", "the description of a scene"),
+    ],
+)
+def test_a_binary_scene_that_is_none(content: bytes, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "scene.glb"
+    path.write_bytes(content)
+    assert said in fault_of(path)
+
+
+def test_of_very_many_maps_the_first_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("meshmash_viewer.io.formats.npz.MOST_MAPS", 3)
+    maps = {f"map {at}": np.arange(len(VERTICES)) + at for at in range(5)}
+    np.savez(tmp_path / "many.npz", vertices=VERTICES, faces=FACES, **maps)
+    found = read_mesh(tmp_path / "many.npz").maps
+    assert [each.name for each in found] == ["map 0", "map 1", "map 2"]

@@ -130,3 +130,10 @@ def test_a_file_too_large_for_a_session_is_not_read(tmp_path: Path) -> None:
         file.truncate(20_000_000_000)
     with pytest.raises(InputError, match="too large"):
         read_session(path)
+
+
+@pytest.mark.parametrize("value", [12.5, 1e-8])
+def test_a_target_that_is_a_length_needs_no_whole_number(value: float, tmp_path: Path) -> None:
+    session = Session(**{**vars(SESSION), "target": {"kind": "wavelength", "value": value}})
+    write_session(tmp_path / "a.json", session)
+    assert read_session(tmp_path / "a.json").target["value"] == value

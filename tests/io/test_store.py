@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from meshmash_viewer.io.cache import EigenpairCache, folder_size
+from meshmash_viewer.io.spectrum import obtain_eigenpairs
 from meshmash_viewer.io.store import EigenpairStore, StoreBusy, StoredSpectrum, StoreUnusable
 from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
@@ -477,3 +478,28 @@ def test_what_the_disk_has_room_for_to_the_byte_is_taken(
                     store.allocate(10)
             else:
                 assert store.allocate(10).shape == (10, sphere.n_vertices)
+
+
+def test_what_is_stored_is_read_while_another_process_may_write(
+    sphere: Mesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    target = Target("count", 12)
+    computed = obtain_eigenpairs(sphere, OPERATOR, target).decomposition
+
+    def locked(_: EigenpairStore) -> None:
+        raise AssertionError("kept others from writing")
+
+    monkeypatch.setattr(EigenpairStore, "lock", locked)
+    again = obtain_eigenpairs(sphere, OPERATOR, target).decomposition
+    np.testing.assert_array_equal(again.rows, computed.rows)
+
+
+def test_where_a_system_counts_no_blocks_a_folder_is_as_large_as_its_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "some").write_bytes(bytes(1234))
+    (tmp_path / "more").write_bytes(bytes(10))
+    look = os.stat
+    monkeypatch.setattr(os, "stat", lambda path: SimpleNamespace(st_size=look(path).st_size))
+    assert folder_size(tmp_path) == 1244

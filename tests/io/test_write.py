@@ -318,3 +318,15 @@ def test_what_cannot_be_written_is_known_before_it_is_computed(kind: str, tmp_pa
     with pytest.raises(InputError, match="absent"):
         check_output(tmp_path / "absent" / f"a{ending}", kind)
     assert not list(tmp_path.iterdir())
+
+
+def test_other_programs_open_a_vtp_with_its_first_column_on_the_surface(
+    mesh: Mesh, features: Features, tmp_path: Path
+) -> None:
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+
+    write_features(tmp_path / "out.vtp", features, mesh)
+    reader = vtkXMLPolyDataReader()
+    reader.SetFileName(str(tmp_path / "out.vtp"))
+    reader.Update()
+    assert reader.GetOutput().GetPointData().GetScalars().GetName() == features.columns[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.decomposition import decompose
 from meshmash_viewer.model.jobs import ExportJob
+from meshmash_viewer.model.pieces import PiecesJob
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.spectral.weyl import Target
@@ -153,3 +155,22 @@ def test_distances_are_written_by_their_pairs_or_without(
         wanted = distance_features(sphere, [3, 8], measure, pairs)
     assert content["columns"].tolist() == list(wanted.columns)
     np.testing.assert_allclose(content["features"], wanted.values, atol=1e-6)
+
+
+def test_the_map_of_features_in_pieces_is_their_middle_column(tmp_path: Path) -> None:
+    mesh = shapes.icosphere(4)
+    sent: list[Any] = []
+    channel = SimpleNamespace(
+        folder=tmp_path, report=lambda _: None, cancelled=lambda: False, send=sent.append
+    )
+    family = EXPORTS["geometry-vectors"].exported(5)
+    path = tmp_path / "out.npz"
+    PiecesJob(mesh, path, family, 3, Target("count", 30), OPERATOR).run(channel)
+    with np.load(path) as written:
+        middle = written["features"][:, 2]
+    shown = np.full(mesh.n_vertices, np.nan)
+    for grown in sent:
+        shown[grown.vertices] = grown.values
+    assert len(sent) > 1
+    assert {each.name for each in sent} == {sent[0].name}
+    np.testing.assert_allclose(shown, middle, rtol=1e-6)

@@ -10,6 +10,7 @@ from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import mesh_health
@@ -18,6 +19,8 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.jobs import MeshReady
 from meshmash_viewer.model.limits import LockedLimits
+from meshmash_viewer.model.shape import FEWEST_PAIRS, Shape
+from meshmash_viewer.vertex_map import Label, VertexMap
 
 
 @pytest.fixture
@@ -118,3 +121,25 @@ def test_limits_follow_the_policy_and_are_computed_once(document: Document) -> N
     assert field.limits(LockedLimits(1.0, 2.0)) == (1.0, 2.0)
     field.values[:] = 0.0
     assert field.limits(None) == (low, high)
+
+
+def test_labels_have_the_colours_of_their_own(rectangle: Mesh) -> None:
+    labels = (Label(4, "a", "#ff0000"), Label(-2, "b", "#00ff00"))
+    parts = np.array([4, -2])[np.arange(rectangle.n_vertices) % 2]
+    mesh = rectangle.with_maps(VertexMap("parts", parts, labels))
+    document = Document()
+    document.accept_mesh(MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals))
+    document.accept_spectrum(replace(spectrum_of(rectangle, 40), mesh=mesh))
+    document.display.kind = "map"
+    document.display.change(OwnMaps, chosen="parts")
+    field = compute_field(request_of(document), LiveFeatures())
+    assert field.colors(document.display) == ((-0.5, 1.5), ("#ff0000", "#00ff00"))
+
+
+@pytest.mark.parametrize(
+    ("asked", "there", "taken"), [(50, 200, 50), (50, 20, 20), (1, 200, FEWEST_PAIRS)]
+)
+def test_a_shape_is_rebuilt_from_as_many_pairs_as_there_are(
+    asked: int, there: int, taken: int
+) -> None:
+    assert Shape(pairs=asked).within(there) == taken

@@ -150,3 +150,14 @@ def test_script_measures_from_the_pin_and_writes_what_is_exported(
         assert file["columns"].tolist() == [f"{measure}_from_11"]
         made = file["features"][:, 0]
     np.testing.assert_allclose(shown, made, atol=5e-3 * np.nanmax(made))
+
+
+def test_a_script_of_a_map_that_also_rebuilds_the_shape_decomposes_once(
+    document: Document, tmp_path: Path
+) -> None:
+    document.display.kind = "map"
+    document.display.shape = replace(document.display.shape, shown=True, pairs=10)
+    code = reproduction_script(document)
+    assert code.count("\ndecomposition =") == 1
+    with contextlib.chdir(tmp_path):
+        exec(code, {})
