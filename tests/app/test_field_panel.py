@@ -184,6 +184,16 @@ def test_short_times_are_hatched_and_what_they_need_is_said(panel: FieldPanel, d
     assert display[HeatKernelSignature].automatic
 
 
+def test_a_range_of_a_single_time_has_its_slider_at_the_beginning(
+    panel: FieldPanel, document
+) -> None:
+    """As a session may have it, and one end by hand that is the other of the spectrum."""
+    choose(panel, 1)
+    document.display.change(HeatKernelSignature, automatic=False, t_min=1e5, t_max=1e5, time=1e5)
+    assert part(panel, "hks_time_slider").value() == 0
+    assert part(panel, "hks_time_label").text() == f"t = {format_quantity(1e5, 'nm', 2)}"
+
+
 @pytest.mark.parametrize("upwards", [True, False])
 def test_a_whole_new_range_is_typed_in_either_order(
     panel: FieldPanel, document, qtbot, upwards: bool

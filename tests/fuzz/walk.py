@@ -474,6 +474,8 @@ class Walk:
         # buttons go down and up in any order
         down, what = [], []
         for _ in range(self.random.randint(2, 8)):
+            if self.window.findChild(RenderWidget) is not canvas:
+                break  # that of a second mesh, which has gone
             at = self._place_in(canvas.rect())
             choice = self.random.random()
             if choice < 0.4:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from meshmash_viewer.app.controls.step_slider import Mark
 from meshmash_viewer.units import superscript
 
-__all__ = ["decade_marks", "linear_texts", "power_text"]
+__all__ = ["decade_marks", "linear_texts", "log_share", "power_text"]
 
 
 def power_text(exponent: int, factor: int = 1) -> str:
@@ -49,6 +49,11 @@ def linear_texts(values: Sequence[float], spacing: float) -> list[str]:
     return texts
 
 
+def log_share(value: float, low: float, high: float) -> float:
+    """How far along a range in log scale a value lies; 0 where the range is a single number."""
+    return math.log(value / low) / math.log(high / low) if high > low else 0.0
+
+
 def decade_marks(low: float, high: float) -> tuple[Mark, ...]:
     """Marks at the powers of ten of a range in log scale; at 2 and 5 too where it is short."""
     if not (0.0 < low < high):
@@ -62,6 +67,5 @@ def decade_marks(low: float, high: float) -> tuple[Mark, ...]:
         for factor in factors:
             value = factor * 10.0**exponent
             if low <= value <= high and exponent % stride == 0:
-                share = math.log(value / low) / math.log(high / low)
-                marks.append(Mark(share, power_text(exponent, factor)))
+                marks.append(Mark(log_share(value, low, high), power_text(exponent, factor)))
     return tuple(marks)

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QCheckBox, QComboBox, QLabel
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import row
-from meshmash_viewer.app.controls.scale_marks import decade_marks
+from meshmash_viewer.app.controls.scale_marks import decade_marks, log_share
 from meshmash_viewer.app.tabs.pin_chooser import PinChooser
 from meshmash_viewer.app.tabs.play_button import PlayButton
 from meshmash_viewer.features.truncation import percent
@@ -110,7 +110,7 @@ class DistanceTab(PinChooser):
     def _show_time(self, chosen: Distances, spectrum: Spectrum) -> None:
         low, high = spectrum.time_range
         time, unit = chosen.time_in(spectrum), self._document.unit
-        share = math.log(time / low) / math.log(high / low)
+        share = log_share(time, low, high)
         show_quietly(self.slider, round(min(max(share, 0.0), 1.0) * _POSITIONS))
         self.slider.set_marks(decade_marks(low, high))
         length = format_quantity(math.sqrt(time), unit)

@@ -11,6 +11,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import format_wavelength, note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import column, row
 from meshmash_viewer.app.controls.number_field import NumberField
+from meshmash_viewer.app.controls.scale_marks import log_share
 from meshmash_viewer.app.controls.step_slider import StepSlider
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.formula import MOST_NAMES
@@ -120,7 +121,7 @@ class ParameterRow(QWidget):
         self.label.setText(name)
         for control in (self.slider, self.field):
             control.setAccessibleName(f"Parameter {name}")
-        share = math.log(value / low) / math.log(high / low) if value > 0.0 else 0.0
+        share = log_share(value, low, high) if value > 0.0 else 0.0
         show_quietly(self.slider, round(min(max(share, 0.0), 1.0) * _POSITIONS))
         written = power_unit(unit, power) if power else ""
         self.unit.setText(written)

@@ -15,7 +15,7 @@ from meshmash_viewer.app.controls.facts import (
     show_quietly,
 )
 from meshmash_viewer.app.controls.layout import row
-from meshmash_viewer.app.controls.scale_marks import decade_marks
+from meshmash_viewer.app.controls.scale_marks import decade_marks, log_share
 from meshmash_viewer.app.tabs.field_stepper import FieldStepper
 from meshmash_viewer.app.tabs.play_button import PlayButton
 from meshmash_viewer.features.filters import heat_kernel_bank
@@ -95,7 +95,7 @@ class HksTab(FieldStepper):
             return
         time = chosen.time_in(document.spectrum)
         low, high = between
-        share = math.log(time / low) / math.log(high / low)
+        share = log_share(time, low, high)
         show_quietly(self.slider, round(share * self.slider.maximum()))
         self.slider.set_marks(decade_marks(low, high))
         self.title.setText(f"t = {format_quantity(time, unit, 2)}")
@@ -108,7 +108,7 @@ class HksTab(FieldStepper):
         if mesh is None or resolved <= low * (1.0 + 1e-9):
             self._show_missing(None, "")
             return
-        share = min(math.log(resolved / low) / math.log(high / low), 1.0)
+        share = min(log_share(resolved, low, high), 1.0)
         wanted, what = (time, "This time") if time < resolved else (low, "The hatched part")
         missing = float(spectrum.missing_shares(heat_kernel_bank([wanted]), mesh.area)[0])
         upto = "" if wanted == time else "up to "
