@@ -66,9 +66,8 @@ CURVATURES: dict[str, tuple[Callable[[Mesh], FloatArray], int, str]] = {
 VIEWS = {"map": "Map", "pairs": "From pairs", "filter": "Filtered", "band": "Band"}
 #: Of the areas of the vertices, among what is derived from the mesh.
 _AREAS = "areas of the vertices"
-#: Spectra by map, with the pairs that they are on, as long as the map is there: made in the thread
-#: that answers, read by whoever draws.
-_projected: WeakKeyDictionary[VertexMap, tuple[Spectrum, MapSpectrum]] = WeakKeyDictionary()
+#: Of the spectra of maps there, with the pairs that they are on.
+_PROJECTED = "spectra of maps"
 
 
 @dataclass(frozen=True)
@@ -237,7 +236,7 @@ class OwnMaps(Family):
         values = self._values(spectrum)
         mass = spectrum.vertex_areas
         found = project(spectrum.eigenvalues, spectrum.rows, mass, values.values, cancel)
-        _projected[values] = spectrum, found
+        _projected(spectrum)[values] = spectrum, found
         bands = None
         if self.view == "band":
             strongest = dominant_bands(found, spectrum.rows, cancel).astype(np.float32)
@@ -276,10 +275,10 @@ class OwnMaps(Family):
     def map_spectrum(self, spectrum: Spectrum) -> MapSpectrum | None:
         """The map's coefficients on these pairs, once they have been computed."""
         shown = self.vertex_map(spectrum)
-        found = None if shown is None else _projected.get(shown)
+        found = None if shown is None else _projected(spectrum).get(shown)
         if shown is None or found is None or not same_pairs(found[0], spectrum):
             return None
-        _projected[shown] = spectrum, found[1]  # next time it is the very same
+        _projected(spectrum)[shown] = spectrum, found[1]  # next time it is the very same
         return found[1]
 
     def mean(self, spectrum: Spectrum) -> float:
@@ -392,6 +391,18 @@ class OwnMaps(Family):
             f"lowest = spectrum.coefficients[:{self.pairs}]",
             "values = mv.reconstruct(decomposition.eigenvectors, lowest)",
         ]
+
+
+def _projected(spectrum: Spectrum) -> WeakKeyDictionary[VertexMap, tuple[Spectrum, MapSpectrum]]:
+    """Spectra by map: made in the thread that answers, read by whoever draws.
+
+    They are kept with the mesh, since pairs know it and it knows the maps: kept by anything that
+    outlives it, none of them would ever go.
+    """
+    known: Any = {} if spectrum.mesh is None else spectrum.mesh.derived
+    found: WeakKeyDictionary[VertexMap, tuple[Spectrum, MapSpectrum]]
+    found = known.setdefault(_PROJECTED, WeakKeyDictionary())
+    return found
 
 
 class _Sums:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 from dataclasses import dataclass, replace
+from weakref import ReferenceType, ref
 
 import numpy as np
 import pytest
@@ -234,3 +236,17 @@ def test_a_sum_of_pairs_is_captioned_by_how_many_and_a_map_by_its_name(spectrum:
     assert chosen.resolved(spectrum, CHOSEN).caption(spectrum, "mm") == "height"
     summed = replace(chosen, view="pairs").resolved(spectrum, CHOSEN)
     assert "lowest 7 pairs" in summed.caption(spectrum, "mm")
+
+
+def test_a_mesh_goes_with_the_spectra_of_its_maps(rectangle: Mesh, pairs: mv.Decomposition) -> None:
+    def use() -> ReferenceType[Mesh]:
+        mesh = replace(rectangle).with_maps(VertexMap("height", rectangle.vertices[:, 0]))
+        known = replace(spectrum_of(rectangle, 60), rows=pairs.rows, mass=pairs.mass, mesh=mesh)
+        family = replace(OwnMaps(), chosen="height", view="pairs").resolved(known, CHOSEN)
+        family.prepare(known, None)
+        assert family.map_spectrum(known) is not None
+        return ref(mesh)
+
+    mesh = use()
+    gc.collect()
+    assert mesh() is None
