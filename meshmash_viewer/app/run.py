@@ -107,9 +107,10 @@ def run_app(
         Exit status.
     """
     app = application()
-    # Ctrl+C in the terminal, or the end of the desktop's session, closes the window as its cross
+    # Ctrl+C in the terminal, or the end of the desktop's session, closes the window as its cross;
+    # by the event loop, which would wait for ever for a window that was closed before it runs
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: QApplication.closeAllWindows())
+        signal.signal(number, lambda *_: QTimer.singleShot(0, QApplication.closeAllWindows))
     pulse = QTimer(interval=200)
     pulse.timeout.connect(lambda: None)
     pulse.start()

@@ -138,6 +138,34 @@ def test_a_window_closed_while_it_loads_ends_without_a_word(
     assert done.stdout == f"{disabled}\n"
 
 
+ENDED_BEFORE_IT_RUNS = """
+import os
+import signal
+from meshmash_viewer.app import main_window, run
+
+class Window(main_window.MainWindow):
+    def show(self):
+        super().show()
+        os.kill(os.getpid(), signal.SIGNAL)
+
+main_window.MainWindow = Window
+assert run.run_app(fresh=True) == 0
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+@pytest.mark.skipif(sys.platform == "win32", reason="ends a process there")
+def test_a_window_that_is_to_end_before_its_loop_runs_ends_all_the_same(
+    tmp_path: Path, name: str
+) -> None:
+    script = tmp_path / "ended.py"
+    script.write_text(ENDED_BEFORE_IT_RUNS.replace("SIGNAL", name))
+    done = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_a_mesh_in_memory_is_viewed_from_a_script(qtbot: QtBot) -> None:
     ball = shapes.icosphere(2)
     window = meshmash_viewer.view((ball.vertices, ball.faces), unit="µm", name="ball", block=False)
