@@ -106,6 +106,15 @@ def test_spheres_of_any_size_are_one_shape() -> None:
     assert found.distance < 0.02 * np.linalg.norm(found.spectra[0])
 
 
+def test_spectra_of_nothing_but_zeros_are_at_no_distance(blob: Mesh) -> None:
+    pair = pairs_of(blob, 1)
+    found = compare_shapes(pair, pair, heat_kernel_bank([1.0]))
+    assert found.spectra[0].tolist() == pytest.approx([0.0], abs=1e-9)
+    zeros = replace(found, spectra=(np.zeros(1), np.zeros(1)), distance=0.0)
+    assert zeros.relative_distance == 0.0
+    assert replace(zeros, distance=2.0).relative_distance == np.inf
+
+
 def test_the_next_best_match_is_somewhere_else() -> None:
     places = np.column_stack([np.arange(10.0), np.zeros(10), np.zeros(10)])
     distances = np.array([5.0, 1.0, 0.0, 1.0, 5.0, 9.0, 2.0, 0.5, 2.0, np.nan])

@@ -6,6 +6,7 @@ the two shapes at an area of 1.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
@@ -137,8 +138,11 @@ class Comparison:
 
     @property
     def relative_distance(self) -> float:
-        """The distance beside the length of the first spectrum."""
-        return self.distance / float(np.linalg.norm(self.spectra[0]))
+        """The distance beside the length of the first spectrum; infinite beside zeros alone."""
+        length = float(np.linalg.norm(self.spectra[0]))
+        if length == 0.0:
+            return math.inf if self.distance > 0.0 else 0.0
+        return self.distance / length
 
     @property
     def mutual_share(self) -> float:

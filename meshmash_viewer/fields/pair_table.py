@@ -26,12 +26,12 @@ ColumnArray: TypeAlias = npt.NDArray[np.float32]
 
 #: Columns that are stored, and pairs that are read beside them, or alone: together less than a
 #: frame at a million vertices.
-MOST_COLUMNS, _MOST_PAIRS, _MOST_ALONE = 32, 6, 10
+MOST_COLUMNS, _MOST_PAIRS, _MOST_ALONE = 24, 6, 10
 #: Share of its sum that a pair, or all of them that are left, has to be for it to be seen; and
 #: share of the largest below which a column is nothing.
 _SEEN, _NOTHING = 5e-4, 1e-7
-#: Vertices at a time, whose squares stay in the processor's cache.
-_VERTICES = 65536
+#: Vertices at a time: enough that starting the next part takes no time beside it.
+_VERTICES = 131072
 
 
 @dataclass(frozen=True, eq=False)

@@ -54,8 +54,11 @@ def _finite(values: Values) -> Values:
 
 def _extremes(values: Values) -> Ends:
     """Smallest and largest finite value; (0, 0) if there is none."""
-    finite = _finite(values)
-    return float(finite.min()), float(finite.max())
+    low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
+    if not (np.isfinite(low) and np.isfinite(high)):  # which is quicker than looking at each
+        finite = _finite(values)
+        low, high = float(finite.min()), float(finite.max())
+    return low, high
 
 
 @dataclass(frozen=True)
