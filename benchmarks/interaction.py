@@ -1,7 +1,7 @@
 """How the real window answers on large meshes: ticks, gaps, memory, first pictures.
 
     xvfb-run -a -s "-screen 0 1600x1000x24" python benchmarks/interaction.py MESH
-        [--sizes 100000 500000 1000000] [--parts window solve peer start]
+        [--sizes 100000 500000 1000000] [--parts window pair solve peer start]
         [--drivers no-op software] [--pairs 300] [--solve-up-to 150000] [--first-pairs 100]
         [--peer SECONDS] [--folder DIR] [--trace]
 
@@ -15,6 +15,8 @@ window  a scripted minute in a window of its own process: open a mesh with store
         processor's side, and once with the software OpenGL of this machine. Up to `--solve-up-to`
         vertices the stored pairs are solved for; above, they are SYNTHETIC: smooth random waves
         with eigenvalues after Weyl's law, which cost the window the same to map, sum and draw.
+pair    the same ticks with the mesh opened beside itself: until both show their fields. For pairs
+        that are solved for.
 solve   a window opens a mesh that nothing is known of, and computes at once: the first preview, the
         first 20 and all exact pairs on the screen, counted from when the file has been read.
 peer    what a script does for its first picture: all pairs by SciPy's `eigsh` (sigma = -1e-10,
@@ -50,7 +52,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.certificate import Certificate
 
 HERE = Path(__file__).parent
-PARTS = ("window", "solve", "peer", "start")
+PARTS = ("window", "pair", "solve", "peer", "start")
 DRIVERS = ("no-op", "software")
 TICKS = {
     "step": "eigenfunction step",
@@ -213,20 +215,15 @@ class Column:
                 )
             self.keep(part, found)
             print_phases("first pictures", found)
+        elif part == "pair":
+            order, stored = self._order(options)
+            self.keep(part, run_window(part, order, options.drivers[0], stored, trace=False))
         else:
             self.measure_window(options)
 
     def measure_window(self, options: argparse.Namespace) -> None:
         """The scripted minute and the ticks, with each driver."""
-        from meshmash_viewer.io.read import read_mesh
-
-        mesh = read_mesh(self.mesh)
-        solved = mesh.n_vertices <= options.solve_up_to
-        stored = self.folder / f"{self.mesh.stem}-{options.pairs}"
-        if not stored.exists():
-            os.environ["XDG_CACHE_HOME"] = str(stored)
-            prepare_store(mesh, options.pairs, solved)
-        order = {"mesh": str(self.mesh), "pairs": options.pairs, "vertices": mesh.n_vertices}
+        order, stored = self._order(options)
         for driver in options.drivers:
             found = run_window("session", order, driver, stored, trace=options.trace)
             # in a process of its own: the no-op driver gives no upload's memory back
@@ -234,9 +231,23 @@ class Column:
             new = ("ticks", "ticks_p95", "ticks_in_render", "ticks_rounds")
             new += ("compressed", "floor", "readd")
             found |= {key: ticks[key] for key in new if key in ticks}
+            solved = order["vertices"] <= options.solve_up_to
             found["pairs"] = f"{options.pairs} {'solved' if solved else 'SYNTHETIC'}"
             self.keep(driver, found)
-            print_phases(f"{mesh.n_vertices:,} vertices", found)
+            print_phases(f"{order['vertices']:,} vertices", found)
+
+    def _order(self, options: argparse.Namespace) -> tuple[dict[str, Any], Path]:
+        """What a window is told of the mesh, and the cache with its eigenpairs."""
+        from meshmash_viewer.io.read import read_mesh
+
+        mesh = read_mesh(self.mesh)
+        stored = self.folder / f"{self.mesh.stem}-{options.pairs}"
+        if not stored.exists():
+            os.environ["XDG_CACHE_HOME"] = str(stored)
+            prepare_store(mesh, options.pairs, mesh.n_vertices <= options.solve_up_to)
+        return {
+            "mesh": str(self.mesh), "pairs": options.pairs, "vertices": mesh.n_vertices
+        }, stored  # fmt: skip
 
 
 def print_phases(title: str, run: dict[str, Any]) -> None:
@@ -275,6 +286,9 @@ def rows(known: dict[str, Any]) -> dict[str, str]:
         if took and floor:
             lines[f"  {text} / floor"] = f"{took / floor:.0f}×"
         put(f"{text}, software OpenGL (ms)", "{:.0f}", "software", "ticks", key)
+    for key, text in TICKS.items():
+        put(f"{text}, two meshes (ms)", "{:.1f}", "pair", "ticks", key)
+        put(f"  {text}, two meshes, 95 % within (ms)", "{:.1f}", "pair", "ticks_p95", key)
     table = put("HKS of a time from the table (ms)", "{:.1f}", "no-op", "compressed", "hks_table")
     direct = put("the same by the direct sum (ms)", "{:.0f}", "no-op", "compressed", "hks_direct")
     lines["direct sum / table"] = f"{direct / table:.0f}×" if direct and table else ""

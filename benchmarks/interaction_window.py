@@ -6,7 +6,7 @@ import gc
 import json
 import sys
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Collection, Generator
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -30,6 +30,7 @@ from PySide6.QtWidgets import QApplication, QListWidget, QWidget
 
 import meshmash_viewer.app.view.picture as picture_module
 from meshmash_viewer.app import heap
+from meshmash_viewer.app.field_source import FieldSource
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application, tend_garbage
 from meshmash_viewer.app.view.render_widget import RenderWidget
@@ -51,6 +52,29 @@ from meshmash_viewer.units import subscript
 ROUNDS, STOLEN = 25, 0.01
 
 
+class Awaited:
+    """Whether a render has shown another field since."""
+
+    def __init__(self, canvas: RenderWidget, source: FieldSource) -> None:
+        self.canvas, self.shown = canvas, False
+        self._source, self._field, self._drawn = source, source.field, False
+        # The window's own slot is connected before this one: the frame is done, but Qt has
+        # not yet put it into the window.
+        canvas.frame_due.connect(self._note)
+        canvas.frameSwapped.connect(self._swapped)
+
+    def _note(self) -> None:
+        self._drawn = self._source.field is not self._field
+
+    def _swapped(self) -> None:
+        self.shown = self.shown or self._drawn
+
+    def let_go(self) -> None:
+        """Hear no more of it."""
+        self.canvas.frame_due.disconnect(self._note)
+        self.canvas.frameSwapped.disconnect()
+
+
 class Session:
     """The window and what is done with it."""
 
@@ -69,6 +93,8 @@ class Session:
         self.display = self.document.display
         self.source = self.window.field_source
         self.canvas = self.window.findChild(RenderWidget)
+        #: What a tick waits for: renders, and what computes their fields.
+        self.renders = [(self.canvas, self.source)]
         self.gaps = Gaps(self.drawing, order["trace"])
         self.empty = private_bytes()
         self.result: dict[str, Any] = {}
@@ -290,8 +316,8 @@ class Session:
         yield path.exists
         dialog.deleteLater()
 
-    def ticks(self) -> Script:
-        """From a change of the display to the frame that shows it, one at a time."""
+    def ticks(self, names: Collection[str] = ()) -> Script:
+        """From a change of the display to the frame that shows it, one at a time; of all kinds."""
         display = self.display
         count = 40 if self.result["driver"] == "no-op" else 12
         pairs, vertices = self.order["pairs"], self.order["vertices"]
@@ -313,6 +339,8 @@ class Session:
         for key in ("ticks", "ticks_p95", "ticks_in_render", "ticks_rounds"):
             self.result[key] = {}
         for name, (family, parameter, value_of) in kinds.items():
+            if names and name not in names:
+                continue
             self.phase(f"tick {name}")
             if family is Similarity:
                 display.change(Similarity, vertex=0)
@@ -339,6 +367,17 @@ class Session:
             self.result["ticks_rounds"][name] = len(rounds)
             yield self.at_rest
 
+    def pair(self) -> Script:
+        """Open the mesh beside itself, and step through both."""
+        window = self.window
+        window.commands.open_beside(Path(self.order["mesh"]))
+        yield lambda: window.comparing.beside is not None
+        beside = window.comparing.beside
+        yield lambda: beside.idle and beside.pair.comparison is not None
+        self.drawing.watch(beside.scene.plotter.ren_win)
+        self.renders.append((beside.scene.plotter, beside.field_source))
+        yield from self.ticks(("step", "leap", "hks", "band", "wks", "filter"))
+
     def heat_at(self, i: int) -> tuple[tuple[str, float], ...]:
         return (("t", time_at(self.document, (i % 37) / 37)),)
 
@@ -357,31 +396,24 @@ class Session:
         frames = []
         stolen, begun = seconds_stolen(), time.perf_counter()
         for i in range(count):
-            field, loop, drawn_before = self.source.field, QEventLoop(), self.drawing.seconds
+            loop, drawn_before = QEventLoop(), self.drawing.seconds
+            waits = [Awaited(*render) for render in self.renders]
+
+            def shown(loop: QEventLoop = loop, waits: list[Awaited] = waits) -> None:
+                if all(each.shown for each in waits):
+                    loop.quit()
+
+            for each in waits:
+                each.canvas.frameSwapped.connect(shown)
             value = value_of(i)
             started = time.perf_counter()
             self.display.change(family, **{parameter: value})
-
-            drawn = [False]
-
-            def note(field: Any = field, drawn: list[bool] = drawn) -> None:
-                drawn[0] = self.source.field is not field
-
-            def swapped(loop: QEventLoop = loop, drawn: list[bool] = drawn) -> None:
-                if drawn[0]:
-                    loop.quit()
-
-            # The window's own slot is connected before this one: the frame is done, but Qt has
-            # not yet put it into the window.
-            self.canvas.frame_due.connect(note)
-            self.canvas.frameSwapped.connect(swapped)
             QTimer.singleShot(5000, loop.quit)
             loop.exec()
             took = time.perf_counter() - started
             frames.append((took, self.drawing.seconds - drawn_before))
-            self.canvas.frame_due.disconnect(note)
-            self.canvas.frameSwapped.disconnect(swapped)
-            del field
+            for each in waits:
+                each.let_go()
             yield 0.03
         return (seconds_stolen() - stolen) / (time.perf_counter() - begun), frames
 
@@ -410,7 +442,12 @@ class Session:
 
     def run(self) -> dict[str, Any]:
         what = self.order["what"]
-        scripts = {"solve": self.solve, "session": self.session, "ticks": self.open}
+        scripts = {
+            "solve": self.solve,
+            "session": self.session,
+            "ticks": self.open,
+            "pair": self.open,
+        }
         Player(scripts[what]()).play()
         # not earlier: to ask makes the context, in a window that is not on the screen yet
         self.result["driver"] = "no-op" if _is_noop(self.window) else "software"
@@ -421,6 +458,8 @@ class Session:
         self.result["moments"] = {name: self.since_mesh(name) for name in self.moments}
         if what == "session":
             self.measure_memory()
+        if what == "pair":
+            Player(self.pair()).play()
         if what == "ticks":
             Player(self.ticks()).play()
             self.result["compressed"] = compressed(self.document, self.source)
