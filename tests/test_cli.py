@@ -263,7 +263,7 @@ def test_what_cannot_be_is_said_before_the_work(
     def never(*_: object, **__: object) -> None:
         raise AssertionError("eigenpairs were computed first")
 
-    monkeypatch.setattr("meshmash_viewer.cli.commands.Solver.__call__", never)
+    monkeypatch.setattr("meshmash_viewer.cli.commands.solved", never)
     status, out, err = run(capsys, "features", ball, ball.with_suffix(".ply"), *wrong, "-o", "f/")
     assert (status, out, len(err.splitlines())) == (2, "", 1)
 

@@ -199,13 +199,13 @@ def test_an_interrupted_movie_leaves_nothing(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from meshmash_viewer.cli import series
+    from meshmash_viewer.cli import pictures
 
-    def interrupt(_solver: object, done: int, *_: object) -> None:
+    def interrupt(_bar: object, done: int, *_: object) -> None:
         if done == 2:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(series, "_tell", interrupt)
+    monkeypatch.setattr(pictures, "_show", interrupt)
     options = ("--count", 9, "--size", "160x120", "--sweep", ":")
     assert run(capsys, "movie", ball, *options, "-o", tmp_path / "film.gif")[0] == 130
     assert list(tmp_path.iterdir()) == [ball]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.units import UNIT_FORMS
+from meshmash_viewer.units import UNIT_FORMS, parse_unit
 
 if TYPE_CHECKING:
     from meshmash_viewer.fields.family import Family
@@ -16,23 +17,39 @@ if TYPE_CHECKING:
     from meshmash_viewer.spectral.weyl import Target
 
 __all__ = [
+    "COMMANDS",
     "FAULT",
     "PROGRAM",
-    "check_pieces",
-    "check_repairs",
     "chosen_family",
     "chosen_operator",
     "chosen_target",
     "command_parser",
+    "say",
     "window_parser",
 ]
 
 PROGRAM = "meshmash-viewer"
 #: Exit status for what the user can mend.
 FAULT = 2
+#: What can be done without a window: how it is called, and what comes of it.
+_COMMANDS = {
+    "info": ("MESH...", "health, area, length of the spectrum"),
+    "features": ("MESH... -o OUT", "HKS, geometry vectors, distances …"),
+    "compare": ("A B [-o OUT]", "spectral distance, matches of vertices"),
+    "reconstruct": ("MESH -o OUT", "the mesh of its lowest eigenfunctions"),
+    "render": ("MESH -o OUT.png", "a picture"),
+    "gallery": ("MESH -o OUT.png", "many fields side by side"),
+    "movie": ("MESH -o OUT.mp4", "a sweep through fields, or a turn"),
+}
+COMMANDS = tuple(_COMMANDS)
 _DEFAULT_COUNT = 200
 _FIELDS = ("hks", "eigenfunction", "band", "map", "none")
 _FORMATS = ("npz", "npy", "csv", "parquet", "vtp", "ply", "func.gii")
+
+
+def say(sentence: str) -> None:
+    """Say something beside the results."""
+    print(f"{PROGRAM}: {' '.join(sentence.split())}", file=sys.stderr)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -44,17 +61,15 @@ class _Parser(argparse.ArgumentParser):
 
 def window_parser() -> argparse.ArgumentParser:
     """For the window: ``meshmash-viewer [MESH ...]``."""
+    from meshmash_viewer import __version__
+
+    calls = {f"{PROGRAM} {name} {takes}": about for name, (takes, about) in _COMMANDS.items()}
     parser = _Parser(
         prog=PROGRAM,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Open the window, on meshes or a session if given.",
         epilog="commands without a window (each has its own --help):\n"
-        f"  {PROGRAM} info MESH...                 health, area, length of the spectrum\n"
-        f"  {PROGRAM} features MESH... -o OUT      HKS, geometry vectors, distances …\n"
-        f"  {PROGRAM} compare A B [-o OUT]         spectral distance, matches of vertices\n"
-        f"  {PROGRAM} render MESH -o OUT.png       a picture\n"
-        f"  {PROGRAM} gallery MESH -o OUT.png      many fields side by side\n"
-        f"  {PROGRAM} movie MESH -o OUT.mp4        a sweep through fields, or a turn\n",
+        + "\n".join(f"  {call:<43}{about}" for call, about in calls.items()),
     )
     parser.add_argument("mesh", nargs="*", help="mesh file or session")
     _add_unit(parser)
@@ -65,36 +80,33 @@ def window_parser() -> argparse.ArgumentParser:
         action="store_true",
         help="say what a report of a fault needs: versions, memory, graphics, stored eigenpairs",
     )
-    from meshmash_viewer import __version__
-
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
     return parser
 
 
 def command_parser() -> argparse.ArgumentParser:
     """For the commands without a window."""
+    from meshmash_viewer.fields import EXPORTS
+    from meshmash_viewer.fields.sweep import SWEPT
+    from meshmash_viewer.io.writers import MESH_WRITERS
+
     parser = _Parser(prog=PROGRAM)
     commands = parser.add_subparsers(dest="command", required=True, parser_class=_Parser)
 
-    info = commands.add_parser("info", help="say what a mesh is like")
-    info.add_argument("mesh", nargs="+", type=Path)
-    _add_mesh(info)
-    _add_target(info)
-    _add_json(info)
+    def command(name: str, about: str, meshes: int | str = 1) -> argparse.ArgumentParser:
+        made = commands.add_parser(name, help=about)
+        made.add_argument("mesh", nargs=meshes, type=Path)
+        _add_preparation(made)
+        _add_target(made, automatic=name == "features")
+        if name != "info":
+            _add_solver(made)
+        return made
 
-    features = commands.add_parser("features", help="compute features of meshes")
-    features.add_argument("mesh", nargs="+", type=Path)
-    from meshmash_viewer.fields import EXPORTS
+    command("info", "say what a mesh is like", "+")
 
+    features = command("features", "compute features of meshes", "+")
     features.add_argument("--kind", choices=tuple(EXPORTS), default="hks", help="default: hks")
-    _add_mesh(features)
-    _add_target(features, automatic=True)
-    features.add_argument(
-        "--n-components",
-        type=_positive,
-        metavar="N",
-        help="number of columns, default 32; 1 of --kind filter",
-    )
+    _add_columns(features, "number of columns, default 32; 1 of --kind filter")
     _add_families(features, EXPORTS)
     features.add_argument(
         "--tail",
@@ -119,61 +131,35 @@ def command_parser() -> argparse.ArgumentParser:
         help="the values per vertex that a mesh file has, as more columns",
     )
     features.add_argument("--drop-first", action="store_true", help="leave out the first eigenpair")
-    _add_solver(features)
+    endings = " ".join(f".{name}" for name in _FORMATS)
     features.add_argument(
         "-o",
         "--output",
         required=True,
         metavar="OUT",
-        help="file whose ending is the format ("
-        + " ".join(f".{name}" for name in _FORMATS)
-        + '), a folder, or a template such as "{name}_{kind}.csv"',
+        help=f"file whose ending is the format ({endings}), a folder, or a template such as"
+        ' "{name}_{kind}.csv"',
     )
     features.add_argument(
         "--format", choices=_FORMATS, default="npz", help="of the files in a folder, default npz"
     )
-    _add_json(features)
 
-    compare = commands.add_parser("compare", help="compare two meshes")
-    compare.add_argument("mesh", nargs=2, type=Path)
+    compare = command("compare", "compare two meshes", 2)
     kinds = tuple(kind for kind, family in EXPORTS.items() if family.counted)
     compare.add_argument(
         "--kind", choices=kinds, default="wks", help="features to match vertices in, default wks"
     )
-    compare.add_argument("--n-components", type=_positive, metavar="N", help="number of columns")
-    _add_mesh(compare)
-    _add_target(compare)
-    _add_solver(compare)
-    compare.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        metavar="OUT",
-        help="file for the matches, one row for each vertex of the first mesh",
+    _add_columns(compare, "number of columns")
+    _add_output(
+        compare, "OUT", "file for the matches, one row for each vertex of the first mesh", False
     )
-    _add_json(compare)
 
-    from meshmash_viewer.io.writers import MESH_WRITERS
-
-    rebuilt = commands.add_parser(
-        "reconstruct", help="rebuild a mesh from its lowest eigenfunctions: a smoothed shape"
+    rebuilt = command(
+        "reconstruct", "rebuild a mesh from its lowest eigenfunctions: a smoothed shape"
     )
-    rebuilt.add_argument("mesh", type=Path)
-    _add_mesh(rebuilt)
-    _add_target(rebuilt)
-    _add_solver(rebuilt)
-    rebuilt.add_argument(
-        "-o",
-        "--output",
-        required=True,
-        type=Path,
-        metavar="OUT",
-        help=f"the mesh to write: {' '.join(MESH_WRITERS)}",
-    )
-    _add_json(rebuilt)
+    _add_output(rebuilt, "OUT", f"the mesh to write: {' '.join(MESH_WRITERS)}")
 
-    render = commands.add_parser("render", help="draw a picture of a mesh")
-    render.add_argument("mesh", type=Path)
+    render = command("render", "draw a picture of a mesh")
     render.add_argument(
         "--field", choices=_FIELDS, help="default: hks, or the first map if one is given"
     )
@@ -183,36 +169,28 @@ def command_parser() -> argparse.ArgumentParser:
         "--index", type=int, metavar="I", help="which eigenfunction or band, from 0"
     )
     render.add_argument("--time", type=float, metavar="T", help="diffusion time of the HKS (unit²)")
-    render.add_argument(
-        "--n-components", type=_positive, default=32, metavar="N", help="number of bands"
-    )
-    _add_mesh(render)
-    _add_target(render)
-    _add_solver(render)
-    render.add_argument("-o", "--output", required=True, type=Path, metavar="OUT.png")
-    _add_looks(render, (1600, 1200))
-    render.add_argument("--transparent", action="store_true", help="leave the background out")
-    _add_json(render)
-    _add_gallery(commands.add_parser("gallery", help="draw many fields of a mesh side by side"))
-    _add_movie(commands.add_parser("movie", help="draw a sweep through fields, or a turn"))
-    return parser
+    _add_columns(render, "number of bands", 32)
+    _add_output(render, "OUT.png")
+    _add_looks(render, (1600, 1200), transparent=True)
 
-
-def _add_gallery(gallery: argparse.ArgumentParser) -> None:
-    _add_series(gallery)
+    gallery = command("gallery", "draw many fields of a mesh side by side")
+    movie = command("movie", "draw a sweep through fields, or a turn")
+    for drawn in (gallery, movie):
+        kind = next(iter(SWEPT))
+        drawn.add_argument("--kind", choices=tuple(SWEPT), default=kind, help=f"default: {kind}")
+        _add_columns(
+            drawn,
+            "number of columns of the kinds that have as many as one likes, default 32",
+        )
+        _add_families(drawn, SWEPT)
+        _add_maps(drawn)
     gallery.add_argument(
         "--columns",
         metavar="START:STOP:STEP",
         help="which, from 0 and without STOP, as in Python; default two dozen, evenly spread",
     )
-    gallery.add_argument("-o", "--output", required=True, type=Path, metavar="OUT.png")
-    _add_looks(gallery, (2400, 1800))
-    gallery.add_argument("--transparent", action="store_true", help="leave the background out")
-    _add_json(gallery)
-
-
-def _add_movie(movie: argparse.ArgumentParser) -> None:
-    _add_series(movie)
+    _add_output(gallery, "OUT.png")
+    _add_looks(gallery, (2400, 1800), transparent=True)
     moves = movie.add_mutually_exclusive_group(required=True)
     moves.add_argument(
         "--sweep",
@@ -235,36 +213,11 @@ def _add_movie(movie: argparse.ArgumentParser) -> None:
         metavar="S",
         help="how long; default every column once, 6 on the turntable",
     )
-    movie.add_argument(
-        "-o",
-        "--output",
-        required=True,
-        type=Path,
-        metavar="OUT",
-        help="file that ends in .mp4, .gif, .webp or .apng",
-    )
+    _add_output(movie, "OUT", "file that ends in .mp4, .gif, .webp or .apng")
     _add_looks(movie, (1280, 720))
-    _add_json(movie)
-
-
-def _add_series(parser: argparse.ArgumentParser) -> None:
-    """Of which mesh, and which fields."""
-    from meshmash_viewer.fields.sweep import SWEPT
-
-    kinds = tuple(SWEPT)
-    parser.add_argument("mesh", type=Path)
-    parser.add_argument("--kind", choices=kinds, default=kinds[0], help=f"default: {kinds[0]}")
-    parser.add_argument(
-        "--n-components",
-        type=_positive,
-        metavar="N",
-        help="number of columns of the kinds that have as many as one likes, default 32",
-    )
-    _add_families(parser, SWEPT)
-    _add_maps(parser)
-    _add_mesh(parser)
-    _add_target(parser)
-    _add_solver(parser)
+    for each in commands.choices.values():
+        each.add_argument("--json", action="store_true", help="one line of JSON for each mesh")
+    return parser
 
 
 def _add_families(parser: argparse.ArgumentParser, table: Mapping[str, type[Family]]) -> None:
@@ -285,7 +238,9 @@ def _add_families(parser: argparse.ArgumentParser, table: Mapping[str, type[Fami
         )
 
 
-def _add_looks(parser: argparse.ArgumentParser, size: tuple[int, int]) -> None:
+def _add_looks(
+    parser: argparse.ArgumentParser, size: tuple[int, int], *, transparent: bool = False
+) -> None:
     parser.add_argument(
         "--size",
         type=_size,
@@ -296,10 +251,24 @@ def _add_looks(parser: argparse.ArgumentParser, size: tuple[int, int]) -> None:
     parser.add_argument("--colormap", metavar="NAME", help="one of matplotlib's")
     parser.add_argument("--limits", type=float, nargs=2, metavar=("LOW", "HIGH"))
     parser.add_argument("--dark", action="store_true", help="light text on a dark ground")
+    if transparent:
+        parser.add_argument("--transparent", action="store_true", help="leave the background out")
+
+
+def _add_columns(parser: argparse.ArgumentParser, about: str, default: int | None = None) -> None:
+    parser.add_argument("--n-components", type=_positive, default=default, metavar="N", help=about)
+
+
+def _add_output(
+    parser: argparse.ArgumentParser, metavar: str, about: str | None = None, required: bool = True
+) -> None:
+    parser.add_argument("-o", "--output", required=required, type=Path, metavar=metavar, help=about)
 
 
 def _add_unit(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--unit", metavar="U", help=f"of coordinates: {UNIT_FORMS}")
+    parser.add_argument(
+        "--unit", type=_sound(parse_unit), metavar="U", help=f"of coordinates: {UNIT_FORMS}"
+    )
 
 
 def _add_maps(parser: argparse.ArgumentParser) -> None:
@@ -313,13 +282,14 @@ def _add_maps(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_mesh(parser: argparse.ArgumentParser) -> None:
-    """What is done to each mesh after it was read."""
+def _add_preparation(parser: argparse.ArgumentParser) -> None:
+    """What is done to each mesh when it is read."""
     _add_unit(parser)
     parser.add_argument(
         "--repair",
         action="append",
         default=[],
+        type=_sound(_check_repair),
         metavar="NAME",
         help="repair the mesh first, in the order given; `info` counts what each would mend",
     )
@@ -353,7 +323,7 @@ def _add_solver(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-robust", action="store_true", help="plain cotangent Laplacian, for clean manifolds"
     )
-    parser.add_argument("--mollify-factor", type=float, default=1e-5, metavar="F")
+    parser.add_argument("--mollify-factor", type=_not_negative, default=1e-5, metavar="F")
     parser.add_argument(
         "--no-cache", action="store_true", help="neither use nor keep stored eigenpairs"
     )
@@ -362,8 +332,24 @@ def _add_solver(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_json(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="one line of JSON for each mesh")
+def _sound(check: Callable[[str], object]) -> Callable[[str], str]:
+    """A text that a check has nothing against, which raises `InputError` if it has."""
+
+    def taken(text: str) -> str:
+        try:
+            check(text)
+        except InputError as fault:
+            raise argparse.ArgumentTypeError(str(fault).rstrip(".")) from None
+        return text
+
+    return taken
+
+
+def _check_repair(name: str) -> None:
+    from meshmash_viewer.health import REPAIRS
+
+    if name not in REPAIRS:
+        raise InputError(f"There is no repair {name}; the repairs are {', '.join(REPAIRS)}.")
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -392,6 +378,13 @@ def _positive(text: str) -> int:
     return int(text)
 
 
+def _not_negative(text: str) -> float:
+    value = float(text)
+    if not value >= 0.0:
+        raise argparse.ArgumentTypeError(f"{value} is none: give zero or a small positive number")
+    return value
+
+
 def chosen_target(options: argparse.Namespace) -> Target:
     """How much of the spectrum is asked for."""
     from meshmash_viewer.spectral.weyl import Target
@@ -410,39 +403,10 @@ def chosen_target(options: argparse.Namespace) -> Target:
     return Target("count", _DEFAULT_COUNT if options.count is None else options.count)
 
 
-def check_repairs(options: argparse.Namespace) -> None:
-    """Complain of repairs that there are none of, before the first mesh is read."""
-    from meshmash_viewer.health import REPAIRS
-
-    for name in options.repair:
-        if name not in REPAIRS:
-            raise InputError(f"There is no repair {name}; the repairs are {', '.join(REPAIRS)}.")
-
-
-def check_pieces(options: argparse.Namespace) -> None:
-    """Complain of what cannot be had in pieces."""
-    from meshmash_viewer.fields import EXPORTS
-
-    wrong = {
-        "--drop-first": options.drop_first,
-        "--tail": options.tail is not None,
-        "--count auto": options.count == "auto",
-        "--component-column": options.component_column,
-        f"--kind {options.kind}": not EXPORTS[options.kind].counted,
-    }
-    for name, given in wrong.items():
-        if given:
-            raise InputError(f"{name} is of the whole mesh; leave it out, or --pieces.")
-
-
 def chosen_operator(options: argparse.Namespace) -> OperatorOptions:
     """The Laplacian that is asked for."""
     from meshmash_viewer.laplacian import OperatorOptions
 
-    if not options.mollify_factor >= 0.0:
-        raise InputError(
-            f"--mollify-factor is {options.mollify_factor}: give zero or a small positive one."
-        )
     return OperatorOptions(robust=not options.no_robust, mollify_factor=options.mollify_factor)
 
 

@@ -1,111 +1,78 @@
-"""What the command line does, apart from speaking: one function a command.
-
-Each takes a mesh and plain options and returns a result or writes a file, so it works from a
-script as well.
-"""
+"""The commands that measure and write: info, features, compare and reconstruct."""
 
 from __future__ import annotations
 
-import math
+import contextlib
 import time
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict, dataclass, replace
+from argparse import Namespace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
 import numpy as np
 
+from meshmash_viewer.cli.arguments import chosen_family, chosen_operator, chosen_target
+from meshmash_viewer.cli.batch import (
+    finite,
+    for_each,
+    pairs_report,
+    progress_bar,
+    reach,
+    read,
+    solved,
+    tell,
+    titled_rows,
+    until_interrupted,
+    with_maps,
+)
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.comparison import (
+    check_comparable,
+    compare_shapes,
+    comparison_remarks,
+    matched_top,
+    unit_area_spectrum,
+)
+from meshmash_viewer.features.shape import low_pass_vertices
+from meshmash_viewer.features.truncation import mesh_limit, sufficient_target
+from meshmash_viewer.fields import EXPORTS
+from meshmash_viewer.fields.family import Family
+from meshmash_viewer.health import median_edge_length, mesh_health
+from meshmash_viewer.io.atomic import made_folder
+from meshmash_viewer.io.provenance import export_options, provenance
+from meshmash_viewer.io.read import mesh_name
+from meshmash_viewer.io.spectrum import find_eigenpairs
+from meshmash_viewer.io.write import check_output, write_eigenpairs, write_features, write_mesh
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.pieces import described_seams, write_in_pieces
 from meshmash_viewer.spectral.weyl import Target, Translation, required_eigenvalue, wavelength
+from meshmash_viewer.units import NO_VOXEL, counted, format_quantity, written_unit
 
-if TYPE_CHECKING:
-    from meshmash_viewer.features.sums import Features
-    from meshmash_viewer.fields.family import Family
-    from meshmash_viewer.model.field import Field
-    from meshmash_viewer.progress import CancelCallback, ProgressCallback
-    from meshmash_viewer.spectral.eigensolver import Decomposition
-
-__all__ = [
-    "Solver",
-    "describe",
-    "is_folder",
-    "output_paths",
-    "with_maps",
-    "write_kind",
-    "write_render",
-]
+__all__ = ["compare", "features", "info", "more_pairs", "reconstruct"]
 
 
-@dataclass
-class Solver:
-    """How eigenpairs are to be had.
-
-    Parameters
-    ----------
-    target : Target
-        How many.
-    operator : OperatorOptions
-        Of which Laplacian.
-    use_cache : bool
-        Whether to look into the user's store of eigenpairs and add to it.
-    n_jobs : int, optional
-        Processes; None for as many as cores and memory allow.
-    progress : callable, optional
-        As for `meshmash_viewer.spectral.eigensolver.solve`.
-    interruptible : callable
-        Makes the context in which the eigenpairs are computed; it gives the solver's `cancel`.
-
-    Attributes
-    ----------
-    remark : str
-        A sentence for the user about the store, or empty.
-    """
-
-    target: Target
-    operator: OperatorOptions
-    use_cache: bool = True
-    n_jobs: int | None = None
-    progress: ProgressCallback | None = None
-    interruptible: Callable[[], AbstractContextManager[CancelCallback | None]] = nullcontext
-    remark: str = ""
-
-    def __call__(self, mesh: Mesh) -> Decomposition:
-        """Eigenpairs of a mesh, from the store or computed."""
-        from meshmash_viewer.io.spectrum import obtain_eigenpairs
-        from meshmash_viewer.model.decomposition import free_memory, refuse_what_cannot_fit
-
-        free = free_memory()
-        with self.interruptible() as cancel:
-            found = obtain_eigenpairs(
-                mesh,
-                self.operator,
-                self.target,
-                use_cache=self.use_cache,
-                progress=self.progress,
-                cancel=cancel,
-                check=lambda n, nnz, k: refuse_what_cannot_fit(n, nnz, k, free, mesh.n_components),
-                n_jobs=self.n_jobs,
-            )
-        self.remark = found.remark
-        return found.decomposition
+# info -----------------------------------------------------------------------------------------
 
 
-def describe(mesh: Mesh, target: Target) -> dict[str, Any]:
+def info(options: Namespace) -> int:
+    """Say what meshes are like."""
+    target = chosen_target(options)
+
+    def work(mesh: Mesh, index: int) -> tuple[dict[str, Any], str]:
+        about = {"path": str(options.mesh[index]), **_facts(mesh, target)}
+        return about, _described_facts(about)
+
+    return for_each(options, work)
+
+
+def _facts(mesh: Mesh, target: Target) -> dict[str, Any]:
     """Health, size and the length of spectrum that a request comes to.
 
-    Returns
-    -------
-    dict
-        JSON-able. Lengths are in ``unit``, eigenvalues in its inverse square; the entries of
-        ``weyl`` are estimates by Weyl's law, except those that its ``exact`` names: what was asked
-        for, and what the store of eigenpairs knows of the default Laplacian.
+    Lengths are in ``unit``, eigenvalues in its inverse square; the entries of ``weyl`` are
+    estimates by Weyl's law, except those that its ``exact`` names: what was asked for, and what the
+    store of eigenpairs knows of the default Laplacian.
     """
-    from meshmash_viewer.health import median_edge_length, mesh_health
-    from meshmash_viewer.io.spectrum import find_eigenpairs
-
     health = mesh_health(mesh)
     low, high = mesh.bounds
     n = health.n_vertices - health.unreferenced_vertices
@@ -116,7 +83,7 @@ def describe(mesh: Mesh, target: Target) -> dict[str, Any]:
         bound = target.max_eigenvalue or 0.0
         known = stored.eigenvalues[:count]
         translation = replace(translation, eigenvalues=known, known_to=bound)
-    reach = {
+    reached = {
         "n_eigenpairs": translation.count(target),
         "max_eigenvalue": translation.eigenvalue(target),
         "wavelength": translation.wavelength(target),
@@ -131,18 +98,60 @@ def describe(mesh: Mesh, target: Target) -> dict[str, Any]:
         "median_edge": median_edge_length(mesh),
         "weyl": {
             "target": target.kind,
-            **{name: _finite(value) for name, (value, _) in reach.items()},
-            "exact": [name for name, (_, exact) in reach.items() if exact],
+            **{name: finite(value) for name, (value, _) in reached.items()},
+            "exact": [name for name, (_, exact) in reached.items() if exact],
         },
     }
 
 
-def _finite(value: float) -> float | None:
-    """A number as JSON has it: the wavelength of a constant is none."""
-    return value if math.isfinite(value) else None
+def _described_facts(about: dict[str, Any]) -> str:
+    unit, weyl = about["unit"], about["weyl"]
+    extent = [high - low for low, high in zip(*about["bounds"], strict=True)]
+    sizes = " × ".join(f"{side:.4g}" for side in extent)
+    signs = {name: "" if name in weyl["exact"] else "≈ " for name in weyl}
+    top = format_quantity(weyl["max_eigenvalue"], unit, -2)
+    rows = [
+        ("vertices", f"{about['n_vertices']:,}"),
+        ("triangles", f"{about['n_faces']:,}"),
+        ("extent", f"{sizes} {unit}".rstrip()),
+        ("area", format_quantity(about["area"], unit, 2)),
+        *([("voxel", written_unit(unit, about["voxel"]))] if about["voxel"] != NO_VOXEL else []),
+        ("components", f"{about['n_components']:,} (largest {about['largest_component']:,})"),
+        ("boundary edges", f"{about['boundary_edges']:,}"),
+        ("non-manifold edges", f"{about['nonmanifold_edges']:,}"),
+        ("degenerate triangles", f"{about['degenerate_faces']:,}"),
+        ("duplicate triangles", f"{about['duplicate_faces']:,}"),
+        ("unreferenced vertices", f"{about['unreferenced_vertices']:,}"),
+        ("coincident vertices", f"{about['coincident_vertices']:,}"),
+        ("median edge", format_quantity(about["median_edge"], unit)),
+        ("eigenpairs", f"{signs['n_eigenpairs']}{weyl['n_eigenpairs']:,.0f}"),
+        ("  up to eigenvalue", signs["max_eigenvalue"] + top),
+        ("  down to wavelength", signs["wavelength"] + format_quantity(weyl["wavelength"], unit)),
+    ]
+    return titled_rows(f"{about['name']} ({unit or 'no unit stated'})", rows)
 
 
-def is_folder(output: str) -> bool:
+# features -------------------------------------------------------------------------------------
+
+
+def features(options: Namespace) -> int:
+    """Compute features of meshes, or eigenpairs, and write them."""
+    chosen_target(options)
+    family = chosen_family(options, EXPORTS)
+    outputs = output_paths(options.mesh, options.output, options.kind, f".{options.format}")
+    if options.pieces is not None:
+        _check_pieces(options)
+    if options.map and len(options.mesh) > 1:
+        raise InputError("--map is of one mesh: name one, or put the values into the mesh files.")
+    write = _write_whole if options.pieces is None else _write_in_pieces
+    folder = Path(options.output) if _is_folder(options.output) else None
+    with made_folder(folder) if folder else contextlib.nullcontext():
+        for path in outputs:
+            check_output(path, "features" if family.makes_features() else "eigenpairs")
+        return for_each(options, lambda mesh, at: write(mesh, outputs[at], family, options))
+
+
+def _is_folder(output: str) -> bool:
     """Whether results go into a folder, which may still have to be made."""
     return "{" not in output and (output.endswith(("/", "\\")) or Path(output).is_dir())
 
@@ -166,16 +175,13 @@ def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> lis
     InputError
         If two results would go to one file, or one over a mesh.
     """
-    from meshmash_viewer.io.read import mesh_name
-
+    literal = output.replace("{", "{{").replace("}", "}}")
     if "{" in output:
         template = output
-    elif is_folder(output):
-        template = (
-            f"{Path(output).as_posix().replace('{', '{{').replace('}', '}}')}/{{name}}{ending}"
-        )
+    elif _is_folder(output):
+        template = f"{Path(literal).as_posix()}/{{name}}{ending}"
     elif len(meshes) == 1:
-        template = output.replace("{", "{{").replace("}", "}}")
+        template = literal
     else:
         raise InputError(
             f"{len(meshes)} meshes cannot all go to {output}; name a folder (with a slash at its"
@@ -199,97 +205,68 @@ def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> lis
     return paths
 
 
-def write_kind(
-    mesh: Mesh,
-    path: Path,
-    family: Family,
-    solver: Solver,
-    *,
-    drop_first: bool = False,
-    tail: Literal["weyl"] | None = None,
-    automatic: bool = False,
-    component_column: bool = False,
-    maps: Sequence[Path] = (),
-    own_maps: bool = False,
-    repairs: tuple[str, ...] = (),
-) -> dict[str, Any]:
-    """Compute one kind of features, or the eigenpairs, and write them.
+def _check_pieces(options: Namespace) -> None:
+    """Complain of what cannot be had in pieces."""
+    wrong = {
+        "--drop-first": options.drop_first,
+        "--tail": options.tail is not None,
+        "--count auto": options.count == "auto",
+        "--component-column": options.component_column,
+        f"--kind {options.kind}": not EXPORTS[options.kind].counted,
+    }
+    for name, given in wrong.items():
+        if given:
+            raise InputError(f"{name} is of the whole mesh; leave it out, or --pieces.")
 
-    Parameters
-    ----------
-    mesh : Mesh
-    path : Path
-        Its ending says the format.
-    family : Family
-        One of `meshmash_viewer.fields.EXPORTS`, with its parameters.
-    solver : Solver
-    drop_first : bool
-        Whether to leave out the first pair.
-    tail : {None, "weyl"}
-        See `meshmash_viewer.features.sums.compute_features`.
-    automatic : bool
-        Whether to take as many pairs as the family's shortest time needs, in place of the solver's
-        target.
-    component_column : bool
-        Whether to add the connected component of each vertex as a column.
-    maps : sequence of Path
-        Files with values per vertex to add as columns.
-    own_maps : bool
-        Whether to add those that came with the mesh.
-    repairs : tuple of str
-        What has been done to the mesh, for the file to say.
 
-    Returns
-    -------
-    dict
-        JSON-able report.
-    """
-    from meshmash_viewer.features.truncation import mesh_limit, sufficient_target
-    from meshmash_viewer.health import median_edge_length
-    from meshmash_viewer.io.provenance import export_options
-    from meshmash_viewer.io.write import write_eigenpairs, write_features
+def _write_in_pieces(
+    mesh: Mesh, path: Path, family: Family, options: Namespace
+) -> tuple[dict[str, Any], str]:
+    with progress_bar(mesh) as bar, until_interrupted() as cancel:
+        report = write_in_pieces(
+            mesh,
+            path,
+            family,
+            options.pieces,
+            chosen_target(options),
+            chosen_operator(options),
+            n_jobs=options.jobs,
+            progress=bar,
+            cancel=cancel,
+        )
+    return report, f"{path}: {described_seams(report)}"
 
-    kind, t_min = family.export, getattr(family, "t_min", None)
+
+def _write_whole(
+    mesh: Mesh, path: Path, family: Family, options: Namespace
+) -> tuple[dict[str, Any], str]:
+    """Compute one kind of features, or the eigenpairs, and write them."""
     began = time.perf_counter()
-    n = mesh.n_vertices - len(mesh.unreferenced)
+    kind, t_min, target = family.export, getattr(family, "t_min", None), chosen_target(options)
+    n, edge = mesh.n_vertices - len(mesh.unreferenced), median_edge_length(mesh)
     remarks: list[str] = []
-    if (maps or own_maps) and not family.makes_features():
+    if (options.map or options.maps) and not family.makes_features():
         raise InputError(f"--map and --maps are columns of features; {kind} have none.")
-    if mesh.maps and not own_maps:
+    if mesh.maps and not options.maps:
         names = ", ".join(each.name for each in mesh.maps)
         if family.makes_features():
             remarks.append(f"left out: {names}; --maps adds them as columns.")
         for each in mesh.maps:
             mesh = mesh.without_map(each.name)
-    mesh = with_maps(mesh, maps)
+    mesh = with_maps(mesh, options.map)
     family.check_mesh(mesh)
-    features: Features | None = None
-    if automatic:
-        assert t_min is not None
-        solver.target = sufficient_target(t_min, mesh.area, n)
-    pairs: Decomposition | None = None
+    shortest = t_min if options.count == "auto" else None
+    if shortest is not None:
+        target = sufficient_target(shortest, mesh.area, n)
     try:
-        pairs = solver(mesh) if family.of_pairs else None
+        pairs = solved(mesh, options, target) if family.of_pairs else None
     except InputError as fault:
-        if not automatic or t_min is None:
+        if shortest is None:
             raise
-        reach = mesh_limit(t_min, mesh.area, n, mesh.unit, median_edge_length(mesh))
-        raise InputError(f"{fault} {reach}") from fault
-    solved = time.perf_counter()
-    bound = solver.target.max_eigenvalue
-    if family.makes_features():
-        features = family.compute_features(
-            pairs,
-            mesh,
-            mesh.area,
-            bound,
-            drop_first=drop_first,
-            tail=tail,
-            known_to=bound if pairs is not None and pairs.complete else None,
-        )
+        limit = mesh_limit(shortest, mesh.area, n, mesh.unit, edge)
+        raise InputError(f"{fault} {limit}") from fault
+    seconds = time.perf_counter() - began
 
-    proof = "" if pairs is None else pairs.proof(mesh.unit)
-    options = export_options(kind, solver.operator, solver.target, proof, repairs)
     report: dict[str, Any] = {
         "mesh": mesh.name,
         "output": str(path),
@@ -298,204 +275,178 @@ def write_kind(
         "remarks": remarks,
     }
     if pairs is not None:
-        largest = float(pairs.eigenvalues[-1])
         report |= {
-            "n_eigenpairs": pairs.n_components,
-            "max_eigenvalue": largest,
-            "wavelength": _finite(wavelength(largest)),
+            **pairs_report(pairs, mesh),
             "complete": pairs.complete,
             "worst_residual": float(pairs.residuals.max(initial=0.0)),
             "orthonormality": float(pairs.orthonormality),
-            "proof": proof,
-            "seconds_eigenpairs": round(solved - began, 3),
+            "seconds_eigenpairs": round(seconds, 3),
         }
-    wanted = solver.target.n_components
-    if automatic and t_min is not None:
-        edge = median_edge_length(mesh)
-        if wavelength(required_eigenvalue(t_min)) < 2.0 * edge:
-            remarks.append(mesh_limit(t_min, mesh.area, n, mesh.unit, edge))
+    proof = report.get("proof", "")
+    made = export_options(kind, chosen_operator(options), target, proof, options.repair)
+    wanted = target.n_components
+    if shortest is not None:
+        if wavelength(required_eigenvalue(shortest)) < 2.0 * edge:
+            remarks.append(mesh_limit(shortest, mesh.area, n, mesh.unit, edge))
     elif pairs is not None and wanted is not None and wanted > n:
         remarks.append(
             f"{wanted:,} eigenpairs were asked for; the mesh has {n:,}, and all of them are used."
         )
-    if features is None:
-        assert pairs is not None
-        write_eigenpairs(path, pairs, mesh, options)
-    else:
+    if family.makes_features():
+        bound = target.max_eigenvalue
+        found = family.compute_features(
+            pairs,
+            mesh,
+            mesh.area,
+            bound,
+            drop_first=options.drop_first,
+            tail=options.tail,
+            known_to=bound if pairs is not None and pairs.complete else None,
+        )
         if pairs is not None and not (pairs.eigenvalues > 0.0).any():
             remarks.append(
                 f"all {pairs.n_components} eigenvalues are zero, one for each connected component,"
                 " so the features are the same all over a component: go further up the spectrum"
                 " (a larger --count or --max-eigenvalue, a shorter --wavelength)."
             )
-        missing = features.truncation
+        missing = found.truncation
         report["truncation"] = None if missing is None else missing.as_dict()
-        if features.missing:
-            remarks.append(f"{features.missing}{_more_pairs(t_min)}.")
-        remarks += features.remarks(mesh)
-        features = features.with_maps(mesh)
-        if component_column:
-            features = features.with_components(mesh)
-        report["n_features"] = len(features.columns)
+        if found.missing:
+            remarks.append(f"{found.missing}{more_pairs(t_min)}.")
+        remarks += found.remarks(mesh)
+        found = found.with_maps(mesh)
+        if options.component_column:
+            found = found.with_components(mesh)
+        report["n_features"] = len(found.columns)
         values = None if pairs is None else pairs.eigenvalues
-        write_features(path, features, mesh, eigenvalues=values, meta=options)
+        write_features(path, found, mesh, eigenvalues=values, meta=made)
+    else:
+        assert pairs is not None
+        write_eigenpairs(path, pairs, mesh, made)
     report["seconds"] = round(time.perf_counter() - began, 3)
-    return report
+    if pairs is None:
+        return report, f"{path}: {counted(report['n_features'], 'column')}"
+    return report, f"{path}: {proof} · {reach(report, mesh)}"
 
 
-def _more_pairs(t_min: float | None) -> str:
+def more_pairs(t_min: float | None = None) -> str:
     """The way out of a truncated column."""
     if t_min is not None:
         return ": --count auto takes as many as it needs"
     return ": take more of them (--count, --max-eigenvalue, --wavelength)"
 
 
-def with_maps(mesh: Mesh, paths: Sequence[Path]) -> Mesh:
-    """A mesh with the maps in files, besides its own."""
-    from meshmash_viewer.io.maps import read_maps
-
-    for path in paths:
-        mesh = mesh.with_maps(*read_maps(path, mesh))
-    return mesh
+# compare --------------------------------------------------------------------------------------
 
 
-def _shown_map(mesh: Mesh, paths: Sequence[Path], name: str) -> Field:
-    """A map of a mesh or of files, as the window shows it."""
-    from meshmash_viewer.fields.maps import CURVATURES, OwnMaps
-    from meshmash_viewer.fields.spectrum import Spectrum
-    from meshmash_viewer.model.field import FieldRequest, LiveFeatures, compute_field
+def compare(options: Namespace) -> int:
+    """Compare two meshes, and write which vertex of the second each of the first looks like."""
+    if options.output is not None:
+        check_output(options.output, "features")
+    began, target = time.perf_counter(), chosen_target(options)
+    family = EXPORTS[options.kind].exported(options.n_components)
+    meshes = [read(path, options) for path in options.mesh]
+    first = solved(meshes[0], options, target)
+    # as far up the spectrum of the second, where it has one that far
+    top = matched_top(first, meshes[1].area)
+    second = solved(meshes[1], options, Target("max_eigenvalue", top) if top > 0.0 else target)
+    for mesh, pairs in zip(meshes, (first, second), strict=True):
+        check_comparable(mesh.name, mesh.n_vertices, pairs.eigenvalues)
+    found = compare_shapes(first, second, family.bank(unit_area_spectrum(first)))
+    report: dict[str, Any] = {
+        "meshes": [mesh.name for mesh in meshes],
+        "kind": family.export,
+        "n_eigenpairs": [first.n_components, second.n_components],
+        "compared": len(found.spectra[0]),
+        "complete": first.complete and second.complete,
+        "spectral_distance": found.distance,
+        "relative_distance": found.relative_distance,
+        "mutual_share": found.mutual_share,
+        "median_score": float(np.nanmedian(found.forth.scores)),
+        "eigenfunctions": [
+            {
+                "first": int(index),
+                "second": int(found.functions.indices[index]),
+                "sign": int(found.functions.signs[index]),
+                "correlation": float(found.functions.correlations[index]),
+            }
+            for index in np.flatnonzero(found.functions.told)
+        ],
+        "remarks": comparison_remarks(*meshes),
+        "output": None if options.output is None else str(options.output),
+    }
+    if options.output is not None:
+        proof = f"{first.proof(meshes[0].unit)}; {second.proof(meshes[1].unit)}"
+        made = export_options("match", chosen_operator(options), target, proof)
+        made["matched_in"] = family.export
+        write_features(options.output, found.match_table(meshes[1].name), meshes[0], meta=made)
+    report["seconds"] = round(time.perf_counter() - began, 3)
+    tell(options, options.mesh[0], report, _described_comparison(report))
+    return 0
 
-    n_own = len(mesh.maps)
-    mesh = with_maps(mesh, paths)
-    if paths and not name:
-        name = mesh.maps[n_own].name
-    names = [*(each.name for each in mesh.maps), *CURVATURES]
-    if name and name not in names:
-        raise InputError(f"{mesh.name} has no map {name!r}; its maps are {', '.join(names)}.")
-    bare = Spectrum.without_pairs(mesh)
-    family = OwnMaps(chosen=name).resolved(bare, {})
-    request = FieldRequest(bare, mesh.unit, family, mesh.area_sample())
-    field = compute_field(request, LiveFeatures())
-    assert field is not None, "without pairs a map is shown at once"
-    return field
+
+def _described_comparison(report: dict[str, Any]) -> str:
+    first, second = (name or "mesh" for name in report["meshes"])
+    told, compared = report["eigenfunctions"], report["compared"]
+    flipped = sum(1 for each in told if each["sign"] < 0)
+    moved = sum(1 for each in told if each["first"] != each["second"])
+    distance = f"{report['spectral_distance']:.4g}"
+    share = f"{100 * report['relative_distance']:.2g} % of the spectrum"
+    rows = [
+        ("eigenvalues compared", f"{compared:,}, times area"),
+        ("spectral distance", f"{distance} ({share})"),
+        ("mutual matches", f"{100 * report['mutual_share']:.1f} % of the vertices of {first}"),
+        (
+            "eigenfunctions told",
+            f"{len(told)} of {compared}, {flipped} of them flipped, {moved} at another index",
+        ),
+    ]
+    said = titled_rows(f"{first} and {second}, matched in {report['kind']}", rows)
+    return f"{said}\n  {report['output']}" if report["output"] else said
 
 
-def write_render(
-    mesh: Mesh,
-    path: Path,
-    field: str | None,
-    solver: Solver,
-    *,
-    index: int | None = None,
-    diffusion_time: float | None = None,
-    n_components: int = 32,
-    maps: Sequence[Path] = (),
-    map_name: str = "",
-    colormap: str | tuple[str, ...] | None = None,
-    limits: tuple[float, float] | None = None,
-    **picture: Any,
-) -> dict[str, Any]:
-    """Draw a field on a mesh, without a window.
+# reconstruct ----------------------------------------------------------------------------------
 
-    Parameters
-    ----------
-    mesh : Mesh
-    path : Path
-        Ends in ".png".
-    field : str, optional
-        "hks", "eigenfunction", "band", "map" or "none"; None for a map if one is named, else HKS.
-    solver : Solver
-        Not asked for the bare mesh and for a map.
-    index : int, optional
-        Which eigenfunction or band; None takes the first that is not constant.
-    diffusion_time : float, optional
-        Of the heat kernel signature, in squared unit; None the middle of its range.
-    n_components : int
-        Number of bands that `index` counts in.
-    maps : sequence of Path
-        Files with more maps of the mesh.
-    map_name : str
-        One of the maps of the mesh, or a curvature; "" for the first, those of files before others.
-    colormap, limits, **picture
-        See `meshmash_viewer.app.view.picture.render_picture`; None takes what suits the field.
 
-    Returns
-    -------
-    dict
-        JSON-able report.
+def reconstruct(options: Namespace) -> int:
+    """Rebuild the coordinates of a mesh from its eigenpairs, and write the smoothed mesh."""
+    target = chosen_target(options)
+    check_output(options.output, "mesh")
+    return for_each(options, lambda mesh, _: _write_rebuilt(mesh, target, options))
+
+
+def _write_rebuilt(mesh: Mesh, target: Target, options: Namespace) -> tuple[dict[str, Any], str]:
+    """Of the report, ``rms_distance`` is the root mean square distance of a point of the surface
+    from where it was, ``largest_distance`` that of the farthest vertex, in ``unit``.
     """
-    from meshmash_viewer.app.view.picture import render_picture
-    from meshmash_viewer.features.filters import bspline_bank, heat_kernel_bank, hks_times
-    from meshmash_viewer.features.sums import truncated_features
-    from meshmash_viewer.model.limits import PercentileLimits
-    from meshmash_viewer.units import format_quantity, power_unit
-
-    if field is None:
-        field = "map" if maps or map_name else "hks"
-    elif (maps or map_name) and field != "map":
-        raise InputError(f"--map and --map-name are of --field map, not of {field}.")
-    report: dict[str, Any] = {"mesh": mesh.name, "output": str(path), "field": field}
-    if limits is not None and not limits[0] < limits[1]:
-        raise InputError(f"The limits {limits[0]:g} and {limits[1]:g} leave no range: swap them.")
-    values, quantity, unit = None, "", ""
-    if field == "map":
-        shown = _shown_map(mesh, maps, map_name)
-        values, quantity, unit = shown.values, f"{shown.title}: {shown.quantity}", shown.unit
-        if shown.labels:
-            colormap = tuple(label.color for label in shown.labels)
-        colormap = colormap or ("RdBu_r" if shown.signed else "viridis")
-        limits = shown.limits(None) if limits is None or shown.labels else limits
-        report["map"] = shown.title
-        report["limits"] = list(limits)
-    elif field != "none":
-        pairs = solver(mesh)
-        report["proof"] = pairs.proof(mesh.unit)
-        spectrum = pairs.eigenvalues
-        report["max_eigenvalue"] = float(spectrum[-1])
-        report["wavelength"] = _finite(wavelength(float(spectrum[-1])))
-        if field == "eigenfunction":
-            if index is None:
-                zeros = int(np.count_nonzero(spectrum <= 1e-10 * spectrum[-1]))
-                index = min(zeros, pairs.n_components - 1)
-            if not 0 <= index < pairs.n_components:
-                raise InputError(
-                    f"There is no eigenfunction {index} among {pairs.n_components}; raise --count"
-                    " or lower --index."
-                )
-            values, unit = pairs.rows[index], power_unit(mesh.unit, -1)
-            quantity = (
-                f"eigenfunction {index}, λ = {format_quantity(spectrum[index], mesh.unit, -2)}"
-            )
-        elif field == "hks":
-            times = hks_times(spectrum, None, None, 3)
-            moment = float(times[1]) if diffusion_time is None else diffusion_time
-            bank = heat_kernel_bank([moment])
-            quantity = f"HKS, t = {format_quantity(moment, mesh.unit, 2)}"
-        else:
-            index = 1 if index is None else index
-            if not 0 <= index < n_components:
-                raise InputError(f"There is no band {index} among {n_components}; lower --index.")
-            bank = bspline_bank(0.0, float(spectrum[-1]), n_components)
-            quantity = f"band {index} of {n_components}"
-        if values is None:
-            features = truncated_features(pairs, bank, unit=mesh.unit)
-            values = features.values[:, index if field == "band" and index is not None else 0]
-            unit = features.unit
-            if features.truncation is not None and (said := features.truncation.sentence()):
-                report["remarks"] = [f"{said}{_more_pairs(None)}."]
-            colormap = colormap or "viridis"
-            # A few tips of the surface would otherwise take the whole colour bar.
-            limits = limits or PercentileLimits().limits(values, mesh.area_sample())
-        report["limits"] = None if limits is None else list(limits)
-    render_picture(
-        mesh,
-        values,
-        path,
-        colormap=colormap or "RdBu_r",
-        limits=limits,
-        title=mesh.name,
-        quantity=quantity,
-        unit=unit,
-        **picture,
+    began, path = time.perf_counter(), options.output
+    pairs = solved(mesh, options, target)
+    if not pairs.eigenvalues[-1] > 0.0:
+        raise InputError(
+            f"{mesh.name}: all {counted(pairs.n_components, 'eigenpair')} are constants of its"
+            f" {counted(mesh.n_components, 'component')}, from which each would be a point: take"
+            " more pairs (--count, --max-eigenvalue, --wavelength), or --largest-component."
+        )
+    vertices = low_pass_vertices(mesh, pairs, pairs.n_components)
+    used = pairs.mass > 0.0
+    distances = np.linalg.norm(vertices - mesh.vertices, axis=1)[used]
+    typical = float(np.sqrt(np.average(distances**2, weights=pairs.mass[used])))
+    most = float(distances.max())
+    report: dict[str, Any] = {
+        "mesh": mesh.name,
+        "output": str(path),
+        "unit": mesh.unit,
+        **pairs_report(pairs, mesh),
+        "rms_distance": typical,
+        "largest_distance": most,
+    }
+    operator, proof = chosen_operator(options), report["proof"]
+    made = export_options("reconstruction", operator, target, proof, options.repair)
+    made["rms_distance"] = typical
+    write_mesh(path, replace(mesh, vertices=vertices), provenance(mesh, made))
+    report["seconds"] = round(time.perf_counter() - began, 3)
+    return report, (
+        f"{path}: rebuilt from {counted(pairs.n_components, 'eigenpair')}; vertices are"
+        f" {format_quantity(typical, mesh.unit)} from where they were (root mean square),"
+        f" {format_quantity(most, mesh.unit)} at most"
     )
-    return report

@@ -1,0 +1,185 @@
+"""What the commands share: meshes one after the other, their eigenpairs, and what is said."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import signal
+import sys
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from meshmash_viewer.cli.arguments import FAULT, chosen_operator, say
+from meshmash_viewer.health import repair_mesh
+from meshmash_viewer.io.maps import read_maps
+from meshmash_viewer.io.read import read_mesh
+from meshmash_viewer.io.spectrum import obtain_eigenpairs
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.failure import failure_of
+from meshmash_viewer.progress import Cancelled, ProgressBar
+from meshmash_viewer.spectral.weyl import Target, wavelength
+from meshmash_viewer.units import format_quantity
+
+if TYPE_CHECKING:
+    from meshmash_viewer.spectral.eigensolver import Decomposition
+
+__all__ = [
+    "finite",
+    "for_each",
+    "pairs_report",
+    "progress_bar",
+    "reach",
+    "read",
+    "say_fault",
+    "solved",
+    "tell",
+    "titled_rows",
+    "until_interrupted",
+    "with_maps",
+]
+
+#: What is done to a mesh and its place among the others: a JSON-able report, and it for people.
+Work: TypeAlias = Callable[[Mesh, int], tuple[dict[str, Any], str]]
+
+_DEFECT = 1
+#: Of many meshes, the worst status is that of the command.
+_SEVERITY = (0, FAULT, _DEFECT)
+
+
+# What is said ---------------------------------------------------------------------------------
+
+
+def say_fault(fault: Exception, subject: str = "") -> int:
+    """Say what went wrong with a mesh, or with the command; the exit status it comes to."""
+    failure = failure_of(fault)
+    if not failure.mendable:
+        from meshmash_viewer.defects import report_defect
+
+        say(f"{subject or 'The command'} failed by {report_defect(fault)}")
+        return _DEFECT
+    said = not subject or subject in failure.text
+    say(failure.text if said else f"{subject}: {failure.text}")
+    return FAULT
+
+
+def tell(options: Namespace, subject: Path, report: dict[str, Any], said: str) -> None:
+    """Print what became of a mesh, for people or as JSON."""
+    for remark in report.get("remarks", ()):
+        say(f"{subject}: {remark}")
+    print(json.dumps(report) if options.json else said, flush=True)
+
+
+def titled_rows(title: str, rows: Sequence[tuple[str, str]]) -> str:
+    """Names and values below each other."""
+    width = max(len(name) for name, _ in rows)
+    return "\n".join([title, *(f"  {name:<{width}}  {value}" for name, value in rows)])
+
+
+def reach(report: dict[str, Any], mesh: Mesh) -> str:
+    """How far up the spectrum a run went, for people."""
+    reached = f"up to λ = {format_quantity(report['max_eigenvalue'], mesh.unit, -2)}"
+    if report["wavelength"] is None:
+        return reached
+    return f"{reached}, waves of {format_quantity(report['wavelength'], mesh.unit)}"
+
+
+def pairs_report(pairs: Decomposition, mesh: Mesh) -> dict[str, Any]:
+    """What a report says of eigenpairs."""
+    largest = float(pairs.eigenvalues[-1])
+    return {
+        "n_eigenpairs": pairs.n_components,
+        "max_eigenvalue": largest,
+        "wavelength": finite(wavelength(largest)),
+        "proof": pairs.proof(mesh.unit),
+    }
+
+
+def finite(value: float) -> float | None:
+    """A number as JSON has it: the wavelength of a constant is none."""
+    return value if math.isfinite(value) else None
+
+
+# Meshes ---------------------------------------------------------------------------------------
+
+
+def for_each(options: Namespace, work: Work) -> int:
+    """Do the work for every mesh; one that cannot be done does not hold up the others."""
+    status = 0
+    for index, path in enumerate(options.mesh):
+        try:
+            tell(options, path, *work(read(path, options), index))
+        except (Cancelled, BrokenPipeError):  # meant for all of them
+            raise
+        except Exception as fault:  # noqa: BLE001  it is said, and the next mesh has its turn
+            status = max(status, say_fault(fault, str(path)), key=_SEVERITY.index)
+    return status
+
+
+def read(path: Path, options: Namespace) -> Mesh:
+    """A mesh as it is asked for."""
+    return repair_mesh(read_mesh(path, options.unit), *options.repair)
+
+
+def with_maps(mesh: Mesh, paths: Sequence[Path]) -> Mesh:
+    """A mesh with the maps in files, besides its own."""
+    for path in paths:
+        mesh = mesh.with_maps(*read_maps(path, mesh))
+    return mesh
+
+
+# While it computes ----------------------------------------------------------------------------
+
+
+def solved(mesh: Mesh, options: Namespace, target: Target) -> Decomposition:
+    """Eigenpairs of a mesh, from the store or computed."""
+    from meshmash_viewer.model.decomposition import free_memory, refuse_what_cannot_fit
+
+    free = free_memory()
+    with progress_bar(mesh) as bar, until_interrupted() as cancel:
+        found = obtain_eigenpairs(
+            mesh,
+            chosen_operator(options),
+            target,
+            use_cache=not options.no_cache,
+            progress=bar,
+            cancel=cancel,
+            check=lambda n, nnz, k: refuse_what_cannot_fit(n, nnz, k, free, mesh.n_components),
+            n_jobs=options.jobs,
+        )
+    if found.remark:
+        say(found.remark)
+    return found.decomposition
+
+
+def progress_bar(mesh: Mesh) -> contextlib.AbstractContextManager[ProgressBar | None]:
+    """A bar on a terminal, nothing in a pipe."""
+    if sys.stderr.isatty():
+        return ProgressBar(mesh.name, leave=False)
+    return contextlib.nullcontext()
+
+
+@contextlib.contextmanager
+def until_interrupted() -> Iterator[Any]:
+    """Let Ctrl-C ask the solver to stop, which ends its processes; a second one is not so kind."""
+    asked = False
+
+    def ask(*_: object) -> None:
+        nonlocal asked
+        if asked:
+            raise KeyboardInterrupt
+        asked = True
+
+    try:
+        before = signal.signal(signal.SIGINT, ask)
+    except ValueError:  # not the main thread, which gets no signals
+        yield None
+        return
+    try:
+        yield lambda: asked
+        if asked:  # after the solver's last question
+            raise KeyboardInterrupt
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -1,0 +1,362 @@
+"""The commands that draw: render, gallery and movie, all without a window."""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from collections.abc import Iterator
+from itertools import chain, islice
+from typing import TYPE_CHECKING, Any
+
+from meshmash_viewer.cli.arguments import chosen_family, chosen_operator, chosen_target, say
+from meshmash_viewer.cli.batch import (
+    for_each,
+    pairs_report,
+    progress_bar,
+    reach,
+    solved,
+    with_maps,
+)
+from meshmash_viewer.cli.commands import more_pairs
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.filters import heat_kernel_bank
+from meshmash_viewer.features.sums import truncated_features
+from meshmash_viewer.fields import FAMILIES
+from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.geometry_vectors import GeometryVectors
+from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.fields.maps import CURVATURES, OwnMaps
+from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.fields.sweep import (
+    SWEPT,
+    chosen_columns,
+    evenly,
+    film,
+    n_columns,
+    n_frames,
+    sweep,
+)
+from meshmash_viewer.io.movie import (
+    TURN_RATE,
+    TURN_SECONDS,
+    check_movie,
+    estimated_bytes,
+    movie_file,
+)
+from meshmash_viewer.io.write import check_output, write_picture
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.cost import written_bytes
+from meshmash_viewer.model.display import Display
+from meshmash_viewer.model.field import FieldRequest, LiveFeatures, compute_field
+from meshmash_viewer.model.limits import LockedLimits
+from meshmash_viewer.progress import Progress, ProgressBar
+from meshmash_viewer.units import counted
+
+if TYPE_CHECKING:
+    from meshmash_viewer.spectral.eigensolver import Decomposition
+
+__all__ = ["gallery", "movie", "render"]
+
+#: Columns where a family has as many as one likes.
+_COLUMNS = 32
+#: Pictures of a gallery of which it is not said which.
+_PICTURES = 24
+#: Frames that the size of a movie is told from.
+_MEASURED = 6
+_AS_IT_COMES = {name: family() for name, family in FAMILIES.items()}
+
+
+# render ---------------------------------------------------------------------------------------
+
+
+def render(options: Namespace) -> int:
+    """Draw a picture of a mesh."""
+    chosen_target(options)
+    check_output(options.output, "picture")
+    if options.field is None:
+        options.field = "map" if options.map or options.map_name else "hks"
+    elif (options.map or options.map_name) and options.field != "map":
+        raise InputError(f"--map and --map-name are of --field map, not of {options.field}.")
+    _policy(options)
+    if options.time is not None:
+        heat_kernel_bank([options.time])  # which says what is no time
+    return for_each(options, lambda mesh, _: _write_render(mesh, options))
+
+
+def _write_render(mesh: Mesh, options: Namespace) -> tuple[dict[str, Any], str]:
+    from meshmash_viewer.app.view.picture import render_picture
+
+    report: dict[str, Any] = {
+        "mesh": mesh.name,
+        "output": str(options.output),
+        "field": options.field,
+    }
+    values, shown = None, dict[str, Any]()
+    if options.field != "none":
+        pairs: Decomposition | None = None
+        if options.field == "map":
+            family: Family = _chosen_map(mesh, options)
+            mesh = with_maps(mesh, options.map)
+        else:
+            pairs = solved(mesh, options, chosen_target(options))
+            report |= pairs_report(pairs, mesh)
+            family = _chosen_field(pairs, options)
+        spectrum = _spectrum(mesh, pairs, options)
+        request = FieldRequest(
+            spectrum, mesh.unit, family.resolved(spectrum, _AS_IT_COMES), mesh.area_sample()
+        )
+        field = compute_field(request, LiveFeatures())
+        assert field is not None, "one field alone needs no table"
+        if pairs is None:
+            report["map"] = field.title
+        elif said := _missing(pairs, field.family, mesh):
+            report["remarks"] = [f"{said}{more_pairs()}."]
+        values, limits = field.values, field.limits(_policy(options))
+        report["limits"] = list(limits)
+        shown = {
+            "colormap": _look(options).colors(field),
+            "limits": limits,
+            "quantity": f"{field.title}: {field.quantity}",
+            "unit": field.unit,
+        }
+    render_picture(
+        mesh,
+        values,
+        options.output,
+        size=options.size,
+        title=mesh.name,
+        transparent=options.transparent,
+        dark=options.dark,
+        **shown,
+    )
+    reached = f": {reach(report, mesh)}" if "max_eigenvalue" in report else ""
+    return report, f"{options.output}{reached}"
+
+
+def _chosen_map(mesh: Mesh, options: Namespace) -> OwnMaps:
+    """The map that is named; of others the first, those of files before those of the mesh."""
+    name = options.map_name or ""
+    added = with_maps(mesh, options.map).maps
+    if options.map and not name:
+        name = added[len(mesh.maps)].name
+    names = [*(each.name for each in added), *CURVATURES]
+    if name and name not in names:
+        raise InputError(f"{mesh.name} has no map {name!r}; its maps are {', '.join(names)}.")
+    return OwnMaps(chosen=name)
+
+
+def _chosen_field(pairs: Decomposition, options: Namespace) -> Family:
+    """The eigenfunction, the time or the band that is asked for."""
+    index = options.index
+    if options.field == "hks":
+        return HeatKernelSignature(options.time)
+    if options.field == "eigenfunction":
+        if index is None:
+            zeros = int((pairs.eigenvalues <= 1e-10 * pairs.eigenvalues[-1]).sum())
+            index = min(zeros, pairs.n_components - 1)
+        if not 0 <= index < pairs.n_components:
+            raise InputError(
+                f"There is no eigenfunction {index} among {pairs.n_components}; raise --count or"
+                " lower --index."
+            )
+        return Eigenfunctions(index)
+    index, count = 1 if index is None else index, options.n_components
+    if not 0 <= index < count:
+        raise InputError(f"There is no band {index} among {count}; lower --index.")
+    return GeometryVectors(index, count)
+
+
+def _missing(pairs: Decomposition, family: Family, mesh: Mesh) -> str:
+    """What the field lacks for want of eigenpairs, see `Features.missing`."""
+    if not family.counted:
+        return ""
+    if isinstance(family, HeatKernelSignature):
+        assert family.time is not None, "it is resolved"
+        bank = heat_kernel_bank([family.time])
+    else:
+        bank = family.bank(pairs.eigenvalues)
+    return truncated_features(pairs, bank, unit=mesh.unit).missing
+
+
+# gallery and movie ----------------------------------------------------------------------------
+
+
+def gallery(options: Namespace) -> int:
+    """Draw columns of a family of fields side by side."""
+    family = _chosen_swept(options)
+    check_output(options.output, "picture")
+    return for_each(options, lambda mesh, _: _write_gallery(mesh, family, options))
+
+
+def _write_gallery(mesh: Mesh, family: Family, options: Namespace) -> tuple[dict[str, Any], str]:
+    from meshmash_viewer.app.view.contact_sheet import ContactSheet
+    from meshmash_viewer.app.view.series import aspect, draw_series, series_view, shots_of
+
+    mesh = with_maps(mesh, options.map)
+    spectrum, report = _solved(mesh, family, options)
+    most = n_columns(family, spectrum)
+    chosen = (
+        evenly(most, _PICTURES)
+        if options.columns is None
+        else chosen_columns(options.columns, most)
+    )
+    drawing = _drawing(mesh, options)
+    drawing.annotated = False
+    families = sweep(family, spectrum, chosen)
+    shots = shots_of(families, spectrum, mesh, mesh.area_sample(), _AS_IT_COMES)
+    requests = [each.request for each in shots if each.request is not None]
+    titles = {each.family.title() for each in requests}
+    title = titles.pop() if len(titles) == 1 else family.label
+    sheet = ContactSheet(
+        [each.caption for each in requests],
+        options.size,
+        aspect(drawing),
+        f"{mesh.name} · {title}" if mesh.name else title,
+        dark=options.dark,
+        transparent=options.transparent,
+    )
+    drawing.view = series_view(drawing, sheet.picture_size)
+    series = draw_series(drawing, sheet.picture_size, shots, _look(options), transparent=True)
+    with progress_bar(mesh) as bar:
+        for at, (_, picture) in enumerate(series):
+            assert drawing.caption is not None
+            sheet.put(at, picture.rgba(), drawing.caption)
+            _show(bar, at + 1, len(shots), "pictures")
+    write_picture(options.output, sheet.pixels())
+    report |= {"columns": list(chosen), "size": list(options.size)}
+    return report, f"{options.output}: {counted(len(chosen), 'picture')}"
+
+
+def movie(options: Namespace) -> int:
+    """Film a sweep through the columns of a family, or a turn of the mesh."""
+    check_movie(options.output, options.size, 1.0 if options.rate is None else options.rate)
+    family = _chosen_swept(options)
+    check_output(options.output, "movie")
+    return for_each(options, lambda mesh, _: _write_movie(mesh, family, options))
+
+
+def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> tuple[dict[str, Any], str]:
+    from meshmash_viewer.app.view.series import (
+        Shot,
+        draw_series,
+        dressed,
+        series_view,
+        shots_of,
+        turntable,
+    )
+
+    mesh, path, size = with_maps(mesh, options.map), options.output, options.size
+    spectrum, report = _solved(mesh, family, options)
+    most = n_columns(family, spectrum)
+    drawing, look = _drawing(mesh, options), _look(options)
+    rate, seconds, column = options.rate, options.seconds, options.column
+    if options.sweep is not None:
+        if column is not None:
+            raise InputError("--column is of --turntable; a sweep has those that it goes through.")
+        columns = chosen_columns(options.sweep, most)
+        families, rate = film(family, spectrum, columns, rate, seconds)
+        shots = shots_of(families, spectrum, mesh, mesh.area_sample(), _AS_IT_COMES)
+    else:
+        rate = TURN_RATE if rate is None else rate
+        count = n_frames(rate, TURN_SECONDS if seconds is None else seconds)
+        # what was asked for stays; of eigenfunctions the first that is not constant is shown
+        shown = family if family.options else family.for_other_mesh(mesh.n_components)
+        if column is not None:
+            shown = sweep(family, spectrum, chosen_columns(str(column), most))[0]
+        one = shots_of([shown], spectrum, mesh, mesh.area_sample(), _AS_IT_COMES)[0]
+        dressed(one, look, LiveFeatures(), drawing).put_on(drawing)
+        view = series_view(drawing, size, turning=True)
+        shots = [Shot(view=each) for each in turntable(drawing, view, count)]
+    check_movie(path, size, rate)
+    length = f"{counted(len(shots), 'frame')}, {len(shots) / rate:.4g} s"
+    frames: Iterator[Any] = (
+        picture.pixels for _, picture in draw_series(drawing, size, shots, look)
+    )
+    if sys.stderr.isatty():
+        first = list(islice(frames, _MEASURED))
+        about = estimated_bytes(path.suffix.lower(), first, rate, len(shots))
+        say(f"{length}, about {written_bytes(about)}")
+        frames = chain(first, frames)
+    with progress_bar(mesh) as bar, movie_file(path, size, rate, len(shots)) as add:
+        for done, frame in enumerate(frames, 1):
+            add(frame)
+            _show(bar, done, len(shots), "frames")
+    report |= {
+        "frames": len(shots),
+        "rate": rate,
+        "seconds": len(shots) / rate,
+        "size": list(size),
+        "bytes": path.stat().st_size,
+    }
+    return report, f"{path}: {length}, {written_bytes(report['bytes'])}"
+
+
+def _chosen_swept(options: Namespace) -> Family:
+    chosen_target(options)
+    _policy(options)
+    return chosen_family(options, SWEPT, _COLUMNS)
+
+
+def _solved(mesh: Mesh, family: Family, options: Namespace) -> tuple[Spectrum, dict[str, Any]]:
+    """The eigenpairs, if the family is made of any, and what is reported of them."""
+    family.check_mesh(mesh)
+    output = str(options.output)
+    report: dict[str, Any] = {"mesh": mesh.name, "output": output, "kind": family.name}
+    pairs = solved(mesh, options, chosen_target(options)) if family.of_pairs else None
+    if pairs is not None:
+        report |= pairs_report(pairs, mesh)
+    return _spectrum(mesh, pairs, options), report
+
+
+def _spectrum(mesh: Mesh, pairs: Decomposition | None, options: Namespace) -> Spectrum:
+    if pairs is None:
+        return Spectrum.without_pairs(mesh)
+    return Spectrum(
+        pairs.eigenvalues,
+        pairs.rows,
+        pairs.residuals,
+        total=pairs.n_components,
+        certificate=pairs.certificate,
+        operator=chosen_operator(options),
+        mesh=mesh,
+    )
+
+
+# What all pictures share ----------------------------------------------------------------------
+
+
+def _policy(options: Namespace) -> LockedLimits | None:
+    """The limits that are asked for."""
+    if options.limits is None:
+        return None
+    low, high = options.limits
+    if not low < high:
+        raise InputError(f"The limits {low:g} and {high:g} leave no range: swap them.")
+    return LockedLimits(low, high)
+
+
+def _look(options: Namespace) -> Any:
+    """The `Look` of all pictures."""
+    from meshmash_viewer.app.view.series import Look
+
+    usual, given = Display(), options.colormap
+    return Look(
+        given or usual.sequential_colormap,
+        _policy(options),
+        diverging=given or usual.diverging_colormap,
+    )
+
+
+def _drawing(mesh: Mesh, options: Namespace) -> Any:
+    """A `MeshRenderer` with the mesh."""
+    from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
+
+    drawing = MeshRenderer(options.dark)
+    drawing.set_mesh(mesh, mesh.vertex_normals)
+    return drawing
+
+
+def _show(bar: ProgressBar | None, done: int, of: int, what: str) -> None:
+    if bar is not None:
+        bar(Progress(what, done / of, message=f"{done} of {of} {what}"))
