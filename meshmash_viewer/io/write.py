@@ -8,11 +8,10 @@ Parquet, VTP, PLY, OBJ, GIFTI and PNG carry their provenance inside; NPY, CSV, S
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import os
-from collections.abc import Iterator
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -105,20 +104,23 @@ def write_features(
     ...     np.load(file)["features"].shape
     (642, 2)
     """
-    path = Path(path)
-    writer = _writer(WRITERS, path, "features")
     if len(features.values) != mesh.n_vertices:
         raise InputError(
             f"Features of {len(features.values)} rows do not go with a mesh of"
             f" {mesh.n_vertices} vertices: give one row a vertex."
         )
+    values = np.zeros(0) if eigenvalues is None else np.asarray(eigenvalues, dtype=np.float64)
+    archive = {
+        "features": features.values,
+        "columns": np.array(features.columns),
+        "eigenvalues": values,
+        **_geometry(mesh),
+    }
+    table = FeatureTable(features.values, features.columns, mesh, values, archive=archive)
     # Where the options have nothing to say of it, the features speak for themselves.
     said = {"kind": features.kind, "values_unit": features.unit, **features.meta}
-    made = json.dumps(_made(mesh, said, meta) | {"columns": list(features.columns)})
-    values = np.zeros(0) if eigenvalues is None else np.asarray(eigenvalues, dtype=np.float64)
-    table = FeatureTable(features.values, features.columns, mesh, values, made)
-    with writing_errors(path), _with_note(path, made) as part:
-        writer(part, table)
+    made = _made(mesh, said, meta) | {"columns": list(features.columns)}
+    _write(path, "features", table, made)
 
 
 def write_eigenpairs(
@@ -155,12 +157,22 @@ def write_eigenpairs(
     ...     np.load(file)["eigenvectors"].shape
     (642, 16)
     """
-    path = Path(path)
-    writer = _writer(EIGENPAIR_WRITERS, path, "eigenpairs")
+    beside = {"eigenvalues": decomposition.eigenvalues, "residuals": decomposition.residuals}
+    archive = {
+        **beside,
+        "eigenvectors": decomposition.eigenvectors,
+        "mass": decomposition.mass,
+        **_geometry(mesh),
+    }
+    count = decomposition.n_components
+    digits = max(3, len(str(count)))
+    names = tuple(f"phi_{i:0{digits}d}" for i in range(count))
+    table = FeatureTable(
+        decomposition.eigenvectors, names, mesh, decomposition.eigenvalues,
+        archive=archive, beside=beside,
+    )  # fmt: skip
     said = {"kind": "eigenpairs", "proof": decomposition.proof(mesh.unit)}
-    made = json.dumps(_made(mesh, said, meta))
-    with writing_errors(path), written_whole(path) as part:
-        writer(part, decomposition, mesh, made)
+    _write(path, "eigenpairs", table, _made(mesh, said, meta))
 
 
 def write_map_spectrum(
@@ -208,19 +220,18 @@ def write_map_spectrum(
     ...     len(file.read_text().splitlines())
     17
     """
-    path = Path(path)
-    writer = _writer(SPECTRUM_WRITERS, path, "coefficients")
-    said = {"kind": "map-spectrum", "map_name": name, "energy": spectrum.energy}
-    made = json.dumps(_made(mesh, said, meta))
     counts = np.arange(len(spectrum))
     columns = {
-        "pair": counts,
         "eigenvalue": spectrum.eigenvalues,
         "coefficient": spectrum.coefficients,
         "share": np.array([spectrum.share(int(count) + 1) for count in counts]),
     }
-    with writing_errors(path), _with_note(path, made) as part:
-        writer(part, columns, made)
+    table = FeatureTable(
+        np.column_stack(list(columns.values())), tuple(columns), mesh, spectrum.eigenvalues,
+        archive={"pair": counts, **columns}, index="pair",
+    )  # fmt: skip
+    said = {"kind": "map-spectrum", "map_name": name, "energy": spectrum.energy}
+    _write(path, "coefficients", table, _made(mesh, said, meta))
 
 
 def write_mesh(path: str | Path, mesh: Mesh, meta: dict[str, Any] | None = None) -> None:
@@ -241,11 +252,9 @@ def write_mesh(path: str | Path, mesh: Mesh, meta: dict[str, Any] | None = None)
     InputError
         If the ending is unknown or the system refuses.
     """
-    path = Path(path)
-    writer = _writer(MESH_WRITERS, path, "meshes")
-    made = json.dumps(_made(mesh, {"kind": "mesh"}, meta))
-    with writing_errors(path), _with_note(path, made) as part:
-        writer(part, mesh, made)
+    nothing = np.empty((mesh.n_vertices, 0))
+    table = FeatureTable(nothing, (), mesh, np.empty(0), archive=_geometry(mesh))
+    _write(path, "mesh", table, _made(mesh, {"kind": "mesh"}, meta))
 
 
 def write_picture(
@@ -282,6 +291,29 @@ def write_picture(
         image.save(part, pnginfo=about)
 
 
+def _geometry(mesh: Mesh) -> dict[str, npt.NDArray[Any]]:
+    return {"vertices": mesh.vertices, "faces": mesh.faces}
+
+
+def _write(path: str | Path, kind: str, table: FeatureTable, made: dict[str, Any]) -> None:
+    """Write a table, and for formats without room the provenance in a file beside it.
+
+    Nothing can replace two files at once, so the note names the checksum of its table.
+    """
+    path = Path(path)
+    writer, table = _writer(kind, path), replace(table, meta=json.dumps(made))
+    with writing_errors(path):
+        if path.suffix.lower() not in WITHOUT_PROVENANCE:
+            with written_whole(path) as part:
+                writer(part, table)
+            return
+        with written_together(path, path.with_name(path.name + ".json")) as (part, note):
+            writer(part, table)
+            with part.open("rb") as file:
+                made["table_sha256"] = hashlib.file_digest(file, "sha256").hexdigest()
+            note.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
+
+
 def _made(mesh: Mesh, said: dict[str, Any], meta: dict[str, Any] | None) -> dict[str, Any]:
     """Provenance with what the result says of itself, and over it the options given."""
     given = meta or {}
@@ -295,7 +327,7 @@ def check_output(path: str | Path, kind: str = "features") -> None:
     Parameters
     ----------
     path : str or Path
-    kind : "features", "eigenpairs", "mesh", "picture", "movie" or "scene"
+    kind : "features", "eigenpairs", "coefficients", "mesh", "picture", "movie" or "scene"
 
     Raises
     ------
@@ -303,22 +335,26 @@ def check_output(path: str | Path, kind: str = "features") -> None:
         If the ending is unknown, there is no such folder, or it may not be written to.
     """
     path = Path(path)
-    tables: dict[str, dict[str, Any]] = {
-        "features": WRITERS,
-        "eigenpairs": EIGENPAIR_WRITERS,
-        "mesh": MESH_WRITERS,
-        "picture": {".png": write_picture},
-        "movie": dict.fromkeys(MOVIE_ENDINGS),
-        "scene": dict.fromkeys(SCENE_ENDINGS),
-    }
-    plural = {"mesh": "meshes"}.get(kind, kind if kind.endswith("s") else f"{kind}s")
-    _writer(tables[kind], path, plural)
+    _writer(kind, path)
     with writing_errors(path):
         if not os.access(path.parent, os.W_OK):
             raise PermissionError(13, "Permission denied")
 
 
-def _writer(table: dict[str, Any], path: Path, what: str) -> Any:
+#: Of each kind of file what its plural is, and how it is written by its ending.
+_KINDS: dict[str, tuple[str, dict[str, Any]]] = {
+    "features": ("features", WRITERS),
+    "eigenpairs": ("eigenpairs", EIGENPAIR_WRITERS),
+    "coefficients": ("coefficients", SPECTRUM_WRITERS),
+    "mesh": ("meshes", MESH_WRITERS),
+    "picture": ("pictures", {".png": write_picture}),
+    "movie": ("movies", dict.fromkeys(MOVIE_ENDINGS)),
+    "scene": ("scenes", dict.fromkeys(SCENE_ENDINGS)),
+}
+
+
+def _writer(kind: str, path: Path) -> Any:
+    plural, table = _KINDS[kind]
     name = path.name.lower()
     for ending in table:
         if name.endswith(ending) and len(name) > len(ending):
@@ -328,23 +364,5 @@ def _writer(table: dict[str, Any], path: Path, what: str) -> Any:
             writer = table[ending]
             return writer.load() if isinstance(writer, PlugIn) else writer
     raise InputError(
-        f"{path} has no ending in which {what} can be written; give it one of {' '.join(table)}."
+        f"{path} has no ending in which {plural} can be written; give it one of {' '.join(table)}."
     )
-
-
-@contextlib.contextmanager
-def _with_note(path: Path, made: str) -> Iterator[Path]:
-    """Write `path`, and for formats without room the provenance in a file beside it.
-
-    Nothing can replace two files at once, so the note names the checksum of its table.
-    """
-    if path.suffix.lower() not in WITHOUT_PROVENANCE:
-        with written_whole(path) as part:
-            yield part
-        return
-    with written_together(path, path.with_name(path.name + ".json")) as (part, note):
-        yield part
-        with part.open("rb") as file:
-            checksum = hashlib.file_digest(file, "sha256").hexdigest()
-        about = {**json.loads(made), "table_sha256": checksum}
-        note.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
