@@ -13,14 +13,14 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.progress import CancelCallback
 
-__all__ = ["RowFile", "StoredRows"]
+__all__ = ["StoredRows", "make_room"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -97,74 +97,27 @@ class StoredRows:
         return [index for index, flag in zip(indices, whole, strict=True) if not flag]
 
 
-class RowFile:
-    """The file open for writing: room is made for rows, and some are flushed to the disk.
+def make_room(path: Path, size: int) -> None:
+    """Lengthen a file to so many bytes by zeros, or make it; blocks of the disk are behind them.
 
-    Parameters
-    ----------
-    path : Path
-        Made where it is missing.
-    n_vertices : int
+    Raises
+    ------
+    OSError
+        If the disk is full. Without the blocks a full disk would end the process, by a signal
+        where it writes into a map.
     """
-
-    def __init__(self, path: Path, n_vertices: int) -> None:
-        self.stored = StoredRows(path, n_vertices)
-        self._file = path.open("r+b" if path.exists() else "w+b", buffering=0)
-        self._map: np.memmap[Any, np.dtype[np.float64]] | None = None
-
-    def make_room(self, n_rows: int) -> FloatArray:
-        """All rows, shape (n_rows, n), mapped for writing; blocks of the disk are behind them.
-
-        Raises
-        ------
-        OSError
-            If the disk is full. Without the blocks a full disk would end the process, by a signal
-            where it writes into the map.
-        """
-        size, before = n_rows * self.stored.row_bytes, self.size
-        if size > before:
-            try:
-                _fill(self._file, before, size - before)
-            except BaseException:
-                self.cut(before)
-                raise
-        shape = n_rows, self.stored.n_vertices
-        self._map = np.memmap(self._file, np.float64, "r+", shape=shape)
-        return self._map
-
-    @property
-    def size(self) -> int:
-        """Bytes of the file."""
-        return os.fstat(self._file.fileno()).st_size
-
-    @property
-    def is_in_place(self) -> bool:
-        """Whether the file that was opened is still the one at its path."""
+    with path.open("ab", buffering=0) as file:
+        before = file.tell()
         try:
-            return os.path.samestat(os.fstat(self._file.fileno()), os.stat(self.stored.path))
-        except FileNotFoundError:
-            return False
-
-    def flush(self) -> None:
-        """Bring all that was written into the map to the disk."""
-        if self._map is not None:
-            self._map.flush()
-        os.fsync(self._file.fileno())
-
-    def cut(self, size: int) -> None:
-        """Give back what lies behind so many bytes; no map may reach there."""
-        self._map = None
-        self._file.truncate(size)
-
-    def close(self) -> None:
-        """Close the file; maps stay."""
-        self._map = None
-        self._file.close()
+            _fill(file, before, size - before)
+            os.fsync(file.fileno())
+        except BaseException:
+            file.truncate(before)
+            raise
 
 
-def _fill(file: Any, start: int, size: int) -> None:
-    """Lengthen a file by zeros that have a place on the disk."""
-    if hasattr(os, "posix_fallocate"):
+def _fill(file: IO[bytes], start: int, size: int) -> None:
+    if size > 0 and hasattr(os, "posix_fallocate"):
         try:
             os.posix_fallocate(file.fileno(), start, size)
         except OSError as fault:
@@ -172,7 +125,6 @@ def _fill(file: Any, start: int, size: int) -> None:
                 raise
         else:
             return
-    zeros = bytes(min(size, _CHUNK))
-    file.seek(start)
+    zeros = bytes(min(max(size, 0), _CHUNK))
     while size > 0:
         size -= file.write(zeros[:size])

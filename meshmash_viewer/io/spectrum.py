@@ -140,17 +140,63 @@ def obtain_eigenpairs(
     for store in stores:
         stored = store.load()
         count = None if stored is None else stored.covers(target)
-        if stored is None or count is None:
-            continue
-        if not _damaged(stored, count, cancel):
-            return Eigenpairs(stored.decomposition(count), stored.checked_rows)
+        if stored is not None and count is not None and not _damaged(stored, count, cancel):
+            return _leading(stored, count)
+
+    from meshmash_viewer.spectral.eigensolver import solve
+
     with _Keeper(stores, in_file=spare is not None) as keeper:
         known = _most(stores, None, cancel)
         count = None if known is None else known.covers(target)
         if known is not None and count is not None:  # by another process, meanwhile
-            return Eigenpairs(known.decomposition(count), known.checked_rows)
-        keeper.go_on_from(known)
-        return _computed(mesh, operator, target, keeper, progress, cancel, follower, check, n_jobs)
+            return _leading(known, count)
+        known = keeper.go_on_from(known)
+        if progress is not None:
+            progress(Progress("operator", message="Building the Laplacian"))
+        stiffness, mass = keeper.laplacian(mesh, operator)
+
+        def fits(k: int) -> None:
+            if check is not None:
+                check(mesh.n_vertices, int(stiffness.nnz), k)
+
+        if target.n_components is not None:
+            fits(min(target.n_components, mesh.n_vertices))
+        if follower is not None:
+            there = known is not None and known.n_converged
+            leading = _leading(known, known.n_converged) if known is not None and there else None
+            follower.begin(leading, mass.diagonal())
+
+        def extend(k: int, n: int, kept: npt.NDArray[np.int64]) -> FloatArray:
+            fits(k)
+            return keeper.extend(k, n, kept)
+
+        def publish(start: int, eigenvalues: FloatArray, residuals: FloatArray) -> None:
+            keeper.append(start, eigenvalues, residuals)
+            if follower is not None:
+                stop = start + len(eigenvalues)
+                follower.grow(
+                    keeper.stored, keeper.rows, keeper.eigenvalues[:stop], keeper.residuals[:stop]
+                )
+
+        decomposition = solve(
+            stiffness,
+            mass,
+            target.n_components,
+            max_eigenvalue=target.max_eigenvalue,
+            known=None if known is None else known.decomposition(),
+            allocate=lambda k, n: extend(k, n, np.zeros(0, dtype=np.int64)),
+            extend=extend,
+            on_pairs=publish,
+            early=follower is not None,
+            progress=progress,
+            cancel=cancel,
+            n_jobs=n_jobs,
+        )
+        return keeper.finish(decomposition, target.max_eigenvalue)
+
+
+def _leading(stored: StoredSpectrum, count: int) -> Eigenpairs:
+    return Eigenpairs(stored.decomposition(count), stored.checked_rows)
 
 
 def _stores(mesh: Mesh, operator: OperatorOptions, spare: Path | None) -> list[EigenpairStore]:
@@ -186,65 +232,6 @@ def _most(
     return stored.without(_damaged(stored, count, cancel))
 
 
-def _computed(
-    mesh: Mesh,
-    operator: OperatorOptions,
-    target: Target,
-    keeper: _Keeper,
-    progress: ProgressCallback | None,
-    cancel: CancelCallback | None,
-    follower: Follower | None,
-    check: FitCheck | None,
-    n_jobs: int | None,
-) -> Eigenpairs:
-    from meshmash_viewer.spectral.eigensolver import solve
-
-    if progress is not None:
-        progress(Progress("operator", message="Building the Laplacian"))
-    stiffness, mass = keeper.laplacian(mesh, operator)
-
-    def fits(k: int) -> None:
-        if check is not None:
-            check(mesh.n_vertices, int(stiffness.nnz), k)
-
-    if target.n_components is not None:
-        fits(min(target.n_components, mesh.n_vertices))
-    known = keeper.known
-    if follower is not None:
-        leading = None
-        if known is not None and known.n_converged:
-            leading = Eigenpairs(known.decomposition(known.n_converged), known.checked_rows)
-        follower.begin(leading, mass.diagonal())
-
-    def extend(k: int, n: int, kept: npt.NDArray[np.int64]) -> FloatArray:
-        fits(k)
-        return keeper.extend(k, n, kept)
-
-    def publish(start: int, eigenvalues: FloatArray, residuals: FloatArray) -> None:
-        keeper.append(start, eigenvalues, residuals)
-        if follower is not None:
-            stop = start + len(eigenvalues)
-            follower.grow(
-                keeper.stored, keeper.rows, keeper.eigenvalues[:stop], keeper.residuals[:stop]
-            )
-
-    decomposition = solve(
-        stiffness,
-        mass,
-        target.n_components,
-        max_eigenvalue=target.max_eigenvalue,
-        known=None if known is None else known.decomposition(),
-        allocate=lambda k, n: extend(k, n, np.zeros(0, dtype=np.int64)),
-        extend=extend,
-        on_pairs=publish,
-        early=follower is not None,
-        progress=progress,
-        cancel=cancel,
-        n_jobs=n_jobs,
-    )
-    return keeper.finish(decomposition, target.max_eigenvalue)
-
-
 def damage_remark(faults: Sequence[str]) -> str:
     """Say what of a store is damaged, if anything; see `StoredSpectrum.faults`."""
     if not faults:
@@ -267,11 +254,11 @@ class _Keeper:
     """
 
     def __init__(self, stores: list[EigenpairStore], in_file: bool) -> None:
-        self.known: StoredSpectrum | None = None
         self.remarks: list[str] = []
         self.rows: FloatArray = np.zeros((0, 0))
         self.eigenvalues: FloatArray = np.zeros(0)
         self.residuals: FloatArray = np.zeros(0)
+        self._known: StoredSpectrum | None = None
         self._all = stores
         self._left = list(stores)
         self._in_file = in_file
@@ -291,11 +278,12 @@ class _Keeper:
         """The file with the rows; None where they are in memory."""
         return None if self._store is None else self._store.stored_rows
 
-    def go_on_from(self, known: StoredSpectrum | None) -> None:
-        """Keep these pairs as they are."""
-        self.known = known if known is not None and known.batches else None
+    def go_on_from(self, known: StoredSpectrum | None) -> StoredSpectrum | None:
+        """Keep these pairs as they are; those that there are."""
+        self._known = known if known is not None and known.batches else None
         if known is not None and known.faults:
             self.remarks.append(damage_remark(known.faults))
+        return self._known
 
     def laplacian(self, mesh: Mesh, operator: OperatorOptions) -> tuple[SparseMatrix, SparseMatrix]:
         """L and M, as they were kept or built."""
@@ -315,46 +303,47 @@ class _Keeper:
     def extend(self, k: int, n: int, kept: npt.NDArray[np.int64]) -> FloatArray:
         """Room for k rows, of which those of the indices `kept` are there."""
         self.eigenvalues, self.residuals = np.full(k, np.nan), np.full(k, np.nan)
-        known = self.known
-        while self._store is not None:
+        store, known = self._store, self._known
+        if store is not None and known is not None and store.folder == known.path.parent:
             try:
-                if known is not None and self._store.folder == known.path.parent:
-                    self.rows = self._there = self._store.extend(k, n, kept)
-                    return self.rows
-                self.rows = self._there = self._store.allocate(k, n)
-                break
+                self.rows = self._there = store.extend(k, n, kept)
+                return self.rows
             except StoreUnusable as fault:
                 self._take_next(fault)
-        else:
-            self.rows = np.empty((k, n))
+        self._make_room(k, n)
+        self.rows = np.empty((k, n)) if self._store is None else self._there
         for index in kept:
             assert known is not None
             self.rows[index] = known.rows[index]
         return self.rows
 
+    def _make_room(self, k: int, n: int) -> None:
+        """Have room in the store, or the next one that has it."""
+        while self._store is not None:
+            try:
+                self._there = self._store.allocate(k, n)
+                return
+            except StoreUnusable as fault:
+                self._take_next(fault)
+
     def append(self, start: int, eigenvalues: FloatArray, residuals: FloatArray) -> None:
         """Keep pairs whose rows have become final."""
         stop = start + len(eigenvalues)
         self.eigenvalues[start:stop], self.residuals[start:stop] = eigenvalues, residuals
+        self._publish(start, stop)
+
+    def _publish(self, start: int, stop: int) -> None:
+        """Publish pairs in the store, or all up to them in the next that can take them."""
         while self._store is not None:
             if self._there is not self.rows:
                 self._there[start:stop] = self.rows[start:stop]
-            self._store.append(start, self.eigenvalues[start:stop], self.residuals[start:stop])
-            if not self._store.lost:
-                return
-            self._move()
-            start = 0
-
-    def _move(self) -> None:
-        """Go on in the next store, which gets a copy."""
-        assert self._store is not None
-        self._take_next(StoreUnusable(self._store.lost))
-        while self._store is not None:
             try:
-                self._there = self._store.allocate(*self.rows.shape)
+                self._store.append(start, self.eigenvalues[start:stop], self.residuals[start:stop])
                 return
             except StoreUnusable as fault:
                 self._take_next(fault)
+                self._make_room(*self.rows.shape)
+                start = 0
 
     def _take_next(self, fault: StoreUnusable | None = None) -> None:
         """Lock the next store that can be; say why the one before can't be used."""
@@ -378,13 +367,15 @@ class _Keeper:
 
     def finish(self, decomposition: Decomposition, max_eigenvalue: float | None) -> Eigenpairs:
         """All pairs with their proof, where they are."""
-        while self._store is not None:
-            whole = replace(decomposition, rows=self._there)
-            self._store.finish(whole, max_eigenvalue)
-            if not self._store.lost:
-                stored = self._store.stored_rows
-                mapped = replace(decomposition, rows=stored.map(decomposition.n_components))
-                return Eigenpairs(mapped, stored, " ".join(self.remarks))
-            self._move()
-            self.append(0, self.eigenvalues, self.residuals)
-        return Eigenpairs(decomposition, None, " ".join(self.remarks))
+        while (store := self._store) is not None:
+            try:
+                store.finish(replace(decomposition, rows=self._there), max_eigenvalue)
+            except StoreUnusable as fault:
+                self._take_next(fault)
+                self._make_room(*self.rows.shape)
+                self._publish(0, len(self.rows))
+                continue
+            mapped = store.stored_rows.map(decomposition.n_components)
+            decomposition = replace(decomposition, rows=mapped)
+            break
+        return Eigenpairs(decomposition, self.stored, " ".join(self.remarks))

@@ -16,9 +16,10 @@ import json
 import os
 import shutil
 import zlib
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,7 +28,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import written_whole
 from meshmash_viewer.io.cache import DEFAULT_CAP, FORMAT, PROBLEM, EigenpairCache, folder_size
 from meshmash_viewer.io.lock import FileLock
-from meshmash_viewer.io.row_file import RowFile, StoredRows
+from meshmash_viewer.io.row_file import StoredRows, make_room
 from meshmash_viewer.io.sealed import read_sealed, write_sealed
 from meshmash_viewer.io.stored_spectrum import (
     PROOF,
@@ -73,11 +74,6 @@ class EigenpairStore:
         Mesh and operator, for people who look into the folder.
     cache : EigenpairCache
         The cache it is part of.
-
-    Attributes
-    ----------
-    lost : str
-        Why what is computed can't be kept any more, for the user; empty while it can.
     """
 
     def __init__(
@@ -85,12 +81,13 @@ class EigenpairStore:
     ) -> None:
         self.folder = folder
         self.n_vertices = n_vertices
-        self.lost = ""
         self._description = description
         self._cache = cache
         self._lock = FileLock(cache.lock_path(folder.name))
-        self._file: RowFile | None = None
-        self._rows: FloatArray | None = None
+        #: All rows, mapped for writing, and what tells their file from one that took its place.
+        self._rows: np.memmap[Any, np.dtype[np.float64]] | None = None
+        self._opened: os.stat_result | None = None
+        self._lost = False
         self._batches: list[Batch] = []
 
     @staticmethod
@@ -231,45 +228,55 @@ class EigenpairStore:
             # A new file: whoever has mapped the old one goes on with that.
             for name in (PROOF, ROWS):
                 (self.folder / name).unlink(missing_ok=True)
-        if self._file is not None:
-            self._file.close()
-        self._file = RowFile(self.folder / ROWS, self.n_vertices)
-        self._rows = self._file.make_room(highest)
+        path = self.folder / ROWS
+        make_room(path, highest * self.stored_rows.row_bytes)
+        self._opened, self._lost = os.stat(path), False
+        self._rows = np.memmap(path, np.float64, "r+", shape=(highest, self.n_vertices))
         return self._rows[:k]
+
+    @contextlib.contextmanager
+    def _row_file(self) -> Iterator[IO[bytes]]:
+        """The file of rows, unless it has been taken away."""
+        with (self.folder / ROWS).open("r+b", buffering=0) as file:
+            assert self._opened is not None
+            if not os.path.samestat(os.fstat(file.fileno()), self._opened):
+                raise FileNotFoundError(errno.ENOENT, "it was removed")
+            yield file
 
     def append(self, start: int, eigenvalues: FloatArray, residuals: FloatArray) -> None:
         """Publish pairs whose rows have been written: ``start``, ``start + 1``, ...
 
-        Pairs that were published before are left as they are. Where the disk has no room for more,
-        or the folder has gone, `lost` says so and the rows stay mapped.
+        Pairs that were published before are left as they are.
 
         Parameters
         ----------
         start : int
             Index of the first of them.
         eigenvalues, residuals : ndarray of float64, shape (b,)
+
+        Raises
+        ------
+        StoreUnusable
+            If the disk has no room for more, or the folder has gone; the rows stay mapped.
         """
         assert self._rows is not None, "allocate comes before append"
-        assert self._file is not None
         stop = start + len(eigenvalues)
         published = self._published(stop)[start:]
-        if self.lost or published.all():
+        if published.all():
             return
         if published.any():
             raise ValueError(f"some of the pairs {start} to {stop - 1} were published before")
         try:
-            rows = self._rows[start:stop]
-            checksums = np.array([zlib.crc32(row) for row in rows], dtype=np.uint32)
-            self._file.flush()
-            if not self._file.is_in_place:
-                raise FileNotFoundError(errno.ENOENT, "it was removed")
+            checksums = np.array([zlib.crc32(r) for r in self._rows[start:stop]], dtype=np.uint32)
+            self._rows.flush()
+            with self._row_file() as file:
+                os.fsync(file.fileno())
             batch = write_batch(
                 self.folder, self.folder.name, start, eigenvalues, residuals, checksums
             )
         except OSError as fault:
-            self._lose(fault)
-        else:
-            self._batches.append(batch)
+            raise self._lose(fault) from fault
+        self._batches.append(batch)
 
     def finish(self, decomposition: Decomposition, max_eigenvalue: float | None = None) -> None:
         """Record that a run is complete, and let other processes write.
@@ -280,6 +287,11 @@ class EigenpairStore:
             What the solver returned; rows of pairs that have not been published are copied.
         max_eigenvalue : float, optional
             The threshold asked for, which the next request may ask for again.
+
+        Raises
+        ------
+        StoreUnusable
+            See `append`.
         """
         k = decomposition.n_components
         if self._rows is None or len(self._rows) < k:
@@ -294,8 +306,6 @@ class EigenpairStore:
                 if len(run):
                     values, residuals = decomposition.eigenvalues, decomposition.residuals
                     self.append(int(run[0]), values[run], residuals[run])
-            if self.lost:
-                return
             mass = np.asarray(decomposition.mass, dtype=np.float64)
             proof = Proof(
                 n_pairs=k,
@@ -306,11 +316,10 @@ class EigenpairStore:
                 timings={key: float(value) for key, value in decomposition.timings.items()},
                 mass=mass,
             )
-            try:
-                write_proof(self.folder, self.folder.name, proof)
-            except OSError as fault:
-                self._lose(fault)
+            write_proof(self.folder, self.folder.name, proof)
             self._cache.touch(self.folder)
+        except OSError as fault:
+            raise self._lose(fault) from fault
         finally:
             self.close()
 
@@ -333,14 +342,11 @@ class EigenpairStore:
 
     def close(self) -> None:
         """Stop writing; what has converged stays and can be resumed."""
-        self._rows = None
-        if self._file is not None:
+        mapped, self._rows = self._rows is not None, None
+        if mapped and not self._lost:  # else whoever has mapped the rows goes on with them
             published = max((batch.stop for batch in self._batches), default=0)
-            if not self.lost:
-                with contextlib.suppress(OSError):  # some systems cut no file that is mapped
-                    self._file.cut(published * self._file.stored.row_bytes)
-            self._file.close()
-            self._file = None
+            with contextlib.suppress(OSError), self._row_file() as file:
+                file.truncate(published * self.stored_rows.row_bytes)  # not on all systems
         self._lock.release()
 
     @property
@@ -371,8 +377,9 @@ class EigenpairStore:
             with written_whole(self.folder / PROBLEM) as part:
                 part.write_text(json.dumps(self._description, indent=1), encoding="utf-8")
 
-    def _lose(self, fault: OSError) -> None:
-        self.lost = str(self._unusable(fault))
+    def _lose(self, fault: OSError) -> StoreUnusable:
+        self._lost = True
+        return self._unusable(fault)
 
     def _unusable(self, fault: OSError) -> StoreUnusable:
         return StoreUnusable(
