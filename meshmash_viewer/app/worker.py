@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import itertools
 import queue
+import shutil
 import subprocess
+import tempfile
 import threading
 from pathlib import Path
 from typing import BinaryIO, cast
@@ -13,7 +15,7 @@ from typing import BinaryIO, cast
 from PySide6.QtCore import QObject, QThread, QTimer, Signal
 
 from meshmash_viewer.app.view.geometry import geometry_of
-from meshmash_viewer.io.scratch import ScratchFolder, remove_abandoned
+from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
 from meshmash_viewer.model.failure import Failure, failure_of
 from meshmash_viewer.model.jobs import Job, MeshReady, SpectrumGrew
 from meshmash_viewer.model.process import child_command, end_group
@@ -43,7 +45,7 @@ class Worker(QObject):
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self._scratch = ScratchFolder()
+        self._folder = Path(tempfile.mkdtemp(prefix=scratch_prefix()))
         self._thread = _WorkerThread(self, self.folder)
         self._numbers = itertools.count(1)
         self._number = 0  # of the running job; 0 while idle
@@ -64,7 +66,7 @@ class Worker(QObject):
     @property
     def folder(self) -> Path:
         """Where arrays pass through; gone after `close`."""
-        return self._scratch.path
+        return self._folder
 
     def submit(self, job: Job) -> None:
         """Start a job.
@@ -93,7 +95,7 @@ class Worker(QObject):
         """Stop whatever runs and wait until its processes and files are gone."""
         self._thread.close()
         self._thread.wait()
-        self._scratch.remove()
+        shutil.rmtree(self._folder, ignore_errors=True)
 
     def _end(self) -> None:
         self._number = 0

@@ -1,4 +1,4 @@
-"""Files that are either whole or not there: written beside, then renamed."""
+"""Files that are either whole or not there, and temporary folders: what a kill leaves goes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ import hashlib
 import os
 import platform
 import re
+import shutil
 import sys
+import tempfile
 import time
 import uuid
 from collections.abc import Iterator
@@ -19,7 +21,9 @@ from meshmash_viewer.errors import InputError
 __all__ = [
     "LEFT_OVER",
     "made_folder",
+    "remove_abandoned",
     "remove_left_overs",
+    "scratch_prefix",
     "writing_errors",
     "written_together",
     "written_whole",
@@ -29,7 +33,10 @@ __all__ = [
 LEFT_OVER = ".meshmash-"
 #: ".meshmash-<machine>-<process>-<random>-<name>": whose part of which file it is.
 _PART = re.compile(r"\.meshmash-([0-9a-f]{8})-(\d+)-[0-9a-f]{8}-.", re.DOTALL)
-#: Seconds after which a part whose process cannot be asked for is not written any more.
+#: What the names of temporary folders begin with, before machine and process as well.
+_SCRATCH = "meshmash-viewer-"
+_OWNED = re.compile(_SCRATCH + r"([0-9a-f]{8})-(\d+)-")
+#: Seconds after which nobody uses any more what is of a process that cannot be asked for.
 _FORGOTTEN = 86_400.0
 
 
@@ -93,16 +100,30 @@ def remove_left_overs(folder: Path) -> None:
         names = [entry.name for entry in os.scandir(folder) if entry.name.startswith(LEFT_OVER)]
         for name in names:
             found = _PART.match(name)
-            if found is not None and _is_left(folder / name, found[1], int(found[2])):
+            if found is not None and _is_left(folder / name, found):
                 (folder / name).unlink(missing_ok=True)
 
 
-def _is_left(part: Path, machine: str, process: int) -> bool:
-    if machine != _machine():
-        return time.time() - part.stat().st_mtime > _FORGOTTEN
+def scratch_prefix() -> str:
+    """What `tempfile` is to begin the name of a folder with that `remove_abandoned` knows."""
+    return f"{_SCRATCH}{_machine()}-{os.getpid()}-"
+
+
+def remove_abandoned() -> None:
+    """Delete the temporary folders of processes that were killed before they could."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{_SCRATCH}*"):
+        with contextlib.suppress(OSError):  # another user's, or just gone
+            if folder.is_dir() and _is_left(folder, _OWNED.match(folder.name)):
+                shutil.rmtree(folder, ignore_errors=True)
+
+
+def _is_left(path: Path, owner: re.Match[str] | None) -> bool:
+    """Whether the process is gone that a name tells of, or nobody has touched it for long."""
+    if owner is None or owner[1] != _machine():
+        return time.time() - path.stat().st_mtime > _FORGOTTEN
     import psutil
 
-    return not psutil.pid_exists(process)
+    return not psutil.pid_exists(int(owner[2]))
 
 
 @functools.cache

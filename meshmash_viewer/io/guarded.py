@@ -12,21 +12,19 @@ import io
 import json
 import math
 import os
+import pickle
 import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from tempfile import TemporaryDirectory
 
 from meshmash_viewer.errors import InputError, missing_module, not_installed, printable
-from meshmash_viewer.io.polygons import RawMap, RawMesh, raw_mesh
-from meshmash_viewer.io.scratch import ScratchFolder
+from meshmash_viewer.io.atomic import scratch_prefix
+from meshmash_viewer.io.polygons import RawMesh, raw_mesh
 from meshmash_viewer.plug_ins import PlugIn
-from meshmash_viewer.vertex_map import Label
 
 __all__ = ["RAISE_LIMITS", "LimitExceeded", "ReadLimits", "convert", "read_guarded", "unreadable"]
 
@@ -156,8 +154,8 @@ def read_guarded(
     if isinstance(reader, PlugIn):
         reader.load()  # says what is wrong with it, as its process could not
     limits = limits or ReadLimits.of(path.stat().st_size)
-    with ScratchFolder() as folder:
-        result = folder / "mesh.npz"
+    with TemporaryDirectory(prefix=scratch_prefix(), ignore_cleanup_errors=True) as folder:
+        result = Path(folder) / "mesh.pickle"
         name = f"{reader.__module__}:{reader.__qualname__}"
         command = [sys.executable, "-c", _CHILD, json.dumps(sys.path), name, str(path), str(result)]
         with subprocess.Popen(
@@ -178,14 +176,9 @@ def read_guarded(
             raise InputError(said.decode("utf-8"))
         if child.returncode != _READ:
             raise InputError("is so broken that the library that reads it ends on it")
-        with np.load(result) as arrays:
-            unit = str(arrays["unit"])
-            told = json.loads(str(arrays["maps"]))
-            maps = tuple(
-                RawMap(name, arrays[f"map_{at}"], tuple(Label(*each) for each in labels), indices)
-                for at, (name, labels, indices) in enumerate(told)
-            )
-            return RawMesh(arrays["vertices"], arrays["faces"], unit or None, maps)
+        with result.open("rb") as file:
+            raw: RawMesh = pickle.load(file)
+            return raw
 
 
 def _watch(child: subprocess.Popen[bytes], limits: ReadLimits) -> bytes:
@@ -223,7 +216,7 @@ def convert(reader: str, source: str, result: str, memory: str) -> None:
     reader : str
         Module and function, with a colon between.
     source, result : str
-        Files to read and to write, the latter as NPZ.
+        Files to read and to write, the latter as a pickled `RawMesh`.
     memory : str
         Bytes that the process may take.
     """
@@ -235,7 +228,8 @@ def convert(reader: str, source: str, result: str, memory: str) -> None:
     try:
         with contextlib.redirect_stdout(io.StringIO()):
             raw = raw_mesh(read(Path(source)))
-            _save(raw, result)
+        with open(result, "wb") as file:
+            pickle.dump(raw, file, pickle.HIGHEST_PROTOCOL)
     except MemoryError:
         sys.exit(_TOO_LARGE)
     except Exception as fault:  # noqa: BLE001  the parent says it
@@ -244,16 +238,6 @@ def convert(reader: str, source: str, result: str, memory: str) -> None:
         sys.exit(_FAULT)
     finally:
         _watched = False
-
-
-def _save(raw: RawMesh, result: str) -> None:
-    """Write what was read to where the parent looks for it."""
-    told = [
-        (each.name, [astuple(label) for label in each.labels], each.indices) for each in raw.maps
-    ]
-    arrays: dict[str, Any] = {f"map_{at}": each.values for at, each in enumerate(raw.maps)}
-    arrays |= {"unit": np.array(raw.unit or ""), "maps": np.array(json.dumps(told))}
-    np.savez(result, vertices=raw.vertices, faces=raw.faces, **arrays)
 
 
 def unreadable(fault: BaseException) -> InputError:

@@ -8,11 +8,13 @@ import warnings
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TypeAlias
 
 import numpy as np
 
 from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
 from meshmash_viewer.io.formats.gltf import read_gltf
 from meshmash_viewer.io.formats.neuroimaging import (
     FREESURFER_ENDINGS,
@@ -28,7 +30,6 @@ from meshmash_viewer.io.formats.stl import read_stl
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtp
 from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded, unreadable
 from meshmash_viewer.io.polygons import RawMap, RawMesh, raw_mesh
-from meshmash_viewer.io.scratch import ScratchFolder, remove_abandoned
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.plug_ins import plug_ins
 from meshmash_viewer.units import NO_VOXEL, counted, parse_unit
@@ -301,8 +302,8 @@ def _unpacked(path: Path, ending: str) -> Iterator[tuple[Path, ReadLimits | None
     remove_abandoned()
     packed_size = path.stat().st_size
     most = ReadLimits.of(packed_size).memory
-    with ScratchFolder() as folder:
-        plain = folder / path.name[: -len(".gz")]
+    with TemporaryDirectory(prefix=scratch_prefix(), ignore_cleanup_errors=True) as folder:
+        plain = Path(folder) / path.name[: -len(".gz")]
         size = 0
         try:
             with path.open("rb") as file, plain.open("wb") as unpacked:
@@ -313,7 +314,7 @@ def _unpacked(path: Path, ending: str) -> Iterator[tuple[Path, ReadLimits | None
                     unpacked.write(block)
         except OSError as fault:
             raise InputError(
-                f"cannot be unpacked into {folder.parent} ({fault.strerror})"
+                f"cannot be unpacked into {plain.parent.parent} ({fault.strerror})"
             ) from fault
         if size == 0:
             raise InputError("is empty once unpacked")

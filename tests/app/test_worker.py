@@ -17,7 +17,6 @@ from long_jobs import DoubleJob, DyingJob, EndlessJob, FailingJob, ParallelJob
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.worker import Worker
-from meshmash_viewer.io.scratch import ScratchFolder
 
 _PATIENCE = 30_000
 
@@ -63,7 +62,7 @@ def test_result_parts_and_progress_arrive(qtbot: QtBot, worker: Worker) -> None:
     np.testing.assert_array_equal(parts[0], values[:50_000])
     assert reports[0].message == "half way"
     assert not worker.busy
-    assert {path.name for path in worker.folder.iterdir()} == {"held.lock", "stderr.txt"}
+    assert {path.name for path in worker.folder.iterdir()} == {"stderr.txt"}
 
 
 def test_one_job_at_a_time_in_one_warm_process(qtbot: QtBot, worker: Worker) -> None:
@@ -177,10 +176,14 @@ def test_what_a_killed_window_left_goes_when_the_next_one_opens(
     qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    killed = ScratchFolder()
-    killed._lock.release()  # as the system does when a process ends
+    code = "import tempfile; from meshmash_viewer.io.atomic import scratch_prefix\n"
+    code += "print(tempfile.mkdtemp(prefix=scratch_prefix()))"
+    environment = os.environ | {"TMPDIR": str(tmp_path)}
+    told = subprocess.check_output([sys.executable, "-c", code], text=True, env=environment)
+    killed = Path(told.strip())
+    assert killed.is_dir()
     worker = Worker()
-    wait_for(lambda: not killed.path.exists())
+    wait_for(lambda: not killed.exists())
     assert worker.folder.exists()
     worker.close()
     assert not list(tmp_path.iterdir())

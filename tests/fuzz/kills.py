@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 import psutil
 
-from meshmash_viewer.io.scratch import remove_abandoned
+from meshmash_viewer.io.atomic import remove_abandoned
 from meshmash_viewer.io.spectrum import find_eigenpairs, obtain_eigenpairs
 from meshmash_viewer.io.stored_spectrum import ROWS
 from meshmash_viewer.mesh import Mesh, mesh_to_poly

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from meshmash_viewer.io.scratch import ScratchFolder, remove_abandoned
+from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
 
 
 @pytest.fixture(autouse=True)
@@ -19,21 +19,21 @@ def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_folder_is_there_until_it_is_removed() -> None:
-    scratch = ScratchFolder()
-    (scratch.path / "array").write_bytes(b"numbers")
-    remove_abandoned()
-    assert (scratch.path / "array").exists()
-    scratch.remove()
-    assert not scratch.path.exists()
+    with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as folder:
+        (Path(folder) / "array").write_bytes(b"numbers")
+        remove_abandoned()
+        assert (Path(folder) / "array").exists()
+    assert not Path(folder).exists()
 
 
 def test_the_folder_of_a_killed_process_goes_when_the_next_one_starts(temporary: Path) -> None:
     code = (
-        "import sys\n"
-        "from meshmash_viewer.io.scratch import ScratchFolder\n"
-        "scratch = ScratchFolder()\n"
-        "(scratch.path / 'array').write_bytes(b'numbers')\n"
-        "print(scratch.path, flush=True)\n"
+        "import sys, tempfile\n"
+        "from pathlib import Path\n"
+        "from meshmash_viewer.io.atomic import scratch_prefix\n"
+        "folder = Path(tempfile.mkdtemp(prefix=scratch_prefix()))\n"
+        "(folder / 'array').write_bytes(b'numbers')\n"
+        "print(folder, flush=True)\n"
         "sys.stdin.read()\n"
     )
     with subprocess.Popen(
@@ -54,7 +54,7 @@ def test_the_folder_of_a_killed_process_goes_when_the_next_one_starts(temporary:
 
 
 @pytest.mark.parametrize(("days", "goes"), [(0, False), (2, True)])
-def test_a_folder_that_nobody_has_locked_goes_when_it_is_old(
+def test_a_folder_of_nobody_knows_whom_goes_when_it_is_old(
     temporary: Path, days: int, goes: bool
 ) -> None:
     folder = temporary / "meshmash-viewer-abc"
