@@ -116,7 +116,7 @@ def prepare_store(mesh: Mesh, n_pairs: int, solved: bool) -> None:
     from meshmash_viewer.spectral.eigensolver import Decomposition, solve
 
     operator = OperatorOptions()
-    store = EigenpairStore.open_or_create(mesh, operator)
+    store = EigenpairStore(mesh, operator)
     if solved:
         stiffness, mass = cotangent_laplacian(mesh, robust=True)
         found = solve(stiffness, mass, n_pairs, allocate=store.allocate, on_pairs=store.append)

@@ -7,18 +7,24 @@ import json
 import os
 import re
 import shutil
+import sys
 import time
 from pathlib import Path
 
 from meshmash_viewer.io.atomic import LEFT_OVER
-from meshmash_viewer.io.lock import FileLock
 from meshmash_viewer.io.stored_spectrum import ROWS, SEALED, published_pairs
+
+if sys.platform == "win32":
+    import msvcrt
+else:
+    import fcntl
 
 __all__ = [
     "DEFAULT_CAP",
     "FORMAT",
     "PROBLEM",
     "EigenpairCache",
+    "FileLock",
     "default_cache_folder",
     "folder_size",
 ]
@@ -56,6 +62,52 @@ def folder_size(folder: Path) -> int:
             blocks = getattr(status, "st_blocks", None)
             total += status.st_size if blocks is None else min(512 * blocks, status.st_size)
     return total
+
+
+class FileLock:
+    """An exclusive lock on a file, held by at most one process; it ends with it, however it ends.
+
+    Parameters
+    ----------
+    path : Path
+        A file that exists only for this; it is made when needed and stays, empty.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._descriptor: int | None = None
+
+    def acquire(self) -> bool:
+        """Take the lock if nobody else has it; True if it is held now.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be made.
+        """
+        if self._descriptor is not None:
+            return True
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            if sys.platform == "win32":
+                msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+            else:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except (BlockingIOError, PermissionError):
+            os.close(descriptor)
+            return False
+        except BaseException:
+            os.close(descriptor)
+            raise
+        self._descriptor = descriptor
+        return True
+
+    def release(self) -> None:
+        """Let others have it."""
+        if self._descriptor is not None:
+            os.close(self._descriptor)  # which unlocks
+            self._descriptor = None
 
 
 class EigenpairCache:

@@ -16,9 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.io.cache import EigenpairCache
-from meshmash_viewer.io.row_file import StoredRows
 from meshmash_viewer.io.store import EigenpairStore, StoreUnusable
-from meshmash_viewer.io.stored_spectrum import Batch, StoredSpectrum
+from meshmash_viewer.io.stored_spectrum import Batch, StoredRows, StoredSpectrum
 from meshmash_viewer.progress import CancelCallback, Cancelled, Progress, ProgressCallback
 
 if TYPE_CHECKING:
@@ -200,11 +199,11 @@ def _leading(stored: StoredSpectrum, count: int) -> Eigenpairs:
 
 
 def _stores(mesh: Mesh, operator: OperatorOptions, spare: Path | None) -> list[EigenpairStore]:
-    store = EigenpairStore.open_or_create(mesh, operator)
+    store = EigenpairStore(mesh, operator)
     _tidy_once(store.folder.parent)
     if spare is None:
         return [store]
-    return [store, EigenpairStore.open_or_create(mesh, operator, root=spare)]
+    return [store, EigenpairStore(mesh, operator, root=spare)]
 
 
 @cache

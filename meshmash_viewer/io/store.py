@@ -26,15 +26,21 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import written_whole
-from meshmash_viewer.io.cache import DEFAULT_CAP, FORMAT, PROBLEM, EigenpairCache, folder_size
-from meshmash_viewer.io.lock import FileLock
-from meshmash_viewer.io.row_file import StoredRows, make_room
+from meshmash_viewer.io.cache import (
+    DEFAULT_CAP,
+    FORMAT,
+    PROBLEM,
+    EigenpairCache,
+    FileLock,
+    folder_size,
+)
 from meshmash_viewer.io.sealed import read_sealed, write_sealed
 from meshmash_viewer.io.stored_spectrum import (
     PROOF,
     ROWS,
     Batch,
     Proof,
+    StoredRows,
     StoredSpectrum,
     read_spectrum,
     write_batch,
@@ -51,6 +57,10 @@ __all__ = ["EigenpairStore", "StoreBusy", "StoreUnusable", "StoredSpectrum"]
 FloatArray = npt.NDArray[np.float64]
 
 _LAPLACIAN = "laplacian.sealed"
+#: Zeros written at a time.
+_CHUNK = 1 << 20
+#: What a file system answers that cannot allocate blocks beforehand.
+_NOT_SUPPORTED = (errno.EINVAL, errno.EOPNOTSUPP, errno.ENOSYS)
 
 
 class StoreUnusable(InputError):
@@ -62,28 +72,42 @@ class StoreBusy(StoreUnusable):
 
 
 class EigenpairStore:
-    """The folder of one mesh under one operator.
+    """The folder of one mesh under one operator; made when something is written into it.
 
     Parameters
     ----------
-    folder : Path
-        Where it is; made when something is written. Its name is the key of the store.
-    n_vertices : int
-        Length of an eigenvector.
-    description : dict
-        Mesh and operator, for people who look into the folder.
-    cache : EigenpairCache
-        The cache it is part of.
+    mesh : Mesh
+    operator : OperatorOptions
+    root : str or Path, optional
+        Cache folder; None for the user's.
+    cap : int
+        Bytes that the whole cache may hold.
     """
 
     def __init__(
-        self, folder: Path, n_vertices: int, description: dict[str, Any], cache: EigenpairCache
+        self,
+        mesh: Mesh,
+        operator: OperatorOptions,
+        root: str | Path | None = None,
+        cap: int = DEFAULT_CAP,
     ) -> None:
-        self.folder = folder
-        self.n_vertices = n_vertices
-        self._description = description
-        self._cache = cache
-        self._lock = FileLock(cache.lock_path(folder.name))
+        self._cache = EigenpairCache(root, cap)
+        key = self.key(mesh, operator)
+        self.folder = self._cache.root / key
+        self.n_vertices = mesh.n_vertices
+        #: For people who look into the folder.
+        self._description = {
+            "format": FORMAT,
+            "mesh": {
+                "name": mesh.name,
+                "hash": mesh.content_hash,
+                "unit": mesh.unit,
+                "n_vertices": mesh.n_vertices,
+                "n_faces": mesh.n_faces,
+            },
+            "operator": asdict(operator),
+        }
+        self._lock = FileLock(self._cache.lock_path(key))
         #: All rows, mapped for writing, and what tells their file from one that took its place.
         self._rows: np.memmap[Any, np.dtype[np.float64]] | None = None
         self._opened: os.stat_result | None = None
@@ -96,40 +120,6 @@ class EigenpairStore:
         options = json.dumps(asdict(operator), sort_keys=True)
         text = f"{FORMAT}|{mesh.n_vertices}|{mesh.content_hash}|{options}"
         return hashlib.sha256(text.encode()).hexdigest()[:32]
-
-    @classmethod
-    def open_or_create(
-        cls,
-        mesh: Mesh,
-        operator: OperatorOptions,
-        root: str | Path | None = None,
-        cap: int = DEFAULT_CAP,
-    ) -> EigenpairStore:
-        """Store of a mesh under an operator; nothing is written before there is something.
-
-        Parameters
-        ----------
-        mesh : Mesh
-        operator : OperatorOptions
-        root : str or Path, optional
-            Cache folder; None for the user's.
-        cap : int
-            Bytes that the whole cache may hold.
-        """
-        cache = EigenpairCache(root, cap)
-        description = {
-            "format": FORMAT,
-            "mesh": {
-                "name": mesh.name,
-                "hash": mesh.content_hash,
-                "unit": mesh.unit,
-                "n_vertices": mesh.n_vertices,
-                "n_faces": mesh.n_faces,
-            },
-            "operator": asdict(operator),
-        }
-        key = cls.key(mesh, operator)
-        return cls(cache.root / key, mesh.n_vertices, description, cache)
 
     # Reading, by any process -----------------------------------------------------------------
 
@@ -201,7 +191,7 @@ class EigenpairStore:
             raise ValueError(f"a row has {self.n_vertices} values, not {n}")
         self.lock()
         try:
-            return self._make_room(k, set(kept.tolist()))
+            return self._with_room(k, set(kept.tolist()))
         except OSError as fault:
             self.close()
             raise self._unusable(fault) from fault
@@ -209,7 +199,7 @@ class EigenpairStore:
             self.close()
             raise
 
-    def _make_room(self, k: int, kept: set[int]) -> FloatArray:
+    def _with_room(self, k: int, kept: set[int]) -> FloatArray:
         there = read_spectrum(self.folder, self.folder.name, self.n_vertices)
         self._batches = [
             batch
@@ -229,7 +219,7 @@ class EigenpairStore:
             for name in (PROOF, ROWS):
                 (self.folder / name).unlink(missing_ok=True)
         path = self.folder / ROWS
-        make_room(path, highest * self.stored_rows.row_bytes)
+        _make_room(path, highest * self.stored_rows.row_bytes)
         self._opened, self._lost = os.stat(path), False
         self._rows = np.memmap(path, np.float64, "r+", shape=(highest, self.n_vertices))
         return self._rows[:k]
@@ -392,3 +382,36 @@ class EigenpairStore:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _make_room(path: Path, size: int) -> None:
+    """Lengthen a file to so many bytes by zeros, or make it; blocks of the disk are behind them.
+
+    Raises
+    ------
+    OSError
+        If the disk is full. Without the blocks a full disk would end the process, by a signal
+        where it writes into a map.
+    """
+    with path.open("ab", buffering=0) as file:
+        before = file.tell()
+        try:
+            _fill(file, before, size - before)
+            os.fsync(file.fileno())
+        except BaseException:
+            file.truncate(before)
+            raise
+
+
+def _fill(file: IO[bytes], start: int, size: int) -> None:
+    if size > 0 and hasattr(os, "posix_fallocate"):
+        try:
+            os.posix_fallocate(file.fileno(), start, size)
+        except OSError as fault:
+            if fault.errno not in _NOT_SUPPORTED:
+                raise
+        else:
+            return
+    zeros = bytes(min(max(size, 0), _CHUNK))
+    while size > 0:
+        size -= file.write(zeros[:size])

@@ -1,5 +1,9 @@
 """A spectrum in a folder of the store: its files, read and checked by any process.
 
+The file of eigenvectors holds rows of float64 one after the other and nothing else, so that whoever
+reads maps one array. Rows that have been given out are final; more are added behind them, which
+leaves maps of the old length valid.
+
 Pairs come in batches. A batch is a run of rows in the file of eigenvectors and a sealed file with
 their eigenvalues, residuals and checksums, written when the rows are on the disk and never changed.
 The proof is a sealed file of its own that names the batches it speaks of; it is written last.
@@ -9,8 +13,10 @@ from __future__ import annotations
 
 import contextlib
 import re
+import zlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +24,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.io.row_file import StoredRows
 from meshmash_viewer.io.sealed import Damaged, read_sealed, write_sealed
 from meshmash_viewer.progress import CancelCallback
 
@@ -33,6 +38,7 @@ __all__ = [
     "SEALED",
     "Batch",
     "Proof",
+    "StoredRows",
     "StoredSpectrum",
     "published_pairs",
     "read_spectrum",
@@ -47,11 +53,78 @@ SEALED = ".sealed"
 ROWS = "eigenvectors.f64"
 PROOF = f"proof{SEALED}"
 
+#: Threads that compare checksums.
+_THREADS = 2
 _BATCH = re.compile(r"pairs-(\d{6,})-(\d{6,})\.sealed")
 #: What reading raises of a file that is damaged, or whole but another one.
 _UNUSABLE = (OSError, ValueError, KeyError, TypeError)
 #: Equal up to rounding, as the solver takes a threshold.
 _THRESHOLD_MARGIN = 1e-11
+
+
+@dataclass(frozen=True, eq=False)
+class StoredRows:
+    """Rows in a file, as they are told of between processes.
+
+    Parameters
+    ----------
+    path : Path
+    n_vertices : int
+        Length of a row.
+    checksums : ndarray of uint32, shape (k,)
+        CRC-32 of each row, where they are to be compared with the file; empty for rows that have
+        just been written.
+    """
+
+    path: Path
+    n_vertices: int
+    checksums: npt.NDArray[np.uint32] = field(default_factory=lambda: np.zeros(0, dtype=np.uint32))
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of a row."""
+        return 8 * self.n_vertices
+
+    def map(self, count: int) -> FloatArray:
+        """The first rows, shape (count, n), mapped read-only.
+
+        Raises
+        ------
+        OSError, ValueError
+            If there are fewer, or none.
+        """
+        return np.memmap(self.path, np.float64, "r", shape=(count, self.n_vertices))
+
+    def damaged(self, indices: Iterable[int], cancel: CancelCallback | None = None) -> list[int]:
+        """Which of some rows do not agree with their checksums.
+
+        Parameters
+        ----------
+        indices : iterable of int
+        cancel : callable, optional
+            Asked before each row; once it returns True the rest goes unread.
+
+        Returns
+        -------
+        list of int
+            Rows that cannot be read included.
+        """
+
+        def is_whole(index: int) -> bool:
+            if cancel is not None and cancel():
+                return True
+            try:
+                with self.path.open("rb") as file:
+                    file.seek(index * self.row_bytes)
+                    row = file.read(self.row_bytes)
+            except OSError:
+                return False
+            return len(row) == self.row_bytes and zlib.crc32(row) == self.checksums[index]
+
+        indices = list(indices)
+        with ThreadPoolExecutor(_THREADS) as threads:  # zlib lets go of the interpreter's lock
+            whole = list(threads.map(is_whole, indices))
+        return [index for index, flag in zip(indices, whole, strict=True) if not flag]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.row_file import StoredRows
 from meshmash_viewer.io.spectrum import (
     Eigenpairs,
     damage_remark,
     find_eigenpairs,
     obtain_eigenpairs,
 )
+from meshmash_viewer.io.stored_spectrum import StoredRows
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.cost import written_bytes

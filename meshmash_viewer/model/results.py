@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import Health
-from meshmash_viewer.io.row_file import StoredRows
+from meshmash_viewer.io.stored_spectrum import StoredRows
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.alignment import Alignment, ShownRows

@@ -67,13 +67,13 @@ class Truth:
     @property
     def store(self) -> EigenpairStore:
         """A new handle of it."""
-        return EigenpairStore.open_or_create(self.mesh, OPERATOR)
+        return EigenpairStore(self.mesh, OPERATOR)
 
 
 def make_store(mesh: Mesh, n_pairs: int, n_batches: int, solved: bool, seed: int = 0) -> Truth:
     """Fill the store of a mesh, batch by batch."""
     stops = [n_pairs * (i + 1) // n_batches for i in range(n_batches)]
-    store = EigenpairStore.open_or_create(mesh, OPERATOR)
+    store = EigenpairStore(mesh, OPERATOR)
     if solved:
         for stop in stops:
             obtain_eigenpairs(mesh, OPERATOR, Target("count", stop))

@@ -27,7 +27,7 @@ OPERATOR = OperatorOptions()
 
 
 def open_store(mesh: Mesh, root: Path, **options: Any) -> EigenpairStore:
-    return EigenpairStore.open_or_create(mesh, OPERATOR, root, **options)
+    return EigenpairStore(mesh, OPERATOR, root, **options)
 
 
 def synthetic(n: int, k: int, seed: int = 0) -> Decomposition:

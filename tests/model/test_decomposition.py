@@ -247,7 +247,7 @@ def test_a_cache_removed_while_computing_costs_nothing(
 def test_while_another_process_computes_the_same_it_is_computed_twice_and_said(
     sphere: Mesh, tmp_path: Path
 ) -> None:
-    with EigenpairStore.open_or_create(sphere, OPERATOR) as busy:
+    with EigenpairStore(sphere, OPERATOR) as busy:
         busy.lock()
         grew = decompose(sphere, OPERATOR, Target("count", 20), Listener(tmp_path))
         assert "Another process" in grew.remark
