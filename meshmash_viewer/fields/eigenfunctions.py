@@ -86,6 +86,9 @@ class Eigenfunctions(Family):
     def step(self, spectrum: Spectrum, steps: int) -> Self:
         return replace(self, index=min(max(self.index + steps, 0), len(spectrum) - 1))
 
+    def turned(self) -> Self:
+        return replace(self, flipped=self.flipped ^ {self.index})
+
     def title(self) -> str:
         return f"Eigenfunction {self.index}"
 

@@ -296,6 +296,18 @@ class Family:
         """The same at a position that a spectrum has."""
         return self
 
+    def turned(self) -> Self:
+        """The same with the other sign; itself where there is but one."""
+        return self
+
+    def like(self, vertex: int) -> Self | None:
+        """The one that shows what looks like a vertex; None where it tells no such thing."""
+        return None
+
+    def of_map(self, name: str) -> Self | None:
+        """The one that shows a map of the mesh; None where it shows no maps."""
+        return None
+
     def behind(self, chosen: Mapping[str, Family]) -> Family:
         """The family whose filters and profiles say what this one is made of."""
         return self

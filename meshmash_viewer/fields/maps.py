@@ -149,8 +149,12 @@ class OwnMaps(Family):
     def within(self, spectrum: Spectrum) -> Self:
         return replace(self, pairs=min(max(self.pairs, 1), max(len(spectrum), 1)))
 
+    def of_map(self, name: str) -> Self:
+        return replace(self, chosen=name, view="map")
+
     def behind(self, chosen: Mapping[str, Family]) -> Family:
-        return chosen["eigenfunction"]
+        """Values at a vertex are profiled by the first family."""
+        return next(iter(chosen.values()))
 
     def step(self, spectrum: Spectrum, steps: int) -> Self:
         """One pair more in their sum; otherwise the next map."""

@@ -59,6 +59,9 @@ class Similarity(Family):
     def for_other_mesh(self, n_components: int) -> Self:
         return replace(self, vertex=None)
 
+    def like(self, vertex: int) -> Self:
+        return replace(self, vertex=vertex)
+
     def behind(self, chosen: Mapping[str, Family]) -> Family:
         return chosen[self.basis]
 

@@ -13,9 +13,7 @@ import numpy as np
 from psygnal import Signal
 
 from meshmash_viewer.features.truncation import sufficient_target
-from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
-from meshmash_viewer.fields.maps import OwnMaps
-from meshmash_viewer.fields.similarity import Similarity
+from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
@@ -260,8 +258,7 @@ class Document:
         more = now.with_maps(*maps)
         self._take(replace(self.ready, mesh=more), self.spectrum)
         if shown:
-            chosen = replace(self.display[OwnMaps], chosen=more.maps[-1].name, view="map")
-            self.display.show(chosen)
+            self._show_first(lambda family: family.of_map(more.maps[-1].name))
             names = ", ".join(each.name for each in more.maps[len(now.maps) :])
             self.notify(Notice(f"Added {counted(len(maps), 'map')}: {names}."))
         self.spectrum_changed.emit()
@@ -282,8 +279,7 @@ class Document:
         unit = power_unit(now.unit, -2)
         now = now.with_maps(VertexMap(grew.name, values, unit=unit))
         self._take(replace(self.ready, mesh=now), self.spectrum)
-        chosen = replace(self.display[OwnMaps], chosen=grew.name, view="map")
-        self.display.show(chosen)
+        self._show_first(lambda family: family.of_map(grew.name))
         self.spectrum_changed.emit()
 
     def end_growing(self, whole: bool) -> None:
@@ -479,16 +475,16 @@ class Document:
             spectrum = spectrum.before(preview)
         self.spectrum = spectrum
         if spectrum.complete:
-            self.display.put(self.display[Eigenfunctions].within(spectrum))
+            self._go_within(spectrum)
         self.spectrum_changed.emit()
 
     def leave_out_damaged(self, spectrum: Spectrum, index: int) -> None:
         """Show no pair from the one on that was found to be damaged, if it is still shown."""
         if self.spectrum is None or self.spectrum.rows is not spectrum.rows:
             return
-        self.spectrum = None if index == 0 else spectrum.first(index)
-        shown = self.display[Eigenfunctions].index
-        self.display.change(Eigenfunctions, index=min(shown, max(index - 1, 0)))
+        left = spectrum.first(index)
+        self.spectrum = left if index else None
+        self._go_within(left)
         self.spectrum_changed.emit()
         text = (
             f"Eigenpair {index} is damaged on the disk: it is not shown any more, nor those behind"
@@ -546,15 +542,24 @@ class Document:
         self.pins_changed.emit()
 
     def flip(self) -> None:
-        """Show the eigenfunction on the render with the other sign."""
-        chosen = self.display[Eigenfunctions]
-        self.display.change(Eigenfunctions, flipped=chosen.flipped ^ {chosen.index})
+        """Show what is on the render with the other sign, where it has one."""
+        self.display.put(self.display.family.turned())
 
     def similar(self) -> None:
-        """Show the distance in feature space from the vertex pinned last."""
+        """Show what looks like the vertex pinned last."""
         if self.pins:
-            chosen = self.display[Similarity]
-            self.display.show(replace(chosen, vertex=self.pins[-1].vertex))
+            self._show_first(lambda family: family.like(self.pins[-1].vertex))
+
+    def _show_first(self, ask: Callable[[Family], Family | None]) -> None:
+        """Show what the first family answers that has an answer."""
+        answers = (ask(family) for family in self.display.fields.values())
+        found = next((answer for answer in answers if answer is not None), None)
+        if found is not None:
+            self.display.show(found)
+
+    def _go_within(self, spectrum: Spectrum) -> None:
+        """Leave every family at a position that a spectrum has."""
+        self.display.put(*(each.within(spectrum) for each in self.display.fields.values()))
 
     # -- the job that runs ------------------------------------------------------------------
 
