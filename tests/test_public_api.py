@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import ast
 import subprocess
 import sys
 from importlib import import_module
 from inspect import signature
-from pathlib import Path
 
 import pytest
 
@@ -18,21 +16,9 @@ NAMES = [name for name in meshmash_viewer.__all__ if name != "__version__"]
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_name_is_there_and_is_that_of_its_module(name):
-    module = import_module(f"meshmash_viewer.{meshmash_viewer._MODULE_OF[name]}")
+    module = import_module(meshmash_viewer._MODULE_OF[name])
     assert getattr(meshmash_viewer, name) is getattr(module, name)
     assert name in dir(meshmash_viewer)
-
-
-def test_type_checkers_see_the_same_names():
-    tree = ast.parse(Path(meshmash_viewer.__file__).read_text(encoding="utf-8"))
-    block = next(node for node in tree.body if isinstance(node, ast.If))
-    typed = {
-        alias.name: node.module.removeprefix("meshmash_viewer.")
-        for node in block.body
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-    }
-    assert typed == meshmash_viewer._MODULE_OF
 
 
 def test_an_unknown_name_is_an_attribute_error():
