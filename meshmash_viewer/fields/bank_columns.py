@@ -9,9 +9,10 @@ from typing import ClassVar, Self
 import numpy as np
 
 from meshmash_viewer.features.sums import sum_squares
-from meshmash_viewer.fields.family import Answer, Family, Profile, Samples, Table, whole
+from meshmash_viewer.fields.family import Answer, Family, Profile, Samples, Table, parameter
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.schema import whole
 
 __all__ = ["MOST_COLUMNS", "BankColumns"]
 
@@ -34,8 +35,8 @@ class BankColumns(Family):
     counted: ClassVar[str] = "count"
     interval: ClassVar[int] = 250
 
-    index: int = whole(0, 0, MOST_COLUMNS - 1)
-    count: int = whole(32, 1, MOST_COLUMNS)
+    index: int = parameter(0, whole(0, MOST_COLUMNS - 1))
+    count: int = parameter(32, whole(1, MOST_COLUMNS))
 
     @property
     def column(self) -> int:

@@ -21,11 +21,12 @@ from meshmash_viewer.features.distances import (
     spectral_weights,
 )
 from meshmash_viewer.features.sums import Features, sum_squares
-from meshmash_viewer.fields.family import Answer, ColumnArray, Family, Table, number, parameter
+from meshmash_viewer.fields.family import Answer, ColumnArray, Family, Table, parameter
 from meshmash_viewer.fields.heat_table import build_heat_table
 from meshmash_viewer.fields.options import Option
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, same_pairs
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.schema import MOST_INDEX, choice, number, whole
 from meshmash_viewer.units import counted, format_quantity, named_vertex, power_unit
 
 if TYPE_CHECKING:
@@ -71,9 +72,9 @@ class Distances(Family):
     contoured: ClassVar[bool] = True
     interval: ClassVar[int] = 50
 
-    measure: str = parameter("geodesic", type="choice", values=tuple(MEASURES))
-    vertex: int | None = parameter(type="vertex", least=0, most=2**31 - 1)
-    time: float | None = number(_ABOVE_ZERO, 2)
+    measure: str = parameter("geodesic", choice(MEASURES))
+    vertex: int | None = parameter(None, whole(0, MOST_INDEX), vertex=True)
+    time: float | None = parameter(None, number(_ABOVE_ZERO), power=2)
     vertices: tuple[int, ...] = ()
 
     # -- choices ------------------------------------------------------------------------------

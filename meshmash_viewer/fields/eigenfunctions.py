@@ -15,15 +15,19 @@ from meshmash_viewer.fields.family import (
     Samples,
     Table,
     parameter,
-    whole,
 )
 from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.schema import MOST_INDEX, listing, whole
 from meshmash_viewer.units import format_quantity, named_quantity, power_unit, subscript
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.comparison import Correspondence
 
 __all__ = ["Eigenfunctions"]
+
+
+def _indices(value: object) -> frozenset[int]:
+    return frozenset(listing(whole(0, MOST_INDEX), 1_000_000)(value))
 
 
 @dataclass(frozen=True)
@@ -47,8 +51,8 @@ class Eigenfunctions(Family):
     position: ClassVar[tuple[str, ...]] = ("index",)
     interval: ClassVar[int] = 250  # they want to be looked at
 
-    index: int = whole(1, 0, 2**31 - 1)
-    flipped: frozenset[int] = parameter(frozenset(), type="indices", least=0, most=2**31 - 1)
+    index: int = parameter(1, whole(0, MOST_INDEX))
+    flipped: frozenset[int] = parameter(frozenset(), _indices)
 
     @property
     def signed(self) -> bool:

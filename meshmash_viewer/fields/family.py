@@ -19,6 +19,7 @@ from meshmash_viewer.features.sums import Features, truncated_features
 from meshmash_viewer.fields.options import Option
 from meshmash_viewer.fields.spectrum import Spectrum, same_pairs
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.schema import Check, none_or
 from meshmash_viewer.units import power_unit
 from meshmash_viewer.vertex_map import Label
 
@@ -35,10 +36,7 @@ __all__ = [
     "Response",
     "Samples",
     "Table",
-    "flag",
-    "number",
     "parameter",
-    "whole",
 ]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
@@ -48,30 +46,23 @@ ColumnArray: TypeAlias = npt.NDArray[np.float32]
 MOST_COUNT = 1024
 
 
-def parameter(default: Any = None, **bounds: Any) -> Any:
-    """A parameter with what its values may be, for whoever reads them from a file.
+def parameter(default: Any, check: Check | None, *, power: int = 0, vertex: bool = False) -> Any:
+    """A parameter that a session keeps.
 
-    These are ``type`` ("whole", "number", "flag", "indices", "vertex", "text", "named numbers",
-    "choice" with its ``values``, or "family" for the name of a feature), for numbers ``least`` and
-    ``most``, and the ``power`` of a length that they are, for a text the ``most`` characters and a
-    ``check`` that raises `InputError`. A default of None is a value, too.
+    Parameters
+    ----------
+    default : Any
+        None is a value, too: left open.
+    check : callable or None
+        What other values may be, see `meshmash_viewer.schema`; None for the name of a feature,
+        which their table knows.
+    power : int
+        Of a length that it is.
+    vertex : bool
+        Whether it is a vertex.
     """
-    return field(default=default, metadata=bounds)
-
-
-def whole(default: int | None, least: int, most: int) -> Any:
-    """A parameter that is a whole number within bounds, both included."""
-    return parameter(default, type="whole", least=least, most=most)
-
-
-def number(least: float, power: int) -> Any:
-    """A parameter that is a power of a length, from a least one on, or left open."""
-    return parameter(None, type="number", least=least, power=power)
-
-
-def flag(default: bool) -> Any:
-    """A parameter that is true or false."""
-    return parameter(default, type="flag")
+    check = none_or(check) if check and default is None else check
+    return field(default=default, metadata={"check": check, "power": power, "vertex": vertex})
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,10 +264,12 @@ class Family:
         other: dict[str, Any] = {}
         for each in fields(self):
             value = getattr(self, each.name)
-            if value is not None and each.metadata.get("power"):
-                other[each.name] = value * to.length ** each.metadata["power"]
-            elif value is not None and each.metadata.get("type") == "vertex":
+            if value is None or not each.metadata:
+                continue
+            if each.metadata["vertex"]:
                 other[each.name] = to.vertex(value)
+            elif power := each.metadata["power"]:
+                other[each.name] = value * to.length**power
         return replace(self, **other)
 
     def told(self, to: Correspondence) -> str:

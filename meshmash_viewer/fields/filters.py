@@ -29,16 +29,14 @@ from meshmash_viewer.fields.family import (
     Response,
     Samples,
     Table,
-    flag,
-    number,
     parameter,
-    whole,
 )
 from meshmash_viewer.fields.options import Option
 from meshmash_viewer.fields.pair_table import MOST_COLUMNS as MOST_BENDS
 from meshmash_viewer.fields.pair_table import PairTable, build_pair_table
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, same_pairs
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.schema import checked_text, flag, named, number, whole
 from meshmash_viewer.units import format_number, format_quantity, named_quantity
 
 if TYPE_CHECKING:
@@ -65,6 +63,8 @@ _BEYOND = 1.001
 #: Times go on until the slowest mode has sunk to this power of 1/e.
 _DECAYED = 10.0
 _ABOVE_ZERO = 1e-150
+#: More than a formula has.
+_MOST_VALUES = 16
 
 Values = tuple[tuple[str, float], ...]
 
@@ -108,12 +108,12 @@ class Filters(Family):
     interval: ClassVar[int] = 100
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (True, False, False)
 
-    text: str = parameter(READY["Low-pass"], type="text", most=MOST_CHARACTERS, check=Formula)
-    values: Values = parameter((), type="named numbers")  # noqa: RUF009
-    count: int = whole(1, 1, MOST_COLUMNS)
-    automatic: bool = flag(True)
-    low: float | None = number(_ABOVE_ZERO, 0)
-    high: float | None = number(_ABOVE_ZERO, 0)
+    text: str = parameter(READY["Low-pass"], checked_text(MOST_CHARACTERS, Formula))
+    values: Values = parameter((), named(number(), _MOST_VALUES))  # noqa: RUF009
+    count: int = parameter(1, whole(1, MOST_COLUMNS))
+    automatic: bool = parameter(True, flag)
+    low: float | None = parameter(None, number(_ABOVE_ZERO))
+    high: float | None = parameter(None, number(_ABOVE_ZERO))
 
     # -- parameters ---------------------------------------------------------------------------
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from meshmash_viewer.features.filters import FilterBank, bspline_bank
 from meshmash_viewer.fields.bank_columns import BankColumns
-from meshmash_viewer.fields.family import Family, FloatArray, Response, flag, number
+from meshmash_viewer.fields.family import Family, FloatArray, Response, parameter
 from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.schema import flag, number
 from meshmash_viewer.spectral.weyl import weyl_eigenvalue
 from meshmash_viewer.units import format_range, named_quantity
 
@@ -44,9 +45,9 @@ class GeometryVectors(BankColumns):
     position: ClassVar[tuple[str, ...]] = ("index",)
     ordered: ClassVar[tuple[str, str] | None] = ("low", "high")
 
-    automatic: bool = flag(True)
-    low: float | None = number(0.0, -2)
-    high: float | None = number(0.0, -2)
+    automatic: bool = parameter(True, flag)
+    low: float | None = parameter(None, number(0.0), power=-2)
+    high: float | None = parameter(None, number(0.0), power=-2)
 
     def range(self, spectrum: Spectrum) -> tuple[float, float]:
         """Smallest and largest eigenvalue in force, in inverse squared length units."""

@@ -21,14 +21,13 @@ from meshmash_viewer.fields.family import (
     Response,
     Samples,
     Table,
-    flag,
-    number,
-    whole,
+    parameter,
 )
 from meshmash_viewer.fields.heat_table import build_heat_table
 from meshmash_viewer.fields.options import Option
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, grew
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.schema import flag, number, whole
 from meshmash_viewer.spectral.weyl import resolved_time
 from meshmash_viewer.units import format_quantity, named_quantity
 
@@ -76,11 +75,11 @@ class HeatKernelSignature(Family):
     interval: ClassVar[int] = 50  # times are a film
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (True, True, True)
 
-    time: float | None = number(_ABOVE_ZERO, 2)
-    automatic: bool = flag(True)
-    t_min: float | None = number(_ABOVE_ZERO, 2)
-    t_max: float | None = number(_ABOVE_ZERO, 2)
-    scales: int = whole(32, 1, MOST_COUNT)
+    time: float | None = parameter(None, number(_ABOVE_ZERO), power=2)
+    automatic: bool = parameter(True, flag)
+    t_min: float | None = parameter(None, number(_ABOVE_ZERO), power=2)
+    t_max: float | None = parameter(None, number(_ABOVE_ZERO), power=2)
+    scales: int = parameter(32, whole(1, MOST_COUNT))
 
     def range(self, spectrum: Spectrum) -> tuple[float, float]:
         """Shortest and longest time in force, in squared length units.

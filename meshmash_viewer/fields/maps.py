@@ -28,7 +28,6 @@ from meshmash_viewer.fields.family import (
     Samples,
     Table,
     parameter,
-    whole,
 )
 from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.options import Option
@@ -37,6 +36,7 @@ from meshmash_viewer.fields.pair_table import PairTable, build_pair_table
 from meshmash_viewer.fields.spectrum import Spectrum, grew, same_pairs
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.schema import MOST_INDEX, choice, text, whole
 from meshmash_viewer.spectral.weyl import wavelength
 from meshmash_viewer.units import format_number, format_quantity, power_unit
 from meshmash_viewer.vertex_map import Label, VertexMap
@@ -108,9 +108,9 @@ class OwnMaps(Family):
     tailed: ClassVar[bool] = True
     interval: ClassVar[int] = 250
 
-    chosen: str = parameter("", type="text", most=200, check=str)
-    view: str = parameter("map", type="choice", values=tuple(VIEWS))
-    pairs: int = whole(30, 1, 2**31 - 1)
+    chosen: str = parameter("", text(200))
+    view: str = parameter("map", choice(VIEWS))
+    pairs: int = parameter(30, whole(1, MOST_INDEX))
     shown: VertexMap | None = None
     filter: Filters | None = None
 

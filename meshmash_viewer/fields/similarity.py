@@ -13,6 +13,7 @@ from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.fields.family import Answer, Family, Table, parameter
 from meshmash_viewer.fields.spectrum import Spectrum, grew
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.schema import MOST_INDEX, whole
 from meshmash_viewer.units import named_vertex
 
 __all__ = ["Similarity", "SimilarityTable", "build_similarity_table"]
@@ -44,8 +45,8 @@ class Similarity(Family):
     short: ClassVar[str] = "Similar"
     tip: ClassVar[str] = "Distance in feature space from a pinned vertex"
 
-    vertex: int | None = parameter(type="vertex", least=0, most=2**31 - 1)
-    basis: str = parameter("hks", type="family")
+    vertex: int | None = parameter(None, whole(0, MOST_INDEX), vertex=True)
+    basis: str = parameter("hks", None)
     features: Family | None = None
 
     @property

@@ -11,7 +11,8 @@ from typing import Any
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.io.atomic import writing_errors, written_whole
-from meshmash_viewer.io.schema import (
+from meshmash_viewer.schema import (
+    MOST_INDEX,
     Check,
     Refused,
     choice,
@@ -26,14 +27,12 @@ from meshmash_viewer.io.schema import (
 from meshmash_viewer.spectral.weyl import TARGET_KINDS
 from meshmash_viewer.units import parse_unit
 
-__all__ = ["MOST_INDEX", "SESSION_ENDING", "Session", "read_session", "write_session"]
+__all__ = ["SESSION_ENDING", "Session", "read_session", "write_session"]
 
 SESSION_ENDING = ".meshmash.json"
 
 _FORMAT = "meshmash-viewer session"
 _VERSION = 2
-#: Indices and counts are whole numbers of 32 bits, as the window's fields are.
-MOST_INDEX = 2**31 - 1
 #: Bytes that a session may have: thousands of pins take a hundredth of it.
 _LARGEST = 16_000_000
 

@@ -9,13 +9,45 @@ from typing import Any, ClassVar, TypeVar
 from psygnal import SignalGroupDescriptor
 
 from meshmash_viewer.fields import FAMILIES
-from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.family import Family, parameter
 from meshmash_viewer.model.limits import LimitPolicy
-from meshmash_viewer.model.shape import Shape
+from meshmash_viewer.schema import MOST_INDEX, flag, number, whole
 
-__all__ = ["Display"]
+__all__ = ["FEWEST_PAIRS", "MOST_AMPLITUDE", "Display", "Shape"]
 
 Chosen = TypeVar("Chosen", bound=Family)
+
+#: Pairs of a shape: a constant and three of the first ones, what a shape with an inside takes.
+FEWEST_PAIRS = 4
+#: Share of the diagonal of a mesh's box, beyond which nothing of its shape is left.
+MOST_AMPLITUDE = 0.2
+
+
+@dataclass(frozen=True)
+class Shape:
+    """How the mesh on the render is moved: not at all, or to what its lowest pairs make of it.
+
+    Parameters
+    ----------
+    shown : bool
+        Whether the vertices are rebuilt from eigenfunctions.
+    pairs : int
+        From how many of the lowest; at least `FEWEST_PAIRS`.
+    morph : float
+        How far from the mesh itself (0) to what is rebuilt (1).
+    amplitude : float
+        Of the vibration, as a share of the diagonal of the mesh's box, from 0 to
+        `MOST_AMPLITUDE`.
+    """
+
+    shown: bool = parameter(False, flag)
+    pairs: int = parameter(50, whole(FEWEST_PAIRS, MOST_INDEX))
+    morph: float = parameter(1.0, number(0.0, 1.0))
+    amplitude: float = parameter(0.05, number(0.0, MOST_AMPLITUDE))
+
+    def within(self, n_pairs: int) -> int:
+        """How many pairs are taken where there are `n_pairs`."""
+        return min(max(self.pairs, FEWEST_PAIRS), n_pairs)
 
 
 @dataclass

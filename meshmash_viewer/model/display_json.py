@@ -9,21 +9,7 @@ from typing import Any
 
 from meshmash_viewer.fields import FAMILIES, FEATURES
 from meshmash_viewer.fields.family import Family
-from meshmash_viewer.io.schema import (
-    Check,
-    Refused,
-    checked_text,
-    choice,
-    flag,
-    listing,
-    named,
-    none_or,
-    number,
-    record,
-    understood,
-    whole,
-)
-from meshmash_viewer.model.display import Display
+from meshmash_viewer.model.display import Display, Shape
 from meshmash_viewer.model.limits import (
     LimitPolicy,
     LockedLimits,
@@ -31,7 +17,15 @@ from meshmash_viewer.model.limits import (
     PercentileLimits,
     SymmetricLimits,
 )
-from meshmash_viewer.model.shape import FEWEST_PAIRS, MOST_AMPLITUDE, MOST_PAIRS
+from meshmash_viewer.schema import (
+    Check,
+    Refused,
+    choice,
+    flag,
+    number,
+    record,
+    understood,
+)
 
 __all__ = ["display_from_json", "display_to_json", "drop_vertices", "read_display"]
 
@@ -39,8 +33,6 @@ _POLICIES: dict[str, Any] = {
     policy.__name__: policy
     for policy in (SymmetricLimits, MinMaxLimits, PercentileLimits, LockedLimits)
 }
-#: Most numbers with names that a family has.
-_MOST_NAMED = 16
 #: What is written as it is; a window never opens playing.
 _PLAIN = ("kind", "nodal_lines", "diverging_colormap", "sequential_colormap")
 
@@ -93,12 +85,12 @@ def drop_vertices(content: dict[str, Any], n_vertices: int) -> Iterator[tuple[st
     for family, chosen in content.get("fields", {}).items():
         for each in _kept(FAMILIES[family]):
             vertex = chosen.get(each.name)
-            if each.metadata["type"] == "vertex" and vertex is not None and vertex >= n_vertices:
+            if each.metadata["vertex"] and vertex is not None and vertex >= n_vertices:
                 del chosen[each.name]
                 yield f"fields.{family}.{each.name}", vertex
 
 
-def _kept(family: Family | type[Family]) -> list[Field[Any]]:
+def _kept(family: Family | type[Family | Shape]) -> list[Field[Any]]:
     """Parameters that a session keeps: those that say what their values may be."""
     return [each for each in fields(family) if each.metadata]
 
@@ -126,42 +118,19 @@ def _color_map(value: object) -> str:
     return str(choice(colormaps, "the name of a colour map of matplotlib")(value))
 
 
-def _parameter(each: Field[Any]) -> Check:
-    """What a parameter of a family may be."""
-    about = each.metadata
-    kind: str = about["type"]
-    least: Any = about.get("least")
-    most: Any = about.get("most")
-    check: Check
-    if kind == "flag":
-        check = flag
-    elif kind == "choice":
-        check = choice(about["values"])
-    elif kind == "family":
-        check = choice(FEATURES)
-    elif kind == "number":
-        check = number(least)
-    elif kind == "text":
-        check = checked_text(most, about["check"])
-    elif kind == "named numbers":
-        check = named(number(), _MOST_NAMED)
-    elif kind == "indices":
-        every = listing(whole(least, most), 1_000_000)
-        check = lambda value: frozenset(every(value))  # noqa: E731
-    else:
-        check = whole(least, most)
-    return none_or(check) if each.default is None else check
-
-
 def _in_order(taken: dict[str, Any], low: str, high: str, value: object) -> None:
     first, second = taken.get(low), taken.get(high)
     if first is not None and second is not None and not first < second:
         raise Refused(f"an object with {low} below {high}", value)
 
 
+def _parameters(family: type[Family | Shape]) -> Check:
+    return record({each.name: each.metadata["check"] or choice(FEATURES) for each in _kept(family)})
+
+
 def _family(name: str) -> Check:
     family = FAMILIES[name]
-    parameters = record({each.name: _parameter(each) for each in _kept(family)})
+    parameters = _parameters(family)
 
     def check(value: object) -> dict[str, Any]:
         taken: dict[str, Any] = parameters(value)
@@ -180,13 +149,6 @@ _DISPLAY = record(
         "sequential_colormap": _color_map,
         "fields": record({name: _family(name) for name in FAMILIES}),
         "policies": record(dict.fromkeys(FAMILIES, _policy)),
-        "shape": record(
-            {
-                "shown": flag,
-                "pairs": whole(FEWEST_PAIRS, MOST_PAIRS),
-                "morph": number(0.0, 1.0),
-                "amplitude": number(0.0, MOST_AMPLITUDE),
-            }
-        ),
+        "shape": _parameters(Shape),
     }
 )

@@ -18,7 +18,7 @@ from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.cost import decomposition_seconds, measured_rate
-from meshmash_viewer.model.display import Display
+from meshmash_viewer.model.display import Display, Shape
 from meshmash_viewer.model.jobs import (
     DecomposeJob,
     ExportJob,
@@ -33,7 +33,6 @@ from meshmash_viewer.model.jobs import (
 )
 from meshmash_viewer.model.pieces import PiecesJob
 from meshmash_viewer.model.results import MapGrew
-from meshmash_viewer.model.shape import Shape
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.weyl import Target, Translation
 from meshmash_viewer.units import Voxel, counted, parse_unit, power_unit, written_unit

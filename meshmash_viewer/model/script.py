@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from meshmash_viewer.features.comparison import Correspondence
+from meshmash_viewer.model.display import FEWEST_PAIRS
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import FieldRequest, request_of
 from meshmash_viewer.model.pair import MATCHED_IN, Pair
-from meshmash_viewer.model.shape import FEWEST_PAIRS
 
 __all__ = ["reproduction_script"]
 

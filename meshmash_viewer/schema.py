@@ -18,6 +18,7 @@ from typing import Any, TypeAlias
 from meshmash_viewer.errors import InputError, printable
 
 __all__ = [
+    "MOST_INDEX",
     "Check",
     "Refused",
     "checked_text",
@@ -35,6 +36,8 @@ __all__ = [
 
 Check: TypeAlias = Callable[[Any], Any]
 
+#: Indices and counts are whole numbers of 32 bits, as the window's fields are.
+MOST_INDEX = 2**31 - 1
 #: Characters of a value that a sentence repeats.
 _SHOWN = 40
 
