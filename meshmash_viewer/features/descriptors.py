@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -30,11 +30,7 @@ from meshmash_viewer.features.sums import (
     truncated_features,
     warn_of_truncation,
 )
-from meshmash_viewer.features.truncation import (
-    Truncation,
-    mesh_limit,
-    sufficient_target,
-)
+from meshmash_viewer.features.truncation import mesh_limit, sufficient_target
 from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
@@ -142,14 +138,13 @@ def spectral_geometry_filter(
     (642, 1)
     """
     check_bands(max_eigenvalue, band_size)
-    sums = _Sums(mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose)
-    sums = replace(sums, progress=progress, cancel=cancel)
+    sums = _Sums(
+        mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose, progress, cancel
+    )
     if filter is None:
         result = sums.solve(None, max_eigenvalue, None)
         return result.eigenvalues[sums.start :], result.eigenvectors[:, sums.start :]
-    values, truncation = sums.features(None, max_eigenvalue, lambda _: filter)
-    warn_of_truncation(truncation)
-    return values
+    return sums.features(None, max_eigenvalue, lambda _: filter)
 
 
 def compute_hks(
@@ -233,8 +228,9 @@ def compute_hks(
     check_times(t_min, t_max)
     check_tail(tail, "hks")
     check_bands(max_eigenvalue, band_size)
-    sums = _Sums(mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose)
-    sums = replace(sums, progress=progress, cancel=cancel, tail=tail)
+    sums = _Sums(
+        mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose, progress, cancel
+    )
 
     def bank(eigenvalues: npt.NDArray[np.float64]) -> FilterBank | Filter:
         if not (eigenvalues > 0.0).any() and (t_min is None or t_max is None):
@@ -248,12 +244,9 @@ def compute_hks(
                 "(times chosen from the spectrum follow the pairs, so that any number is enough)."
             )
         refuse_two_extents(max_eigenvalue, count, wavelength)
-        values, truncation = sums.features_from(t_min, bank)
-    else:
-        extent = chosen_extent(max_eigenvalue, count, wavelength)
-        values, truncation = sums.features(*extent, bank)
-    warn_of_truncation(truncation)
-    return values
+        target = sufficient_target(t_min, *sums.surface)
+        return sums.features(target.n_components, target.max_eigenvalue, bank, tail, t_min)
+    return sums.features(*chosen_extent(max_eigenvalue, count, wavelength), bank, tail)
 
 
 def compute_geometry_vectors(
@@ -325,16 +318,15 @@ def compute_geometry_vectors(
     n_pairs, bound = chosen_extent(max_eigenvalue, count, wavelength)
     if bound is not None:
         bspline_bank(0.0, bound, n_bands)  # complains now, not after the decomposition
-    sums = _Sums(mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose)
-    sums = replace(sums, progress=progress, cancel=cancel)
+    sums = _Sums(
+        mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose, progress, cancel
+    )
 
     def bank(eigenvalues: npt.NDArray[np.float64]) -> FilterBank:
         last = float(eigenvalues[-1]) if len(eigenvalues) else 0.0
         return bspline_bank(0.0, last if bound is None else bound, n_bands)
 
-    values, truncation = sums.features(n_pairs, bound, bank)
-    warn_of_truncation(truncation)
-    return values
+    return sums.features(n_pairs, bound, bank)
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,9 +339,8 @@ class _Sums:
     robust: bool
     mollify_factor: float
     verbose: int
-    progress: ProgressCallback | None = None
-    cancel: CancelCallback | None = None
-    tail: Literal["weyl"] | None = None
+    progress: ProgressCallback | None
+    cancel: CancelCallback | None
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -391,48 +382,49 @@ class _Sums:
             cancel=self.cancel,
         )
 
+    @cached_property
+    def surface(self) -> tuple[float, int]:
+        """Area, and number of vertices that have one."""
+        mass = np.asarray(self.matrices[1].diagonal(), dtype=np.float64)
+        return float(mass.sum()), int(np.count_nonzero(mass))
+
     def features(
-        self, n_components: int | None, max_eigenvalue: float | None, make: FilterMaker
-    ) -> tuple[Array, Truncation | None]:
-        """Features of shape (n, f), and what they miss where that is known."""
+        self,
+        n_components: int | None,
+        max_eigenvalue: float | None,
+        make: FilterMaker,
+        tail: Literal["weyl"] | None = None,
+        time: float | None = None,
+    ) -> Array:
+        """Features of shape (n, f), with a warning of what they miss where that is known.
+
+        `time` is the one that the number of pairs was chosen for, if any.
+        """
         with scratch_rows(self.dtype) as allocate:
             result = self.solve(n_components, max_eigenvalue, allocate)
-            if not result.eigenvalues[self.start :].any():
+            eigenvalues = result.eigenvalues[self.start :]
+            if time is None and not eigenvalues.any():
                 _warn_of_zeros(max_eigenvalue, result)
-            return self._summed(result, max_eigenvalue, make)
-
-    def features_from(self, time: float, make: FilterMaker) -> tuple[Array, Truncation | None]:
-        """The same from as many pairs as the HKS from a time on takes."""
-        mass = np.asarray(self.matrices[1].diagonal(), dtype=np.float64)
-        area, n = float(mass.sum()), int(np.count_nonzero(mass))
-        target = sufficient_target(time, area, n)
-        with scratch_rows(self.dtype) as allocate:
-            result = self.solve(target.n_components, target.max_eigenvalue, allocate)
-            values, truncation = self._summed(result, target.max_eigenvalue, make)
-        if result.n_components == n and result.eigenvalues[-1] < required_eigenvalue(time):
-            warnings.warn(mesh_limit(time, area, n), TruncationWarning, stacklevel=3)
-        return values, truncation
-
-    def _summed(
-        self, result: Decomposition, max_eigenvalue: float | None, make: FilterMaker
-    ) -> tuple[Array, Truncation | None]:
-        eigenvalues = result.eigenvalues[self.start :]
-        made = make(eigenvalues)
-        if isinstance(made, FilterBank) and made.tail is not None and len(eigenvalues):
-            features = truncated_features(
-                result,
-                made,
-                drop_first=self.drop_first,
-                dtype=self.dtype,
-                tail=self.tail,
-                known_to=max_eigenvalue if result.complete else None,
-            )
-            features.values[result.mass == 0.0] = np.nan
-            return features.values, features.truncation
-        coefficients = _checked_coefficients(made(eigenvalues), eigenvalues)
-        values = accumulate_features(result.rows[self.start :], coefficients)
-        values[result.mass == 0.0] = np.nan
-        return values.astype(self.dtype, copy=False), None
+            made, truncation = make(eigenvalues), None
+            if isinstance(made, FilterBank) and made.tail is not None and len(eigenvalues):
+                features = truncated_features(
+                    result,
+                    made,
+                    drop_first=self.drop_first,
+                    dtype=self.dtype,
+                    tail=tail,
+                    known_to=max_eigenvalue if result.complete else None,
+                )
+                values, truncation = features.values, features.truncation
+            else:
+                coefficients = _checked_coefficients(made(eigenvalues), eigenvalues)
+                values = accumulate_features(result.rows[self.start :], coefficients)
+            values[result.mass == 0.0] = np.nan
+            ended = result.n_components == self.surface[1]
+            if time is not None and ended and result.eigenvalues[-1] < required_eigenvalue(time):
+                warnings.warn(mesh_limit(time, *self.surface), TruncationWarning, stacklevel=3)
+        warn_of_truncation(truncation, stacklevel=4)
+        return values.astype(self.dtype, copy=False)
 
 
 def _checked_coefficients(

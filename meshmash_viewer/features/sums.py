@@ -298,13 +298,13 @@ def check_tail(tail: str | None, kind: str) -> None:
         raise InputError(f'tail="weyl" is for heat kernel signatures, not for {kind}.')
 
 
-def warn_of_truncation(truncation: Truncation | None) -> None:
+def warn_of_truncation(truncation: Truncation | None, stacklevel: int = 3) -> None:
     """Warn in Python of the columns that are flagged, if there are any."""
     if truncation is not None and (sentence := truncation.sentence()):
         warnings.warn(
             f"{sentence}: go further up the spectrum, or see Features.truncation.",
             TruncationWarning,
-            stacklevel=3,
+            stacklevel=stacklevel,
         )
 
 

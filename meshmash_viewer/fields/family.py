@@ -7,7 +7,7 @@ fills these in from a spectrum, and leaves out what makes no difference to the v
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
 
@@ -16,7 +16,6 @@ import numpy.typing as npt
 
 from meshmash_viewer.features.filters import FilterBank
 from meshmash_viewer.features.sums import Features, truncated_features
-from meshmash_viewer.fields.options import Option
 from meshmash_viewer.fields.spectrum import Spectrum, same_pairs
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.schema import Check, none_or
@@ -32,6 +31,7 @@ __all__ = [
     "MOST_COUNT",
     "Answer",
     "Family",
+    "Option",
     "Profile",
     "Response",
     "Samples",
@@ -63,6 +63,39 @@ def parameter(default: Any, check: Check | None, *, power: int = 0, vertex: bool
     """
     check = none_or(check) if check and default is None else check
     return field(default=default, metadata={"check": check, "power": power, "vertex": vertex})
+
+
+@dataclass(frozen=True)
+class Option:
+    """One option of the command line; a name that two families share is one option of the command.
+
+    Parameters
+    ----------
+    name : str
+        With underscores; "t_min" is given as ``--t-min``.
+    about : str
+        What it is, for ``--help``.
+    metavar : str, optional
+        What stands for its value there.
+    kind : callable
+        Makes the value of the text.
+    values : tuple of str, optional
+        All that it may be.
+    many : bool
+        Whether it may be given many times.
+    """
+
+    name: str
+    about: str
+    metavar: str | None = None
+    kind: Callable[[str], Any] = str
+    values: tuple[str, ...] | None = None
+    many: bool = False
+
+    @property
+    def flag(self) -> str:
+        """As it is typed."""
+        return f"--{self.name.replace('_', '-')}"
 
 
 @dataclass(frozen=True, eq=False)

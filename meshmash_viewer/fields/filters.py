@@ -18,22 +18,20 @@ from meshmash_viewer.features.filters import (
     low_pass_bank,
 )
 from meshmash_viewer.features.formula import MOST_CHARACTERS, Formula, formula_bank
-from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.fields.bank_columns import MOST_COLUMNS
 from meshmash_viewer.fields.family import (
     Answer,
-    ColumnArray,
     Family,
     FloatArray,
+    Option,
     Profile,
     Response,
     Samples,
     Table,
     parameter,
 )
-from meshmash_viewer.fields.options import Option
 from meshmash_viewer.fields.pair_table import MOST_COLUMNS as MOST_BENDS
-from meshmash_viewer.fields.pair_table import PairTable, build_pair_table
+from meshmash_viewer.fields.pair_table import PairTable, build_pair_table, summed
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, same_pairs
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.schema import checked_text, flag, named, number, whole
@@ -220,36 +218,29 @@ class Filters(Family):
     def compute(self, spectrum: Spectrum, table: Table | None) -> Answer:
         """The last sum, or the table's near one until there is another, or the sum itself."""
         weights = self.weights(spectrum)
-        if table is not None and not spectrum.small and self.serves(spectrum, table):
-            table.spectrum = spectrum  # next time it is the very same
-            content = table.content
-            if np.array_equal(weights, content.weights):
-                return Answer(content.values)
-            return Answer(content.near.at(weights, spectrum.rows), draft=True)
-        return Answer(_summed(spectrum, weights))
+        if table is None or spectrum.small or not self.serves(spectrum, table):
+            return Answer(summed(weights, spectrum.rows))
+        table.spectrum = spectrum  # next time it is the very same
+        near: PairTable = table.content
+        return near.answer(weights, spectrum.rows)
 
     def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
         if spectrum.small:
             return True
         if table is None or not self.serves(spectrum, table):
             return False
-        return np.array_equal(self.weights(spectrum), table.content.weights)
+        return bool(table.content.rests(self.weights(spectrum)))
 
     def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
-        return self._with_sum(spectrum, build_pair_table(spectrum, cancel), cancel)
+        near = build_pair_table(spectrum, cancel)
+        return self.improve(spectrum, Table(spectrum, self.at_rest(), near), cancel)
 
     def improve(self, spectrum: Spectrum, table: Table, cancel: CancelCallback | None) -> Table:
-        return self._with_sum(spectrum, table.content.near, cancel)
+        near = table.content.rest(self.weights(spectrum), spectrum.rows, cancel)
+        return Table(spectrum, self.at_rest(), near)
 
     def serves(self, spectrum: Spectrum, table: Table) -> bool:
         return same_pairs(table.spectrum, spectrum)
-
-    def _with_sum(
-        self, spectrum: Spectrum, near: PairTable, cancel: CancelCallback | None
-    ) -> Table:
-        weights = self.weights(spectrum)
-        values = _summed(spectrum, weights, cancel)
-        return Table(spectrum, self.at_rest(), _Content(near, weights, values))
 
     # -- plots --------------------------------------------------------------------------------
 
@@ -403,21 +394,6 @@ class Filters(Family):
     def _script(self, values: dict[str, str]) -> str:
         told = "".join(f", {name}={value}" for name, value in values.items())
         return f"mv.formula_bank({self.text!r}{told})"
-
-
-@dataclass(frozen=True, eq=False)
-class _Content:
-    """What tells any filter nearly, and the last one that was summed while the sliders rested."""
-
-    near: PairTable
-    weights: FloatArray
-    values: ColumnArray
-
-
-def _summed(
-    spectrum: Spectrum, weights: FloatArray, cancel: CancelCallback | None = None
-) -> ColumnArray:
-    return np.asarray(sum_squares(spectrum.rows, weights[None], cancel=cancel)[0])
 
 
 def _bank(text: str, values: dict[str, float | FloatArray]) -> FilterBank:

@@ -17,6 +17,7 @@ from meshmash_viewer.fields.family import (
     Answer,
     Family,
     FloatArray,
+    Option,
     Profile,
     Response,
     Samples,
@@ -24,7 +25,6 @@ from meshmash_viewer.fields.family import (
     parameter,
 )
 from meshmash_viewer.fields.heat_table import build_heat_table
-from meshmash_viewer.fields.options import Option
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, grew
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.schema import flag, number, whole

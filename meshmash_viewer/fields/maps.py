@@ -23,6 +23,7 @@ from meshmash_viewer.fields.family import (
     ColumnArray,
     Family,
     FloatArray,
+    Option,
     Profile,
     Response,
     Samples,
@@ -30,9 +31,8 @@ from meshmash_viewer.fields.family import (
     parameter,
 )
 from meshmash_viewer.fields.filters import Filters
-from meshmash_viewer.fields.options import Option
 from meshmash_viewer.fields.pair_table import MOST_COLUMNS as MOST_BENDS
-from meshmash_viewer.fields.pair_table import PairTable, build_pair_table
+from meshmash_viewer.fields.pair_table import PairTable, build_pair_table, summed
 from meshmash_viewer.fields.spectrum import Spectrum, grew, same_pairs
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback
@@ -221,8 +221,10 @@ class OwnMaps(Family):
             return Answer(content.bands, not ready)
         if self.filter is not None:
             weights = self.filter.weights(spectrum)[: len(content.spectrum)]
-            values, near = content.filtered(weights, spectrum.rows)
-            return Answer(values, near or not ready)
+            if content.near is not None:
+                answer = content.near.answer(weights, spectrum.rows)
+                return replace(answer, draft=answer.draft or not ready)
+            return Answer(summed(weights, spectrum.rows, content.spectrum.coefficients), not ready)
         return Answer(
             content.up_to(min(self.pairs, len(content.spectrum)), spectrum.rows), not ready
         )
@@ -233,7 +235,8 @@ class OwnMaps(Family):
         if table is None or not table.holds(self.at_rest(), spectrum):
             return False
         if self.filter is not None and not spectrum.small:
-            return bool(table.content.rests(self.filter.weights(spectrum)))
+            near = table.content.near
+            return near is not None and bool(near.rests(self.filter.weights(spectrum)))
         return self.view != "band" or table.content.bands is not None
 
     def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
@@ -256,7 +259,9 @@ class OwnMaps(Family):
     def _resting(self, table: Table, cancel: CancelCallback | None) -> Table:
         """With the sum for the filter as it is, and what tells it nearly while that moves."""
         if self.filter is not None and not table.spectrum.small:
-            table.content.rest(table.spectrum, self.filter.weights(table.spectrum), cancel)
+            content, spectrum = table.content, table.spectrum
+            near = content.near or build_pair_table(spectrum, cancel, content.spectrum.coefficients)
+            content.near = near.rest(self.filter.weights(spectrum), spectrum.rows, cancel)
         return table
 
     def serves(self, spectrum: Spectrum, table: Table) -> bool:
@@ -416,8 +421,8 @@ class _Sums:
         self.spectrum = spectrum
         self.bands = bands
         self._last: tuple[int, FloatArray | None] = 0, None
+        #: What tells any filtered sum nearly, once one has been asked for.
         self.near: PairTable | None = None
-        self._rested: tuple[FloatArray, ColumnArray] | None = None
 
     def up_to(self, count: int, rows: Any) -> ColumnArray:
         """Sum over so many pairs; a slider moves by a few, which are added or taken away."""
@@ -428,29 +433,6 @@ class _Sums:
         np.add(total, change if count >= known else -change, out=total)
         self._last = count, total
         return total.astype(np.float32)
-
-    def filtered(self, weights: FloatArray, rows: Any) -> tuple[ColumnArray, bool]:
-        """Sum over all pairs with weights of shape (k,), and whether it is only near that."""
-        if self._rested is not None and self.rests(weights):
-            return self._rested[1], False
-        if self.near is not None:
-            return self.near.at(weights, rows), True
-        return self._summed(weights, rows), False
-
-    def rests(self, weights: FloatArray) -> bool:
-        """Whether the sum with these weights is there."""
-        return self._rested is not None and np.array_equal(self._rested[0], weights)
-
-    def rest(self, spectrum: Spectrum, weights: FloatArray, cancel: CancelCallback | None) -> None:
-        """Compute the sum with these weights, and once what is near it with any others."""
-        if self.near is None:
-            self.near = build_pair_table(spectrum, cancel, self.spectrum.coefficients)
-        self._rested = weights, self._summed(weights, spectrum.rows)
-
-    def _summed(self, weights: FloatArray, rows: Any) -> ColumnArray:
-        last = int(np.max(np.flatnonzero(weights), initial=-1)) + 1
-        weighted = weights[:last] * self.spectrum.coefficients[:last]
-        return np.asarray(partial_sum(rows, weighted, 0, last), dtype=np.float32)
 
 
 def _band_labels(eigenvalues: FloatArray, unit: str) -> tuple[Label, ...]:

@@ -9,20 +9,18 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.features.map_spectrum import partial_sum
 from meshmash_viewer.features.sums import sum_squares
+from meshmash_viewer.fields.family import Answer, ColumnArray, FloatArray
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.progress import CancelCallback
 
-__all__ = ["MOST_COLUMNS", "PairTable", "build_pair_table"]
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
-ColumnArray: TypeAlias = npt.NDArray[np.float32]
+__all__ = ["MOST_COLUMNS", "PairTable", "build_pair_table", "summed"]
 
 #: Columns that are stored, and pairs that are read beside them, or alone: together less than a
 #: frame at a million vertices.
@@ -34,7 +32,7 @@ _SEEN, _NOTHING = 5e-4, 1e-7
 _VERTICES = 131072
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class PairTable:
     """Stored columns of broken lines over λ.
 
@@ -48,12 +46,33 @@ class PairTable:
         ``Σ_k hats[j, k] φ_k²``, or with coefficients ``Σ_k hats[j, k] c_k φ_k``.
     coefficients : ndarray of float64, shape (k,), optional
         Those of a map that is filtered.
+    resting : tuple of two ndarrays, shapes (k,) and (n,), optional
+        The weights of the last filter that was summed over all pairs, and that sum.
     """
 
     hats: FloatArray
     bends: npt.NDArray[np.int64]
     columns: ColumnArray
     coefficients: FloatArray | None = None
+    resting: tuple[FloatArray, ColumnArray] | None = None
+
+    def rests(self, weights: FloatArray) -> bool:
+        """Whether the sum with these weights is there."""
+        return self.resting is not None and np.array_equal(self.resting[0], weights)
+
+    def rest(
+        self, weights: FloatArray, rows: Any, cancel: CancelCallback | None = None
+    ) -> PairTable:
+        """Compute the sum with these weights."""
+        self.resting = weights, summed(weights, rows, self.coefficients, cancel)
+        return self
+
+    def answer(self, weights: FloatArray, rows: Any) -> Answer:
+        """The sum with these weights, or about it until it rests."""
+        known = self.resting  # another thread may replace it
+        if known is not None and np.array_equal(known[0], weights):
+            return Answer(known[1])
+        return Answer(self.at(weights, rows), draft=True)
 
     def at(self, weights: FloatArray, rows: Any) -> ColumnArray:
         """About ``Σ_k weights[k] rows[k]²`` or ``Σ_k weights[k] c_k rows[k]``, shape (n,)."""
@@ -99,6 +118,19 @@ class PairTable:
             wanted = others @ np.delete(weights, apart)
             heights = np.asarray(np.linalg.lstsq(others @ others.T, wanted, rcond=1e-10)[0])
         return heights, apart
+
+
+def summed(
+    weights: FloatArray,
+    rows: Any,
+    coefficients: FloatArray | None = None,
+    cancel: CancelCallback | None = None,
+) -> ColumnArray:
+    """The sum that `PairTable.at` is about, over all pairs."""
+    if coefficients is None:
+        return np.asarray(sum_squares(rows, weights[None], cancel=cancel)[0])
+    last = int(np.max(np.flatnonzero(weights), initial=-1)) + 1
+    return partial_sum(rows, weights * coefficients, 0, last).astype(np.float32)
 
 
 def build_pair_table(

@@ -18,21 +18,16 @@ def reproduction_script(document: Document, pair: Pair | None = None) -> str:
     a line for its owner to fill in.
     """
     request = request_of(document)
-    lines = _reading(document)
+    lines, rest = _reading(document), list[str]()
     if document.mesh is not None and request is not None:
-        field = request.family.script(request.spectrum)
-        if any("decomposition" in line for line in field):
-            lines += _decomposition(document, len(request.spectrum))
-        lines += field
-        lines += _writing(document, request)
+        rest = [*request.family.script(request.spectrum), *_writing(document, request)]
         if document.display.shape.shown and len(request.spectrum) >= FEWEST_PAIRS:
-            if not any(line.startswith("decomposition =") for line in lines):
-                lines += _decomposition(document, len(request.spectrum))
-            lines += _shape(document, len(request.spectrum))
+            rest += _shape(document, len(request.spectrum))
         if pair is not None and pair.comparison is not None:
-            if not any(line.startswith("decomposition =") for line in lines):
-                lines += _decomposition(document, len(request.spectrum))
-            lines += _comparison(pair, request)
+            rest += _comparison(pair, request)
+        if any("decomposition" in line for line in rest):
+            lines += _decomposition(document, len(request.spectrum))
+    lines += rest
     imports = ["import numpy as np", ""] if any("np." in line for line in lines) else []
     return "\n".join([*imports, "import meshmash_viewer as mv", *lines, ""])
 

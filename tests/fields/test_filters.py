@@ -98,8 +98,8 @@ def test_a_large_mesh_is_near_while_it_moves_and_right_where_it_rests(
         np.testing.assert_allclose(found.values, wanted, rtol=1e-6)
         table = live.table("filter")
         assert table is not None
-        assert columns is None or table.content.near is columns, "it is built once"
-        columns = table.content.near
+        assert columns is None or table.content.columns is columns, "it is built once"
+        columns = table.content.columns
     more = replace(spectrum, eigenvalues=spectrum.eigenvalues[:150])
     found = live.compute(FieldRequest(more, "nm", asked(0.1).family))
     assert found is not None
