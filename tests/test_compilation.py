@@ -16,7 +16,7 @@ from meshmash_viewer.spectral.engine import compiler
 CODE = """
 import os
 {patch}
-from meshmash_viewer.spectral.engine import compilation
+from meshmash_viewer.spectral.engine import kernels
 from numba.core import config
 print(config.CACHE_DIR)
 assert not config.CACHE_DIR or os.path.isdir(config.CACHE_DIR)
@@ -100,7 +100,7 @@ def test_without_a_compiler_the_command_ends_at_its_start(arguments: list[str]) 
 
 def test_a_compiler_that_does_not_work_beside_what_is_installed_says_why(tmp_path: Path) -> None:
     (tmp_path / "numba.py").write_text("raise ImportError('Numba needs NumPy 2.2 or less')")
-    code = "try:\n    from meshmash_viewer.spectral.engine import compilation\n"
+    code = "try:\n    from meshmash_viewer.spectral.engine import kernels\n"
     code += "except InputError as fault:\n    print(fault)"
     header = WITHOUT.replace(
         'sys.modules["numba"] = None', f"sys.path.insert(0, {str(tmp_path)!r})"

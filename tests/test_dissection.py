@@ -1,23 +1,17 @@
-"""Orders from METIS in processes: good, the same everywhere, and stopped at once."""
+"""Orders of elimination: they save fill, with METIS and without."""
 
 from __future__ import annotations
 
-import gc
 import sys
-import threading
 from typing import Any
 
 import numpy as np
-import psutil
 import pytest
 import scipy.linalg
 import scipy.sparse as sp
 from test_eigensolver import check, torus
 
-from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.eigensolver import solve
-from meshmash_viewer.spectral.engine import dissection
-from meshmash_viewer.spectral.engine.dissection import nested_dissection
 from meshmash_viewer.spectral.engine.factorization import order_pencil
 from meshmash_viewer.spectral.engine.pencil import reduce_pencil
 from meshmash_viewer.spectral.engine.symbolic import elimination_order
@@ -44,66 +38,6 @@ def fill(graph: Any, order: Any) -> int:
         sp.csc_array(matrix), permc_spec="NATURAL", diag_pivot_thresh=0.0, options=options
     )
     return int(factor.L.nnz)
-
-
-@pytest.mark.parametrize("cuts", [1, 2])
-def test_parts_are_ordered_as_well_as_the_whole(monkeypatch: pytest.MonkeyPatch, cuts: int) -> None:
-    pieces = sp.csr_array(sp.block_diag([grid(70, 60), grid(5, 4)]))
-    whole = nested_dissection(pieces, None)
-    monkeypatch.setattr(dissection, "_VERTICES_TO_HALVE", 1000)
-    monkeypatch.setattr(dissection, "_VERTICES_TO_QUARTER", 1000 if cuts == 2 else 10**9)
-    polls = []
-    order = nested_dissection(pieces, lambda: polls.append(1))
-    assert polls
-    np.testing.assert_array_equal(np.sort(order), np.arange(len(order)))
-    assert fill(pieces, order) < 1.1 * fill(pieces, whole)
-    monkeypatch.setattr(sys, "executable", "")  # inside another program, without processes
-    np.testing.assert_array_equal(nested_dissection(pieces, None), order)
-
-
-def test_a_poll_that_raises_ends_the_processes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dissection, "_VERTICES_TO_HALVE", 1000)
-    threads = threading.active_count()
-    children = len(psutil.Process().children(recursive=True))
-    for patience in (0, 3):
-        polls: list[int] = []
-
-        def poll(polls: list[int] = polls, patience: int = patience) -> None:
-            polls.append(1)
-            if len(polls) > patience:
-                raise Cancelled("enough")
-
-        with pytest.raises(Cancelled):
-            nested_dissection(grid(400, 400), poll)
-    assert threading.active_count() == threads
-    assert len(psutil.Process().children(recursive=True)) == children
-
-
-def test_a_process_that_dies_is_not_missed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dissection, "_VERTICES_TO_HALVE", 1000)
-    graph = grid(200, 150)
-    began = {child.pid for child in psutil.Process().children()}
-    expected = nested_dissection(graph, None)
-    killed = []
-
-    def poll() -> None:
-        for child in psutil.Process().children():
-            if child.pid not in began:
-                child.kill()
-                killed.append(child.pid)
-
-    np.testing.assert_array_equal(nested_dissection(graph, poll), expected)
-    assert killed
-
-
-def test_a_crew_that_nobody_asks_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dissection, "_VERTICES_TO_HALVE", 1000)
-    children = len(psutil.Process().children(recursive=True))
-    crew = dissection.DissectionCrew(1000)
-    assert crew
-    del crew
-    gc.collect()
-    assert len(psutil.Process().children(recursive=True)) == children
 
 
 def test_without_metis_the_pairs_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:

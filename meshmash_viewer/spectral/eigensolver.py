@@ -8,11 +8,10 @@ counts beforehand, and each slice is found by shifted block Lanczos, several at 
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
-from queue import Queue
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -282,41 +281,11 @@ def iterate(
     >>> sum(len(batch.eigenvalues) for batch in mv.iterate(L, M, 16))
     16
     """
-    queue: Queue[Batch | BaseException | None] = Queue()
-    closed = threading.Event()
-    asked = options.pop("cancel", None)
-
-    def cancel() -> bool:
-        return closed.is_set() or (asked is not None and bool(asked()))
-
-    run = Run(stiffness, mass, Request(n_components=n_components, cancel=cancel, **options))
-
-    def work() -> None:
-        try:
-            for place in run.batches():
-                out = run.output
-                queue.put(
-                    Batch(
-                        place.start, out.eigenvalues[place], out.rows[place], out.residuals[place]
-                    )
-                )
-            queue.put(None)
-        except BaseException as fault:  # noqa: BLE001 - handed over whole to the consumer
-            queue.put(fault)
-
-    thread = threading.Thread(target=work, name="eigenpairs", daemon=True)
-    thread.start()
-    try:
-        while True:
-            item = queue.get()
-            if item is None:
-                return
-            if isinstance(item, BaseException):
-                raise item
-            yield item
-    finally:
-        closed.set()
-        thread.join()
+    run = Run(stiffness, mass, Request(n_components=n_components, **options))
+    with closing(run.batches()) as places:
+        for place in places:
+            out = run.output
+            yield Batch(place.start, out.eigenvalues[place], out.rows[place], out.residuals[place])
 
 
 def estimate_memory(

@@ -13,23 +13,19 @@ Iteration Method for Laplace-Beltrami Eigenproblems", ACM Transactions on Graphi
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_array, diags_array
+from scipy.sparse import coo_array, csr_array, diags_array
+from scipy.sparse.csgraph import dijkstra
 
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.spectral.eigensolver import solve
-from meshmash_viewer.spectral.preview_kernels import (
-    border_flows,
-    interpolate,
-    join_nearest,
-    nearest_seeds,
-)
+from meshmash_viewer.split.partition import edge_graph
 from meshmash_viewer.surface.space_curve import curve_order
 
 __all__ = ["Preview", "expected_error", "preview_eigenpairs"]
@@ -45,8 +41,8 @@ _CELLS_PER_PAIR, _FEWEST, _MOST = 100, 2500, 8000
 _CELLS_OF_COMPONENT = 30
 #: Neighbouring cells that a vertex is interpolated from, besides its own.
 _NEIGHBOURS = 8
-#: Vertices at a time in the interpolation.
-_BLOCK = 1 << 17
+#: Vertices that are looked at together.
+_BLOCK = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +95,7 @@ def preview_eigenpairs(
     areas = np.bincount(mesh.faces.ravel(), thirds, mesh.n_vertices).astype(np.float64)
     seeds = _spread_seeds(mesh, areas, n_cells, n_pairs)
     _ask(cancel)
-    cells = np.asarray(nearest_seeds(mesh.vertices, mesh.faces[mesh.distinct_corners], seeds))
+    cells = _nearest_seeds(mesh, seeds)
     _ask(cancel)
     _, centroids = _measure(mesh, areas, cells, seeds)
     cells = _rounded(mesh, cells, centroids)
@@ -162,6 +158,18 @@ def _spread_seeds(mesh: Mesh, areas: FloatArray, n_cells: int, n_pairs: int) -> 
     return np.concatenate(chosen) if chosen else np.zeros(0, dtype=np.int64)
 
 
+def _nearest_seeds(mesh: Mesh, seeds: IntArray) -> IntArray:
+    """Index of the seed that is nearest along edges, shape (n,); -1 where none is reached."""
+    if not len(seeds):
+        return np.full(mesh.n_vertices, -1)
+    _, _, nearest = dijkstra(
+        edge_graph(mesh), indices=seeds, min_only=True, return_predecessors=True
+    )
+    number = np.full(mesh.n_vertices, -1)
+    number[seeds] = np.arange(len(seeds))
+    return np.where(nearest >= 0, number[np.maximum(nearest, 0)], -1)
+
+
 def _measure(
     mesh: Mesh, areas: FloatArray, cells: IntArray, seeds: IntArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -184,7 +192,28 @@ def _rounded(mesh: Mesh, cells: IntArray, centroids: FloatArray) -> IntArray:
     perpendicular to the line between two centroids, on which the flux between them relies.
     """
     near = _neighbours(_cell_stiffness(mesh, cells, centroids))
-    return np.asarray(join_nearest(mesh.vertices, cells, centroids, near))
+    joined = cells.copy()
+    for part, candidates, squared in _candidates(mesh, cells, centroids, near):
+        nearest = squared.argmin(axis=1)[:, None]
+        joined[part] = np.take_along_axis(candidates, nearest, axis=1)[:, 0]
+    joined[cells < 0] = -1
+    return joined
+
+
+def _candidates(
+    mesh: Mesh, cells: IntArray, centroids: FloatArray, near: IntArray
+) -> Iterator[tuple[slice, IntArray, FloatArray]]:
+    """Blocks of vertices, the cells around each, and their centroids' squared distances, (m, 9).
+
+    For a vertex in no cell they mean nothing.
+    """
+    for start in range(0, len(cells) if len(near) else 0, _BLOCK):
+        part = slice(start, start + _BLOCK)
+        candidates = near[cells[part]]
+        squared = np.zeros(candidates.shape)
+        for axis in range(3):
+            squared += (centroids[candidates, axis] - mesh.vertices[part, axis, None]) ** 2
+        yield part, candidates, squared
 
 
 def _cell_stiffness(mesh: Mesh, cells: IntArray, centroids: FloatArray) -> SparseMatrix:
@@ -194,8 +223,21 @@ def _cell_stiffness(mesh: Mesh, cells: IntArray, centroids: FloatArray) -> Spars
     border is the sum over edges that cross it of cotangent weight times difference. That sum
     over the distance of the centroids is the weight of the two cells.
     """
-    a, b, weights = border_flows(mesh.vertices, mesh.faces, mesh.face_areas, cells, centroids)
-    n = len(centroids)
+    n, (p, q, r) = len(centroids), cells[mesh.faces.T]
+    crossed = ((p != q) | (q != r)) & (p >= 0) & (q >= 0) & (r >= 0) & (mesh.face_areas > 0.0)
+    faces, areas = mesh.faces[crossed], mesh.face_areas[crossed]
+    corners, places = cells[faces], mesh.vertices[faces]
+    flows = []
+    for first in range(3):
+        second, third = (first + 1) % 3, (first + 2) % 3
+        u, v = (places[:, other] - places[:, first] for other in (second, third))
+        cotangents = 0.5 * _products(u, v) / areas
+        one, other = corners[:, second], corners[:, third]
+        between = centroids[one] - centroids[other]
+        # how much such a function differs along the edge; not at all within a cell
+        change = _products(u - v, between) / np.maximum(_products(between, between), 1e-300)
+        flows.append((0.5 * cotangents * change, one, other))
+    weights, a, b = (np.concatenate(part) for part in zip(*flows, strict=True))
     flow = coo_array((weights, (a, b)), shape=(n, n)).tocsr()
     flow = (flow + flow.T).tocsr()
     # Obtuse faces may turn a short border negative, and heat does not flow uphill. Among single
@@ -205,6 +247,11 @@ def _cell_stiffness(mesh: Mesh, cells: IntArray, centroids: FloatArray) -> Spars
     both.data[(both.data < 0.0) & ~(single[both.row] & single[both.col])] = 0.0
     both.eliminate_zeros()
     return (diags_array(np.asarray(both.sum(axis=1)).ravel()) - both).tocsr()
+
+
+def _products(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Inner product of each row of one with that of the other."""
+    return np.asarray(np.einsum("ij,ij->i", one, other))
 
 
 # -- eigenpairs -------------------------------------------------------------------------------
@@ -246,13 +293,26 @@ def _interpolate(
     vectors: FloatArray,
     cancel: CancelCallback | None,
 ) -> None:
-    """Write values at vertices between those at the centroids around them, shape (k, n)."""
+    """Write values at vertices between those at the centroids around them, shape (k, n).
+
+    The weight of a centroid is smooth, highest there, and zero where a candidate comes and goes.
+    """
     near = _neighbours(stiffness)
     values = vectors.astype(np.float32)
-    for start in range(0, mesh.n_vertices, _BLOCK):
+    rows[:] = 0.0
+    for part, candidates, squared in _candidates(mesh, cells, centroids, near):
         _ask(cancel)
-        stop = min(start + _BLOCK, mesh.n_vertices)
-        interpolate(rows, start, stop, mesh.vertices, cells, centroids, near, values)
+        reach = 1.05 * squared.max(axis=1, keepdims=True) + 1e-300
+        weights = (1.0 - squared / reach) ** 2 / (squared + 1e-3 * reach)
+        # where there are fewer candidates the last one is repeated
+        weights[candidates == np.roll(candidates, 1, axis=1)] = 0.0
+        weights[cells[part] < 0] = 0.0
+        total = weights.sum(axis=1, keepdims=True)
+        weights /= np.where(total > 0.0, total, 1.0)
+        starts = candidates.shape[1] * np.arange(len(candidates) + 1)
+        entries = weights.ravel().astype(np.float32), candidates.ravel(), starts
+        average = csr_array(entries, shape=(len(candidates), len(values)))
+        rows[:, part] = (average @ values).T
 
 
 def _neighbours(stiffness: SparseMatrix) -> IntArray:

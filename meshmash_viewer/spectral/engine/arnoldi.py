@@ -48,7 +48,7 @@ class PairsAround:
     first: int
 
 
-def pairs_around(pencil: Pencil, request: Request, poll: Callable[[], None]) -> PairsAround | None:
+def pairs_around(pencil: Pencil, request: Request, check: Callable[[], None]) -> PairsAround | None:
     """The pairs that a request with `op_inv` asks for; None if ARPACK finds fewer.
 
     A few more than asked for are found, so that the interval in which they are counted can end in
@@ -59,7 +59,7 @@ def pairs_around(pencil: Pencil, request: Request, poll: Callable[[], None]) -> 
     asked = min(wanted + _EXTRA, n_rest - 1)
     if asked < 1 or wanted >= pencil.n_null + asked:
         return None
-    found, rows = _pairs_of_inverse(pencil, request.op_inv, asked, request.ncv, poll)
+    found, rows = _pairs_of_inverse(pencil, request.op_inv, asked, request.ncv, check)
     values = np.concatenate([np.zeros(pencil.n_null), found])
     shift = (request.target or 0.0) / pencil.unit
     distance = np.abs(values - shift)
@@ -81,7 +81,7 @@ def pairs_around(pencil: Pencil, request: Request, poll: Callable[[], None]) -> 
 
 
 def _pairs_of_inverse(
-    pencil: Pencil, inverse: Any, k: int, ncv: int | None, poll: Callable[[], None]
+    pencil: Pencil, inverse: Any, k: int, ncv: int | None, check: Callable[[], None]
 ) -> tuple[FloatArray, FloatArray]:
     """Eigenvalues (k,), ascending, and rows (k, n) beyond the null space; fewer if some fail.
 
@@ -93,7 +93,7 @@ def _pairs_of_inverse(
     k : int
     ncv : int, optional
         Size of the Krylov basis.
-    poll : callable
+    check : callable
         Called before each application.
     """
     from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator, eigsh
@@ -106,7 +106,7 @@ def _pairs_of_inverse(
         )
 
     def apply(column: FloatArray) -> FloatArray:
-        poll()
+        check()
         inner = column.reshape(n).copy()
         pencil.remove_null(inner)
         # (A - s)^-1 = unit M^1/2 (L - sigma M)^-1 M^1/2 on the active vertices.

@@ -15,12 +15,11 @@ import numpy.typing as npt
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.engine.factorization import Factor, OrderedPencil, StopFlag
 from meshmash_viewer.spectral.engine.orthogonality import (
-    add_product,
     multiply_in_place,
     orthonormalise_block,
     project_out,
+    subtract,
 )
-from meshmash_viewer.spectral.engine.row_memory import let_go
 
 __all__ = ["BLOCK", "KrylovBasis", "RitzPairs"]
 
@@ -34,8 +33,6 @@ _NEAREST = 24
 _FIRST_LOOK = 5 * BLOCK
 #: Inner products that blocks may have; their squares are what T is wrong by.
 _SEMIORTHOGONAL = 1e-7
-#: Rows that are left to those who go on with the vectors.
-_ROOM = 8 * BLOCK
 #: Random sums of all rows, and of what is known beforehand, through which they are watched.
 _MIXTURES = 4
 
@@ -119,29 +116,21 @@ class KrylovBasis:
         self._coupling = np.zeros((BLOCK, BLOCK))
         self.capacity = capacity
         self._projection = np.zeros((capacity + 2 * BLOCK, capacity + 2 * BLOCK))
-        self.columns_solved = 0
         self.size = 0
-        self.rows = ordered.borrow((capacity + 2 * BLOCK, self._n))
+        self.rows = np.empty((capacity + 2 * BLOCK, self._n))
         first = self.rows[:BLOCK]
         self._apply(self._random.random((BLOCK, self._n)) - 0.5, first)
-        if not orthonormalise_block(ordered, first)[1]:
+        if not orthonormalise_block(first)[1]:
             first[:] = np.linalg.qr(first.T)[0].T
-
-    def close(self) -> None:
-        """Hand the memory on, unless vectors were made in it."""
-        if len(self.rows):
-            self._ordered.give_back(self.rows)
-        self.rows = self._nearest = np.zeros((0, self._n))
 
     def _apply(self, block: FloatArray, result: FloatArray) -> None:
         """The deflated inverse times rows of shape (8, n)."""
         if self._stop[0]:
             raise Cancelled("stopped inside a slice")
         columns = self._columns
-        self._ordered.fill_columns(block, columns)
+        columns[:] = block.T
         self._factor.solve(columns)
         self._ordered.remove_null(columns)
-        self.columns_solved += BLOCK
         self._ordered.steps += 1
         self._ordered.fill_rows(columns, result)
         if len(self._found):
@@ -153,7 +142,7 @@ class KrylovBasis:
         The inner products of one pass over the vectors are what the next subtracts.
         """
         b, rows, size = BLOCK, self.rows, self.size
-        subtract, nearest = self._ordered.subtract, self._nearest
+        nearest = self._nearest
         this, new = rows[size : size + b], rows[size + b : size + 2 * b]
         before = rows[max(size - b, 0) : size]
         local = rows[max(size - b, 0) : size + b]
@@ -168,7 +157,7 @@ class KrylovBasis:
             both = rows[size : size + 2 * b]
             self._project_known_out(both)
             project_out(both, rows[:size])
-            orthonormalise_block(self._ordered, this)
+            orthonormalise_block(this)
             (shared,) = subtract(new, [], [this])
             diagonal += shared
             (gram,) = subtract(new, [(shared, this)], [new])
@@ -177,13 +166,13 @@ class KrylovBasis:
                 self._find_nearest(size)
         at, after = slice(size, size + b), slice(size + b, size + 2 * b)
         self._projection[at, at] = 0.5 * (diagonal + diagonal.T)
-        following, independent = orthonormalise_block(self._ordered, new, gram)
+        following, independent = orthonormalise_block(new, gram)
         if not independent:
             following = following @ self._replace_lost(new, size + b)
         self._projection[after, at] = following.T
         self._coupling = following
         signs = self._random.choice([-1.0, 1.0], size=(_MIXTURES, b))
-        add_product(signs, this, self._mixture)
+        self._mixture += signs @ this
         self.size = size + b
 
     def _mix_known(self) -> FloatArray:
@@ -203,7 +192,7 @@ class KrylovBasis:
         else:
             for start in range(0, len(new), BLOCK):
                 block = new[start : start + BLOCK]
-                self._ordered.fill_columns(block, self._columns)
+                self._columns[:] = block.T
                 self._ordered.remove_null(self._columns)
                 self._ordered.fill_rows(self._columns, block)
         if len(self._found):
@@ -244,18 +233,14 @@ class KrylovBasis:
         """What is known so far."""
         return RitzPairs(self._projection[: self.size, : self.size], self._coupling)
 
-    def vectors(
-        self, pairs: RitzPairs, chosen: npt.NDArray[np.int64]
-    ) -> tuple[FloatArray, FloatArray]:
+    def vectors(self, pairs: RitzPairs, chosen: npt.NDArray[np.int64]) -> FloatArray:
         """Turn the basis into vectors of the chosen pairs, after one more, implicit, application.
 
         Returns
         -------
-        rows : ndarray, shape (p, n)
-            Nearly orthonormal, in the memory of the basis, which ends with this: fresh memory is
-            slow to touch, and there would have to be that much.
-        room : ndarray, shape (r, n)
-            What is left of that memory.
+        ndarray, shape (p, n)
+            Nearly orthonormal, in the memory of the basis, which ends with this: there would have
+            to be that much beside it. The rest of it goes back to the system.
         """
         size = self.size
         weights = np.empty((len(chosen), size + BLOCK))
@@ -264,9 +249,8 @@ class KrylovBasis:
         weights[:, size:] = last.T / pairs.mu[chosen, None]
         # Pairs of an inverse are nearly of length 1 already; the weights' length makes them so.
         weights /= np.linalg.norm(weights, axis=1)[:, None]
-        found, rows = self.rows[: len(chosen)], self.rows[: size + BLOCK]
-        multiply_in_place(weights, rows, found)
-        self.rows = rows[:0]
-        end = min(len(chosen) + _ROOM, len(rows))
-        let_go(rows[end:])
-        return found, rows[len(chosen) : end]
+        rows, self.rows = self.rows, np.zeros((0, self._n))
+        multiply_in_place(weights, rows[: size + BLOCK], rows[: len(chosen)])
+        # No view of it is left.
+        rows.resize((len(chosen), self._n), refcheck=False)
+        return rows

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
 __all__ = ["one_blas_thread"]
@@ -20,52 +21,37 @@ def one_blas_thread() -> Iterator[None]:
     """
     from threadpoolctl import threadpool_limits
 
-    _holder.enter()
+    _limit.enter()
     try:
         with threadpool_limits(1, user_api="blas"):
             yield
     finally:
-        _holder.leave()
+        _limit.leave()
 
 
-class _Holder:
-    """Keeps a thread that holds the limit while anybody needs it."""
+class _Limit:
+    """The limit of the process, while anybody needs it."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._users = 0
-        self._done = threading.Event()
-        self._thread: threading.Thread
+        self._holder: ThreadPoolExecutor
 
     def enter(self) -> None:
+        from threadpoolctl import threadpool_limits
+
         with self._lock:
+            if self._users == 0:
+                self._holder = ThreadPoolExecutor(1, "blas-limit")
+                self._limits = self._holder.submit(threadpool_limits, 1, "blas").result()
             self._users += 1
-            if self._users > 1:
-                return
-            held, self._done = threading.Event(), threading.Event()
-            self._thread = threading.Thread(
-                target=_hold, args=(held, self._done), name="blas-limit", daemon=True
-            )
-            self._thread.start()
-            held.wait()
 
     def leave(self) -> None:
         with self._lock:
             self._users -= 1
             if self._users == 0:
-                self._done.set()
-                self._thread.join()
+                self._holder.submit(self._limits.restore_original_limits).result()
+                self._holder.shutdown()
 
 
-def _hold(held: threading.Event, done: threading.Event) -> None:
-    from threadpoolctl import threadpool_limits
-
-    try:
-        with threadpool_limits(1, user_api="blas"):
-            held.set()
-            done.wait()
-    finally:
-        held.set()  # whatever went wrong, nobody waits for ever
-
-
-_holder = _Holder()
+_limit = _Limit()

@@ -15,7 +15,7 @@ __all__ = ["dense_pairs", "dense_residuals"]
 FloatArray = npt.NDArray[np.float64]
 
 
-def dense_pairs(pencil: Pencil, poll: Callable[[], None]) -> tuple[FloatArray, Any]:
+def dense_pairs(pencil: Pencil, check: Callable[[], None]) -> tuple[FloatArray, Any]:
     """All pairs beyond the known null space: ascending values, shape (r,), and sparse columns.
 
     Component by component, since one may be a million times as stiff as another.
@@ -34,7 +34,7 @@ def dense_pairs(pencil: Pencil, poll: Callable[[], None]) -> tuple[FloatArray, A
         is_null = pencil.labels[place[0]] >= 0
         if is_null and len(place) == 1:
             continue
-        poll()
+        check()
         matrix = pencil.matrix[place][:, place].toarray()
         if is_null:
             # Lifted above all others, the constant does not mix with small eigenvalues.

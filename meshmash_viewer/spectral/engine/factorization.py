@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,9 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.progress import Cancelled
-from meshmash_viewer.spectral.engine.dissection import DissectionCrew
 from meshmash_viewer.spectral.engine.pencil import Pencil
-from meshmash_viewer.spectral.engine.row_memory import allocate
 
 __all__ = ["Factor", "FactorizationError", "OrderedPencil", "StopFlag", "order_pencil"]
 
@@ -23,8 +19,6 @@ StopFlag = npt.NDArray[np.uint8]
 
 #: Largest backward error of the probe solve that a factor may show.
 _PROBE_TOLERANCE = 1e-9
-#: Used arrays that are kept for the next slice.
-_SPARE = 4
 #: Parts of a nudge by which a shift is moved, as powers of ten.
 _POWERS = (-6, -4, -2, -1, 0)
 
@@ -43,18 +37,14 @@ class OrderedPencil:
         Its vertices are in elimination order.
     structure : Structure
         Blocks of the factor.
-    spare, lock
-        Memory of bases that are done, and who may take from it.
     kept : dict
         Factors that were made to count and will be asked for again, by shift.
     steps : int
-        Blocks that iterations in this process have solved for so far: how far they are.
+        Blocks that iterations have solved for so far: how far they are.
     """
 
     pencil: Pencil
     structure: Any
-    spare: list[FloatArray] = field(default_factory=list, repr=False)
-    lock: Any = field(default_factory=threading.Lock, repr=False)
     kept: dict[float, Factor] = field(default_factory=dict, repr=False)
     steps: int = 0
 
@@ -103,7 +93,7 @@ class OrderedPencil:
         from meshmash_viewer.spectral.engine import kernels
 
         multiply = kernels.multiply_block_exactly if exactly else kernels.multiply_block
-        start, index = self.structure.matrix_start, self.structure.matrix_index
+        start, index = self.structure.unsigned_matrix
         result = np.empty_like(block)
         data = self.pencil.matrix.data
         multiply(start, index, data, block.reshape(-1), result.reshape(-1))
@@ -113,36 +103,11 @@ class OrderedPencil:
         """Return ``|A| @ block`` for shape (n, 8)."""
         from meshmash_viewer.spectral.engine.kernels import multiply_block
 
-        start, index = self.structure.matrix_start, self.structure.matrix_index
+        start, index = self.structure.unsigned_matrix
         result = np.empty_like(block)
         data = self.pencil.magnitudes.data
         multiply_block(start, index, data, block.reshape(-1), result.reshape(-1))
         return result
-
-    def borrow(self, shape: tuple[int, int]) -> FloatArray:
-        """An array for a basis, used before if there is one: fresh memory is slow to touch."""
-        size = shape[0] * shape[1]
-        with self.lock:
-            fitting = [m for m in self.spare if size <= len(m) < 2 * size]
-            if fitting:
-                self.spare[:] = [m for m in self.spare if m is not fitting[0]]
-        memory = fitting[0] if fitting else allocate(size + size // 8)
-        return memory[:size].reshape(shape)
-
-    def give_back(self, rows: FloatArray) -> None:
-        """Return a borrowed array."""
-        memory = rows.base
-        if isinstance(memory, np.ndarray) and memory.ndim == 1 and memory.flags.writeable:
-            with self.lock:
-                self.spare.append(memory)
-                del self.spare[:-_SPARE]
-
-    def __getstate__(self) -> dict[str, Any]:
-        """What a worker process needs."""
-        return {"pencil": self.pencil, "structure": self.structure}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(**state)  # type: ignore[misc]
 
     def quotients(self, block: FloatArray, images: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Rayleigh quotients of normalised columns (n, 8), and residuals in the norm of M."""
@@ -151,38 +116,6 @@ class OrderedPencil:
         values, residuals = np.zeros(8), np.zeros(8)
         quotients_block(block, images, self.pencil.root_mass, values, residuals)
         return values, residuals
-
-    def subtract(
-        self,
-        target: FloatArray,
-        sources: Sequence[tuple[FloatArray, FloatArray]],
-        against: Sequence[FloatArray],
-    ) -> list[FloatArray]:
-        """Subtract weights · source for each source; then target · rowsᵀ for each set of rows.
-
-        In place, for rows of shape (8, n): at most two sources, (weights, rows), and two sets.
-        """
-        from meshmash_viewer.spectral.engine.kernels import subtract_rows
-
-        nothing = np.zeros((len(target), 0)), target[:0]
-        (w1, r1), (w2, r2) = [*sources, nothing, nothing][:2]
-        products = [np.empty((len(target), len(rows))) for rows in against]
-        (p1, a1), (p2, a2) = [*zip(products, against, strict=True), nothing, nothing][:2]
-        w1, w2 = np.ascontiguousarray(w1), np.ascontiguousarray(w2)
-        subtract_rows(target, r1, w1, r2, w2, a1, p1, a2, p2)
-        return products
-
-    def turn(self, target: FloatArray, lower: FloatArray) -> None:
-        """target = lower · target for rows of shape (8, n), in place."""
-        from meshmash_viewer.spectral.engine.kernels import turn_rows
-
-        turn_rows(target, np.ascontiguousarray(lower))
-
-    def fill_columns(self, rows: FloatArray, columns: FloatArray) -> None:
-        """Write rows of shape (8, n) into a block of shape (n, 8)."""
-        from meshmash_viewer.spectral.engine.kernels import spread_rows
-
-        spread_rows(rows, columns)
 
     def fill_rows(self, columns: FloatArray, rows: FloatArray) -> None:
         """Write a block of shape (n, 8) into rows of shape (8, n)."""
@@ -200,19 +133,11 @@ class OrderedPencil:
             remove_null_block(pencil.labels, pencil.null_direction, sums, block)
 
 
-def order_pencil(
-    pencil: Pencil,
-    poll: Callable[[], None] | None = None,
-    crew: DissectionCrew | None = None,
-) -> OrderedPencil:
-    """Put a pencil in elimination order and analyse its factor.
-
-    `poll` is called several times a second while that takes long; what it raises ends it. A crew
-    that was started early saves its start; it is closed.
-    """
+def order_pencil(pencil: Pencil) -> OrderedPencil:
+    """Put a pencil in elimination order and analyse its factor."""
     from meshmash_viewer.spectral.engine.symbolic import analyse, elimination_order
 
-    ordered = pencil.permuted(elimination_order(pencil.matrix, poll, crew))
+    ordered = pencil.permuted(elimination_order(pencil.matrix))
     return OrderedPencil(ordered, analyse(ordered.matrix))
 
 
@@ -266,9 +191,8 @@ class Factor:
             structure.rows,
             structure.block_start,
             structure.children,
-            structure.lower_start,
-            structure.lower_rows,
-            structure.lower_source,
+            structure.start,
+            structure.index,
             structure.stack_size,
             structure.front_size,
             self._blocks,

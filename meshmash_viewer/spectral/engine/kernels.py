@@ -1,4 +1,4 @@
-"""Compiled products of blocks of vectors: with the matrix, with each other, along rows.
+"""Compiled products of a matrix with blocks of vectors, and what is done to these.
 
 All release the interpreter lock, so that slices run in threads. Blocks of vectors have shape
 (n, 8), C order: eight columns fill two vector registers.
@@ -8,61 +8,82 @@ from __future__ import annotations
 
 import numpy as np
 
-from meshmash_viewer.spectral.engine.compilation import compiled
+from meshmash_viewer.spectral.engine.compiler import compiled, import_compiler
 
 __all__ = [
+    "added",
     "collect_rows",
+    "load",
     "multiply_block",
     "multiply_block_exactly",
     "quotients_block",
     "remove_null_block",
-    "spread_rows",
-    "subtract_rows",
-    "turn_rows",
+    "store",
 ]
+
+numba = import_compiler()
 
 U1, U2, U3, U4, U5, U6, U7, U8 = (np.uint64(i) for i in range(1, 9))
 _PRODUCT = "void(uint64[::1], uint64[::1], float64[::1], float64[::1], float64[::1])"
 _QUOTIENTS = "void(float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], float64[::1])"
-_SUBTRACTION = "void(float64[:, ::1], float64[:, ::1], float64[:, ::1], int64, int64)"
-_PASS = f"void({', '.join(['float64[:, ::1]'] * 9)})"
-_TURN = "void(float64[:, ::1], float64[:, ::1])"
 _TRANSPOSE = "void(float64[:, ::1], float64[:, ::1])"
 _REMOVAL = "void(int64[::1], float64[::1], float64[:, ::1], float64[:, ::1])"
+
+
+# The eight numbers of a row, named one by one, stay in two registers; in a loop they would not.
+
+
+@numba.njit(inline="always")
+def load(x, at):  # type: ignore[no-untyped-def]
+    """The eight numbers that begin at a place of a flat block."""
+    return (
+        x[at],
+        x[at + U1],
+        x[at + U2],
+        x[at + U3],
+        x[at + U4],
+        x[at + U5],
+        x[at + U6],
+        x[at + U7],
+    )
+
+
+@numba.njit(inline="always")
+def store(x, at, row):  # type: ignore[no-untyped-def]
+    """Write eight numbers to a place of a flat block."""
+    x[at] = row[0]
+    x[at + U1] = row[1]
+    x[at + U2] = row[2]
+    x[at + U3] = row[3]
+    x[at + U4] = row[4]
+    x[at + U5] = row[5]
+    x[at + U6] = row[6]
+    x[at + U7] = row[7]
+
+
+@numba.njit(inline="always")
+def added(row, factor, other):  # type: ignore[no-untyped-def]
+    """row + factor · other for eight numbers each."""
+    return (
+        row[0] + factor * other[0],
+        row[1] + factor * other[1],
+        row[2] + factor * other[2],
+        row[3] + factor * other[3],
+        row[4] + factor * other[4],
+        row[5] + factor * other[5],
+        row[6] + factor * other[6],
+        row[7] + factor * other[7],
+    )
 
 
 @compiled(_PRODUCT, "contract", "nsz")
 def multiply_block(start, index, data, x, y):  # type: ignore[no-untyped-def]
     """Y = A X for symmetric A in compressed form; x and y are of shape (n, 8), flat."""
     for i in range(len(start) - U1):
-        a0 = 0.0
-        a1 = 0.0
-        a2 = 0.0
-        a3 = 0.0
-        a4 = 0.0
-        a5 = 0.0
-        a6 = 0.0
-        a7 = 0.0
+        row = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         for p in range(start[i], start[i + U1]):
-            v = data[p]
-            j = index[p] * U8
-            a0 += v * x[j]
-            a1 += v * x[j + U1]
-            a2 += v * x[j + U2]
-            a3 += v * x[j + U3]
-            a4 += v * x[j + U4]
-            a5 += v * x[j + U5]
-            a6 += v * x[j + U6]
-            a7 += v * x[j + U7]
-        at = i * U8
-        y[at] = a0
-        y[at + U1] = a1
-        y[at + U2] = a2
-        y[at + U3] = a3
-        y[at + U4] = a4
-        y[at + U5] = a5
-        y[at + U6] = a6
-        y[at + U7] = a7
+            row = added(row, data[p], load(x, index[p] * U8))
+        store(y, i * U8, row)
 
 
 @compiled(_PRODUCT)
@@ -134,107 +155,6 @@ def quotients_block(x, y, weight, values, residuals):  # type: ignore[no-untyped
     for c in range(8):
         if size[c] > 0.0:
             residuals[c] = np.sqrt(residuals[c] / size[c])
-
-
-@compiled(_SUBTRACTION, "contract", "nsz", "reassoc")
-def _subtract_stretch(target, source, weights, start, stop):  # type: ignore[no-untyped-def]
-    """target -= weights · source between two places of the rows."""
-    for s in range(0, source.shape[0], 4):
-        s0 = source[s, start:stop]
-        s1 = source[s + 1, start:stop]
-        s2 = source[s + 2, start:stop]
-        s3 = source[s + 3, start:stop]
-        for r in range(0, 8, 2):
-            t = target[r, start:stop]
-            u = target[r + 1, start:stop]
-            w0 = weights[r, s]
-            w1 = weights[r, s + 1]
-            w2 = weights[r, s + 2]
-            w3 = weights[r, s + 3]
-            v0 = weights[r + 1, s]
-            v1 = weights[r + 1, s + 1]
-            v2 = weights[r + 1, s + 2]
-            v3 = weights[r + 1, s + 3]
-            for c in range(stop - start):
-                t[c] -= w0 * s0[c] + w1 * s1[c] + w2 * s2[c] + w3 * s3[c]
-                u[c] -= v0 * s0[c] + v1 * s1[c] + v2 * s2[c] + v3 * s3[c]
-
-
-@compiled(_SUBTRACTION, "contract", "nsz", "reassoc")
-def _multiply_stretch(target, against, products, start, stop):  # type: ignore[no-untyped-def]
-    """products += target · againstᵀ between two places of the rows."""
-    for a in range(0, against.shape[0], 4):
-        a0 = against[a, start:stop]
-        a1 = against[a + 1, start:stop]
-        a2 = against[a + 2, start:stop]
-        a3 = against[a + 3, start:stop]
-        for r in range(0, 8, 2):
-            t0 = target[r, start:stop]
-            t1 = target[r + 1, start:stop]
-            p00 = p01 = p02 = p03 = p10 = p11 = p12 = p13 = 0.0
-            for c in range(stop - start):
-                p00 += t0[c] * a0[c]
-                p01 += t0[c] * a1[c]
-                p02 += t0[c] * a2[c]
-                p03 += t0[c] * a3[c]
-                p10 += t1[c] * a0[c]
-                p11 += t1[c] * a1[c]
-                p12 += t1[c] * a2[c]
-                p13 += t1[c] * a3[c]
-            products[r, a] += p00
-            products[r, a + 1] += p01
-            products[r, a + 2] += p02
-            products[r, a + 3] += p03
-            products[r + 1, a] += p10
-            products[r + 1, a + 1] += p11
-            products[r + 1, a + 2] += p12
-            products[r + 1, a + 3] += p13
-
-
-@compiled(_PASS)
-def subtract_rows(  # type: ignore[no-untyped-def]
-    target, first, first_weights, second, second_weights, one, one_products, two, two_products
-):
-    """target -= weights · sources, then products = target · rowsᵀ, in one pass over memory.
-
-    Rows of shape (8, n) for `target`; two sources, and two sets of rows for products, of a
-    multiple of four rows each, or none. The stretches fit the first cache.
-    """
-    n = target.shape[1]
-    one_products[:] = 0.0
-    two_products[:] = 0.0
-    for start in range(0, n, 512):
-        stop = min(start + 512, n)
-        _subtract_stretch(target, first, first_weights, start, stop)
-        _subtract_stretch(target, second, second_weights, start, stop)
-        _multiply_stretch(target, one, one_products, start, stop)
-        _multiply_stretch(target, two, two_products, start, stop)
-
-
-@compiled(_TURN, "contract", "nsz", "reassoc")
-def turn_rows(target, lower):  # type: ignore[no-untyped-def]
-    """target = lower · target for rows of shape (8, n) and a lower triangle, in place."""
-    n = target.shape[1]
-    for start in range(0, n, 384):
-        stop = min(start + 384, n)
-        for r in range(7, -1, -1):
-            t = target[r, start:stop]
-            w = lower[r, r]
-            for c in range(stop - start):
-                t[c] *= w
-            for s in range(r):
-                w = lower[r, s]
-                other = target[s, start:stop]
-                for c in range(stop - start):
-                    t[c] += w * other[c]
-
-
-@compiled(_TRANSPOSE)
-def spread_rows(rows, columns):  # type: ignore[no-untyped-def]
-    """columns = rowsᵀ for rows of shape (8, n)."""
-    for i in range(columns.shape[0]):
-        for c in range(8):
-            columns[i, c] = rows[c, i]
 
 
 @compiled(_TRANSPOSE)

@@ -47,6 +47,8 @@ _LENIENCE = 1e3
 _REFINEMENTS = 1
 #: Rows that gave way by more than this are no longer orthonormal among themselves.
 _SEEN = 1e-7
+#: Products of A with rows that are held at once.
+_IMAGES = 8 * BLOCK
 #: Backward error of a factor from which on it blurs the lowest pairs.
 _BLURRED = 2e-14
 #: An eigenvalue nearer to the shift than this, in mean spacings, drowns the others in its rounding.
@@ -103,8 +105,6 @@ class IntervalPairs:
         Orthonormal, in elimination order.
     orthonormality : float
         Largest defect of the rows' inner products.
-    columns_solved : int
-        Right-hand sides that were solved for.
     """
 
     interval: Interval
@@ -112,7 +112,6 @@ class IntervalPairs:
     residuals: FloatArray
     rows: FloatArray
     orthonormality: float
-    columns_solved: int
 
 
 def usual_rows(pairs: float) -> int:
@@ -146,7 +145,6 @@ def find_pairs(
     n, owed = ordered.pencil.n, interval.owed
     nothing = np.zeros((0, n))
     found_values, found, orthonormality = np.zeros(0), nothing, 0.0
-    solved = 0
     fruitless = 0
     moves = 0
     careful = False
@@ -162,20 +160,18 @@ def find_pairs(
         capacity = min(capacity, BLOCK * max(free // BLOCK, 1))
         seed = (interval.first, owed, attempt)
         basis = KrylovBasis(ordered, factor, found, capacity, seed, stop, careful)
+        # Refinement at the end makes up for what the last few, hardest ones, lack.
+        wanted = tolerance * (_LENIENCE if fruitless else 1.0)
         try:
-            # Refinement at the end makes up for what the last few, hardest ones, lack.
-            wanted = tolerance * (_LENIENCE if fruitless else 1.0)
-            values, rows, room = _converge(basis, interval, missing, factor.shift, wanted)
-            values, defect = rotate_to_pairs(ordered, rows, room)
+            values, rows = _converge(basis, interval, missing, factor.shift, wanted)
+            values, defect = rotate_to_pairs(ordered, rows)
         except UnclearBorder:
             raise
         except (ArithmeticError, np.linalg.LinAlgError):
             # The basis lost its orthogonality and gave a pair twice.
             values, rows, defect = np.zeros(0), nothing, 0.0
             careful = True
-        finally:
-            basis.close()
-        solved += basis.columns_solved
+        del basis  # and its memory, before the next is made
         if moves < _MOVES and np.any(np.abs(values - factor.shift) < _NEAR * spacing):
             moves += 1
             factor = ordered.factor(factor.shift + _MOVE * spacing, 0.03 * width, stop)
@@ -222,7 +218,7 @@ def find_pairs(
         refined[gained] = True
     # Residuals in float64 carry this rounding already; those in twice the precision do not.
     residuals[refined] = np.hypot(residuals[refined], _rounding(ordered, rows[refined]))
-    return IntervalPairs(interval, values, residuals, rows, orthonormality, solved)
+    return IntervalPairs(interval, values, residuals, rows, orthonormality)
 
 
 def _rounding(ordered: OrderedPencil, rows: FloatArray) -> FloatArray:
@@ -316,10 +312,10 @@ def _fit_in(rows: FloatArray, some: npt.NDArray[np.int64]) -> float:
 
 def _converge(
     basis: KrylovBasis, interval: Interval, missing: int, shift: float, tolerance: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray]:
     """Extend a basis until the missing pairs have converged or nothing new comes.
 
-    Returns values, shape (p,), nearly orthonormal rows, shape (p, n), and rows that are free.
+    Returns values, shape (p,), and nearly orthonormal rows, shape (p, n).
     """
     b = BLOCK
     usual = min(usual_rows(missing), basis.capacity)
@@ -357,9 +353,7 @@ def _converge(
         if good == missing or full or copies_left:
             chosen = np.flatnonzero(inside & converged)
             chosen = chosen[np.argsort(theta[chosen], kind="stable")]
-            if len(chosen) == 0:
-                return np.zeros(0), basis.rows[:0], basis.rows[:0]
-            return shift + 1.0 / pairs.mu[chosen], *basis.vectors(pairs, chosen)
+            return shift + 1.0 / pairs.mu[chosen], basis.vectors(pairs, chosen)
         check = size + (b if 0 < good == n_inside else 2 * b)
         if good < n_inside or good == 0:
             check = max(check, min(usual, 3 * size // 2))
@@ -372,20 +366,11 @@ def _converge(
             worst_before = (size, worst)
 
 
-def rotate_to_pairs(
-    ordered: OrderedPencil, rows: FloatArray, room: FloatArray
-) -> tuple[FloatArray, float]:
+def rotate_to_pairs(ordered: OrderedPencil, rows: FloatArray) -> tuple[FloatArray, float]:
     """Rayleigh–Ritz on A itself: turn nearly orthonormal rows (p, n) into Ritz vectors, in place.
 
     The basis knows its pairs through an inverse that rounding blurs, most where pairs are close:
     that mixes neighbours, and what is mixed among the rows this takes apart again.
-
-    Parameters
-    ----------
-    ordered : OrderedPencil
-    rows : ndarray, shape (p, n)
-    room : ndarray, shape (r, n)
-        Overwritten.
 
     Returns
     -------
@@ -401,26 +386,20 @@ def rotate_to_pairs(
     """
     from scipy.linalg import eigh
 
-    p = len(rows)
+    p, n = rows.shape
     if p == 0:
         return np.zeros(0), 0.0
     projection = np.empty((p, p))
-    n = ordered.pencil.n
     columns = np.zeros((n, BLOCK))
-    if len(room) < BLOCK:
-        room = np.empty((BLOCK, n))
-    step = len(room) // BLOCK * BLOCK
-    for first in range(0, p, step):
-        last = min(first + step, p)
+    images = np.empty((_IMAGES, n))
+    for first in range(0, p, _IMAGES):
+        last = min(first + _IMAGES, p)
         for start in range(first, last, BLOCK):
             count = min(BLOCK, last - start)
-            if count == BLOCK:
-                ordered.fill_columns(rows[start : start + BLOCK], columns)
-            else:
-                columns[:, :count] = rows[start : start + count].T
+            columns[:, :count] = rows[start : start + count].T
             image = ordered.multiply(columns)
-            ordered.fill_rows(image, room[start - first : start - first + BLOCK])
-        projection[:, first:last] = rows @ room[: last - first].T
+            ordered.fill_rows(image, images[start - first : start - first + BLOCK])
+        projection[:, first:last] = rows @ images[: last - first].T
     gram = independent_gram(rows)
     values, weights = eigh(projection, gram)
     multiply_in_place(np.ascontiguousarray(weights.T), rows, rows)
@@ -444,10 +423,7 @@ def measure_pairs(
     for start in range(0, p, BLOCK):
         stop = min(start + BLOCK, p)
         b = stop - start
-        if b == BLOCK:
-            ordered.fill_columns(rows[start:stop], columns)
-        else:
-            columns[:, :b] = rows[start:stop].T
+        columns[:, :b] = rows[start:stop].T
         quotients, sizes = ordered.quotients(columns, ordered.multiply(columns, exactly))
         values[start:stop] = quotients[:b]
         residuals[start:stop] = sizes[:b]

@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from meshmash_viewer.spectral.engine.compilation import compiled, numba
+from meshmash_viewer.spectral.engine.compiler import compiled, import_compiler
+from meshmash_viewer.spectral.engine.kernels import added, load, store
 
 __all__ = ["factor_numeric", "solve_block"]
+
+numba = import_compiler()
 
 _PANEL = 48
 #: Multiplications in an update from which BLAS is faster.
 _LARGE = 60000
 
-U1, U2, U3, U4, U5, U6, U7, U8 = (np.uint64(i) for i in range(1, 9))
+U1, U2, U8 = (np.uint64(i) for i in (1, 2, 8))
 _ELIMINATION = "boolean(float64[:, ::1], float64[:, ::1], int64, int64)"
 _UPDATE = "void(float64[:, ::1], float64[:, ::1], int64, int64)"
 _SOLVE = (
@@ -114,9 +117,8 @@ def factor_numeric(  # type: ignore[no-untyped-def]
     rows,
     block_start,
     children,
-    lower_start,
-    lower_rows,
-    lower_source,
+    start,
+    index,
     stack_size,
     front_size,
     blocks,
@@ -127,7 +129,7 @@ def factor_numeric(  # type: ignore[no-untyped-def]
 
     `blocks` receives L with D on its diagonal, and `inverse` the diagonal of D⁻¹.
     """
-    n = len(lower_start) - 1
+    n = len(start) - 1
     s_count = len(first) - 1
     stack = np.empty(stack_size, np.float64)
     front_data = np.empty(front_size * front_size, np.float64)
@@ -152,9 +154,10 @@ def factor_numeric(  # type: ignore[no-untyped-def]
             place[own[i]] = i
         for k in range(w):
             j = first[s] + k
-            for p in range(lower_start[j], lower_start[j + 1]):
-                i = lower_rows[p]
-                front[place[i], k] += data[lower_source[p]]
+            for p in range(start[j], start[j + 1]):
+                i = index[p]
+                if i >= j:
+                    front[place[i], k] += data[p]
                 if i == j:
                     front[k, k] -= shift
         for _ in range(children[s]):
@@ -200,9 +203,9 @@ def solve_block(  # type: ignore[no-untyped-def]
 ):
     """Solve L D Lᵀ X = X in place; x is X of shape (n, 8), flat, and `inverse` the diagonal of D⁻¹.
 
-    Eight named sums a row and unsigned indices let the compiler keep a row of X in two registers.
-    Rows go in pairs, since one alone waits for its own sums; and all of memory is read in order,
-    up on the way forth and down on the way back, or the processor would not fetch it ahead.
+    Unsigned indices let the compiler keep a row of X in two registers. Rows go in pairs, since one
+    alone waits for its own sums; and all of memory is read in order, up on the way forth and down
+    on the way back, or the processor would not fetch it ahead.
     """
     s_count = len(first) - U1
     for s in range(s_count):
@@ -216,82 +219,23 @@ def solve_block(  # type: ignore[no-untyped-def]
             at = rows[r0 + i] * U8
             b = base + i * w
             j = start
-            a0 = x[at]
-            a1 = x[at + U1]
-            a2 = x[at + U2]
-            a3 = x[at + U3]
-            a4 = x[at + U4]
-            a5 = x[at + U5]
-            a6 = x[at + U6]
-            a7 = x[at + U7]
+            one = load(x, at)
             if i < w or i + U1 == m:
                 for k in range(b, b + min(i, w)):
-                    p = blocks[k]
-                    a0 -= p * x[j]
-                    a1 -= p * x[j + U1]
-                    a2 -= p * x[j + U2]
-                    a3 -= p * x[j + U3]
-                    a4 -= p * x[j + U4]
-                    a5 -= p * x[j + U5]
-                    a6 -= p * x[j + U6]
-                    a7 -= p * x[j + U7]
+                    one = added(one, -blocks[k], load(x, j))
                     j += U8
                 i += U1
             else:
                 also = rows[r0 + i + U1] * U8
-                d0 = x[also]
-                d1 = x[also + U1]
-                d2 = x[also + U2]
-                d3 = x[also + U3]
-                d4 = x[also + U4]
-                d5 = x[also + U5]
-                d6 = x[also + U6]
-                d7 = x[also + U7]
+                two = load(x, also)
                 for k in range(b, b + w):
-                    p = blocks[k]
-                    q = blocks[k + w]
-                    v0 = x[j]
-                    v1 = x[j + U1]
-                    v2 = x[j + U2]
-                    v3 = x[j + U3]
-                    v4 = x[j + U4]
-                    v5 = x[j + U5]
-                    v6 = x[j + U6]
-                    v7 = x[j + U7]
-                    a0 -= p * v0
-                    a1 -= p * v1
-                    a2 -= p * v2
-                    a3 -= p * v3
-                    a4 -= p * v4
-                    a5 -= p * v5
-                    a6 -= p * v6
-                    a7 -= p * v7
-                    d0 -= q * v0
-                    d1 -= q * v1
-                    d2 -= q * v2
-                    d3 -= q * v3
-                    d4 -= q * v4
-                    d5 -= q * v5
-                    d6 -= q * v6
-                    d7 -= q * v7
+                    row = load(x, j)
+                    one = added(one, -blocks[k], row)
+                    two = added(two, -blocks[k + w], row)
                     j += U8
-                x[also] = d0
-                x[also + U1] = d1
-                x[also + U2] = d2
-                x[also + U3] = d3
-                x[also + U4] = d4
-                x[also + U5] = d5
-                x[also + U6] = d6
-                x[also + U7] = d7
+                store(x, also, two)
                 i += U2
-            x[at] = a0
-            x[at + U1] = a1
-            x[at + U2] = a2
-            x[at + U3] = a3
-            x[at + U4] = a4
-            x[at + U5] = a5
-            x[at + U6] = a6
-            x[at + U7] = a7
+            store(x, at, one)
     for back in range(s_count):
         node = s_count - U1 - back
         start = first[node] * U8
@@ -306,74 +250,18 @@ def solve_block(  # type: ignore[no-untyped-def]
         i = m
         while i > U1:
             i -= U1
-            at = rows[r0 + i] * U8
             b = base + i * w
             j = start
-            a0 = x[at]
-            a1 = x[at + U1]
-            a2 = x[at + U2]
-            a3 = x[at + U3]
-            a4 = x[at + U4]
-            a5 = x[at + U5]
-            a6 = x[at + U6]
-            a7 = x[at + U7]
+            one = load(x, rows[r0 + i] * U8)
             if i <= w:
                 for k in range(b, b + min(i, w)):
-                    p = blocks[k]
-                    x[j] -= p * a0
-                    x[j + U1] -= p * a1
-                    x[j + U2] -= p * a2
-                    x[j + U3] -= p * a3
-                    x[j + U4] -= p * a4
-                    x[j + U5] -= p * a5
-                    x[j + U6] -= p * a6
-                    x[j + U7] -= p * a7
+                    store(x, j, added(load(x, j), -blocks[k], one))
                     j += U8
                 continue
             i -= U1
-            also = rows[r0 + i] * U8
+            two = load(x, rows[r0 + i] * U8)
             b -= w
-            d0 = x[also]
-            d1 = x[also + U1]
-            d2 = x[also + U2]
-            d3 = x[also + U3]
-            d4 = x[also + U4]
-            d5 = x[also + U5]
-            d6 = x[also + U6]
-            d7 = x[also + U7]
             for k in range(b, b + w):
-                p = blocks[k + w]
-                q = blocks[k]
-                v0 = x[j]
-                v1 = x[j + U1]
-                v2 = x[j + U2]
-                v3 = x[j + U3]
-                v4 = x[j + U4]
-                v5 = x[j + U5]
-                v6 = x[j + U6]
-                v7 = x[j + U7]
-                v0 -= p * a0
-                v1 -= p * a1
-                v2 -= p * a2
-                v3 -= p * a3
-                v4 -= p * a4
-                v5 -= p * a5
-                v6 -= p * a6
-                v7 -= p * a7
-                v0 -= q * d0
-                v1 -= q * d1
-                v2 -= q * d2
-                v3 -= q * d3
-                v4 -= q * d4
-                v5 -= q * d5
-                v6 -= q * d6
-                v7 -= q * d7
-                x[j] = v0
-                x[j + U1] = v1
-                x[j + U2] = v2
-                x[j + U3] = v3
-                x[j + U4] = v4
-                x[j + U5] = v5
-                x[j + U6] = v6
-                x[j + U7] = v7
+                row = added(load(x, j), -blocks[k + w], one)
+                store(x, j, added(row, -blocks[k], two))
                 j += U8

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.spectral.engine.factorization import OrderedPencil
-
 __all__ = [
-    "add_product",
     "independent_gram",
     "multiply_in_place",
     "orthonormalise",
     "orthonormalise_block",
     "project_out",
+    "subtract",
 ]
 
 FloatArray = npt.NDArray[np.float64]
@@ -26,20 +26,33 @@ _NORMAL = 1e-13
 _INDEPENDENT = 0.3
 
 
+def _stretches(n: int) -> Iterator[slice]:
+    return (slice(start, start + _STRETCH) for start in range(0, n, _STRETCH))
+
+
 def multiply_in_place(weights: FloatArray, rows: FloatArray, result: FloatArray) -> None:
     """result = weights · rows, where `result` may be the first of `rows`, shape (m, n)."""
-    for start in range(0, rows.shape[1], _STRETCH):
-        part = slice(start, start + _STRETCH)
+    for part in _stretches(rows.shape[1]):
         result[:, part] = weights @ rows[:, part]
 
 
-def add_product(weights: FloatArray, rows: FloatArray, result: FloatArray) -> None:
-    """result += weights · rows, in place, for contiguous rows of shape (m, n)."""
-    from scipy.linalg.blas import dgemm
+def subtract(
+    target: FloatArray,
+    sources: Sequence[tuple[FloatArray, FloatArray]],
+    against: Sequence[FloatArray],
+) -> list[FloatArray]:
+    """Subtract weights · rows for each of the sources; then target · rowsᵀ for each set of rows.
 
-    if not result.flags.c_contiguous:
-        raise ValueError("BLAS would add to a copy of rows that are not contiguous")
-    dgemm(1.0, rows.T, weights.T, beta=1.0, c=result.T, overwrite_c=True)
+    The target, shape (b, n), is changed in place, and read from memory once for all of it.
+    """
+    products = [np.zeros((len(target), len(rows))) for rows in against]
+    for part in _stretches(target.shape[1]):
+        own = target[:, part]
+        for weights, rows in sources:
+            own -= weights @ rows[:, part]
+        for product, rows in zip(products, against, strict=True):
+            product += own @ rows[:, part].T
+    return products
 
 
 def project_out(target: FloatArray, against: FloatArray) -> FloatArray:
@@ -51,9 +64,7 @@ def project_out(target: FloatArray, against: FloatArray) -> FloatArray:
         Inner products before.
     """
     overlap = np.asarray(target @ against.T)
-    for start in range(0, target.shape[1], _STRETCH):
-        part = slice(start, start + _STRETCH)
-        target[:, part] -= overlap @ against[:, part]
+    subtract(target, [(overlap, against)], [])
     return overlap
 
 
@@ -105,7 +116,7 @@ def _independent_factor(gram: FloatArray) -> FloatArray:
 
 
 def orthonormalise_block(
-    ordered: OrderedPencil, block: FloatArray, gram: FloatArray | None = None
+    block: FloatArray, gram: FloatArray | None = None
 ) -> tuple[FloatArray, bool]:
     """Cholesky QR of rows (8, n), up to twice, in place: old block = returned lower · new block.
 
@@ -113,7 +124,7 @@ def orthonormalise_block(
     """
     total = np.eye(len(block))
     if gram is None:
-        gram = ordered.subtract(block, [], [block])[0]
+        gram = block @ block.T
     for _ in range(2):
         try:
             lower = np.asarray(np.linalg.cholesky(gram))
@@ -121,9 +132,9 @@ def orthonormalise_block(
             return total, False
         if not np.diagonal(lower).min() ** 2 > 1e-13 * np.trace(gram):
             return total, False
-        ordered.turn(block, np.linalg.inv(lower))
+        multiply_in_place(np.linalg.inv(lower), block, block)
         total = total @ lower
-        gram = ordered.subtract(block, [], [block])[0]
+        gram = block @ block.T
         if np.abs(gram - np.eye(len(gram))).max() < _NORMAL:
             break
     return total, True

@@ -7,7 +7,6 @@ them; what is missing is taken off against the slice before, which is already fi
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -56,8 +55,6 @@ class Output:
         Eigenvalues that rounding put above a threshold are brought back to it.
     rows : ndarray, shape (k, n_all), optional
         Where they go; some may be there already (see `keep`).
-    n_jobs : int
-        Threads that finish rows.
     """
 
     def __init__(
@@ -67,7 +64,6 @@ class Output:
         dtype: np.dtype[Any],
         ceiling: float | None,
         rows: npt.NDArray[np.floating[Any]] | None = None,
-        n_jobs: int = 1,
     ) -> None:
         shape = (k, pencil.n_all)
         self.pencil, self.ceiling = pencil, ceiling
@@ -78,14 +74,9 @@ class Output:
         self._before = slice(0, 0)
         self._inverse_root_mass = 1.0 / pencil.root_mass
         self._random = np.random.default_rng(1)
-        self._threads = ThreadPoolExecutor(n_jobs, "output")
         self._mixture = np.zeros((_MIXTURES, pencil.n_all))
         self._mass = np.zeros(pencil.n_all)
         self._mass[pencil.active] = pencil.root_mass**2
-
-    def close(self) -> None:
-        """End the threads."""
-        self._threads.shutdown()
 
     @property
     def total(self) -> int:
@@ -128,14 +119,11 @@ class Output:
         self.residuals[place] = residuals / np.where(values > _ZERO, values, 1.0)
         written = self.rows[place]
 
-        def finish(i: int) -> None:
-            rows[i] *= self._inverse_root_mass
+        for i, row in enumerate(rows):
+            row *= self._inverse_root_mass
             if values[i] == 0.0:
-                _level(rows[i])
-            written[i, pencil.active] = fix_sign(rows[i], pencil.active)
-
-        for _ in self._threads.map(finish, range(count)):
-            pass
+                _level(row)
+            written[i, pencil.active] = fix_sign(row, pencil.active)
         if pencil.n < pencil.n_all:
             written[:, self._mass == 0.0] = np.nan
         behind = slice(place.stop, place.stop + min(n_kept_behind, _KEPT))
@@ -177,12 +165,8 @@ class Output:
         if most > 0.5:
             raise ArithmeticError("two slices found the same eigenvector")
         if most > _TOUCHING and self.rows.dtype == np.float64:
-
-            def take_off(part: slice) -> None:
+            for part in self._stretches():
                 written[:, part] -= shared @ self._finite(others[:, part])
-
-            for _ in self._threads.map(take_off, self._stretches()):
-                pass
             # That was a part of another eigenvector, whose eigenvalue is another.
             values = self.eigenvalues / self.pencil.unit
             moved = (np.abs(shared) * np.abs(values[place, None] - values[at])).sum(axis=1)
@@ -224,20 +208,13 @@ class Output:
     def _products(
         self, written: npt.NDArray[np.floating[Any]], before: npt.NDArray[np.floating[Any]]
     ) -> tuple[FloatArray, FloatArray]:
-        """Inner products of rows with those before, and with the sums of all before those.
-
-        Stretches are added up in their order, whatever thread was first.
-        """
-
-        def products(part: slice) -> tuple[FloatArray, FloatArray]:
-            weighted = self._finite(written[:, part]) * self._mass[part]
-            return weighted @ self._finite(before[:, part]).T, weighted @ self._mixture[:, part].T
-
+        """Inner products of rows with those before, and with the sums of all before those."""
         shared = np.zeros((len(written), len(before)))
         far = np.zeros((len(written), _MIXTURES))
-        for near, distant in self._threads.map(products, self._stretches()):
-            shared += near
-            far += distant
+        for part in self._stretches():
+            weighted = self._finite(written[:, part]) * self._mass[part]
+            shared += weighted @ self._finite(before[:, part]).T
+            far += weighted @ self._mixture[:, part].T
         return shared, far
 
     def _defect(self, written: npt.NDArray[np.floating[Any]]) -> float:

@@ -20,7 +20,6 @@ from meshmash_viewer.spectral.engine.factorization import (
     StopFlag,
 )
 from meshmash_viewer.spectral.engine.lanczos import Interval
-from meshmash_viewer.spectral.engine.waiting import wait_for
 
 __all__ = ["SpectrumPlan"]
 
@@ -54,9 +53,7 @@ class SpectrumPlan:
     ----------
     ordered : OrderedPencil
     stop : ndarray of uint8, shape (1,)
-        Set from outside, or here when `poll` raises, to end a running factorization.
-    poll : callable, optional
-        Called several times a second while factoring; what it raises ends that.
+        Set from outside to end a running factorization.
     sizes : callable
         Gives, for a number of pairs, how many each slice is to hold.
     n_jobs : int
@@ -73,12 +70,10 @@ class SpectrumPlan:
         ordered: OrderedPencil,
         stop: StopFlag,
         sizes: Callable[[int], list[float]],
-        poll: Callable[[], None] | None = None,
         n_jobs: int = 1,
     ) -> None:
         self._ordered = ordered
         self._sizes = sizes
-        self._poll = poll
         self._stop = stop
         self._n_jobs = n_jobs
         pencil = ordered.pencil
@@ -165,18 +160,11 @@ class SpectrumPlan:
         return None if factor is None else (factor.count_below, factor.blur)
 
     def _each(self, values: Sequence[float], work: Callable[[float], T]) -> list[T]:
-        """Work that factors, for several values side by side, while `poll` is asked."""
-
-        def factor() -> list[T]:
-            if len(values) == 1 or self._n_jobs == 1:
-                return [work(value) for value in values]
-            with ThreadPoolExecutor(self._n_jobs, "count") as threads:
-                return list(threads.map(work, values))
-
-        def abandon() -> None:
-            self._stop[0] = 1
-
-        return wait_for(factor, self._poll, abandon)
+        """Work that factors, for several values side by side."""
+        if len(values) == 1 or self._n_jobs == 1:
+            return [work(value) for value in values]
+        with ThreadPoolExecutor(self._n_jobs, "count") as threads:
+            return list(threads.map(work, values))
 
     def _count_all(self, values: Sequence[float]) -> None:
         """Count below several values, or next to them, side by side."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import queue
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import replace
 from functools import partial
 from itertools import chain
@@ -18,14 +20,13 @@ from meshmash_viewer.spectral.certificate import Certificate
 from meshmash_viewer.spectral.engine.arnoldi import pairs_around
 from meshmash_viewer.spectral.engine.blas_threads import one_blas_thread
 from meshmash_viewer.spectral.engine.dense import dense_pairs, dense_residuals
-from meshmash_viewer.spectral.engine.dissection import DissectionCrew
 from meshmash_viewer.spectral.engine.factorization import (
     FactorizationError,
     OrderedPencil,
     order_pencil,
 )
 from meshmash_viewer.spectral.engine.known import KnownPairs, pairs_that_fit
-from meshmash_viewer.spectral.engine.lanczos import IntervalPairs, measure_pairs
+from meshmash_viewer.spectral.engine.lanczos import IntervalPairs, find_pairs, measure_pairs
 from meshmash_viewer.spectral.engine.orthogonality import orthonormalise
 from meshmash_viewer.spectral.engine.output import Output
 from meshmash_viewer.spectral.engine.pace import Pace
@@ -35,6 +36,7 @@ from meshmash_viewer.spectral.engine.request import Request
 from meshmash_viewer.spectral.engine.slices import run_slices
 from meshmash_viewer.spectral.engine.workers import (
     can_be_dense,
+    core_count,
     is_dense,
     slice_sizes,
     worker_count,
@@ -52,6 +54,8 @@ _MOST_COPIES = 1000
 _LAST_SLICE = 80
 #: Largest entry of an eigenvector that float32 can hold, with room for its products.
 _LARGEST_SINGLE = 1e30
+#: Seconds between two questions whether to go on.
+_INTERVAL = 0.05
 
 
 class Run:
@@ -76,15 +80,19 @@ class Run:
         self._sizes = partial(slice_sizes, n, lean=request.lean, early=request.early)
         self.pace = Pace(request.progress, request.n_components or _LAST_SLICE, self._sizes)
         # What is wrong with the matrices is said where they are reduced.
-        crew = DissectionCrew(n)
         self.pencil = reduce_pencil(stiffness, mass)
-        self._crew = crew
         self._count, self._remark = Certificate("none"), ""
         self.timings: dict[str, float] = {"matrices": time.perf_counter() - self.pace.began}
         self._stop = np.zeros(1, dtype=np.uint8)
+        self._is_left = False
+        # What the thread that computes has for the one that waits: places of rows that are final,
+        # reports to be made, in the end the fault or None.
+        self._events: queue.Queue[slice | Callable[[], None] | BaseException | None]
+        self._events = queue.Queue()
         self._ordered: OrderedPencil | None = None
         self._plan: SpectrumPlan | None = None
-        self._jobs = 1
+        # Asked for here: joblib's answer is for the thread that asks.
+        self._cores = core_count() if request.n_jobs is None else 1
         self._known: KnownPairs | None = None
         self._is_there = np.zeros(0, dtype=bool)
 
@@ -102,26 +110,91 @@ class Run:
             remark=self._remark,
         )
 
-    def batches(self) -> Iterator[slice]:
-        """Find everything; yields the places of rows that have just become final."""
-        self._told("matrices")
+    def batches(self) -> Generator[slice, None, None]:
+        """Find everything; yields the places of rows that have just become final.
+
+        Another thread computes, so that this one can tell and ask whoever waits.
+        """
+        finder = threading.Thread(target=self._find, name="eigenpairs", daemon=True)
+        self.pace.stage("matrices")
         with one_blas_thread():
+            finder.start()
             try:
-                yield from self._found()
-            except (ArithmeticError, FactorizationError, np.linalg.LinAlgError) as fault:
-                if self._plan is not None:
-                    self._stop[0] = 0
-                    self._refuse_negative(self._plan)
-                raise UnprovenError(
-                    f"The eigenpairs of this matrix cannot be proven ({fault}): its entries may "
-                    "differ too much in size; try robust=True, repair the mesh, or ask for "
-                    "another number of pairs."
-                ) from fault
+                while True:
+                    self._poll()
+                    try:
+                        event = self._events.get(timeout=_INTERVAL)
+                    except queue.Empty:
+                        continue
+                    if event is None:
+                        return
+                    if isinstance(event, BaseException):
+                        try:
+                            raise event
+                        finally:
+                            del event  # or its traceback keeps itself, and all memory, alive
+                    if isinstance(event, slice):
+                        self._publish(event)
+                        yield event
+                    else:
+                        event()
             finally:
-                if hasattr(self, "output"):
-                    self.output.close()
+                self._is_left = True
+                self._stop[0] = 1
+                finder.join()
+
+    def _find(self) -> None:
+        """What the other thread does."""
+        try:
+            with one_blas_thread():
+                for place in self._found():
+                    self._events.put(place)
+            self._events.put(None)
+        except BaseException as fault:  # noqa: BLE001 - raised by the one that waits, if it does
+            if not self._is_left:
+                self._events.put(fault)
+
+    def _publish(self, place: slice) -> None:
+        """Tell of pairs that are final."""
+        output = self.output
+        if self.request.on_pairs is not None:
+            self.request.on_pairs(
+                place.start, output.eigenvalues[place].copy(), output.residuals[place].copy()
+            )
+        self.pace.pairs(place.stop, output.total, self._steps())
+
+    def _poll(self) -> None:
+        if self.request.cancel is not None and self.request.cancel():
+            raise Cancelled("the decomposition was cancelled")
+        self.pace.step(self._steps())
+
+    def _steps(self) -> int:
+        return 0 if self._ordered is None else self._ordered.steps
+
+    def _check(self) -> None:
+        """End here if nobody waits any more."""
+        if self._is_left:
+            raise Cancelled("the decomposition was left")
+
+    def _go_on(self) -> None:
+        """After a fault that stopped the slices, unless nobody waits any more."""
+        self._stop[0] = 0
+        self._check()
 
     def _found(self) -> Iterator[slice]:
+        try:
+            yield from self._found_somehow()
+        except (ArithmeticError, FactorizationError, np.linalg.LinAlgError) as fault:
+            if self._plan is not None:
+                self._go_on()
+                self._refuse_negative(self._plan)
+            raise UnprovenError(
+                f"The eigenpairs of this matrix cannot be proven ({fault}): its entries may "
+                "differ too much in size; try robust=True, repair the mesh, or ask for "
+                "another number of pairs."
+            ) from fault
+
+    def _found_somehow(self) -> Iterator[slice]:
         if self.request.op_inv is None and self._is_dense(self.request.n_components or 0):
             yield from self._dense()
             return
@@ -141,7 +214,7 @@ class Run:
             given_out = self.output.written if hasattr(self, "output") else 0
             if given_out > self.pencil.n_null or not can_be_dense(self.pencil.n):
                 raise
-            self._stop[0] = 0
+            self._go_on()
             yield from self._dense()
 
     def _is_dense(self, wanted: int) -> bool:
@@ -149,18 +222,18 @@ class Run:
 
     def _order(self) -> OrderedPencil:
         started = time.perf_counter()
-        ordered = self._ordered = order_pencil(self.pencil, self._poll, self._crew)
+        ordered = self._ordered = order_pencil(self.pencil)
         self.pencil = ordered.pencil
         self._spend("order", started)
-        self._told("order")
+        self._events.put(partial(self.pace.stage, "order"))
         return ordered
 
     # The lowest pairs, or those around a value, slice by slice -----------------------------------
 
     def _sliced(self, ordered: OrderedPencil) -> Iterator[slice]:
         pencil, request = self.pencil, self.request
-        self._jobs = self._workers(ordered, request.n_components or 0)
-        plan = SpectrumPlan(ordered, self._stop, self._sizes, self._poll, self._jobs)
+        jobs = self._workers(ordered, request.n_components or 0)
+        plan = SpectrumPlan(ordered, self._stop, self._sizes, jobs)
         self._plan = plan
         started = time.perf_counter()
         if request.target is not None:
@@ -223,17 +296,8 @@ class Run:
             if less > self.pencil.n_null
             else 0.0
         )
-        held = next(
-            run_slices(
-                ordered,
-                [plan.interval(below, top)],
-                self.request.tolerance,
-                1,
-                self._stop,
-                self._poll,
-            )
-        )
-        self._stop[0] = 0
+        interval = plan.interval(below, top)
+        held = find_pairs(ordered, interval, self.request.tolerance, self._stop)
         null = np.zeros(self.pencil.n_null if below == 0.0 else 0)
         kept = self._kept(np.concatenate([null, held.values]), threshold) - len(null)
         pairs = replace(
@@ -264,7 +328,8 @@ class Run:
         return kept
 
     def _workers(self, ordered: OrderedPencil, pairs: int) -> int:
-        return worker_count(ordered, self.request.n_jobs, pairs, self.request.lean)
+        asked = self.request.n_jobs
+        return asked or worker_count(ordered, self._cores, pairs, self.request.lean)
 
     def _slices(
         self,
@@ -279,7 +344,8 @@ class Run:
         """
         started = time.perf_counter()
         jobs = self._workers(ordered, plan.count(stretches[-1][1])) if stretches else 1
-        self.pace.begin_slices(sum(plan.count(high) - plan.count(low) for low, high in stretches))
+        pairs_left = sum(plan.count(high) - plan.count(low) for low, high in stretches)
+        self._events.put(partial(self.pace.begin_slices, pairs_left))
         for settled in (False, True):
             try:
                 for pairs in run_slices(
@@ -288,15 +354,14 @@ class Run:
                     self.request.tolerance,
                     jobs,
                     self._stop,
-                    self._poll,
                 ):
                     yield from self._place_slice(ordered, pairs)
                     done = pairs.interval.high
                     stretches = [(max(low, done), high) for low, high in stretches if high > done]
-                    ordered.give_back(pairs.rows)
+                    del pairs  # whose memory the next ones take
                 break
             except (ArithmeticError, FactorizationError):
-                self._stop[0] = 0
+                self._go_on()
                 if settled:
                     raise
                 stretches = [(low, plan.settle(high, wide=True)) for low, high in stretches]
@@ -340,14 +405,13 @@ class Run:
             null = min(pencil.n_null, wanted)
             parts.append((np.zeros(null), pencil.null_residuals[:null], pencil.null_rows(null)))
         jobs = self._workers(ordered, inside)
-        self.pace.begin_slices(inside)
+        self._events.put(partial(self.pace.begin_slices, inside))
         for pairs in run_slices(
             ordered,
             plan.slices(low, high, settled=True),
             self.request.tolerance,
             jobs,
             self._stop,
-            self._poll,
         ):
             parts.append((pairs.values, pairs.residuals, pairs.rows))
         values, residuals = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
@@ -369,7 +433,7 @@ class Run:
         """All that is asked for, from the dense matrix of each component."""
         started = time.perf_counter()
         pencil = self.pencil
-        values, columns = dense_pairs(pencil, self._poll)
+        values, columns = dense_pairs(pencil, self._check)
         lowest = float(values.min(initial=0.0))
         if lowest < -max(1e-6, 1e-9 * pencil.norm):
             raise InputError(
@@ -444,10 +508,10 @@ class Run:
     ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         """Pairs through `op_inv`; None if a count shows that it missed some."""
         started = time.perf_counter()
-        found = pairs_around(self.pencil, self.request, self._poll)
+        found = pairs_around(self.pencil, self.request, self._check)
         if found is None:
             return None
-        plan = SpectrumPlan(ordered, self._stop, self._sizes, self._poll)
+        plan = SpectrumPlan(ordered, self._stop, self._sizes)
         low = plan.settle(found.low) if found.low > 0.0 else 0.0
         high = plan.settle(found.high)
         below = plan.count(low) if low > 0.0 else 0
@@ -487,9 +551,7 @@ class Run:
                     rows[index] = known.given.rows[index]
         if rows is not None and rows.shape != (k, n):
             raise ValueError(f"{rows.shape} was allocated for {(k, n)}")
-        self.output = Output(
-            self.pencil, k, request.precision, request.max_eigenvalue, rows, self._jobs
-        )
+        self.output = Output(self.pencil, k, request.precision, request.max_eigenvalue, rows)
 
     def _write_all(
         self, values: FloatArray, residuals: FloatArray, rows: FloatArray
@@ -520,7 +582,7 @@ class Run:
                 values[part], residuals[part], rows[part], orthonormality, n_behind
             )
             self._spend("output", started)
-            yield self._published(place)
+            yield place
 
     def _keep(self) -> Iterator[slice]:
         """Take over the kept pairs that come next, if any do."""
@@ -532,31 +594,7 @@ class Run:
             started = time.perf_counter()
             output.keep(self._known.given.eigenvalues[place], self._known.given.residuals[place])
             self._spend("output", started)
-            yield self._published(place)
-
-    def _published(self, place: slice) -> slice:
-        """Tell of pairs that are final."""
-        output = self.output
-        if self.request.on_pairs is not None:
-            self.request.on_pairs(
-                place.start, output.eigenvalues[place].copy(), output.residuals[place].copy()
-            )
-        self._poll()
-        self.pace.pairs(output.written, output.total, self._steps())
-        return place
+            yield place
 
     def _spend(self, stage: str, started: float) -> None:
         self.timings[stage] = self.timings.get(stage, 0.0) + time.perf_counter() - started
-
-    def _poll(self) -> None:
-        if self.request.cancel is not None and self.request.cancel():
-            self._stop[0] = 1
-            raise Cancelled("the decomposition was cancelled")
-        self.pace.step(self._steps())
-
-    def _told(self, stage: str) -> None:
-        self._poll()
-        self.pace.stage(stage)
-
-    def _steps(self) -> int:
-        return 0 if self._ordered is None else self._ordered.steps

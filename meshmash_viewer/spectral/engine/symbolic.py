@@ -6,7 +6,6 @@ rows below; its part of the factor is one dense block, which is what makes solve
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
@@ -16,10 +15,11 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from meshmash_viewer.spectral.engine.compilation import numba
-from meshmash_viewer.spectral.engine.dissection import DissectionCrew, nested_dissection
+from meshmash_viewer.spectral.engine.compiler import import_compiler
 
 __all__ = ["Structure", "analyse", "elimination_order"]
+
+numba = import_compiler()
 
 IndexArray = npt.NDArray[np.int64]
 
@@ -40,14 +40,11 @@ class Structure:
         Where the dense block (rows x columns, C order) of each supernode begins.
     children : ndarray of int64, shape (s,)
         Number of children of each supernode in the supernodal elimination tree.
-    lower_start, lower_rows, lower_source : ndarray of int64
-        The lower triangle by columns; `lower_source` is the place of each entry in the data of
-        the matrix.
     stack_size : int
         Entries of the largest stack of update matrices.
     front_size : int
         Rows of the largest front.
-    matrix_start, matrix_index : ndarray of uint64
+    start, index : ndarray of int64
         Compressed structure of the matrix itself.
     """
 
@@ -56,13 +53,10 @@ class Structure:
     rows: IndexArray
     block_start: IndexArray
     children: IndexArray
-    lower_start: IndexArray
-    lower_rows: IndexArray
-    lower_source: IndexArray
     stack_size: int
     front_size: int
-    matrix_start: npt.NDArray[np.uint64]
-    matrix_index: npt.NDArray[np.uint64]
+    start: IndexArray
+    index: IndexArray
 
     @cached_property
     def unsigned(self) -> tuple[npt.NDArray[np.uint64], ...]:
@@ -70,10 +64,10 @@ class Structure:
         arrays = (self.first, self.row_start, self.rows, self.block_start)
         return tuple(array.astype(np.uint64) for array in arrays)
 
-    @property
-    def n(self) -> int:
-        """Size of the matrix."""
-        return len(self.lower_start) - 1
+    @cached_property
+    def unsigned_matrix(self) -> tuple[npt.NDArray[np.uint64], ...]:
+        """What a product with the matrix reads, likewise."""
+        return self.start.astype(np.uint64), self.index.astype(np.uint64)
 
     @property
     def n_entries(self) -> int:
@@ -81,23 +75,21 @@ class Structure:
         return int(self.block_start[-1])
 
 
-def fill_reducing_order(
-    matrix: Any, poll: Callable[[], None] | None, crew: DissectionCrew | None
-) -> IndexArray:
-    """Nested dissection by METIS where it is installed, else minimum degree by SuperLU."""
-    if find_spec("pymetis") is None:
-        return _minimum_degree(matrix)
+def _nested_dissection(matrix: Any) -> IndexArray:
+    """A fill-reducing order by METIS, which depends on nothing but the pattern."""
+    import pymetis
+
     n = matrix.shape[0]
     # The matrix is symmetric: its columns are its rows.
     column = np.repeat(np.arange(n), np.diff(matrix.indptr))
     off = column != matrix.indices
     starts = np.concatenate([[0], np.cumsum(np.bincount(column[off], minlength=n))])
-    marks = np.ones(int(starts[-1]), dtype=np.int8)
-    graph: Any = sp.csr_array((marks, matrix.indices[off], starts), shape=(n, n))
-    return nested_dissection(graph, poll, crew).astype(np.int64)
+    graph = pymetis.CSRAdjacency(starts.astype(np.int32), matrix.indices[off].astype(np.int32))
+    return np.asarray(pymetis.nested_dissection(graph)[0], dtype=np.int64)
 
 
 def _minimum_degree(matrix: Any) -> IndexArray:
+    """A fill-reducing order by SuperLU."""
     from scipy.sparse.linalg import splu
 
     n = matrix.shape[0]
@@ -114,16 +106,13 @@ def _minimum_degree(matrix: Any) -> IndexArray:
     return np.argsort(factor.perm_c).astype(np.int64)
 
 
-def elimination_order(
-    matrix: Any,
-    poll: Callable[[], None] | None = None,
-    crew: DissectionCrew | None = None,
-) -> IndexArray:
+def elimination_order(matrix: Any) -> IndexArray:
     """Fill-reducing order in which every subtree of the elimination tree is contiguous.
 
-    What `poll` raises ends it.
+    Nested dissection where METIS is installed, else minimum degree.
     """
-    order = fill_reducing_order(matrix, poll, crew)
+    with_metis = find_spec("pymetis") is not None
+    order = _nested_dissection(matrix) if with_metis else _minimum_degree(matrix)
     start = np.asarray(matrix.indptr, dtype=np.int64)
     index = np.asarray(matrix.indices, dtype=np.int64)
     return np.asarray(order[_postorder(_elimination_tree(start, index, order))])
@@ -134,12 +123,10 @@ def analyse(matrix: Any) -> Structure:
     start = np.asarray(matrix.indptr, dtype=np.int64)
     index = np.asarray(matrix.indices, dtype=np.int64)
     parent = _elimination_tree(start, index, np.arange(len(start) - 1))
-    lower_start, lower_rows, lower_source = _lower_triangle(start, index)
-    counts = _column_counts(lower_start, lower_rows, parent)
-    first = _supernodes(parent, counts)
-    row_start, rows, children = _supernode_rows(first, lower_start, lower_rows)
+    first, height = _supernodes(parent, _column_counts(start, index, parent))
+    row_start = np.concatenate([[0], np.cumsum(height)])
+    rows, children = _supernode_rows(first, row_start, start, index)
     rows = _ascending(row_start, rows)
-    height = np.diff(row_start)
     width = np.diff(first)
     return Structure(
         first=first,
@@ -147,13 +134,10 @@ def analyse(matrix: Any) -> Structure:
         rows=rows,
         block_start=np.concatenate([[0], np.cumsum(height * width)]),
         children=children,
-        lower_start=lower_start,
-        lower_rows=lower_rows,
-        lower_source=lower_source,
         stack_size=_largest_stack(height - width, children),
         front_size=int(height.max()),
-        matrix_start=start.astype(np.uint64),
-        matrix_index=index.astype(np.uint64),
+        start=start,
+        index=index,
     )
 
 
@@ -212,28 +196,6 @@ def _postorder(parent):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _lower_triangle(start, index):  # type: ignore[no-untyped-def]
-    """Lower triangle by columns, and where each of its entries comes from."""
-    n = len(start) - 1
-    lower_start = np.zeros(n + 1, np.int64)
-    for j in range(n):
-        lower_start[j + 1] = lower_start[j]
-        for p in range(start[j], start[j + 1]):
-            if index[p] >= j:
-                lower_start[j + 1] += 1
-    lower_rows = np.empty(lower_start[n], np.int64)
-    source = np.empty(lower_start[n], np.int64)
-    q = 0
-    for j in range(n):
-        for p in range(start[j], start[j + 1]):
-            if index[p] >= j:
-                lower_rows[q] = index[p]
-                source[q] = p
-                q += 1
-    return lower_start, lower_rows, source
-
-
-@numba.njit(cache=True, nogil=True)
 def _largest_stack(below, children):  # type: ignore[no-untyped-def]
     """Entries of the update matrices that wait at once, at most."""
     pending = np.empty(len(below), np.int64)
@@ -253,28 +215,16 @@ def _largest_stack(below, children):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _column_counts(lower_start, lower_rows, parent):  # type: ignore[no-untyped-def]
+def _column_counts(start, index, parent):  # type: ignore[no-untyped-def]
     """Entries of each column of the factor, diagonal included, by walking row subtrees."""
     n = len(parent)
-    row_start = np.zeros(n + 1, np.int64)
-    for p in range(len(lower_rows)):
-        row_start[lower_rows[p] + 1] += 1
-    for i in range(n):
-        row_start[i + 1] += row_start[i]
-    columns = np.empty(len(lower_rows), np.int64)
-    fill = row_start[:-1].copy()
-    for j in range(n):
-        for p in range(lower_start[j], lower_start[j + 1]):
-            i = lower_rows[p]
-            columns[fill[i]] = j
-            fill[i] += 1
     counts = np.ones(n, np.int64)
     mark = np.full(n, -1, np.int64)
     for i in range(n):
         mark[i] = i
-        for p in range(row_start[i], row_start[i + 1]):
-            j = columns[p]
-            while mark[j] != i:
+        for p in range(start[i], start[i + 1]):
+            j = index[p]
+            while j < i and mark[j] != i:
                 mark[j] = i
                 counts[j] += 1
                 j = parent[j]
@@ -283,7 +233,7 @@ def _column_counts(lower_start, lower_rows, parent):  # type: ignore[no-untyped-
 
 @numba.njit(cache=True, nogil=True)
 def _supernodes(parent, counts):  # type: ignore[no-untyped-def]
-    """First columns of the supernodes, small ones merged where that stores few zeros."""
+    """First columns of the supernodes, small ones merged if few zeros come in, and their rows."""
     n = len(parent)
     first = np.empty(n + 1, np.int64)
     height = np.empty(n + 1, np.int64)
@@ -319,44 +269,37 @@ def _supernodes(parent, counts):  # type: ignore[no-untyped-def]
             zeros[k - 1] = added
             start = first[k - 1]
     first[k] = n
-    return first[: k + 1].copy()
+    return first[: k + 1].copy(), height[:k].copy()
 
 
 @numba.njit(cache=True, nogil=True)
-def _supernode_rows(first, lower_start, lower_rows):  # type: ignore[no-untyped-def]
+def _supernode_rows(first, row_start, start, index):  # type: ignore[no-untyped-def]
     """Rows of each supernode, its own first, and how many children each has.
 
     Neither sorting nor assigning slices here: numba takes seconds to compile those.
     """
-    n = len(lower_start) - 1
+    n = len(start) - 1
     s_count = len(first) - 1
     of_column = np.empty(n, np.int64)
     for s in range(s_count):
         for j in range(first[s], first[s + 1]):
             of_column[j] = s
-    row_start = np.zeros(s_count + 1, np.int64)
-    rows = np.empty(max(len(lower_rows), 16), np.int64)
+    rows = np.empty(row_start[s_count], np.int64)
     mark = np.full(n, -1, np.int64)
     head = np.full(s_count, -1, np.int64)
     after = np.full(s_count, -1, np.int64)
     children = np.zeros(s_count, np.int64)
-    size = 0
     for s in range(s_count):
-        begin = size
-        if size + n > len(rows):
-            grown = np.empty(2 * len(rows) + n, np.int64)
-            for p in range(size):
-                grown[p] = rows[p]
-            rows = grown
+        size = row_start[s]
         for j in range(first[s], first[s + 1]):
             mark[j] = s
             rows[size] = j
             size += 1
         below = size
         for j in range(first[s], first[s + 1]):
-            for p in range(lower_start[j], lower_start[j + 1]):
-                i = lower_rows[p]
-                if mark[i] != s:
+            for p in range(start[j], start[j + 1]):
+                i = index[p]
+                if i > j and mark[i] != s:
                     mark[i] = s
                     rows[size] = i
                     size += 1
@@ -369,8 +312,6 @@ def _supernode_rows(first, lower_start, lower_rows):  # type: ignore[no-untyped-
                     rows[size] = i
                     size += 1
             child = after[child]
-        row_start[s] = begin
-        row_start[s + 1] = size
         if size > below:
             nearest = rows[below]
             for p in range(below, size):
@@ -379,7 +320,7 @@ def _supernode_rows(first, lower_start, lower_rows):  # type: ignore[no-untyped-
             children[parent] += 1
             after[s] = head[parent]
             head[parent] = s
-    return row_start, rows[:size].copy(), children
+    return rows, children
 
 
 def _ascending(row_start: IndexArray, rows: IndexArray) -> IndexArray:

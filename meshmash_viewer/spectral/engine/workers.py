@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from meshmash_viewer.spectral.engine.cores import core_count
 from meshmash_viewer.spectral.engine.factorization import OrderedPencil
-from meshmash_viewer.spectral.engine.row_memory import CAN_LET_GO
 
 __all__ = [
     "can_be_dense",
+    "core_count",
     "is_dense",
     "memory_of_run",
     "slice_count",
@@ -89,17 +88,25 @@ def can_be_dense(n: int) -> bool:
     return n <= _DENSE_VERTICES_MOST_PAIRS
 
 
-def worker_count(ordered: OrderedPencil, asked: int | None, pairs: int, lean: bool = False) -> int:
-    """Slices to compute at a time for so many pairs: as asked, or as cores and memory allow."""
-    if asked is not None:
-        return asked
+def core_count() -> int:
+    """Cores that the caller may plan for: one, inside a worker that shares them with others.
+
+    Whoever runs several solutions side by side names joblib's sequential backend around each.
+    """
+    from joblib.parallel import get_active_backend
+
+    return int(get_active_backend(prefer="threads")[0].effective_n_jobs(-1))
+
+
+def worker_count(ordered: OrderedPencil, cores: int, pairs: int, lean: bool = False) -> int:
+    """Slices to compute at a time for so many pairs, as cores and memory allow."""
     import psutil
 
     pencil = ordered.pencil
     nnz, n_null = int(pencil.matrix.nnz), pencil.n_null
     entries = ordered.structure.n_entries
     room = 0.8 * psutil.virtual_memory().available
-    for workers in range(core_count(), 1, -1):
+    for workers in range(cores, 1, -1):
         if memory_of_run(pencil.n, nnz, pairs, workers, n_null, entries, lean) <= room:
             return workers
     return 1
@@ -116,8 +123,7 @@ def memory_of_run(
 ) -> float:
     """Bytes that a run takes at most, its rows included.
 
-    The peak is where the last slices have their pairs converged, or, where the memory of a basis
-    cannot be let go before these are written, where they are.
+    The peak is where the last slices have their pairs converged, or where these are written.
     Measured within 25 % from 6 thousand to 400 thousand vertices.
 
     Parameters
@@ -145,11 +151,10 @@ def memory_of_run(
     written = row / (2.0 if lean else 1.0)
     matrices = 95.0 * nnz + 200.0 * n
     # The last slices run while pairs of those before wait to be written.
-    waiting = (pairs if CAN_LET_GO else basis) * min(at_once // 2, slices - at_once)
+    waiting = pairs * min(at_once // 2, slices - at_once)
     known = max(k - n_null - pairs * at_once, 0.0)
     running = row * (basis * at_once + waiting + n_null) + factor * at_once + written * known
     # One slice writes its rows when its factor has gone; others may still have theirs.
-    held = (pairs if CAN_LET_GO else basis) * at_once
-    ending = row * (held + waiting + n_null) + written * k + factor * max(at_once - 1, 0)
+    ending = row * (pairs * at_once + waiting + n_null) + written * k + factor * max(at_once - 1, 0)
     total = matrices + max(running, ending)
     return total + min(_KEPT_SHARE * total, _KEPT_BYTES) + _KEPT_BYTES / 11.0
