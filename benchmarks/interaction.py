@@ -311,8 +311,6 @@ def rows(known: dict[str, Any]) -> dict[str, str]:
     for driver in DRIVERS:
         held = put(f"private memory beyond the empty window, {driver} (MB)", "{:.0f}",
                    driver, "private")  # fmt: skip
-        put(f"  without what the C library keeps for later, {driver} (MB)", "{:.0f}",
-            driver, "trimmed")  # fmt: skip
         lines[f"memory / formula, {driver}"] = f"{held / formula:.2f}" if held and formula else ""
     put("window painted after the start (s)", "{:.2f}", "start", "visible")
     put("window complete after the start (s)", "{:.2f}", "start", "complete")

@@ -29,7 +29,6 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QListWidget, QWidget
 
 import meshmash_viewer.app.view.picture as picture_module
-from meshmash_viewer.app import heap
 from meshmash_viewer.app.field_source import FieldSource
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application, tend_garbage
@@ -474,8 +473,6 @@ class Session:
         mesh = self.document.mesh
         self.result["private"] = (private_bytes() - self.empty) / 1e6
         self.result["tables"] = self.source.live.nbytes / 1e6
-        heap.give_back()
-        self.result["trimmed"] = (private_bytes() - self.empty) / 1e6
         self.result["formula"] = formula_bytes(mesh.n_vertices, mesh.n_faces) / 1e6
 
 

@@ -93,6 +93,25 @@ def test_faces_without_area_are_passed_and_an_empty_mesh_is_missed() -> None:
     assert nothing.first_hit(np.zeros(3), np.ones(3)) is None
 
 
+def test_vertices_behind_the_mesh_are_hidden_and_those_before_it_are_not() -> None:
+    sphere = shapes.icosphere(3)
+    target = RayTarget(sphere.vertices.astype(np.float32), sphere.faces)
+    for eye in np.array([[1.0, 0, 0], [0, -1, 0], [0.6, 0, 0.8]]):
+        depth = sphere.vertices @ eye
+        assert all(target.hidden(vertex, eye) for vertex in np.flatnonzero(depth < -0.1))
+        assert not any(target.hidden(vertex, eye) for vertex in np.flatnonzero(depth > 0.1))
+
+
+def test_the_vertex_next_to_the_line_of_sight_is_seen() -> None:
+    sphere = shapes.icosphere(3)
+    target = RayTarget(sphere.vertices.astype(np.float32), sphere.faces)
+    for vertex in range(0, sphere.n_vertices, 9):
+        eye = sphere.vertices[vertex] / np.linalg.norm(sphere.vertices[vertex])
+        assert target.seen_vertex(0.3 * eye, eye) == vertex
+        aside = np.cross(eye, np.eye(3)[np.argmin(np.abs(eye))])
+        assert target.seen_vertex(0.3 * eye + 2.0 * aside, eye) == -1
+
+
 def test_building_is_given_up_when_asked() -> None:
     sphere = shapes.icosphere(2)
     with pytest.raises(Cancelled):

@@ -213,11 +213,8 @@ class Beside(QWidget):
             limits, colormap = field.colors(display)
         else:
             self.scene.set_field(None, (0.0, 1.0), display.sequential_colormap)
-            self.scene.set_nodal_lines(None)
             return
         self.scene.set_field(field, limits, colormap)
-        levels = field.levels if display.nodal_lines else ()
-        self.scene.set_nodal_lines(field.values if levels else None, levels)
 
     # -- from the person ----------------------------------------------------------------------
 

@@ -15,10 +15,10 @@ from meshmash_viewer.app.actions import COMMANDS, Actions, Command
 from meshmash_viewer.app.arrangement import Arrangement
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.scene_writer import SceneWriter
+from meshmash_viewer.app.series_painter import SeriesPainter, picture_file
 from meshmash_viewer.app.sessions import Restoration, store_session
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
-from meshmash_viewer.app.view.picture_writer import PictureWriter
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.maps import is_map_file
 from meshmash_viewer.io.read import READABLE_ENDINGS
@@ -87,9 +87,9 @@ class Commands:
         self._picture: PictureChoice | None = None
         self._gallery: GalleryDialog | None = None
         self._movie: MovieDialog | None = None
-        self.pictures = PictureWriter(window)
-        self.pictures.written.connect(
-            lambda path: document.notify(Notice(f"Picture saved to {path}."))
+        self.pictures = SeriesPainter(window)
+        self.pictures.drawn.connect(
+            lambda _at, path: document.notify(Notice(f"Picture saved to {path}."))
         )
         self.pictures.failed.connect(self._say_not_saved)
         self.scenes = SceneWriter(window)
@@ -343,10 +343,19 @@ class Commands:
         self._ask(dialog, lambda: self._write_picture(dialog))
 
     def _write_picture(self, dialog: PictureDialog) -> None:
+        from meshmash_viewer.app.view.series import Shot
+
         assert self.scene is not None
         choice, mesh = dialog.choice, self._document.mesh
         self._picture, self._pictured = choice, mesh.name if mesh is not None else ""
-        self.pictures.write(choice.path, self.scene.twin(), choice.size, choice.transparent)
+        self.pictures.start(
+            self.scene.twin(),
+            choice.size,
+            [Shot()],  # as it is
+            self._document.display,
+            picture_file(choice.path),
+            transparent=choice.transparent,
+        )
         self._settings.folder = choice.path.parent
 
     def gallery(self) -> None:
@@ -409,7 +418,7 @@ class Commands:
 
         mesh = self._document.mesh
         assert mesh is not None
-        dialog = SceneDialog(self._settings.folder / f"{mesh.name or 'mesh'}.gltf", self._window)
+        dialog = SceneDialog(self._settings.folder / (mesh.name or "mesh"), self._window)
         self._ask(dialog, lambda: self._write_scene(dialog.path))
 
     def _write_scene(self, path: Path) -> None:

@@ -127,9 +127,7 @@ class FieldSource(QObject):
             with self._threads.limit(limits=1, user_api="blas"):
                 answer = compute_field(request, self._live)
                 if answer is not None:
-                    # Known then, so that nobody waits for them.
-                    answer.limits(self._policy)
-                    answer.request.spectrum.has_all_vertices  # noqa: B018
+                    answer.limits(self._policy)  # known then, so that nobody waits for them
         except Exception as error:  # noqa: BLE001  the window says it
             answer = error
         self._computed.emit(request, answer)

@@ -324,15 +324,12 @@ class MainWindow(QMainWindow):
         field, mesh, display = self.field_source.field, self.document.mesh, self.document.display
         if field is None or mesh is None or len(field.values) != mesh.n_vertices:
             self.scene.set_field(None, (0.0, 1.0), display.sequential_colormap)
-            self.scene.set_nodal_lines(None)
             self.field_panel.set_field(None, (0.0, 1.0))
             self._set_swing(None)
             later(self._clear_title)
             return
         limits, colormap = field.colors(display)
         self.scene.set_field(field, limits, colormap)
-        levels = field.levels if display.nodal_lines else ()
-        self.scene.set_nodal_lines(field.values if levels else None, levels)
         self.field_panel.set_field(field, limits)
         self._set_swing(field)
         self.spectrum_panel.follow_field()

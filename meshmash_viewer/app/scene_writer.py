@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pickle
 import subprocess
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -35,43 +34,38 @@ class SceneWriter(QObject):
         super().__init__(parent)
         self._pool = QThreadPool(self)
         self._pool.setMaxThreadCount(1)
-        self._process: subprocess.Popen[bytes] | None = None
-        self._closed = threading.Event()
+        self._processes: list[subprocess.Popen[bytes]] = []
+        self._closed = False
 
     def write(self, surface: Any, path: Path) -> None:
         """Write a surface with its field, a pyvista PolyData which is nobody else's."""
-        self._pool.start(lambda: self._write(surface, path))
+        from meshmash_viewer.app.view.scene import child_command
+
+        pipe = subprocess.PIPE
+        process = subprocess.Popen(
+            child_command(), stdin=pipe, stdout=subprocess.DEVNULL, stderr=pipe
+        )
+        self._processes.append(process)
+        self._pool.start(lambda: self._write(process, surface, path))
 
     def close(self) -> None:
         """Give up what is being written."""
-        self._closed.set()
-        process = self._process
-        if process is not None:
+        self._closed = True
+        for process in self._processes:
             process.kill()
         self._pool.waitForDone()
 
-    def _write(self, surface: Any, path: Path) -> None:
-        from meshmash_viewer.app.view.scene import child_command
-
-        if self._closed.is_set():
-            return
-        asked = pickle.dumps((surface, path))
-        pipe = subprocess.PIPE
+    def _write(self, process: subprocess.Popen[bytes], surface: Any, path: Path) -> None:
         try:
-            with subprocess.Popen(
-                child_command(), stdin=pipe, stdout=subprocess.DEVNULL, stderr=pipe
-            ) as process:
-                self._process = process
-                if self._closed.is_set():  # in this very moment
-                    process.kill()
-                said = process.communicate(asked)[1].decode(errors="replace")
+            said = process.communicate(pickle.dumps((surface, path)))[1].decode(errors="replace")
             if process.returncode:
                 raise InputError(said) if process.returncode == 2 else RuntimeError(said)
         except Exception as fault:  # noqa: BLE001  said to the person
-            if not self._closed.is_set():
+            if not self._closed:
                 self.failed.emit(failure_of(fault, f"Writing {path.name}"))
         else:
             self.written.emit(path)
         finally:
-            self._process = None
+            process.kill()  # it waits for what could not be sent
+            self._processes.remove(process)
             remove_left_overs(path.parent)  # of a process that was ended

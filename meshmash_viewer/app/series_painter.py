@@ -2,57 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
-from contextlib import AbstractContextManager, ExitStack
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from PySide6.QtCore import QObject, Qt, QThreadPool, Signal, Slot
+import numpy as np
+import numpy.typing as npt
+from PySide6.QtCore import QCoreApplication, QObject, Qt, QThreadPool, Signal, Slot
 
-from meshmash_viewer.app import heap
-from meshmash_viewer.app.listening import later
+from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.failure import failure_of
-from meshmash_viewer.model.field import LiveFeatures
+from meshmash_viewer.model.field import Field, LiveFeatures
 from meshmash_viewer.progress import Cancelled
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
     from meshmash_viewer.app.view.annotations import Caption
     from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
-    from meshmash_viewer.app.view.picture import OffScreen, RawPicture
-    from meshmash_viewer.app.view.series import Dress, Look, Shot
+    from meshmash_viewer.app.view.picture import OffScreen
+    from meshmash_viewer.app.view.series import Shot
 
-__all__ = ["SeriesPainter", "Sink"]
+__all__ = ["Picture", "SeriesPainter", "Sink", "picture_file"]
 
-#: What takes the pictures, one by one with their number and caption, and is told when there are no
-#: more: entered and left, by an exception if the series was stopped, in the thread that feeds it.
-Sink: TypeAlias = AbstractContextManager["Callable[[int, RawPicture, Caption | None], Any]"]
+#: As `OffScreen.draw` returns it.
+Picture: TypeAlias = npt.NDArray[np.uint8]
+#: What takes the pictures, one by one with their number and caption, and is told
+#: when there are no more: entered and left, by an exception if the series was stopped, in the
+#: thread that feeds it.
+Sink: TypeAlias = AbstractContextManager["Callable[[int, Picture, Caption | None], Any]"]
 
 
 @dataclass(eq=False)
 class _Run:
-    """One series on its way: what is held of it is one picture, however many there are."""
+    """One series: what is held of it is one picture, however many there are."""
 
     drawing: MeshRenderer
     size: tuple[int, int]
     shots: Sequence[Shot]
-    look: Look
+    display: Display
     sink: Sink
     transparent: bool
     picked: npt.NDArray[np.int64] | None
-    at: int = 0
     stopped: bool = False
-    live: LiveFeatures = field(default_factory=LiveFeatures)
-    stack: ExitStack = field(default_factory=ExitStack)
-    take: Callable[[int, RawPicture, Caption | None], Any] | None = None
+    #: The picture that the thread waits for, with its caption.
+    answer: Future[tuple[Picture, Caption | None]] = field(default_factory=Future)
     window: OffScreen | None = None
-    steps: Generator[None, None, RawPicture] | None = None
 
 
 class SeriesPainter(QObject):
-    """Makes one picture after the other: fields and files in a thread, frames in between events.
+    """Makes one series after the other: fields and files in a thread, frames in the window's.
 
     Signals
     -------
@@ -67,7 +68,7 @@ class SeriesPainter(QObject):
     drawn = Signal(int, object)
     finished = Signal()
     failed = Signal(object)
-    _dressed = Signal(object, object)
+    _due = Signal(object, object, object)
     _took = Signal(object, int, object)
     _ended = Signal(object, object)
 
@@ -75,29 +76,29 @@ class SeriesPainter(QObject):
         super().__init__(parent)
         self._pool = QThreadPool(self)
         self._pool.setMaxThreadCount(1)
-        self._run: _Run | None = None
+        self._runs: list[_Run] = []
         queued = Qt.ConnectionType.QueuedConnection
-        self._dressed.connect(self._put_on, queued)
+        self._due.connect(self._draw, queued)
         self._took.connect(self._say_drawn, queued)
         self._ended.connect(self._end, queued)
 
     @property
     def busy(self) -> bool:
         """Whether a series is on its way."""
-        return self._run is not None
+        return bool(self._runs)
 
     def start(
         self,
         drawing: MeshRenderer,
         size: tuple[int, int],
         shots: Sequence[Shot],
-        look: Look,
+        display: Display,
         sink: Sink,
         *,
         transparent: bool = False,
         picked: npt.NDArray[np.int64] | None = None,
     ) -> None:
-        """Draw a series in the place of the one that is on its way.
+        """Draw a series, after those that are on their way.
 
         Parameters
         ----------
@@ -106,117 +107,87 @@ class SeriesPainter(QObject):
         size : (int, int)
             Of each picture in pixels.
         shots : sequence of Shot
-        look : Look
+        display : Display
+            With colours, limits and lines; nobody else's.
         sink : Sink
         transparent : bool
             Leave the background out.
         picked : ndarray of int64, optional
-            See `dressed`.
+            See `answered`.
         """
-        self.stop()
-        self._run = run = _Run(drawing, size, shots, look, sink, transparent, picked)
-        self._pool.start(lambda: self._begin(run))
+        run = _Run(drawing, size, shots, display, sink, transparent, picked)
+        self._runs.append(run)
+        self._pool.start(lambda: self._work(run))
 
     def stop(self) -> None:
-        """Give up the series that is on its way; its sink undoes what it has done."""
-        run, self._run = self._run, None
-        if run is None:
-            return
-        run.stopped = True
-        _close(run)
-        self._pool.start(lambda: _leave(run, Cancelled()))
+        """Give up what is on its way; the sinks undo what they have done."""
+        for run in self._runs:
+            run.stopped = True
+            run.answer.cancel()
+            _close(run)
+        self._runs = []
 
     def close(self) -> None:
         """Give up, and wait until nothing is left of it."""
         self.stop()
         self._pool.waitForDone()
 
-    # -- in the thread ------------------------------------------------------------------------
+    def wait(self) -> None:
+        """Wait until all is done (before closing, and in tests)."""
+        while self.busy:
+            QCoreApplication.sendPostedEvents(self)
+            time.sleep(0.002)
 
-    def _begin(self, run: _Run) -> None:
+    def _work(self, run: _Run) -> None:
+        """Make one series, in the thread."""
+        from meshmash_viewer.app.view.series import answered
+
+        live = LiveFeatures()
+        fault: Exception | None = None
         try:
-            if not run.stopped:
-                run.take = run.stack.enter_context(run.sink)
-        except Exception as fault:  # noqa: BLE001  said to the person
-            self._ended.emit(run, _leave(run, fault))
-        else:
-            self._dress(run)
-
-    def _dress(self, run: _Run) -> None:
-        from meshmash_viewer.app.view.series import dressed
-
-        if run.stopped:
-            return
-        try:
-            dress = dressed(run.shots[run.at], run.look, run.live, run.drawing, run.picked)
-        except Exception as fault:  # noqa: BLE001  as above
-            self._ended.emit(run, _leave(run, fault))
-        else:
-            self._dressed.emit(run, dress)
-
-    def _take(self, run: _Run, raw: RawPicture, caption: Caption | None) -> None:
-        if run.stopped:
-            return
-        assert run.take is not None
-        try:
-            made = run.take(run.at, raw, caption)
-        except Exception as fault:  # noqa: BLE001  as above
-            self._ended.emit(run, _leave(run, fault))
-            return
-        self._took.emit(run, run.at, made)
-        run.at += 1
-        if run.at < len(run.shots):
-            self._dress(run)
-        else:
-            self._ended.emit(run, _leave(run, None))
+            if run.stopped:
+                return
+            with run.sink as take:
+                for at, shot in enumerate(run.shots):
+                    found = answered(shot, run.display, live, run.picked)
+                    run.answer = Future()
+                    self._due.emit(run, shot, found)
+                    if run.stopped:  # before there was something to cancel
+                        raise Cancelled
+                    self._took.emit(run, at, take(at, *run.answer.result()))
+                    if run.stopped:  # while it was taken
+                        raise Cancelled
+        except Exception as error:  # noqa: BLE001  said to the person
+            fault = error
+        self._ended.emit(run, fault)
 
     # -- in the interface thread --------------------------------------------------------------
 
-    @Slot(object, object)
-    def _put_on(self, run: _Run, dress: Dress) -> None:
+    @Slot(object, object, object)
+    def _draw(self, run: _Run, shot: Shot, found: Field | None) -> None:
         from meshmash_viewer.app.view.picture import OffScreen
+        from meshmash_viewer.app.view.series import put_on
 
-        if run is not self._run:
+        if run.stopped:
             return
         try:
-            dress.put_on(run.drawing)
+            put_on(run.drawing, shot, found, run.display)
             if run.window is None:
                 run.window = OffScreen(run.drawing, run.size, run.transparent)
-            run.steps = run.window.draw()
-        except Exception as fault:  # noqa: BLE001  as above
-            self._give_up(run, fault)
-        else:
-            later(self._draw_on)
-
-    def _draw_on(self) -> None:
-        """Take the next step of the picture that is being drawn."""
-        run = self._run
-        if run is None or run.steps is None:
-            return
-        try:
-            next(run.steps)
-        except StopIteration as end:
-            raw, caption, run.steps = end.value, run.drawing.caption, None
-            self._pool.start(lambda: self._take(run, raw, caption))
-        except Exception as fault:  # noqa: BLE001  as above
-            self._give_up(run, fault)
-        else:
-            later(self._draw_on)
-
-    def _give_up(self, run: _Run, fault: Exception) -> None:
-        run.steps = None
-        self._pool.start(lambda: self._ended.emit(run, _leave(run, fault)))
+            run.answer.set_result((run.window.draw(), run.drawing.caption))
+        except Exception as fault:  # noqa: BLE001  raised again in the thread
+            run.answer.set_exception(fault)
 
     @Slot(object, int, object)
     def _say_drawn(self, run: _Run, at: int, made: object) -> None:
-        if run is self._run:
+        if not run.stopped:
             self.drawn.emit(at, made)
 
     @Slot(object, object)
     def _end(self, run: _Run, fault: Exception | None) -> None:
-        if run is not self._run:
+        if run.stopped:
             return
-        self._run = None
+        self._runs.remove(run)
         _close(run)
         if fault is None:
             self.finished.emit()
@@ -225,18 +196,19 @@ class SeriesPainter(QObject):
 
 
 def _close(run: _Run) -> None:
-    run.steps = None
     if run.window is not None:
         run.window.close()
         run.window = None
 
 
-def _leave(run: _Run, fault: Exception | None) -> Exception | None:
-    """Leave the sink, and say what is wrong then."""
-    try:
-        run.stack.__exit__(None if fault is None else type(fault), fault, None)
-    except Exception as left:  # noqa: BLE001  what the sink made of it is what is said
-        return left
-    finally:
-        heap.give_back()
-    return fault
+@contextmanager
+def picture_file(path: Path) -> Iterator[Callable[[int, Picture, Caption | None], Path]]:
+    """A sink that writes a series of one picture, and says where it is."""
+    from meshmash_viewer.app.view.picture import straight
+    from meshmash_viewer.io.write import write_picture
+
+    def take(_at: int, picture: Picture, _caption: Caption | None) -> Path:
+        write_picture(path, straight(picture))
+        return path
+
+    yield take

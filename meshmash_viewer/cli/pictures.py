@@ -112,10 +112,11 @@ def _write_render(mesh: Mesh, options: Namespace) -> tuple[dict[str, Any], str]:
             report["map"] = field.title
         elif said := _missing(pairs, field.family, mesh):
             report["remarks"] = [f"{said}{more_pairs()}."]
-        values, limits = field.values, field.limits(_policy(options))
+        limits, colormap = field.colors(_display(options, family))
+        values = field.values
         report["limits"] = list(limits)
         shown = {
-            "colormap": _look(options).colors(field),
+            "colormap": colormap,
             "limits": limits,
             "quantity": f"{field.title}: {field.quantity}",
             "unit": field.unit,
@@ -191,6 +192,7 @@ def gallery(options: Namespace) -> int:
 
 def _write_gallery(mesh: Mesh, family: Family, options: Namespace) -> tuple[dict[str, Any], str]:
     from meshmash_viewer.app.view.contact_sheet import ContactSheet
+    from meshmash_viewer.app.view.picture import straight
     from meshmash_viewer.app.view.series import aspect, draw_series, series_view, shots_of
 
     mesh = with_maps(mesh, options.map)
@@ -217,11 +219,12 @@ def _write_gallery(mesh: Mesh, family: Family, options: Namespace) -> tuple[dict
         transparent=options.transparent,
     )
     drawing.view = series_view(drawing, sheet.picture_size)
-    series = draw_series(drawing, sheet.picture_size, shots, _look(options), transparent=True)
+    display = _display(options, family)
+    series = draw_series(drawing, sheet.picture_size, shots, display, transparent=True)
     with progress_bar(mesh) as bar:
-        for at, (_, picture) in enumerate(series):
+        for at, picture in enumerate(series):
             assert drawing.caption is not None
-            sheet.put(at, picture.rgba(), drawing.caption)
+            sheet.put(at, straight(picture), drawing.caption)
             _show(bar, at + 1, len(shots), "pictures")
     write_picture(options.output, sheet.pixels())
     report |= {"columns": list(chosen), "size": list(options.size)}
@@ -239,8 +242,9 @@ def movie(options: Namespace) -> int:
 def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> tuple[dict[str, Any], str]:
     from meshmash_viewer.app.view.series import (
         Shot,
+        answered,
         draw_series,
-        dressed,
+        put_on,
         series_view,
         shots_of,
         turntable,
@@ -249,7 +253,7 @@ def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> tuple[dict[s
     mesh, path, size = with_maps(mesh, options.map), options.output, options.size
     spectrum, report = _solved(mesh, family, options)
     most = n_columns(family, spectrum)
-    drawing, look = _drawing(mesh, options), _look(options)
+    drawing, display = _drawing(mesh, options), _display(options, family)
     rate, seconds, column = options.rate, options.seconds, options.column
     if options.sweep is not None:
         if column is not None:
@@ -265,14 +269,12 @@ def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> tuple[dict[s
         if column is not None:
             shown = sweep(family, spectrum, chosen_columns(str(column), most))[0]
         one = shots_of([shown], spectrum, mesh, mesh.area_sample(), _AS_IT_COMES)[0]
-        dressed(one, look, LiveFeatures(), drawing).put_on(drawing)
+        put_on(drawing, one, answered(one, display, LiveFeatures()), display)
         view = series_view(drawing, size, turning=True)
         shots = [Shot(view=each) for each in turntable(drawing, view, count)]
     check_movie(path, size, rate)
     length = f"{counted(len(shots), 'frame')}, {len(shots) / rate:.4g} s"
-    frames: Iterator[Any] = (
-        picture.pixels for _, picture in draw_series(drawing, size, shots, look)
-    )
+    frames: Iterator[Any] = draw_series(drawing, size, shots, display)
     if sys.stderr.isatty():
         first = list(islice(frames, _MEASURED))
         about = estimated_bytes(path.suffix.lower(), first, rate, len(shots))
@@ -336,16 +338,13 @@ def _policy(options: Namespace) -> LockedLimits | None:
     return LockedLimits(low, high)
 
 
-def _look(options: Namespace) -> Any:
-    """The `Look` of all pictures."""
-    from meshmash_viewer.app.view.series import Look
-
-    usual, given = Display(), options.colormap
-    return Look(
-        given or usual.sequential_colormap,
-        _policy(options),
-        diverging=given or usual.diverging_colormap,
-    )
+def _display(options: Namespace, family: Family) -> Display:
+    """The limits and colours of all pictures."""
+    policy = _policy(options)
+    display = Display(policies={} if policy is None else {family.name: policy})
+    if options.colormap:
+        display.sequential_colormap = display.diverging_colormap = options.colormap
+    return display
 
 
 def _drawing(mesh: Mesh, options: Namespace) -> Any:

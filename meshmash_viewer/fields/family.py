@@ -360,10 +360,6 @@ class Family:
         """Unit of the values; eigenvectors are M-orthonormal, so that φ² is per area."""
         return power_unit(length, -2)
 
-    def complete(self, spectrum: Spectrum) -> bool:
-        """Whether it is known that there is a value at every vertex."""
-        return spectrum.has_all_vertices
-
     def labels(self, spectrum: Spectrum, unit: str) -> tuple[Label, ...]:
         """What values 0, 1, 2 … stand for, where they name parts of the surface."""
         return ()

@@ -197,10 +197,6 @@ class OwnMaps(Family):
             return power_unit(length, CURVATURES[self.chosen][1])
         return self.shown.unit
 
-    def complete(self, spectrum: Spectrum) -> bool:
-        """Not known before it is looked at."""
-        return False
-
     def labels(self, spectrum: Spectrum, unit: str) -> tuple[Label, ...]:
         if self.view == "band":
             return _band_labels(spectrum.eigenvalues, unit)

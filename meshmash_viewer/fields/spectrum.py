@@ -113,13 +113,6 @@ class Spectrum:
         return self.rows if self.shown is None else self.shown
 
     @cached_property
-    def has_all_vertices(self) -> bool:
-        """Whether the eigenvectors have a value at every vertex: where one has none, none has."""
-        if not len(self.rows):
-            return self.mesh is None or not len(self.mesh.unreferenced)
-        return not np.isnan(np.min(self.rows[0], initial=np.inf))
-
-    @cached_property
     def vertex_areas(self) -> npt.NDArray[np.float64]:
         """Area of each vertex, shape (n,): `mass`, or before a solve has ended that of the faces.
 

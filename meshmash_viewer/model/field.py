@@ -119,11 +119,6 @@ class Field:
         values = np.where(vertices >= 0, self.values[vertices], np.float32(np.nan))
         return replace(self, values=values)
 
-    @property
-    def complete(self) -> bool:
-        """Whether it is known that there is a value at every vertex."""
-        return self.family.complete(self.request.spectrum)
-
     @cached_property
     def labels(self) -> tuple[Label, ...]:
         """What values 0, 1, 2 … stand for, where they name parts of the surface."""
@@ -156,13 +151,10 @@ class Field:
         contoured = self.family.contoured and largest > 0.0
         return round_length(largest / _LINES) if contoured else 0.0
 
-    @cached_property
-    def levels(self) -> tuple[float, ...]:
-        """Ascending values at which lines can be drawn: zero, or every `spacing`."""
-        if not self.spacing:
-            return (0.0,) if self.signed else ()
-        count = int(np.nanmax(self.values) / self.spacing)
-        return tuple(self.spacing * (at + 1) for at in range(count))
+    @property
+    def line_spacing(self) -> float | None:
+        """Where lines can be drawn: at multiples of this, at zero alone (0), or nowhere (None)."""
+        return self.spacing or (0.0 if self.signed else None)
 
     @property
     def spacing_told(self) -> str:

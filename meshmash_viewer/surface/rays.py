@@ -54,6 +54,7 @@ class RayTarget:
         self._low = np.empty((3, n_groups))
         self._high = np.empty((3, n_groups))
         self._order = np.zeros(0, dtype=np.int32)
+        self._size = 1.0
         if len(faces) == 0:
             return
         # keys of 32 bits are sorted in half the time
@@ -68,9 +69,35 @@ class RayTarget:
             part = slice(start // self._group, start // self._group + len(firsts))
             self._low[:, part] = np.minimum.reduceat(corners.min(axis=1), firsts).T
             self._high[:, part] = np.maximum.reduceat(corners.max(axis=1), firsts).T
-        margin = _BOX_MARGIN * float((self._high.max(axis=1) - self._low.min(axis=1)).max())
+        extent = self._high.max(axis=1) - self._low.min(axis=1)
+        self._size = float(np.linalg.norm(extent)) or 1.0
+        margin = _BOX_MARGIN * float(extent.max())
         self._low -= margin
         self._high += margin
+
+    def seen_vertex(self, through: FloatArray, towards_eye: FloatArray) -> int:
+        """Nearest corner of the first face that a line of sight meets, -1 if it misses the mesh.
+
+        Parameters
+        ----------
+        through : ndarray, shape (3,)
+            Any point of the line.
+        towards_eye : ndarray, shape (3,)
+            Unit vector against the direction of sight.
+        """
+        reach = (float(np.linalg.norm(through)) + self._size) * towards_eye
+        hit = self.first_hit(through + reach, through - reach)
+        if hit is None:
+            return -1
+        corners = self._faces[hit.face]
+        distance = ((self._points[corners] - hit.point) ** 2).sum(axis=1)
+        return int(corners[np.argmin(distance)])
+
+    def hidden(self, vertex: int, towards_eye: FloatArray) -> bool:
+        """Whether the mesh stands between a vertex and the eye."""
+        # Not from the vertex itself, whose own faces would be met.
+        start = self._points[vertex] + 2e-3 * self._size * towards_eye
+        return self.first_hit(start, start + 2.0 * self._size * towards_eye) is not None
 
     def first_hit(self, start: FloatArray, end: FloatArray) -> Hit | None:
         """First point of the mesh on the way from a point to another; None if there is none.

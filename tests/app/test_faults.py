@@ -24,7 +24,9 @@ import meshmash_viewer
 from meshmash_viewer.app import run
 from meshmash_viewer.app.faults import FaultBoundary
 from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.series_painter import picture_file
 from meshmash_viewer.app.view.render_widget import RenderWidget
+from meshmash_viewer.app.view.series import Shot
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.io.session import Session, write_session
@@ -240,8 +242,9 @@ def test_a_picture_that_cannot_be_drawn_is_said_and_the_next_one_is_written(
     twin = shown.scene.twin()
     twin.prepare = lambda *_, **__: 1 / 0
     pictures = shown.commands.pictures
-    pictures.write(tmp_path / "a.png", twin, (64, 48))
-    pictures.write(tmp_path / "b.png", shown.scene.twin(), (64, 48))
+    display = document.display
+    for name, drawing in (("a.png", twin), ("b.png", shown.scene.twin())):
+        pictures.start(drawing, (64, 48), [Shot()], display, picture_file(tmp_path / name))
     qtbot.waitUntil(lambda: len(notices) == 2, timeout=PATIENCE)
     document.noticed.disconnect(notices.append)
     assert notices[0].severity is Severity.ERROR
@@ -256,10 +259,9 @@ def test_a_task_of_the_render_that_fails_is_waited_for_no_longer(
     scene = shown.scene
     notices: list[Notice] = []
     with FaultBoundary(notices.append):
-        scene._stand_in.asked = scene._stand_in.awaited = True
-        scene._run("coarse", lambda: 1 / 0)
+        scene._run(lambda: 1 / 0, notices.append)
         qtbot.waitUntil(lambda: bool(notices), timeout=PATIENCE)
-    assert not scene._stand_in.awaited
+    assert "ZeroDivisionError" in notices[0].text
     qtbot.waitUntil(lambda: scene.at_rest, timeout=PATIENCE)
 
 

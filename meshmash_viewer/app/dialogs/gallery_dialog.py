@@ -25,13 +25,12 @@ from meshmash_viewer.app.controls.column_range import ColumnRange
 from meshmash_viewer.app.controls.facts import keep_room, reserved_note
 from meshmash_viewer.app.controls.layout import column, row
 from meshmash_viewer.app.listening import follow, stop_listening
-from meshmash_viewer.app.series_painter import SeriesPainter
-from meshmash_viewer.app.small_mesh import SmallMesh
+from meshmash_viewer.app.series_painter import Picture, SeriesPainter
 from meshmash_viewer.app.view.annotations import Caption
 from meshmash_viewer.app.view.contact_sheet import ContactSheet
 from meshmash_viewer.app.view.mesh_view import MeshView
-from meshmash_viewer.app.view.picture import RawPicture
-from meshmash_viewer.app.view.series import Shot, aspect, look_of, series_view, shots_of
+from meshmash_viewer.app.view.picture import straight
+from meshmash_viewer.app.view.series import Shot, aspect, series_view, shots_of
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.sweep import evenly, n_columns, sweep
@@ -77,8 +76,7 @@ class GalleryDialog(QDialog):
         self._mesh = document.mesh
         self._shown: tuple[object, ...] = ()
         self._families: list[Family] = []
-        self._small = SmallMesh(self)
-        self._small.ready.connect(self._fill)
+        scene.small_ready.connect(self._fill)
         self._thumbnails, self._sheet = SeriesPainter(self), SeriesPainter(self)
         self._thumbnails.drawn.connect(self._show_thumbnail)
         self._thumbnails.failed.connect(self._say_failed)
@@ -147,7 +145,10 @@ class GalleryDialog(QDialog):
             self.close()
             return
         family = shown_family(display)
-        now = family.name, family.at_rest(), document.spectrum, look_of(display)
+        now = (
+            family.name, family.at_rest(), document.spectrum, display.policies.get(family.name),
+            display.nodal_lines, display.sequential_colormap, display.diverging_colormap,
+        )  # fmt: skip
         if now != self._shown:
             same = self._shown[:1] == now[:1]
             self._shown = now
@@ -174,12 +175,13 @@ class GalleryDialog(QDialog):
         self._rest.stop()
         self._thumbnails.stop()
         document, display = self._document, self._document.display
-        if document.mesh is None or document.spectrum is None or not self._small.of(self._mesh):
+        small = None if document.spectrum is None else self._scene.small_twin()
+        if document.spectrum is None or small is None:
             return
         family = shown_family(display)
         self._families = sweep(family, document.spectrum, self.range.columns)
         shots = self._shots()
-        drawing, picked = self._small.drawing(self._scene)
+        drawing, picked = small
         drawing.annotated = False
         size = QSize(_WIDTH, min(round(_WIDTH / aspect(drawing)), _MOST_HEIGHT))
         captions = [each.request.caption for each in shots if each.request is not None]
@@ -197,7 +199,7 @@ class GalleryDialog(QDialog):
             drawing,
             pixels,
             shots,
-            look_of(display),
+            replace(display),
             contextlib.nullcontext(_image),
             transparent=True,
             picked=picked,
@@ -270,9 +272,8 @@ class GalleryDialog(QDialog):
         self.progress_bar.setRange(0, len(shots))
         self.progress_bar.setValue(0)
         self._show_saving(True)
-        look = look_of(self._document.display)
-        sink = _sheet_file(path, sheet)
-        self._sheet.start(drawing, sheet.picture_size, shots, look, sink, transparent=True)
+        display, sink = replace(self._document.display), _sheet_file(path, sheet)
+        self._sheet.start(drawing, sheet.picture_size, shots, display, sink, transparent=True)
 
     def _show_saving(self, saving: bool) -> None:
         for widget in (self.progress_bar, self.cancel_button):
@@ -301,7 +302,7 @@ class GalleryDialog(QDialog):
         self._rest.stop()
         for painter in (self._thumbnails, self._sheet):
             painter.close()
-        self._small.close()
+        self._scene.small_ready.disconnect(self._fill)
         super().done(result)
 
 
@@ -347,8 +348,8 @@ class _Thumbnails(QListWidget):
             super().keyPressEvent(event)
 
 
-def _image(_at: int, picture: RawPicture, _caption: Caption | None) -> QImage:
-    pixels = picture.rgba()
+def _image(_at: int, picture: Picture, _caption: Caption | None) -> QImage:
+    pixels = straight(picture)
     height, width, _ = pixels.shape
     return QImage(pixels.tobytes(), width, height, QImage.Format.Format_RGBA8888).copy()
 
@@ -356,12 +357,12 @@ def _image(_at: int, picture: RawPicture, _caption: Caption | None) -> QImage:
 @contextlib.contextmanager
 def _sheet_file(
     path: Path, sheet: ContactSheet
-) -> Iterator[Callable[[int, RawPicture, Caption | None], None]]:
+) -> Iterator[Callable[[int, Picture, Caption | None], None]]:
     from meshmash_viewer.io.write import write_picture
 
-    def put(at: int, picture: RawPicture, caption: Caption | None) -> None:
+    def put(at: int, picture: Picture, caption: Caption | None) -> None:
         assert caption is not None
-        sheet.put(at, picture.rgba(), caption)
+        sheet.put(at, straight(picture), caption)
 
     yield put
     write_picture(path, sheet.pixels())

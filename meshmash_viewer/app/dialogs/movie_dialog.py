@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtCore import QTimer, Signal
 from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import (
     QComboBox,
@@ -22,22 +23,18 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.column_range import ColumnRange
 from meshmash_viewer.app.controls.facts import keep_room, show_quietly
-from meshmash_viewer.app.controls.file_row import FileRow
 from meshmash_viewer.app.controls.layout import grid, row
-from meshmash_viewer.app.dialogs.saving import SaveDialog
+from meshmash_viewer.app.dialogs.saving import FormatDialog
 from meshmash_viewer.app.listening import follow, stop_listening
-from meshmash_viewer.app.series_painter import SeriesPainter
-from meshmash_viewer.app.small_mesh import SmallMesh
+from meshmash_viewer.app.series_painter import Picture, SeriesPainter
 from meshmash_viewer.app.view.annotations import Caption
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.mesh_view import MeshView
-from meshmash_viewer.app.view.picture import RawPicture
-from meshmash_viewer.app.view.series import Shot, look_of, series_view, shots_of, turntable
+from meshmash_viewer.app.view.series import Shot, series_view, shots_of, turntable
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.sweep import film, n_columns, n_frames
 from meshmash_viewer.io.movie import (
-    MOVIE_ENDINGS,
     TURN_RATE,
     TURN_SECONDS,
     check_movie,
@@ -60,7 +57,7 @@ _LARGEST = 8192
 _MEASURED, _REST = 6, 500
 
 
-class MovieDialog(SaveDialog):
+class MovieDialog(FormatDialog):
     """Asks for all of a film, says how long and how large it will be, and makes it.
 
     Parameters
@@ -85,12 +82,7 @@ class MovieDialog(SaveDialog):
     ) -> None:
         self._document, self._scene = document, scene
         self._mesh = document.mesh
-        possible = [ending for ending in MOVIE_ENDINGS if not missing_encoder(ending)]
-        ending = possible[0]
-        suggested = path.with_name(f"{path.name}{ending}")
-        super().__init__(
-            "movie", "Save movie", FileRow(suggested, _pattern(ending), ending), parent
-        )
+        super().__init__("movie", "Save movie", path, _NAMES, missing_encoder, "ffmpeg", parent)
         self._about = ""
         self._shown: tuple[Any, ...] = ()
         self._painter, self._measuring = SeriesPainter(self), SeriesPainter(self)
@@ -99,11 +91,10 @@ class MovieDialog(SaveDialog):
         self._painter.failed.connect(self._say_failed)
         self._measuring.drawn.connect(self._show_estimate)
         self._measuring.failed.connect(self._say_failed)
-        self._small = SmallMesh(self)
-        self._small.ready.connect(self._measure)
+        scene.small_ready.connect(self._measure)
         self._rest = QTimer(self, singleShot=True, interval=_REST)
         self._rest.timeout.connect(self._measure)
-        self._build(ending)
+        self._build()
         display = document.display
         for signal in (
             display.events.kind, display.events.fields, document.spectrum_changed,
@@ -114,7 +105,7 @@ class MovieDialog(SaveDialog):
 
     # -- building -----------------------------------------------------------------------------
 
-    def _build(self, ending: str) -> None:
+    def _build(self) -> None:
         self.motion_combo = theme.named(QComboBox(), "movie_motion_combo", "What moves")
         self.motion_combo.addItem("", _SWEEP)
         self.motion_combo.addItem("Once around the mesh", _TURN)
@@ -130,8 +121,6 @@ class MovieDialog(SaveDialog):
             minimum=0.05, maximum=3600.0, decimals=2, suffix=" s", value=TURN_SECONDS
         )
         theme.named(self.seconds_spin, "movie_seconds_spin", "Length in seconds")
-        self.format_combo = theme.named(QComboBox(), "movie_format_combo", "Format")
-        self._fill_formats(ending)
         self.length_label = theme.named(QLabel(), "movie_length_label", "Length", role="value")
         self.progress_bar = theme.named(QProgressBar(), "movie_progress_bar", "Frames drawn")
         self.progress_bar.setTextVisible(False)
@@ -161,24 +150,12 @@ class MovieDialog(SaveDialog):
         self.range.changed.connect(self._suggest_length)
         for spin in (self.width_spin, self.height_spin, self.rate_spin, self.seconds_spin):
             spin.valueChanged.connect(self._refresh)
-        self.format_combo.currentIndexChanged.connect(self._change_format)
-        self.file_row.edit.textChanged.connect(self._follow_name)
+        self.format_combo.currentIndexChanged.connect(self._refresh)
 
     def _pixels(self, name: str, text: str, value: int) -> QSpinBox:
         # even, as MP4 must be; odd ones can be typed
         spin = QSpinBox(minimum=16, maximum=_LARGEST, suffix=" px", value=value, singleStep=2)
         return theme.named(spin, name, f"{text} in pixels")
-
-    def _fill_formats(self, ending: str) -> None:
-        model = self.format_combo.model()
-        assert isinstance(model, QStandardItemModel)
-        for at, each in enumerate(MOVIE_ENDINGS):
-            missing = missing_encoder(each)
-            self.format_combo.addItem(_NAMES[each] + (" – needs ffmpeg" if missing else ""), each)
-            self.format_combo.setItemData(at, missing, Qt.ItemDataRole.ToolTipRole)
-            model.item(at).setEnabled(not missing)
-        self.format_combo.setCurrentIndex(self.format_combo.findData(ending))
-        self._missing = " ".join(filter(None, map(missing_encoder, MOVIE_ENDINGS)))
 
     # -- what was chosen ----------------------------------------------------------------------
 
@@ -186,11 +163,6 @@ class MovieDialog(SaveDialog):
     def frame_size(self) -> tuple[int, int]:
         """Width and height of the film in pixels."""
         return self.width_spin.value(), self.height_spin.value()
-
-    @property
-    def ending(self) -> str:
-        """Of the format."""
-        return str(self.format_combo.currentData())
 
     @property
     def turns(self) -> bool:
@@ -287,35 +259,27 @@ class MovieDialog(SaveDialog):
             text += f", {self._about or 'measuring the size …'}"
         except InputError as error:
             fault = str(error)
+        super()._refresh_remark()
         self.length_label.setText(text)
-        self.remark_label.setText(fault or self.file_row.remark or self._missing)
-        self.accept_button.setEnabled(not fault and self.file_row.named)
-
-    def _change_format(self) -> None:
-        self.file_row.set_ending(self.ending, _pattern(self.ending))
-        self._refresh()
-
-    def _follow_name(self) -> None:
-        """Take the format whose ending was typed."""
-        at = self.format_combo.findData(Path(self.file_row.edit.text().strip()).suffix.lower())
-        if at >= 0 and not missing_encoder(MOVIE_ENDINGS[at]):
-            self.format_combo.setCurrentIndex(at)
+        self.remark_label.setText(fault or self.remark_label.text())
+        self.accept_button.setEnabled(self.accept_button.isEnabled() and not fault)
 
     # -- making -------------------------------------------------------------------------------
 
     def _measure(self) -> None:
         """Draw some frames to tell the size of the film: of a small mesh, so that nobody waits."""
-        if self._painter.busy or not self._small.of(self._mesh):
+        small = None if self._painter.busy else self._scene.small_twin()
+        if small is None:
             return
-        drawing, picked = self._small.drawing(self._scene)
+        drawing, picked = small
         try:
             shots, rate = self._shots(drawing, dressed=picked is None)
         except InputError:
             return
-        look = look_of(self._document.display)
-        first = shots[:_MEASURED]
+        first, display = shots[:_MEASURED], replace(self._document.display)
         sink = _measured(self.ending, rate, len(first), len(shots))
-        self._measuring.start(drawing, self.frame_size, first, look, sink, picked=picked)
+        self._measuring.stop()
+        self._measuring.start(drawing, self.frame_size, first, display, sink, picked=picked)
 
     def _show_estimate(self, _at: int, about: object) -> None:
         if isinstance(about, int):
@@ -340,7 +304,8 @@ class MovieDialog(SaveDialog):
         self.progress_bar.setValue(0)
         self.remark_label.setText("")
         sink = _filmed(self.path, self.frame_size, rate, len(shots))
-        self._painter.start(drawing, self.frame_size, shots, look_of(self._document.display), sink)
+        display = replace(self._document.display)
+        self._painter.start(drawing, self.frame_size, shots, display, sink)
         self._show_making(True)
 
     def _show_making(self, making: bool) -> None:
@@ -385,31 +350,27 @@ class MovieDialog(SaveDialog):
         self._rest.stop()
         for painter in (self._painter, self._measuring):
             painter.close()
-        self._small.close()
+        self._scene.small_ready.disconnect(self._measure)
         super().done(result)
-
-
-def _pattern(ending: str) -> str:
-    return f"{_NAMES[ending]} (*{ending})"
 
 
 @contextmanager
 def _filmed(
     path: Path, size: tuple[int, int], rate: float, count: int
-) -> Iterator[Callable[[int, RawPicture, Caption | None], None]]:
+) -> Iterator[Callable[[int, Picture, Caption | None], None]]:
     with movie_file(path, size, rate, count) as add:
-        yield lambda _at, picture, _caption: add(picture.pixels)
+        yield lambda _at, picture, _caption: add(picture)
 
 
 @contextmanager
 def _measured(
     ending: str, rate: float, count: int, of: int
-) -> Iterator[Callable[[int, RawPicture, Caption | None], int | None]]:
+) -> Iterator[Callable[[int, Picture, Caption | None], int | None]]:
     """With the last picture tells about how many bytes the whole film will have."""
     frames = []
 
-    def take(at: int, picture: RawPicture, _caption: Caption | None) -> int | None:
-        frames.append(picture.pixels)
+    def take(at: int, picture: Picture, _caption: Caption | None) -> int | None:
+        frames.append(picture)
         return estimated_bytes(ending, frames, rate, of) if at == count - 1 else None
 
     yield take

@@ -91,12 +91,8 @@ class PictureDialog(SaveDialog):
     def choice(self) -> PictureChoice:
         """All of it, to be suggested the next time."""
         size, preset = (self.width_spin.value(), self.height_spin.value()), self.preset_combo
-        return PictureChoice(self.path, size, preset.currentIndex(), self.transparent)
-
-    @property
-    def transparent(self) -> bool:
-        """Whether the background is left out."""
-        return self.transparent_check.isChecked()
+        transparent = self.transparent_check.isChecked()
+        return PictureChoice(self.path, size, preset.currentIndex(), transparent)
 
     def _spin(self, name: str, text: str, value: int) -> QSpinBox:
         spin = QSpinBox(minimum=16, maximum=_LARGEST, suffix=" px", value=value)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from PySide6.QtWidgets import QDialog, QDialogButtonBox, QPushButton, QWidget
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QStandardItemModel
+from PySide6.QtWidgets import QComboBox, QDialog, QDialogButtonBox, QPushButton, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import reserved_note
 from meshmash_viewer.app.controls.file_row import FileRow
 from meshmash_viewer.app.controls.layout import Part, column
 
-__all__ = ["SaveDialog"]
+__all__ = ["FormatDialog", "SaveDialog"]
 
 
 class SaveDialog(QDialog):
@@ -62,3 +65,71 @@ class SaveDialog(QDialog):
             self.remark_label.setText(fault)
         else:
             self.accept()
+
+
+class FormatDialog(SaveDialog):
+    """One that asks for a format, too; the ending of a name that is typed chooses it as well.
+
+    Parameters
+    ----------
+    kind, title
+        As of `SaveDialog`.
+    path : Path
+        Suggested file, without its ending.
+    formats : mapping of str to str
+        Names by ending.
+    missing : callable
+        Why no file with an ending can be written here; empty if it can.
+    needs : str
+        What such a format lacks, in a word.
+    """
+
+    def __init__(
+        self,
+        kind: str,
+        title: str,
+        path: Path,
+        formats: Mapping[str, str],
+        missing: Callable[[str], str],
+        needs: str,
+        parent: QWidget | None,
+    ) -> None:
+        self._formats = formats
+        self._missing = {ending: missing(ending) for ending in formats}
+        first = next(ending for ending in formats if not self._missing[ending])
+        suggested = path.with_name(path.name + first)
+        super().__init__(kind, title, FileRow(suggested, self._pattern(first), first), parent)
+        self.format_combo = theme.named(QComboBox(), f"{kind}_format_combo", "Format")
+        model = self.format_combo.model()
+        assert isinstance(model, QStandardItemModel)
+        for at, (ending, name) in enumerate(formats.items()):
+            fault = self._missing[ending]
+            self.format_combo.addItem(f"{name} – needs {needs}" if fault else name, ending)
+            self.format_combo.setItemData(at, fault, Qt.ItemDataRole.ToolTipRole)
+            model.item(at).setEnabled(not fault)
+        self.format_combo.setCurrentIndex(self.format_combo.findData(first))
+        self.format_combo.currentIndexChanged.connect(self._change_format)
+        self.file_row.edit.textChanged.connect(self._follow_name)
+
+    @property
+    def ending(self) -> str:
+        """Of the format."""
+        return str(self.format_combo.currentData())
+
+    def _pattern(self, ending: str) -> str:
+        return f"{self._formats[ending].partition(',')[0]} (*{ending})"
+
+    def _change_format(self) -> None:
+        self.file_row.set_ending(self.ending, self._pattern(self.ending))
+
+    def _follow_name(self) -> None:
+        ending = Path(self.file_row.edit.text().strip()).suffix.lower()
+        if self._missing.get(ending) == "":
+            self.format_combo.setCurrentIndex(self.format_combo.findData(ending))
+
+    def _refresh_remark(self) -> None:
+        super()._refresh_remark()
+        here = self._missing.get(self.path.suffix.lower(), "")
+        anywhere = " ".join(filter(None, self._missing.values()))
+        self.remark_label.setText(here or self.remark_label.text() or anywhere)
+        self.accept_button.setEnabled(self.accept_button.isEnabled() and not here)

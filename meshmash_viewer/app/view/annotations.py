@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -42,6 +42,7 @@ __all__ = [
     "Caption",
     "Page",
     "Pin",
+    "fitted",
     "font_file",
     "margins",
     "text_size",
@@ -82,6 +83,8 @@ class Caption:
         Name of one of matplotlib's colour maps, or the colours of labels.
     missing : bool
         Whether some vertices have no value.
+    lines : float, optional
+        What lines are apart by; 0 for those of zero alone, None for no lines.
     """
 
     title: str
@@ -91,6 +94,7 @@ class Caption:
     high: float
     colormap: ColorMap
     missing: bool = False
+    lines: float | None = None
 
     @property
     def table(self) -> npt.NDArray[np.uint8]:
@@ -180,17 +184,17 @@ def text_size(text: str, size: float, bold: bool) -> tuple[int, int]:
     return box[1] - box[0] + 1, box[3] - box[2] + 1
 
 
-def _fitted(text: str, size: float, bold: bool, width: float) -> str:
-    """The text, or as much of it as fits with an ellipsis."""
-    if text_size(text, size, bold)[0] <= width:
+def fitted(text: str, width: float, width_of: Callable[[str], float]) -> str:
+    """The text, or as much of it as fits into a width with an ellipsis."""
+    if width_of(text) <= width:
         return text
-    while text and text_size(text + "…", size, bold)[0] > width:
+    while text and width_of(text + "…") > width:
         text = text[:-1].rstrip()
     return text + "…" if text else ""
 
 
 class Annotations:
-    """The actors, in a renderer; each is set anew only when what it says has changed.
+    """The actors, in a renderer.
 
     Parameters
     ----------
@@ -205,7 +209,7 @@ class Annotations:
         #: The axes are seen from where the mesh is, at another place: a renderer of their own.
         self.corner = vtkRenderer()
         self._colors = vtkLookupTable()
-        self._known: dict[str, Hashable] = {}
+        self._pinned: tuple[Page, Sequence[Pin]] | None = None
         for actor in self.actors:
             actor.SetLayerNumber(1)
             renderer.AddViewProp(actor)
@@ -231,47 +235,22 @@ class Annotations:
         """Say this; without a view there is no mesh, and nothing is said."""
         if view is None:
             caption, pins = None, ()
-        if self._is_new("title", (page, caption and (caption.title, caption.quantity))):
-            self._set_title(page, caption)
-        if self._is_new("bar", (page, caption)):
-            self._set_bar(page, caption)
-        if self._is_new("scale", (page, unit, view)):
-            self._set_scale(page, view, unit)
-        if self._is_new("axes", (page, view)):
-            self._set_axes(page, view)
-        if self._is_new("pins", (page, tuple(pins))):
+        self._set_title(page, caption)
+        self._set_bar(page, caption)
+        self._set_scale(page, view, unit)
+        self._set_axes(page, view)
+        if self._pinned != (page, pins):  # actors are made of them
+            self._pinned = page, pins
             self._set_pins(page, pins)
-
-    def _is_new(self, part: str, key: Hashable) -> bool:
-        before = self._known.get(part, ...)
-        self._known[part] = key
-        return before != key
 
     # -- title ------------------------------------------------------------------------------
 
     def _set_title(self, page: Page, caption: Caption | None) -> None:
-        theme, scale = page.theme, page.scale
-        edge, free = _EDGE * scale, page.width / scale - 2 * _EDGE
-        two_lines = page.height > 160 * scale
-        for actor, text, size, ink, bold, drop in (
-            (self.title, caption.title if caption else "", TITLE, theme.ink, True, 0),
-            (
-                self.quantity,
-                caption.quantity if caption else "",
-                QUANTITY,
-                theme.faint_ink,
-                False,
-                24,
-            ),
-        ):
-            shown = bool(text) and (two_lines or not drop)
-            actor.SetVisibility(shown)
-            if shown:
-                actor.SetInput(_fitted(text, size, bold, free))
-                _style(actor.GetTextProperty(), size, ink, bold)
-                top = page.height - edge - drop * scale
-                _stand_on(actor.GetTextProperty(), page, top - 6 * scale)
-                actor.SetPosition(round(edge), round(top))
+        title, quantity = ("", "") if caption is None else (caption.title, caption.quantity)
+        _set_line(self.title, title, TITLE, page, page.theme.ink, bold=True)
+        if page.height <= 160 * page.scale:
+            quantity = ""
+        _set_line(self.quantity, quantity, QUANTITY, page, page.theme.faint_ink, drop=24)
 
     # -- colour bar -------------------------------------------------------------------------
 
@@ -299,8 +278,7 @@ class Annotations:
             return
         most = min(max(int(tall / (34 * scale)), 2), 7)
         values, form, exponent = ticks(caption.low, caption.high, most)
-        if self._is_new("colors", caption.colormap):
-            self._colors.SetTable(numpy_to_vtk(caption.table, deep=True))
+        self._colors.SetTable(numpy_to_vtk(caption.table, deep=True))
         self._colors.SetRange(caption.low / 10.0**exponent, caption.high / 10.0**exponent)
         bar.SetCustomLabels(numpy_to_vtk(np.array(values), deep=True))
         bar.SetLabelFormat(form)
@@ -383,6 +361,26 @@ class Annotations:
         self.pins = [actor for pin in pins for actor in _pin_actors(pin, page)]
         for actor in self.pins:
             self._renderer.AddViewProp(actor)
+
+
+def _set_line(
+    actor: vtkTextActor,
+    text: str,
+    size: float,
+    page: Page,
+    ink: str,
+    *,
+    bold: bool = False,
+    drop: float = 0.0,
+) -> None:
+    """Write a line into the upper left corner, so many points below its edge; none if empty."""
+    actor.SetVisibility(bool(text))
+    edge, free = _EDGE * page.scale, page.width / page.scale - 2 * _EDGE
+    top = page.height - edge - drop * page.scale
+    actor.SetInput(fitted(text, free, lambda part: text_size(part, size, bold)[0]))
+    _style(actor.GetTextProperty(), size, ink, bold)
+    _stand_on(actor.GetTextProperty(), page, top - 6 * page.scale)
+    actor.SetPosition(round(edge), round(top))
 
 
 def _new_axes() -> vtkAxesActor:

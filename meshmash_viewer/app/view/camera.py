@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from meshmash_viewer.mesh import Mesh
 
@@ -71,7 +72,7 @@ class View:
         """Turn the mesh by angles in radians, as if it were pushed to the right and up."""
         axes = self.axes
         for axis, angle in ((1, -right), (0, up), (2, -roll)):
-            axes = axes @ _rotation(axes[axis], angle).T
+            axes = Rotation.from_rotvec(angle * axes[axis]).apply(axes)
         u, _, vt = np.linalg.svd(axes)  # keeps the axes orthonormal over thousands of turns
         return replace(self, axes=u @ vt)
 
@@ -114,13 +115,6 @@ class View:
         if not (orthonormal and finite and 0.0 < half_size < np.inf):
             raise ValueError("a camera's axes are orthonormal and its numbers finite")
         return cls(focus, axes, half_size)
-
-
-def _rotation(axis: FloatArray, angle: float) -> FloatArray:
-    """Rodrigues' rotation matrix about a unit vector."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
 
 
 def _compactness(mesh: Mesh) -> float:

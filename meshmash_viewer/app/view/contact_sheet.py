@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from meshmash_viewer.app.view.annotations import Caption, font_file
+from meshmash_viewer.app.view.annotations import Caption, fitted, font_file
 from meshmash_viewer.app.view.colors import DARK, LIGHT
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.units import format_quantity
@@ -89,7 +89,7 @@ class ContactSheet:
         edge = self._layout.head * 0.4
         self._draw.text(
             (edge, self._layout.head / 2),
-            _fitted(title, head, size[0] - 2 * edge),
+            fitted(title, size[0] - 2 * edge, head.getlength),
             fill=self._theme.ink,
             font=head,
             anchor="lm",
@@ -115,7 +115,7 @@ class ContactSheet:
         below = top + layout.picture[1]
         self._draw.text(
             (middle, below + 0.5 * _CAPTION * text),
-            _fitted(self._captions[at], self._caption_font, 0.96 * layout.cell[0]),
+            fitted(self._captions[at], 0.96 * layout.cell[0], self._caption_font.getlength),
             fill=self._theme.ink,
             font=self._caption_font,
             anchor="mm",
@@ -167,12 +167,3 @@ def _layout(columns: int, count: int, size: tuple[int, int], aspect: float) -> _
 def _drawn_width(layout: _Layout, aspect: float) -> float:
     """How wide something of an aspect is drawn."""
     return min(layout.picture[0], layout.picture[1] * aspect)
-
-
-def _fitted(text: str, font: ImageFont.FreeTypeFont, width: float) -> str:
-    """The text, or as much of it as fits with an ellipsis."""
-    if font.getlength(text) <= width:
-        return text
-    while text and font.getlength(text + "…") > width:
-        text = text[:-1].rstrip()
-    return text + "…" if text else ""

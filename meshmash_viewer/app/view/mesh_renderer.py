@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
-from vtkmodules.util.numpy_support import vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 from vtkmodules.vtkRenderingCore import (
     vtkActor,
     vtkCamera,
@@ -23,12 +21,13 @@ from meshmash_viewer.app.view.annotations import Annotations, Caption, Page, Pin
 from meshmash_viewer.app.view.camera import View, fitted_view
 from meshmash_viewer.app.view.colors import DARK, LIGHT, ColorMap, color_table, rgb
 from meshmash_viewer.app.view.geometry import geometry_of
-from meshmash_viewer.app.view.picking import Picker
-from meshmash_viewer.app.view.surface import LineSet, Surface
+from meshmash_viewer.app.view.surface import Surface
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.field import Field
 from meshmash_viewer.surface.clustering import CoarseMesh
+from meshmash_viewer.surface.rays import RayTarget
 
-__all__ = ["MeshRenderer", "read_pixels"]
+__all__ = ["MeshRenderer"]
 
 
 class MeshRenderer:
@@ -59,8 +58,6 @@ class MeshRenderer:
             light.SetIntensity(intensity)
             self.renderer.AddLight(light)
         self.renderer.GetActiveCamera().ParallelProjectionOn()
-        self._lines = LineSet()
-        self.renderer.AddActor(self._lines.actor)
         self.annotations = Annotations(self.renderer)
         self.mesh: Mesh | None = None
         self.normals: npt.NDArray[np.float32] | None = None
@@ -70,21 +67,16 @@ class MeshRenderer:
         self._bounds = np.zeros((2, 3))
         #: Where vertices are drawn that are not where the mesh has them, relative to `centre`.
         self.moved: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]] | None = None
-        self._coarse_moved: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]] | None = None
-        self._own_picker: Picker | None = None
         self.view: View | None = None
-        self._placed: tuple[Any, ...] | None = None
-        self._scale = 0.0
+        self._placed: tuple[View | None, int] = (None, 0)
         self._hidden: tuple[Any, ...] = ()
         self._pins_placed: list[Pin] = []
         self.caption: Caption | None = None
         self.surface: Surface | None = None
         self.coarse: Surface | None = None
-        self.picker: Picker | None = None
+        #: What lines of sight are cast against, once it is there.
+        self.picker: RayTarget | None = None
         self._coarse_mesh: CoarseMesh | None = None
-        #: The values of the mesh that the stand-in has those of its vertices from.
-        self._coarse_of: npt.NDArray[np.float32] | None = None
-        self._segments: tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]] | None = None
         self._pins: tuple[tuple[int, str, str], ...] = ()
         #: Whether anything is written over the mesh.
         self.annotated = True
@@ -104,51 +96,35 @@ class MeshRenderer:
         self.renderer.SetBackground2(*rgb(self.theme.background_top))
         self.renderer.GradientBackgroundOn()
         for surface in self._surfaces:
-            surface.actor.GetProperty().SetColor(*rgb(self.theme.surface))
+            surface.set_theme(self.theme)
 
     @property
     def _surfaces(self) -> list[Surface]:
         """The mesh and its stand-in, as far as they are there."""
         return [surface for surface in (self.surface, self.coarse) if surface is not None]
 
-    def set_mesh(
-        self, mesh: Mesh | None, normals: npt.NDArray[np.float32] | None, *, picking: bool = False
-    ) -> None:
-        """Take a mesh with normals of shape (n, 3), or none; field, lines and pins go."""
+    def set_mesh(self, mesh: Mesh | None, normals: npt.NDArray[np.float32] | None) -> None:
+        """Take a mesh with normals of shape (n, 3), or none; field and pins go."""
         for surface in self._surfaces:
             self.renderer.RemoveActor(surface.actor)
-        for picker in (self.picker, self._own_picker):
-            if picker is not None:
-                picker.stop()
-        self.surface = self.coarse = self.picker = self._coarse_mesh = self._coarse_of = None
-        self.moved = self._coarse_moved = self._own_picker = None
+        self.surface = self.coarse = self.picker = self._coarse_mesh = self.moved = None
         self.caption, self._pins = None, ()
-        self.set_segments(None)
         if mesh is None:
             self.mesh = self.normals = self.view = None
             return
         normals = mesh.vertex_normals if normals is None else normals
         self.mesh, self.normals = mesh, normals
-        self._placed = None
         geometry = geometry_of(mesh)
         self.sample, self.axes = geometry.sample, geometry.axes
         self.centre, self._bounds = geometry.centre, geometry.bounds
         self.surface = self._new_surface(geometry.points, geometry.faces, normals)
-        if picking:
-            self.picker = self._own_picker = self._new_picker(geometry.points)
-
-    def _new_picker(self, points: npt.NDArray[np.float32]) -> Picker:
-        assert self.mesh is not None
-        geometry = geometry_of(self.mesh)
-        size = float(np.linalg.norm(geometry.bounds[1] - geometry.bounds[0]))
-        return Picker(points, geometry.faces, size)
 
     def move(
         self,
         points: npt.NDArray[np.float32] | None,
         normals: npt.NDArray[np.float32] | None = None,
     ) -> None:
-        """Draw the vertices elsewhere; `segments` go, and nothing can be picked.
+        """Draw the vertices elsewhere; nothing can be picked.
 
         Parameters
         ----------
@@ -163,25 +139,23 @@ class MeshRenderer:
         if points is None:
             self.moved = None
             self.surface.move(geometry.points, self.normals)
-            self.picker = self._own_picker
         else:
             if normals is None:
                 normals = self.normals if self.moved is None else self.moved[1]
             self.moved = (points, normals)
             self.surface.move(points, normals)
-            if self.picker is not self._own_picker and self.picker is not None:
-                self.picker.stop()
-            self.picker = None
+        self.picker = None
         # what moves reaches beyond the mesh, and is not to be cut off
         room = 0.0 if points is None else 0.3 * np.ptp(geometry.bounds, axis=0).max()
         self._bounds = geometry.bounds + np.array([[-room], [room]])
-        self._placed, self._hidden = None, ()
-        self.set_segments(None)
+        self._hidden = ()
 
-    def pick_moved(self) -> None:
-        """Let the vertices be picked where they are drawn now."""
-        if self.moved is not None and self.picker is None and self._own_picker is not None:
-            self.picker = self._new_picker(self.moved[0])
+    @property
+    def drawn(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        """Where the vertices are drawn relative to `centre`, and normals, both of shape (n, 3)."""
+        assert self.mesh is not None
+        assert self.normals is not None
+        return self.moved or (geometry_of(self.mesh).points, self.normals)
 
     def place(self, vertex: int) -> npt.NDArray[np.float64]:
         """Where a vertex is drawn, shape (3,), in mesh coordinates."""
@@ -204,41 +178,30 @@ class MeshRenderer:
     ) -> Surface:
         surface = Surface(points, faces, normals)
         surface.actor.SetPosition(*self.centre)
-        surface.actor.GetProperty().SetColor(*rgb(self.theme.surface))
-        surface.set_scale(self._scale or 1.0)
-        if self.caption is not None:
-            _dress(surface, self.caption)
+        surface.set_theme(self.theme)
+        surface.dress(self.caption)
         self.renderer.AddActor(surface.actor)
         return surface
 
-    def set_coarse(
-        self,
-        coarse: CoarseMesh,
-        points: npt.NDArray[np.float32],
-        normals: npt.NDArray[np.float32],
-        dot_size: float = 0.0,
-    ) -> None:
+    def set_coarse(self, coarse: CoarseMesh, dot_size: float = 0.0) -> None:
         """Take a stand-in that `show_coarse` draws in place of the mesh, and of one before it.
 
         Parameters
         ----------
         coarse : CoarseMesh
-        points, normals : ndarray of float32, shape (c, 3)
-            Of its representatives, relative to `centre`.
         dot_size : float
             Pixels; other than 0, only the vertices are drawn, in dots of that size.
         """
         if self.coarse is not None:
             self.renderer.RemoveActor(self.coarse.actor)
-        self.coarse = self._new_surface(points, coarse.faces, normals)
+        points, normals = (each[coarse.representatives] for each in self.drawn)
+        self.coarse, self._coarse_mesh = self._new_surface(points, coarse.faces, normals), coarse
         self.coarse.actor.VisibilityOff()
         if dot_size:
             self.coarse.show_as_dots(dot_size)
-        self._coarse_mesh, self._coarse_of, self._coarse_moved = coarse, None, None
 
     def show_coarse(self, shown: bool) -> None:
-        """Draw the stand-in, if it is there yet, or the mesh with its lines."""
-        self._lines.actor.SetVisibility(not shown and self._segments is not None)
+        """Draw the stand-in, if it is there yet, or the mesh."""
         if self.surface is not None:
             self.surface.actor.SetVisibility(not shown)
         if self.coarse is not None:
@@ -257,12 +220,9 @@ class MeshRenderer:
         title: str = "",
         quantity: str = "",
         unit: str = "",
-        *,
-        complete: bool = False,
+        lines: float | None = None,
     ) -> None:
-        """Colour the mesh by values of shape (n,), or by none.
-
-        `complete` says that none of them is NaN, so that this need not be looked for.
+        """Colour the mesh by values of shape (n,), or by none; the rest is that of a `Caption`.
 
         Raises
         ------
@@ -271,7 +231,6 @@ class MeshRenderer:
         """
         if self.mesh is None or self.surface is None:
             return
-        before = None
         if values is None:
             self.caption = None
         else:
@@ -282,33 +241,25 @@ class MeshRenderer:
                 )
             color_table(colormap)  # refuses what is none before anything is changed
             low, high = (float(limit) for limit in limits)
-            missing = self.surface.write(values, complete=complete)
-            before = self.caption
-            self.caption = Caption(title, quantity, unit, low, high, colormap, missing)
+            missing = self.surface.write(values)
+            self.caption = Caption(title, quantity, unit, low, high, colormap, missing, lines)
         for surface in self._surfaces:
-            if self.caption is None:
-                surface.show_field(False)
-            else:
-                _dress(surface, self.caption, before)
+            surface.dress(self.caption)
 
-    def set_segments(
-        self,
-        segments: npt.NDArray[np.float32] | None,
-        widths: npt.NDArray[np.float64] | None = None,
+    def show(
+        self, field: Field, limits: tuple[float, float], colormap: ColorMap, *, lined: bool
     ) -> None:
-        """Draw segments of shape (s, 2, 3) relative to `centre`, or none.
-
-        `widths`, of shape (s,), are those of the branches that they go around.
-        """
-        self._segments = None
-        if segments is not None and widths is not None and len(segments):
-            self._segments = segments, widths
-        self._lines.show(segments, widths)
-
-    @property
-    def segments(self) -> npt.NDArray[np.float32] | None:
-        """The segments that are drawn, relative to `centre`."""
-        return None if self._segments is None else self._segments[0]
+        """Colour the mesh by a field, with all that it says of itself, and its lines."""
+        assert self.mesh is not None
+        self.set_field(
+            self.mesh.on_surface(field.values),
+            limits,
+            colormap,
+            field.title,
+            field.told(lined),
+            field.unit,
+            lines=field.line_spacing if lined else None,
+        )
 
     def set_pins(self, pins: Sequence[tuple[int, str, str]]) -> None:
         """Mark vertices in their colours, each with a label."""
@@ -316,16 +267,12 @@ class MeshRenderer:
 
     # -- the eye ----------------------------------------------------------------------------
 
-    def reset_view(self, width: int, height: int, scale: float) -> None:
-        """Show the whole mesh from its best side."""
-        if self.mesh is not None:
-            self.fit_view(self.axes, width, height, scale)
-
     def fit_view(
-        self, axes: npt.NDArray[np.float64], width: int, height: int, scale: float
+        self, width: int, height: int, scale: float, axes: npt.NDArray[np.float64] | None = None
     ) -> None:
-        """Show the whole mesh along given axes."""
+        """Show the whole mesh along given axes, or from its best side."""
         space = margins(self.caption is not None, width, height, scale)
+        axes = self.axes if axes is None else axes
         self.view = fitted_view(self.sample, axes, width, height, space)
 
     def prepare(self, width: int, height: int, scale: float, plates: bool = True) -> None:
@@ -343,69 +290,52 @@ class MeshRenderer:
         if self.shows_coarse:
             self._write_coarse()
         if self.mesh is not None and self.view is None:
-            self.reset_view(width, height, scale)
+            self.fit_view(width, height, scale)
         if self.view is not None:
-            if scale != self._scale:
-                self._scale = scale
-                self._lines.actor.GetProperty().SetLineWidth(2.0 * scale)
-                for surface in self._surfaces:
-                    surface.set_scale(scale)
+            for surface in self._surfaces:
+                surface.set_scale(scale)
             self._place_camera(self.view, width, height)
-            length_per_point = scale * self.view.length_per_pixel(width, height)
-            self._lines.fade(length_per_point, rgb(self.theme.line))
         page = Page(self.theme, width, height, scale, plates)
         unit = "" if self.mesh is None else self.mesh.unit
         view = self.view if self.annotated else None
         self.annotations.show(page, view, self.caption, unit, self._placed_pins())
 
     def _write_coarse(self) -> None:
-        """Give the stand-in the values of the mesh at its vertices, if they are new."""
+        """Give the stand-in values and places of the mesh at its vertices."""
         assert self.surface is not None
         assert self.coarse is not None
         assert self._coarse_mesh is not None
-        if self._coarse_of is not self.surface.values:
-            self._coarse_of = self.surface.values
-            self.coarse.write(self._coarse_of[self._coarse_mesh.representatives])
-        if self._coarse_moved is not self.moved:
-            self._coarse_moved = self.moved
-            assert self.mesh is not None
-            assert self.normals is not None
-            points, normals = self.moved or (geometry_of(self.mesh).points, self.normals)
-            chosen = self._coarse_mesh.representatives
-            self.coarse.move(points[chosen], normals[chosen])
+        chosen = self._coarse_mesh.representatives
+        self.coarse.write(self.surface.values[chosen])
+        points, normals = self.drawn
+        self.coarse.move(points[chosen], normals[chosen])
 
     def _place_camera(self, view: View, width: int, height: int) -> None:
         camera = self.renderer.GetActiveCamera()
-        known_view, known_time = (None, 0) if self._placed is None else self._placed[-2:]
+        known_view, known_time = self._placed
         if known_view is view and known_time != camera.GetMTime():
             view = self.view = _view_of(camera, width, height)  # somebody else has turned it
-        boxes = (prop.GetBounds() for prop in self.added())
-        added = tuple(box for box in boxes if box is not None and box[0] <= box[1])
-        place = (width, height, added, view, camera.GetMTime())
-        if place == self._placed:  # VTK would take it for another camera
-            return
         # Not the surface's own bounds: VTK goes through all faces to find them.
-        corners = [self.centre + self._bounds, *(np.reshape(box, (3, 2)).T for box in added)]
-        reach = max(float(np.linalg.norm(np.abs(box - view.focus).max(axis=0))) for box in corners)
+        boxes = [self.centre + self._bounds]
+        for box in (prop.GetBounds() for prop in self.added()):
+            if box is not None and box[0] <= box[1]:
+                boxes.append(np.reshape(box, (3, 2)).T)
+        reach = max(float(np.linalg.norm(np.abs(box - view.focus).max(axis=0))) for box in boxes)
         reach = max(reach, 1e-300)
-        # Nodal lines lie in the surface: some pixels nearer to the eye they are seen whole, and, in
-        # a parallel projection, at the same place.
-        lift = 5.0 * view.length_per_pixel(width, height)
-        self._lines.actor.SetPosition(*(self.centre + lift * view.axes[2]))
         camera.ParallelProjectionOn()
         camera.SetFocalPoint(*view.focus)
         camera.SetPosition(*(view.focus + 2.0 * reach * view.axes[2]))
         camera.SetViewUp(*view.axes[1])
         camera.SetParallelScale(view.half_size * height / max(min(width, height), 1))
         camera.SetClippingRange(0.9 * reach, 3.1 * reach)
-        self._placed = (*place[:-1], camera.GetMTime())
+        self._placed = view, camera.GetMTime()
 
     def _placed_pins(self) -> list[Pin]:
         if self.mesh is None or self.view is None or not self._pins:
             return []
-        ready = self.picker is not None and self.picker.ready
-        if self._hidden[:1] != (self.view,) or self._hidden[1:] != (ready, self._pins):
-            self._hidden = (self.view, ready, self._pins)
+        known = (self.view, self.picker, self._pins)
+        if self._hidden != known:
+            self._hidden = known
             eye = self.view.axes[2]
             self._pins_placed = [
                 Pin(
@@ -423,7 +353,7 @@ class MeshRenderer:
     def added(self) -> Iterator[vtkProp]:
         """Actors in the renderer that are not ours."""
         ours = {id(surface.actor) for surface in self._surfaces}
-        ours |= {id(self._lines.actor), *map(id, self.annotations.actors)}
+        ours |= set(map(id, self.annotations.actors))
         props = self.renderer.GetViewProps()
         for number in range(props.GetNumberOfItems()):
             prop = props.GetItemAsObject(number)
@@ -462,8 +392,6 @@ class MeshRenderer:
         self.renderer.SetBackground(0.0, 0.0, 0.0)
         self.renderer.SetBackgroundAlpha(0.0)
 
-    # -- another one of the same ------------------------------------------------------------
-
     def twin(self) -> MeshRenderer:
         """The same picture for another window; the arrays of mesh and field are shared."""
         other = MeshRenderer(self.dark)
@@ -478,15 +406,9 @@ class MeshRenderer:
         other.view, other.picker, other._pins = self.view, self.picker, self._pins
         if self.caption is not None:
             other.surface.write(self.surface.values)
-            _dress(other.surface, self.caption)
+            other.surface.dress(self.caption)
             other.caption = self.caption
-        if self._segments is not None:
-            other.set_segments(*self._segments)
         return other
-
-    def camera_state(self) -> dict[str, Any] | None:
-        """The view for a session file."""
-        return self.view.to_json() if self.view is not None else None
 
 
 def _view_of(camera: vtkCamera, width: int, height: int) -> View:
@@ -494,35 +416,3 @@ def _view_of(camera: vtkCamera, width: int, height: int) -> View:
     axes = [[rows.GetElement(row, column) for column in range(3)] for row in range(3)]
     half_size = camera.GetParallelScale() * min(width, height) / height
     return View(np.array(camera.GetFocalPoint()), np.array(axes), half_size)
-
-
-def _dress(surface: Surface, caption: Caption, before: Caption | None = None) -> None:
-    """Give a surface the colours of a caption, as far as they are not those of the one before."""
-    if before is None or caption.colormap != before.colormap:
-        surface.set_colors(caption.table)
-        surface.show_labels(not isinstance(caption.colormap, str))
-    if before is None or (caption.low, caption.high) != (before.low, before.high):
-        surface.set_range(caption.low, caption.high)
-    if before is None:
-        surface.show_field(True)
-
-
-def read_pixels(
-    window: vtkRenderWindow, alpha: bool, bottom: int, rows: int
-) -> npt.NDArray[np.uint8]:
-    """Rows of the frame that was rendered last, shape (rows, width, 3 or 4), upper row first.
-
-    A view: VTK has the lowest row first. `bottom` is the lowest, counted from below.
-    """
-    width, _ = window.GetSize()
-    pixels = vtkUnsignedCharArray()
-    corners = (0, bottom, width - 1, bottom + rows - 1)
-    if alpha:
-        # The samples of a pixel are averaged here once more: VTK averages light, not colours
-        # times opacity, for the frame on the screen.
-        window.GetRGBACharPixelData(*corners, 0, pixels, 0)
-    else:
-        # The frame as it would be on the screen; averaged already, while it was drawn.
-        window.GetPixelData(*corners, 1, pixels, 0)
-    shown: npt.NDArray[np.uint8] = vtk_to_numpy(pixels).reshape(rows, width, -1)[::-1]
-    return shown

@@ -5,32 +5,27 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Generator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
 from meshmash_viewer.app.view.colors import ColorMap
-from meshmash_viewer.app.view.mesh_renderer import MeshRenderer, read_pixels
+from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.limits import LockedLimits, MinMaxLimits, SymmetricLimits
 
 __all__ = [
     "OffScreen",
-    "RawPicture",
-    "all_steps",
-    "draw_in_steps",
     "draw_picture",
     "new_window",
     "render_picture",
+    "straight",
     "text_scale",
 ]
-
-#: Rows of pixels that are read back at a time.
-_ROWS = 256
 
 
 def render_picture(
@@ -95,58 +90,22 @@ def _limits(
     return (SymmetricLimits() if signed else MinMaxLimits()).limits(values)
 
 
-@dataclass(frozen=True, eq=False)
-class RawPicture:
-    """A frame as it was read back; what is left to do needs no graphics, and any thread can do it.
-
-    Parameters
-    ----------
-    pixels : ndarray of uint8, shape (height, width, 3 or 4)
-        With four channels, the colours are multiplied by the opacity.
-    """
-
-    pixels: npt.NDArray[np.uint8]
-
-    def rgba(self) -> npt.NDArray[np.uint8]:
-        """Straight colours and opacity, shape (height, width, 4), first row on top."""
-        height, width, channels = self.pixels.shape
-        picture = np.full((height, width, 4), 255, dtype=np.uint8)
-        if channels == 3:
-            picture[..., :3] = self.pixels
-            return picture
-        opacity = self.pixels[..., 3:].astype(np.float32) / 255.0
-        straight = self.pixels[..., :3] / np.maximum(opacity, 1.0 / 255.0)
-        picture[..., :3] = np.minimum(straight, 255.0).round().astype(np.uint8)
-        picture[..., 3] = self.pixels[..., 3]
-        return picture
-
-
 def draw_picture(
     drawing: MeshRenderer, size: tuple[int, int], transparent: bool = False
 ) -> npt.NDArray[np.uint8]:
     """Draw off the screen; returns RGBA, shape (height, width, 4), first row on top."""
-    return all_steps(draw_in_steps(drawing, size, transparent)).rgba()
-
-
-def all_steps(steps: Generator[None, None, RawPicture]) -> RawPicture:
-    """Take all steps at once."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            drawn: RawPicture = end.value
-            return drawn
-
-
-def draw_in_steps(
-    drawing: MeshRenderer, size: tuple[int, int], transparent: bool = False
-) -> Generator[None, None, RawPicture]:
-    """The part of `draw_picture` that needs the thread of the graphics, in steps.
-
-    Between them it may do something else; the last one returns the picture.
-    """
     with contextlib.closing(OffScreen(drawing, size, transparent)) as window:
-        return (yield from window.draw())
+        return straight(window.draw())
+
+
+def straight(picture: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """RGBA of a picture as `OffScreen.draw` returns it; needs no graphics, any thread can do it."""
+    rgba = np.full((*picture.shape[:2], 4), 255, dtype=np.uint8)
+    rgba[..., : picture.shape[2]] = picture
+    if picture.shape[2] == 4:
+        opacity = np.maximum(picture[..., 3:].astype(np.float32), 1.0) / 255.0
+        rgba[..., :3] = np.minimum(picture[..., :3] / opacity, 255.0).round()
+    return rgba
 
 
 class OffScreen:
@@ -176,24 +135,32 @@ class OffScreen:
         self._window.SetSize(*self.size)
         drawing.add_to(self._window)
         if transparent:
-            # What comes out is colour times opacity, which is then undone.
             drawing.leave_background()
         self._window.SetDPI(round(72 * text_scale(self.size)))
 
-    def draw(self) -> Generator[None, None, RawPicture]:
-        """Draw it as it is now, in steps, see `draw_in_steps`."""
+    def draw(self) -> npt.NDArray[np.uint8]:
+        """Draw it as it is now.
+
+        Returns
+        -------
+        ndarray of uint8, shape (height, width, 3 or 4)
+            First row on top. With four channels, colours are multiplied by the opacity (`straight`
+            undoes it).
+        """
         width, height = self.size
         self.drawing.prepare(width, height, text_scale(self.size), plates=not self.transparent)
-        yield
         self._window.Render()
-        yield
-        pixels = np.empty((height, width, 4 if self.transparent else 3), dtype=np.uint8)
-        for bottom in range(0, height, _ROWS):
-            rows = min(_ROWS, height - bottom)
-            part = read_pixels(self._window, self.transparent, bottom, rows)
-            pixels[height - bottom - len(part) : height - bottom] = part
-            yield
-        return RawPicture(pixels)
+        pixels = vtkUnsignedCharArray()
+        corners = (0, 0, width - 1, height - 1)
+        if self.transparent:
+            # The samples of a pixel are averaged here once more: VTK averages light, not colours
+            # times opacity, for the frame on the screen.
+            self._window.GetRGBACharPixelData(*corners, 0, pixels, 0)
+        else:
+            # The frame as it would be on the screen; averaged already, while it was drawn.
+            self._window.GetPixelData(*corners, 1, pixels, 0)
+        rows: npt.NDArray[np.uint8] = vtk_to_numpy(pixels).reshape(height, width, -1)
+        return np.ascontiguousarray(rows[::-1])
 
     def close(self) -> None:
         """Give back what it takes of the card."""
@@ -210,11 +177,5 @@ def new_window() -> vtkRenderWindow:
     """A render window that needs no display where there is none."""
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         # Asked for by name: the general one tries the display first, and complains.
-        import vtkmodules.vtkRenderingOpenGL2 as opengl
-
-        for name in ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"):
-            kind = getattr(opengl, name, None)
-            if kind is not None:
-                window: vtkRenderWindow = kind()
-                return window
+        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     return vtkRenderWindow()

@@ -75,12 +75,6 @@ class RenderWidget(QtInteractor):
         assert window is not None, "the render has been closed"
         return window
 
-    @property
-    def ready_to_draw(self) -> bool:
-        """Whether Qt has given the window something to draw into."""
-        window: Any = self.window_of_vtk
-        return bool(window.GetReadyForRendering())
-
     def sizeHint(self) -> QSize:
         """A good size for a first look."""
         return QSize(800, 600)
@@ -111,7 +105,8 @@ class RenderWidget(QtInteractor):
 
     def paintGL(self) -> None:
         """Ask for a frame if there is to be a new one, and show it."""
-        if self._stale and self.ready_to_draw:
+        window: Any = self.window_of_vtk
+        if self._stale and window.GetReadyForRendering():
             self._stale = False
             self._drawing = True
             try:

@@ -11,63 +11,24 @@ import numpy.typing as npt
 
 from meshmash_viewer.app.view.annotations import margins
 from meshmash_viewer.app.view.camera import Margins, View, fitted_view
-from meshmash_viewer.app.view.colors import ColorMap
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
-from meshmash_viewer.app.view.picture import OffScreen, RawPicture, all_steps, text_scale
+from meshmash_viewer.app.view.picture import OffScreen, text_scale
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
-from meshmash_viewer.model.field import (
-    Field,
-    FieldRequest,
-    LiveFeatures,
-    compute_field,
-    shown_family,
-)
-from meshmash_viewer.model.limits import LimitPolicy
-from meshmash_viewer.surface.nodal_lines import nodal_segments
+from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field
 
 __all__ = [
-    "Dress",
-    "Look",
     "Shot",
+    "answered",
     "aspect",
     "draw_series",
-    "dressed",
-    "look_of",
+    "put_on",
     "series_view",
     "shots_of",
     "turntable",
 ]
-
-
-@dataclass(frozen=True)
-class Look:
-    """What all pictures have in common.
-
-    Parameters
-    ----------
-    colormap : str
-        One of matplotlib's.
-    policy : LimitPolicy, optional
-        How limits are chosen for each; None as suits the field.
-    nodal_lines : bool
-        Whether lines are drawn, of zero or at round values.
-    diverging : str, optional
-        The colour map of fields of both signs, if it is another.
-    """
-
-    colormap: str
-    policy: LimitPolicy | None = None
-    nodal_lines: bool = False
-    diverging: str = ""
-
-    def colors(self, field: Field) -> str | tuple[str, ...]:
-        """The colour map of a field, or the colours of its labels."""
-        if field.labels:
-            return tuple(label.color for label in field.labels)
-        return (self.diverging if field.signed else "") or self.colormap
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,49 +37,6 @@ class Shot:
 
     request: FieldRequest | None = None
     view: View | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Dress:
-    """A field ready to be put on a mesh; it needs no graphics, and any thread can make it."""
-
-    shot: Shot
-    field: Field | None = None
-    values: npt.NDArray[np.float32] | None = None
-    limits: tuple[float, float] = (0.0, 1.0)
-    colormap: ColorMap = ""
-    lines: tuple[npt.NDArray[np.float32], npt.NDArray[np.float64]] | None = None
-
-    def put_on(self, drawing: MeshRenderer) -> None:
-        """Show it, from where the shot says."""
-        if self.shot.view is not None:
-            drawing.view = self.shot.view
-        if self.field is None:
-            return
-        drawing.set_field(
-            self.values,
-            self.limits,
-            self.colormap,
-            self.field.title,
-            self.field.told(self.lines is not None),
-            self.field.unit,
-            complete=self.field.complete,
-        )
-        if self.lines is None:
-            drawing.set_segments(None)
-        else:
-            drawing.set_segments(*self.lines)
-
-
-def look_of(display: Display) -> Look:
-    """The colours of what is on the render."""
-    family = shown_family(display)
-    return Look(
-        display.sequential_colormap,
-        display.policies.get(family.name),
-        display.nodal_lines,
-        display.diverging_colormap,
-    )
 
 
 def shots_of(
@@ -147,46 +65,48 @@ def shots_of(
     ]
 
 
-def dressed(
+def answered(
     shot: Shot,
-    look: Look,
+    display: Display,
     live: LiveFeatures,
-    drawing: MeshRenderer,
     picked: npt.NDArray[np.int64] | None = None,
-) -> Dress:
-    """Compute what a shot shows, by the direct sum where there is one.
+) -> Field | None:
+    """Compute what a shot shows, by the direct sum where there is one; any thread can do it.
 
     `picked` are the vertices of the field's mesh that are those of the drawing's, if not all.
     """
     if shot.request is None:
-        return Dress(shot)
+        return None
     found = compute_field(shot.request, live)
     if found is None:
         live.prepare(shot.request)
         found = compute_field(shot.request, live)
     assert found is not None, "its table is there"
-    mesh, lines = drawing.mesh, None
-    assert mesh is not None
-    values = mesh.on_surface(found.values if picked is None else found.values[picked])
-    if look.nodal_lines and found.levels:
-        lines = nodal_segments(mesh.vertices, mesh.faces, values, drawing.centre, found.levels)
-    return Dress(shot, found, values, found.limits(look.policy), look.colors(found), lines)
+    found.colors(display)  # now, for it takes a while and is known afterwards
+    return found if picked is None else found.carried(picked)
+
+
+def put_on(drawing: MeshRenderer, shot: Shot, field: Field | None, display: Display) -> None:
+    """Show a shot with its field, in the colours and with the lines that a display has."""
+    if shot.view is not None:
+        drawing.view = shot.view
+    if field is not None:
+        drawing.show(field, *field.colors(display), lined=display.nodal_lines)
 
 
 def draw_series(
     drawing: MeshRenderer,
     size: tuple[int, int],
     shots: Sequence[Shot],
-    look: Look,
+    display: Display,
     transparent: bool = False,
-) -> Iterator[tuple[Dress, RawPicture]]:
-    """Draw one picture after the other, all of one size; none of them is kept."""
+) -> Iterator[npt.NDArray[np.uint8]]:
+    """Draw one picture after the other (`OffScreen.draw`), all of one size; none is kept."""
     live = LiveFeatures()
     with contextlib.closing(OffScreen(drawing, size, transparent)) as window:
         for shot in shots:
-            dress = dressed(shot, look, live, drawing)
-            dress.put_on(drawing)
-            yield dress, all_steps(window.draw())
+            put_on(drawing, shot, answered(shot, display, live), display)
+            yield window.draw()
 
 
 def series_view(

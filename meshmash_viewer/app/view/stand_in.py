@@ -1,127 +1,77 @@
-"""What is drawn of a mesh whose frames are slow, while something moves."""
+"""Coarse meshes in the place of large ones: while something moves slowly, and for thumbnails."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 
-import numpy as np
-import numpy.typing as npt
+from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
-from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.surface.clustering import CoarseMesh, cluster_vertices, scatter
 
-__all__ = ["StandIn"]
+__all__ = ["StandIn", "dots_of", "stand_in_of"]
 
 #: A frame that takes longer than this (s) is slow.
 SLOW_FRAME = 0.045
 #: One that takes longer than this is not made slower by smoothing its edges well.
 VERY_SLOW_FRAME = 0.3
-#: So many frames of a mesh are measured, after a first one that tells nothing.
-MEASURED_FRAMES = 4
 #: About how many vertices the stand-in has; it takes a mesh of twice as many to be worth one.
 COARSE_VERTICES = 40_000
-#: How many dots are drawn until it is there, and how wide they are in points.
-DOTS, DOT_SIZE = 36_000, 6.0
+#: How many dots are drawn until it is there.
+DOTS = 36_000
 
 
 class StandIn:
-    """Learns how slow frames are, and puts a coarse mesh into the drawing where that helps.
+    """Learns how slow the frames of a mesh are."""
 
-    Parameters
-    ----------
-    drawing : MeshRenderer
-    """
-
-    def __init__(self, drawing: MeshRenderer) -> None:
-        self._drawing = drawing
+    def __init__(self) -> None:
         #: Whether OpenGL runs on the processor, as far as is known.
         self.software = False
-        self.forget()
+        self.begin(0)
 
-    def forget(self) -> None:
-        """Start anew with another mesh."""
-        self._seconds: float | None = None
-        self._frames = 0
-        #: Whether the coarse mesh has been asked for, and whether it has not come yet.
-        self.asked = self.awaited = False
+    def begin(self, n_vertices: int) -> None:
+        """Start anew with another mesh; of a large one that a processor draws nothing is asked."""
+        self._n_vertices = n_vertices
+        self._seconds = math.inf if self.software and self.large else 0.0
+        self._first = True
+        #: Whether it has been asked for.
+        self.asked = False
+
+    @property
+    def large(self) -> bool:
+        """Whether the mesh has many more vertices than a stand-in."""
+        return self._n_vertices > 2 * COARSE_VERTICES
 
     @property
     def slow(self) -> bool:
         """Whether frames of the full mesh are."""
-        return self._seconds is not None and self._seconds > SLOW_FRAME
+        return self._seconds > SLOW_FRAME
 
     @property
     def very_slow(self) -> bool:
         """Whether nothing may be added to frames of the full mesh."""
-        return self._seconds is not None and self._seconds > VERY_SLOW_FRAME
+        return self._seconds > VERY_SLOW_FRAME
 
-    @property
-    def measuring(self) -> bool:
-        """Whether the next full frame is to be measured; on a processor all of them are."""
-        return self.software or self._frames <= MEASURED_FRAMES
-
-    @property
-    def _helps(self) -> bool:
-        mesh = self._drawing.mesh
-        return mesh is not None and mesh.n_vertices > 2 * COARSE_VERTICES
-
-    def begin(self, scale: float) -> bool:
-        """Draw dots before the first full frame, if that will be slow without a doubt.
-
-        Parameters
-        ----------
-        scale : float
-            Pixels to a point.
-
-        Returns
-        -------
-        bool
-            Whether a coarse mesh is to be made.
-        """
-        if not (self.software and self._helps):
-            return False
-        self._seconds = np.inf
-        self._put(scatter(self._mesh.faces, DOTS), DOT_SIZE * scale)
-        self.asked = self.awaited = True
-        return True
-
-    @property
-    def _mesh(self) -> Mesh:
-        assert self._drawing.mesh is not None
-        return self._drawing.mesh
-
-    def measure(self, seconds: float) -> bool:
-        """Learn from a frame of the full mesh; returns whether a coarse mesh is to be made."""
-        if not self.measuring:
-            return False
-        self._frames += 1
-        if self._frames == 1:
+    def measure(self, seconds: float) -> None:
+        """Learn from a frame of the full mesh."""
+        if self._first:
             # It also compiled shaders and filled the card's memory, and tells nothing.
-            return False
-        self._seconds = seconds
-        if not (self.slow and self._helps) or self.asked:
-            return False
-        self.asked = self.awaited = True
-        return True
+            self._first = False
+        else:
+            self._seconds = seconds
 
-    def task(self) -> Callable[[], CoarseMesh]:
-        """What makes the coarse mesh of the mesh that is there now; it takes its time."""
-        mesh = self._mesh
-        return lambda: cluster_vertices(mesh.vertices, mesh.faces, COARSE_VERTICES)
+    def look_at(self, window: vtkRenderWindow) -> None:
+        """Find out what draws a window, which can tell once it is on the screen."""
+        told = window.ReportCapabilities().lower()
+        names = "llvmpipe", "softpipe", "swrast", "swiftshader"
+        self.software = any(name in told for name in names)
 
-    def take(self, coarse: CoarseMesh) -> None:
-        """Draw what was made from now on."""
-        self.awaited = False
-        self._put(coarse)
 
-    def give_up(self) -> None:
-        """Do without what could not be made; dots stay where they were drawn first."""
-        self.awaited = False
+def dots_of(mesh: Mesh) -> CoarseMesh:
+    """What is drawn until the stand-in is there: dots from all over a mesh, at once."""
+    return scatter(mesh.faces, DOTS)
 
-    def _put(self, coarse: CoarseMesh, dot_size: float = 0.0) -> None:
-        drawing, chosen = self._drawing, coarse.representatives
-        points: npt.NDArray[np.float32]
-        points = (self._mesh.vertices[chosen] - drawing.centre).astype(np.float32)
-        assert drawing.normals is not None
-        drawing.set_coarse(coarse, points, drawing.normals[chosen], dot_size)
+
+def stand_in_of(mesh: Mesh) -> CoarseMesh:
+    """The stand-in of a mesh, which takes a second at a million vertices."""
+    return cluster_vertices(mesh.vertices, mesh.faces, COARSE_VERTICES)

@@ -1,8 +1,6 @@
-"""The surface and the nodal lines on it, as actors whose arrays share memory with NumPy."""
+"""The surface and the lines on it, as an actor whose arrays share memory with NumPy."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -10,11 +8,12 @@ import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the mappers)
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkPolyData
-from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
+from vtkmodules.vtkRenderingCore import VTK_POINTS, vtkActor, vtkPolyDataMapper
 
-from meshmash_viewer.app.view.colors import NAN_COLOR
+from meshmash_viewer.app.view.annotations import Caption
+from meshmash_viewer.app.view.colors import LIGHT, NAN_COLOR, RenderTheme, rgb
 
-__all__ = ["LineSet", "Surface"]
+__all__ = ["Surface"]
 
 #: Lit from the eye's side, whichever way round the corners of a face are: raw meshes mix both.
 _FACING = """//VTK::Normal::Impl
@@ -26,9 +25,28 @@ _FACING = """//VTK::Normal::Impl
 #: none.
 _RIM = """//VTK::Light::Impl
   vec2 turning = vec2(length(dFdx(normalVCVSOutput.xy)), length(dFdy(normalVCVSOutput.xy)));
-  float rim = 1.0 - smoothstep(0.06, 0.3, max(turning.x, turning.y) * pixelsToPoint);
+  float turn = max(turning.x, turning.y) * pixelsToPoint;
+  float rim = 1.0 - smoothstep(0.06, 0.3, turn);
   rim *= 1.0 - smoothstep(0.0, 0.5, abs(normalVCVSOutput.z));
   fragOutput0.rgb *= 1.0 - 0.42 * rim;
+"""
+#: Lines two points wide where the field is zero, or at a multiple of a spacing: as far from them
+#: as the field is over its slope on the screen. Those of zero are the fainter the thinner a branch
+#: is that is less than 10 points wide, and gone at 6: they would hide its colours.
+_LINES = """
+  float level = lineSpacing > 0.0 ? lineSpacing * max(round(fieldVC / lineSpacing), 1.0) : 0.0;
+  vec2 rise = abs(vec2(dFdx(fieldVC), dFdy(fieldVC)));
+  float most = max(max(rise.x, rise.y), 1e-37);  // squares of tiny values would be none
+  float slope = most * length(rise / most) * pixelsToPoint;
+  float away = abs(fieldVC - level);
+  if (linesShown > 0 && slope > 0.0 && away < 2.0 * slope && abs(fieldVC) < 1e20) {
+    float soft = 0.5 / pixelsToPoint;
+    float line = 1.0 - smoothstep(1.0 - soft, 1.0 + soft, away / slope);
+    if (lineSpacing <= 0.0) {
+      line *= smoothstep(6.0, 10.0, 2.0 * abs(normalVCVSOutput.z) / max(turn, 1e-6));
+    }
+    fragOutput0.rgb = mix(fragOutput0.rgb, lineColor, line);
+  }
 """
 #: The field goes to the graphics card as it is and is coloured there, from a table of 256 colours:
 #: VTK's own colouring computes texture coordinates on the processor, 25 ms for a million vertices.
@@ -86,22 +104,13 @@ class Surface:
         # VTK holds a reference to each array that it was given without a copy.
         self._array = numpy_to_vtk(self.values)
         self._array.SetName("field")
-        self._points = vtkPoints()
-        self._points.SetData(numpy_to_vtk(np.ascontiguousarray(points, dtype=np.float32)))
-        corners = np.ascontiguousarray(faces, dtype=np.int32).ravel()
-        starts = np.arange(0, len(corners) + 1, 3, dtype=np.int32)
         cells = vtkCellArray()
-        cells.SetData(numpy_to_vtk(starts), numpy_to_vtk(corners))
+        cells.SetData(3, numpy_to_vtk(np.ascontiguousarray(faces, dtype=np.int32).ravel()))
         self.data = vtkPolyData()
-        self.data.SetPoints(self._points)
+        self.data.SetPoints(vtkPoints())
         self.data.SetPolys(cells)
-        arrows = numpy_to_vtk(np.ascontiguousarray(normals, dtype=np.float32))
-        arrows.SetName("normals")
-        self.data.GetPointData().SetNormals(arrows)
-        #: Held as long as VTK has their addresses; at first VTK holds what it was given itself.
-        self._moved: tuple[npt.NDArray[np.float32] | None, npt.NDArray[np.float32] | None]
-        self._moved = (None, None)
         self.data.GetPointData().AddArray(self._array)
+        self.move(points, normals)
         self._mapper = vtkPolyDataMapper()
         self._mapper.SetInputData(self.data)
         self._mapper.ScalarVisibilityOff()
@@ -116,43 +125,40 @@ class Surface:
         look.SetSpecularPower(25.0)
         shaders = self.actor.GetShaderProperty()
         shaders.AddFragmentShaderReplacement("//VTK::Normal::Impl", True, _FACING, False)
-        shaders.AddFragmentShaderReplacement("//VTK::Light::Impl", True, _RIM, False)
+        shaders.AddFragmentShaderReplacement("//VTK::Light::Impl", True, _RIM + _LINES, False)
         shaders.AddVertexShaderReplacement("//VTK::Normal::Dec", True, _FIELD_IN, False)
         shaders.AddVertexShaderReplacement("//VTK::Normal::Impl", True, _FIELD_THROUGH, False)
         shaders.AddFragmentShaderReplacement("//VTK::Color::Dec", True, _FIELD_OUT, False)
         shaders.AddFragmentShaderReplacement("//VTK::Color::Impl", True, _FIELD_COLOR, False)
         self._uniforms = shaders.GetFragmentCustomUniforms()
         self._uniforms.SetUniformi("fieldMissing", int(NAN_COLOR[1:], 16))
-        self.set_colors(np.zeros((_COLORS, 4), dtype=np.uint8))
-        self.set_range(0.0, 1.0)
         self.set_scale(1.0)
-        self.show_field(False)
-        self.show_labels(False)
+        self.set_theme(LIGHT)
+        # a shader knows what has been set once
+        self.dress(Caption("", "", "", 0.0, 1.0, "viridis"))
+        self.dress(None)
 
     def move(self, points: npt.NDArray[np.float32], normals: npt.NDArray[np.float32]) -> None:
         """Draw the vertices elsewhere, with other normals, both of shape (n, 3).
 
         They are not copied, and must not be changed while they are shown.
         """
-        before, self._moved = self._moved, (points, normals)
-        arrays = self._points.GetData(), self.data.GetPointData().GetNormals()
-        for array, known, moved in zip(arrays, before, self._moved, strict=True):
-            if known is not moved:
-                array.SetVoidArray(moved.reshape(-1), moved.size, 1)
-                array.Modified()
-        self._points.Modified()
+        arrows = numpy_to_vtk(np.ascontiguousarray(normals, dtype=np.float32))
+        arrows.SetName("normals")
+        self.data.GetPointData().SetNormals(arrows)
+        places = numpy_to_vtk(np.ascontiguousarray(points, dtype=np.float32))
+        self.data.GetPoints().SetData(places)
         self.data.Modified()
 
-    def write(self, values: npt.NDArray[np.floating], *, complete: bool = False) -> bool:
+    def write(self, values: npt.NDArray[np.floating]) -> bool:
         """Show values of shape (n,), NaN where there is none; returns whether there are such.
 
-        `complete` says that there are none.
         They are not copied, and must not be changed while they are shown.
         """
         # Field values are never changed, so the array that came is shown and no copy of it.
         shown = np.ascontiguousarray(values, dtype=np.float32)
         # The least is NaN as soon as one entry is: one pass, without a temporary array.
-        missing = not complete and bool(np.isnan(shown.min(initial=0.0)))
+        missing = bool(np.isnan(shown.min(initial=0.0)))
         if missing:
             shown = np.where(np.isnan(shown), _MISSING, shown)
         self._array.SetVoidArray(shown, len(shown), 1)
@@ -166,15 +172,18 @@ class Surface:
         """A copy of the values that are shown, NaN where there is none."""
         return np.where(self.values == _MISSING, np.float32(np.nan), self.values)
 
-    def set_colors(self, colors: npt.NDArray[np.uint8]) -> None:
-        """Take a table of colours of shape (256, 4)."""
-        packed = colors[:, :3].astype(np.int64) @ [1 << 16, 1 << 8, 1]
+    def dress(self, caption: Caption | None) -> None:
+        """Colour by the field as is written about it, with its lines; or in one colour."""
+        self._uniforms.SetUniformi("fieldShown", int(caption is not None))
+        if caption is None:
+            return
+        packed = caption.table[:, :3].astype(np.int64) @ [1 << 16, 1 << 8, 1]
         self._uniforms.SetUniform1iv("fieldColors", _COLORS, packed.tolist())
-
-    def set_range(self, low: float, high: float) -> None:
-        """Set the values of the first and of the last colour."""
-        self._uniforms.SetUniformf("fieldLow", low)
-        self._uniforms.SetUniformf("fieldScale", _COLORS / (high - low))
+        self._uniforms.SetUniformf("fieldLow", caption.low)
+        self._uniforms.SetUniformf("fieldScale", _COLORS / (caption.high - caption.low))
+        self._uniforms.SetUniformi("fieldLabels", int(not isinstance(caption.colormap, str)))
+        self._uniforms.SetUniformi("linesShown", int(caption.lines is not None))
+        self._uniforms.SetUniformf("lineSpacing", caption.lines or 0.0)
 
     def show_as_dots(self, size: float) -> None:
         """Draw the corners of the faces and not the faces, in dots that many pixels wide."""
@@ -182,69 +191,16 @@ class Surface:
         look.SetRepresentationToPoints()
         look.SetPointSize(size)
 
+    @property
+    def dotted(self) -> bool:
+        """Whether it is drawn in dots."""
+        return bool(self.actor.GetProperty().GetRepresentation() == VTK_POINTS)
+
     def set_scale(self, scale: float) -> None:
         """Set how many pixels make a point, which the rim is drawn in."""
         self._uniforms.SetUniformf("pixelsToPoint", scale)
 
-    def show_labels(self, shown: bool) -> None:
-        """Give each face the colour of one corner, for values between which there are none."""
-        self._uniforms.SetUniformi("fieldLabels", int(shown))
-
-    def show_field(self, shown: bool) -> None:
-        """Colour by the field, or in one colour."""
-        self._uniforms.SetUniformi("fieldShown", int(shown))
-
-
-class LineSet:
-    """Lines on the surface, each the fainter the thinner the branch that it goes around."""
-
-    #: Of a branch in points, below which its lines are not seen and above which they are in full.
-    FAINT, FULL = 8.0, 16.0
-
-    def __init__(self) -> None:
-        self._data = vtkPolyData()
-        self._widths = np.zeros(0)
-        self._shown_at: tuple[Any, ...] | None = None
-        mapper = vtkPolyDataMapper()
-        mapper.SetInputData(self._data)
-        mapper.SetColorModeToDirectScalars()
-        self.actor = vtkActor()
-        self.actor.SetMapper(mapper)
-        self.actor.GetProperty().LightingOff()
-        # As ribbons: plain lines leave gaps where a segment is shorter than a pixel.
-        self.actor.GetProperty().RenderLinesAsTubesOn()
-        self.actor.PickableOff()
-        self.actor.VisibilityOff()
-
-    def show(
-        self, segments: npt.NDArray[np.float32] | None, widths: npt.NDArray[np.float64] | None
-    ) -> None:
-        """Show segments of shape (s, 2, 3) of branches of widths of shape (s,), or none."""
-        self._shown_at = None
-        self._data.Initialize()
-        self.actor.SetVisibility(segments is not None and len(segments) > 0)
-        if segments is None or widths is None or not len(segments):
-            return
-        self._widths = np.repeat(widths, 2)
-        points = vtkPoints()
-        points.SetData(numpy_to_vtk(segments.reshape(-1, 3).astype(np.float32, copy=False)))
-        cells = vtkCellArray()
-        count = 2 * len(segments)
-        cells.SetData(
-            numpy_to_vtk(np.arange(0, count + 1, 2, dtype=np.int32)),
-            numpy_to_vtk(np.arange(count, dtype=np.int32)),
-        )
-        self._data.SetPoints(points)
-        self._data.SetLines(cells)
-
-    def fade(self, length_per_point: float, color: tuple[float, float, float]) -> None:
-        """Take a colour, and opacities for a size of the mesh on the screen."""
-        known = (length_per_point, color)
-        if known == self._shown_at or not self._data.GetNumberOfPoints():
-            return
-        self._shown_at = known
-        rgba = np.empty((len(self._widths), 4), dtype=np.uint8)
-        rgba[:, :3] = np.round(255 * np.array(color))
-        share = (self._widths / length_per_point - self.FAINT) / (self.FULL - self.FAINT)
-        rgba[:, 3] = np.round(255 * share.clip(0.0, 1.0))
-        self._data.GetPointData().SetScalars(numpy_to_vtk(rgba, deep=True))
+    def set_theme(self, theme: RenderTheme) -> None:
+        """Take the colours of the lines, and of the surface where it shows no field."""
+        self.actor.GetProperty().SetColor(*rgb(theme.surface))
+        self._uniforms.SetUniform3f("lineColor", rgb(theme.line))

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
 from meshmash_viewer.app.view.colors import DARK, LIGHT, RenderTheme, rgb
-from meshmash_viewer.app.view.mesh_renderer import MeshRenderer, read_pixels
+from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture
 from meshmash_viewer.mesh import Mesh
 
@@ -61,7 +63,9 @@ def test_edges_blend_into_the_ground(qapp, samples: int) -> None:
         actor.VisibilityOff()
     drawing.annotations.corner.DrawOff()
     window.Render()
-    picture = read_pixels(window, False, 0, 300).astype(int)
+    pixels = vtkUnsignedCharArray()
+    window.GetPixelData(0, 0, 299, 299, 1, pixels, 0)
+    picture = vtk_to_numpy(pixels).reshape(300, 300, 3)[::-1].astype(int)
     window.Finalize()
     ground, surface = picture[:, :1], picture[150, 150]
     assert (surface < ground - 50).all()

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import pyvista
+import shapes
 from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
 from PySide6.QtGui import QImage, QWheelEvent
 from PySide6.QtTest import QTest
@@ -16,7 +17,6 @@ from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
 
 import meshmash_viewer.app.view.mesh_view as scene_module
 import meshmash_viewer.app.view.stand_in as stand_in_module
-from meshmash_viewer.app import heap
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.app.view.render_widget import Ring
 from meshmash_viewer.mesh import Mesh
@@ -56,9 +56,9 @@ def show(scene: MeshView, mesh: Mesh, qtbot) -> Mesh:
 def field(values: np.ndarray, title: str = "Eigenfunction 5") -> SimpleNamespace:
     return SimpleNamespace(
         values=values.astype(np.float32),
-        complete=not np.isnan(values).any(),
         title=title,
         told=lambda _lines: "λ₅ = 1 nm⁻²",
+        line_spacing=0.0,
         unit="nm⁻¹",
     )
 
@@ -82,7 +82,6 @@ def test_an_empty_scene_draws_and_answers(scene: MeshView, qtbot) -> None:
     assert scene.vertex_at(100, 100) == -1
     assert scene.camera() is None
     scene.set_field(None)
-    scene.set_nodal_lines(None)
     scene.reset_camera()
     scene.set_theme(True)
     assert scene.picture((120, 90)).shape == (90, 120, 4)
@@ -238,17 +237,67 @@ def test_a_field_of_another_mesh_is_refused(scene: MeshView, sphere: Mesh, qtbot
         scene.set_field(field(np.zeros(5)), (-1.0, 1.0), "RdBu_r")
 
 
-def test_nodal_lines_come_at_rest_and_go_with_the_field(
-    scene: MeshView, sphere: Mesh, qtbot
-) -> None:
-    mesh = show(scene, sphere, qtbot)
-    first = field(mesh.vertices[:, 0])
-    scene.set_field(first, (-1.0, 1.0), "RdBu_r")
-    scene.set_nodal_lines(first.values)
-    qtbot.waitUntil(lambda: scene.renderer.segments is not None, timeout=5000)
-    np.testing.assert_allclose(scene.renderer.segments[..., 0], 0.0, atol=1e-6)
-    scene.set_field(field(mesh.vertices[:, 1]), (-1.0, 1.0), "RdBu_r")
-    assert scene.renderer.segments is None
+def darkened(scene: MeshView, shown: SimpleNamespace, size: tuple[int, int]) -> np.ndarray:
+    """Places of pixels that lines of a field darken, from the lower left, shape (k, 2)."""
+    scene.document.display.nodal_lines = True
+    scene.set_field(shown, (-1.0, 1.0), "RdBu_r")
+    lined = scene.picture(size)[..., :3].max(axis=2)
+    scene.document.display.nodal_lines = False
+    scene.set_field(shown, (-1.0, 1.0), "RdBu_r")
+    plain = scene.picture(size)[..., :3].max(axis=2)
+    row, column = np.nonzero(lined < 0.55 * plain)
+    return np.stack([column + 0.5, size[1] - row - 0.5], axis=1)
+
+
+def circle(
+    scene: MeshView, axis: int, level: float, size: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where a plane cuts the unit sphere: points, pixels and whether they look at the eye."""
+    turn = np.linspace(0.0, 2 * np.pi, 4000)
+    points = np.full((4000, 3), level)
+    points[:, (axis + 1) % 3] = np.sqrt(1 - level**2) * np.cos(turn)
+    points[:, (axis + 2) % 3] = np.sqrt(1 - level**2) * np.sin(turn)
+    view = scene.renderer.view
+    return points, view.to_pixels(points, *size)[:, :2], points @ view.axes[2]
+
+
+def apart(ones: np.ndarray, others: np.ndarray) -> float:
+    """How far the one of some pixels is from others that is farthest from all of them."""
+    return float(np.linalg.norm(ones[:, None] - others[None], axis=2).min(axis=1).max())
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0**-100])
+def test_nodal_lines_are_where_the_field_is_zero(scene: MeshView, qtbot, scale: float) -> None:
+    """Where zeros are at vertices, too: some edges of this sphere lie in the three planes."""
+    mesh, size = show(scene, shapes.icosphere(5), qtbot), (640, 480)
+    for axis, level in ((0, 0.0), (1, 0.3), (2, 0.0)):
+        found = darkened(scene, field(scale * (mesh.vertices[:, axis] - level)), size)
+        _, line, towards = circle(scene, axis, level, size)
+        assert apart(line[towards > 0.3], found) < 1.0, "without a gap"
+        assert apart(found, line[towards > -0.1]) < 1.5, "two pixels wide"
+
+
+def test_lines_at_round_values_are_at_all_of_them(scene: MeshView, qtbot) -> None:
+    mesh, size = show(scene, shapes.icosphere(5), qtbot), (640, 480)
+    shown = field(mesh.vertices[:, 1])
+    shown.line_spacing = 0.25
+    found = darkened(scene, shown, size)
+    circles = [circle(scene, 1, level, size) for level in (0.25, 0.5, 0.75)]
+    for _, line, towards in circles:
+        assert apart(line[towards > 0.3], found) < 1.0
+    seen = np.concatenate([line[towards > -0.1] for _, line, towards in circles])
+    assert apart(found, seen) < 3.0, "none below zero, and none at zero"
+
+
+def test_no_lines_where_there_is_no_value_or_nothing_but_zero(scene: MeshView, qtbot) -> None:
+    mesh, size = show(scene, shapes.icosphere(5), qtbot), (640, 480)
+    assert not len(darkened(scene, field(np.zeros(mesh.n_vertices)), size))
+    assert not len(darkened(scene, field(np.full(mesh.n_vertices, np.nan)), size))
+    values = np.where(mesh.vertices[:, 1] < 0.0, np.nan, mesh.vertices[:, 0])
+    found = darkened(scene, field(values), size)
+    points, line, towards = circle(scene, 0, 0.0, size)
+    assert apart(line[(towards > 0.3) & (points[:, 1] > 0.05)], found) < 1.0
+    assert apart(found, line[(towards > -0.1) & (points[:, 1] > -0.05)]) < 1.5
 
 
 def test_pins_are_drawn_in_their_colours(scene: MeshView, sphere: Mesh, qtbot) -> None:
@@ -287,9 +336,7 @@ def test_pictures_of_any_size_and_without_background(scene: MeshView, sphere: Me
 def test_slow_frames_get_a_stand_in_while_something_moves(
     scene: MeshView, qtbot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import shapes
-
-    monkeypatch.setattr(scene_module, "REST", 1000)  # long enough to look at what moves
+    scene._rest.setInterval(1000)  # long enough to look at what moves
     monkeypatch.setattr(stand_in_module, "SLOW_FRAME", 0.0)
     monkeypatch.setattr(stand_in_module, "COARSE_VERTICES", 500)
     mesh = show(scene, shapes.icosphere(4), qtbot)
@@ -310,45 +357,11 @@ def test_slow_frames_get_a_stand_in_while_something_moves(
     assert drawing.surface.actor.GetVisibility()
 
 
-@pytest.mark.parametrize("slow", [True, False])
-def test_the_drivers_memory_is_given_back_when_a_slow_frame_rests(
-    scene: MeshView, sphere: Mesh, qtbot, monkeypatch: pytest.MonkeyPatch, slow: bool
-) -> None:
-    given: list[threading.Thread] = []
-    monkeypatch.setattr(heap, "give_back", lambda: given.append(threading.current_thread()))
-    monkeypatch.setattr(stand_in_module, "SLOW_FRAME", 0.0 if slow else np.inf)
-    monkeypatch.setattr(stand_in_module, "COARSE_VERTICES", 100)
-    scene._give_back.setInterval(150)
-    mesh = show(scene, sphere, qtbot)
-    scene._stand_in.software = True
-    for _ in range(2):  # the first frame tells nothing
-        scene.plotter.render()
-        QTest.qWait(60)
-    if slow:
-        qtbot.waitUntil(lambda: bool(given), timeout=5000)
-        assert threading.main_thread() not in given
-    qtbot.waitUntil(lambda: scene.at_rest, timeout=5000)
-    given.clear()
-    scene.plotter.render()
-    QTest.qWait(60)
-    for turn in range(10):
-        scene.set_field(field(mesh.vertices[:, turn % 3]), (-1.0, 1.0), "RdBu_r")
-        QTest.qWait(50)
-    assert not given  # not while something moves
-    if slow:
-        qtbot.waitUntil(lambda: bool(given), timeout=5000)
-    else:
-        QTest.qWait(600)
-    qtbot.waitUntil(lambda: scene.at_rest, timeout=5000)
-    assert bool(given) == slow
-
-
 def test_a_large_mesh_is_seen_before_its_stand_in_is_there(
     scene: MeshView, qtbot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import shapes
-
     monkeypatch.setattr(stand_in_module, "COARSE_VERTICES", 500)
+    scene._rest.setInterval(5000)  # long enough to look at what comes first
     made, cluster = threading.Event(), stand_in_module.cluster_vertices
 
     def slowly(*arguments):
@@ -373,8 +386,8 @@ def test_a_large_mesh_is_seen_before_its_stand_in_is_there(
         made.set()
     qtbot.waitUntil(lambda: scene.shows_stand_in, timeout=5000)
     actors = drawing.renderer.GetActors()
-    assert actors.GetNumberOfItems() == 3  # lines, mesh, stand-in: the dots are gone
-    qtbot.waitUntil(lambda: scene.at_rest, timeout=5000)
+    assert actors.GetNumberOfItems() == 2  # mesh and stand-in: the dots are gone
+    qtbot.waitUntil(lambda: scene.at_rest, timeout=10_000)
 
 
 def test_one_mesh_after_another(scene: MeshView, sphere: Mesh, neuron: Mesh, qtbot) -> None:
@@ -392,7 +405,6 @@ def test_one_mesh_after_another(scene: MeshView, sphere: Mesh, neuron: Mesh, qtb
 
 def test_closing_while_threads_work_is_quiet(scene: MeshView, sphere: Mesh, qtbot) -> None:
     scene.set_mesh(sphere, sphere.vertex_normals)
-    scene.set_nodal_lines(sphere.vertices[:, 0])
     scene.close()
     scene.close()
     QTest.qWait(50)
@@ -430,7 +442,6 @@ def test_what_others_add_is_at_its_place_and_stays(
     assert np.abs(where()).max() < 1.5
     scene.set_field(field(sphere.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
     scene.set_theme(True)
-    scene.set_nodal_lines(sphere.vertices[:, 0])
     wheel(scene.plotter, 2, QPoint(320, 240))
     assert np.abs(where()).max() < 1.5
     # and in pictures, which are drawn by another window
@@ -536,8 +547,8 @@ def test_a_thin_branch_shows_its_colours_and_a_thick_one_its_rim_and_lines(
     # how bright the edge is beside the middle, where there is more light in any case
     edge = np.median(plain[[0, -1]]) / np.median(plain[len(plain) // 2])
     assert edge > 0.8 if thin else edge < 0.65
-    scene.set_nodal_lines(shown.values)
-    qtbot.waitUntil(lambda: scene.renderer.segments is not None, timeout=5000)
+    scene.document.display.nodal_lines = True
+    scene.set_field(shown, (-1.0, 1.0), "RdBu_r")
     lined = scene.picture(size)[rows, columns, :3].max(axis=2)
     black = (lined < 50).mean()
     assert black < 0.002 if thin else black > 0.01

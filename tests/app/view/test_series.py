@@ -11,9 +11,8 @@ from closed_form import A, B, rectangle_spectrum
 from PIL import Image
 
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
-from meshmash_viewer.app.view.picture import render_picture
+from meshmash_viewer.app.view.picture import render_picture, straight
 from meshmash_viewer.app.view.series import (
-    Look,
     Shot,
     draw_series,
     series_view,
@@ -24,6 +23,7 @@ from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.fields.sweep import sweep
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.field import FieldRequest
 from meshmash_viewer.vertex_map import Label, VertexMap
 
@@ -51,8 +51,8 @@ def drawing_of(mesh: Mesh) -> MeshRenderer:
 
 def test_a_picture_of_a_series_is_the_one_of_its_field(plate: Mesh, tmp_path: Path) -> None:
     shots = eigenfunctions(plate, range(1, 30, 7))
-    series = draw_series(drawing_of(plate), SIZE, shots, Look("RdBu_r"))
-    found = [picture.rgba() for _, picture in series]
+    series = draw_series(drawing_of(plate), SIZE, shots, Display())
+    found = [straight(picture) for picture in series]
     assert len(found) == len(shots)
     for shot, picture in zip(shots, found, strict=True):
         assert shot.request is not None
@@ -75,10 +75,10 @@ def test_a_picture_of_a_series_is_the_one_of_its_field(plate: Mesh, tmp_path: Pa
 def test_no_more_pictures_are_held_however_many_there_are(plate: Mesh) -> None:
     alive: list[weakref.ref[np.ndarray]] = []
     most = 0
-    for _, picture in draw_series(
-        drawing_of(plate), (64, 48), eigenfunctions(plate, range(24)), Look("RdBu_r")
+    for picture in draw_series(
+        drawing_of(plate), (64, 48), eigenfunctions(plate, range(24)), Display()
     ):
-        alive.append(weakref.ref(picture.pixels))
+        alive.append(weakref.ref(picture))
         del picture
         gc.collect(0)
         most = max(most, sum(each() is not None for each in alive))
@@ -99,9 +99,9 @@ def test_a_mesh_on_a_turntable_comes_round_and_stays_in_the_picture(plate: Mesh)
         assert 0 <= y.min() < y.max() <= SIZE[1]
         assert (x.min() + x.max()) / 2 == pytest.approx(SIZE[0] / 2, abs=2.0)
     pictures = [
-        picture.rgba().astype(int)
-        for _, picture in draw_series(
-            drawing, SIZE, [Shot(view=each) for each in (*views, views[0])], Look("RdBu_r")
+        straight(picture).astype(int)
+        for picture in draw_series(
+            drawing, SIZE, [Shot(view=each) for each in (*views, views[0])], Display()
         )
     ]
     assert np.abs(pictures[0] - pictures[8]).mean() < 0.01
@@ -135,10 +135,11 @@ def test_each_map_has_the_colours_that_suit_it(plate: Mesh) -> None:
     shots = shots_of(families, bare, mesh, mesh.area_sample(), {})
     names = ["halves", "x", "Mean curvature", "Gaussian curvature"]
     assert [shot.request.caption for shot in shots if shot.request is not None] == names
-    look = Look("viridis", None, True, "RdBu_r")
+    drawing = drawing_of(mesh)
     found = [
-        (dress.colormap, picture.rgba())
-        for dress, picture in draw_series(drawing_of(mesh), SIZE, shots, look)
+        (drawing.caption.colormap, straight(picture))
+        for picture in draw_series(drawing, SIZE, shots, Display(nodal_lines=True))
+        if drawing.caption is not None
     ]
     colors = [shades for shades, _ in found]
     assert colors == [("#d01010", "#1010d0"), "viridis", "RdBu_r", "RdBu_r"]
@@ -156,10 +157,10 @@ def test_lines_of_a_distance_are_said_on_its_picture(plate: Mesh) -> None:
     quantities, pictures = [], []
     for lines in (True, False):
         drawing = drawing_of(plate)
-        ((_, picture),) = draw_series(drawing, SIZE, shots, Look("viridis", None, lines))
+        (picture,) = draw_series(drawing, SIZE, shots, Display(nodal_lines=lines))
         assert drawing.caption is not None
         quantities.append(drawing.caption.quantity)
-        pictures.append(picture.rgba().astype(int)[70:])
+        pictures.append(straight(picture).astype(int)[70:])
     assert " · lines every " in quantities[0]
     assert quantities[0].startswith(quantities[1])
     dark = [(each[..., :3].max(axis=-1) < 40).sum() for each in pictures]
