@@ -208,7 +208,8 @@ class Annotations:
         self.pins: list[vtkActor2D] = []
         #: The axes are seen from where the mesh is, at another place: a renderer of their own.
         self.corner = vtkRenderer()
-        self._colors = vtkLookupTable()
+        self._colors, self._colormap = vtkLookupTable(), ""
+        self._said: tuple[Page, Caption | None] | None = None
         self._pinned: tuple[Page, Sequence[Pin]] | None = None
         for actor in self.actors:
             actor.SetLayerNumber(1)
@@ -235,8 +236,10 @@ class Annotations:
         """Say this; without a view there is no mesh, and nothing is said."""
         if view is None:
             caption, pins = None, ()
-        self._set_title(page, caption)
-        self._set_bar(page, caption)
+        if self._said != (page, caption):  # making a bar anew takes longer than all else
+            self._said = page, caption
+            self._set_title(page, caption)
+            self._set_bar(page, caption)
         self._set_scale(page, view, unit)
         self._set_axes(page, view)
         if self._pinned != (page, pins):  # actors are made of them
@@ -278,7 +281,9 @@ class Annotations:
             return
         most = min(max(int(tall / (34 * scale)), 2), 7)
         values, form, exponent = ticks(caption.low, caption.high, most)
-        self._colors.SetTable(numpy_to_vtk(caption.table, deep=True))
+        if self._colormap != caption.colormap:
+            self._colormap = caption.colormap
+            self._colors.SetTable(numpy_to_vtk(caption.table, deep=True))
         self._colors.SetRange(caption.low / 10.0**exponent, caption.high / 10.0**exponent)
         bar.SetCustomLabels(numpy_to_vtk(np.array(values), deep=True))
         bar.SetLabelFormat(form)
