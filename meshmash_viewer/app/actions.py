@@ -35,6 +35,7 @@ MOUSE_HELP: tuple[tuple[str, str], ...] = (
     ("Click", "Pin that vertex, or take its pin away"),
     ("Drop a file", "Open it, or add its values per vertex to the mesh"),
     ("Drop a mesh on the right half", "Compare it with the open one"),
+    ("Drop values per vertex on the second mesh", "Add them to that one"),
 )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 from PySide6.QtCore import QSize, Qt, Signal, Slot
 from PySide6.QtGui import QIcon
@@ -16,6 +15,8 @@ from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.field_source import FieldSource
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow, listen, stop_listening
+from meshmash_viewer.app.map_loader import MapLoader
+from meshmash_viewer.app.row_check import RowCheck
 from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.features.comparison import Comparison
@@ -49,6 +50,8 @@ class Beside(QWidget):
     close_requested = Signal()
     #: It could not be read: there is nothing to show.
     unread = Signal()
+    #: The limits that both meshes share are other ones than they were drawn with here.
+    limits_changed = Signal()
     _compared = Signal(object, object)
 
     def __init__(self, first: Document, scene: MeshView, source: FieldSource) -> None:
@@ -60,9 +63,12 @@ class Beside(QWidget):
         self.scene = MeshView(self.document)
         theme.named(self.scene, "second_scene", "Render of the second mesh")
         self.tasks = Tasks(self.document, self)
+        self.map_loader = MapLoader(self.document, self)
         self.field_source = FieldSource(self.document, self)
+        self.row_check = RowCheck(self.document, self)
         self.pair = Pair(first, self.document)
         self._turning = False
+        self._limits: tuple[float, float] | None = None
         self._build()
         self._compared.connect(self._accept, Qt.ConnectionType.QueuedConnection)
         self._thread = LatestThread(self._compare, parent=self)
@@ -109,15 +115,12 @@ class Beside(QWidget):
         self.scene.camera_changed.connect(self._turned)
         self._first_scene.camera_changed.connect(self._turn_second)
 
-    def open_mesh(self, path: str | Path, unit: str = "") -> None:
-        """Read the second mesh; the one that is there stays if that fails."""
-        self.document.open_mesh(path, unit)
-
     @property
     def idle(self) -> bool:
         """Whether nothing is being computed for it."""
         return (
             self.document.job is None
+            and self.map_loader.idle
             and self.field_source.idle
             and not self._thread.working
             and not self.pair.comparing
@@ -133,6 +136,8 @@ class Beside(QWidget):
         self._first_scene.camera_changed.disconnect(self._turn_second)
         self._thread.close()
         self.tasks.close()
+        self.map_loader.close()
+        self.row_check.close()
         self.field_source.close()
         self.scene.close()
 
@@ -174,11 +179,7 @@ class Beside(QWidget):
 
     def _on_notice(self, notice: Notice) -> None:
         """Say it where all is said, with the name of the mesh."""
-        if notice.severity is not Severity.INFORMATION:
-            self.pair.first.notify(replace(notice, text=f"Second mesh: {notice.text}", undo=None))
-
-    def _say_failed(self, text: str) -> None:
-        self.document.notify(Notice(text, Severity.ERROR))
+        self.pair.first.notify(replace(notice, text=f"Second mesh: {notice.text}", undo=None))
 
     def _say_status(self) -> None:
         job, spectrum = self.document.job, self.document.spectrum
@@ -198,19 +199,35 @@ class Beside(QWidget):
         self.status_label.setText(f"{name}  ·  {text}" if text else name)
 
     def _first_shown(self, _field: Field | None) -> None:
-        if self.pair.carries:
+        if self.pair.carries or self.common_limits != self._limits:
             self.show_field()
+
+    @property
+    def common_limits(self) -> tuple[float, float] | None:
+        """Limits that the colours of both meshes share; None where each has its own."""
+        in_step = self._in_step()
+        return None if in_step is None else in_step[1]
+
+    def _in_step(self) -> tuple[Field, tuple[float, float]] | None:
+        first, second = self._first_source.field, self.field_source.field
+        carried = self.pair.carries and self.pair.comparison is not None
+        if first is None or second is None or carried:
+            return None
+        return self.pair.in_step(first, second)
 
     def show_field(self, _field: Field | None = None) -> None:
         """Put the field on the render: its own, or that of the first carried by the match."""
         mesh, display = self.document.mesh, self.document.display
-        field, found = self.field_source.field, self.pair.comparison
+        field, in_step, found = self.field_source.field, self._in_step(), self.pair.comparison
         first = self._first_source.field
+        self._limits = None if in_step is None else in_step[1]
+        self.limits_changed.emit()
         if self.pair.carries and found is not None and first is not None:
             limits, colormap = first.colors(self.pair.first.display)
             field = first.carried(found.back.indices)
         elif field is not None and mesh is not None and len(field.values) == mesh.n_vertices:
             limits, colormap = field.colors(display)
+            field, limits = in_step or (field, limits)
         else:
             self.scene.set_field(None, (0.0, 1.0), display.sequential_colormap)
             return

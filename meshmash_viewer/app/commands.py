@@ -169,15 +169,22 @@ class Commands:
         """Open a file: a session by its ending, a map of the open mesh, or a mesh."""
         self.open_paths([path])
 
-    def open_paths(self, paths: Sequence[Path]) -> None:
-        """Open files: the first session or mesh of them, and on it all that are maps."""
+    def open_paths(self, paths: Sequence[Path], *, beside: bool = False) -> None:
+        """Open files: the first session or mesh of them, and on it all that are maps.
+
+        `beside` says that these are for the second mesh; maps are for the first where there is
+        none.
+        """
         self._settings.folder = paths[0].parent
         maps = [path for path in paths if is_map_file(path)]
         others = [path for path in paths if path not in maps]
         if not others:
-            self._document.open_maps(maps)
+            second = self._pair.second if beside and self._pair is not None else None
+            (second or self._document).open_maps(maps)
         elif others[0].name.endswith(SESSION_ENDING):
             self.restore_session(others[0])
+        elif beside:
+            self.open_beside(others[0], maps)
         else:
             self._read(others[0], maps=maps)
         if len(others) > 1:
@@ -186,12 +193,20 @@ class Commands:
 
     def add_map(self) -> None:
         """Let the person choose files with values per vertex of the open mesh."""
+        self._add_map(self._document)
+
+    def add_map_beside(self) -> None:
+        """The same for the second mesh."""
+        assert self._pair is not None
+        self._add_map(self._pair.second)
+
+    def _add_map(self, document: Document) -> None:
         from meshmash_viewer.app.dialogs.map_files import ask_for_maps
 
         paths = ask_for_maps(self._window, self._settings.folder)
         if paths:
             self._settings.folder = paths[0].parent
-            self._document.open_maps(paths)
+            document.open_maps(paths)
 
     def open_mesh(self) -> None:
         """Let the person choose a mesh file."""
@@ -206,10 +221,10 @@ class Commands:
             self._settings.folder = path.parent
             self.open_beside(path)
 
-    def open_beside(self, path: Path) -> None:
-        """Open a second mesh, in the unit that it was given last."""
+    def open_beside(self, path: Path, maps: Sequence[Path] = ()) -> None:
+        """Open a second mesh, in the unit that it was given last, with files of maps."""
         assert self.comparing is not None
-        self.comparing.open(path)
+        self.comparing.open(path, maps=maps)
 
     def end_comparison(self) -> None:
         """Leave the first mesh alone in the window."""
@@ -283,7 +298,7 @@ class Commands:
                 self.scene.set_camera(camera.to_json())
             second = self.restoration.take_second()
             if second is not None and self.comparing is not None:
-                self.comparing.open(*second)
+                self.comparing.restore(second)
 
     def store_session(self, path: Path) -> None:
         """Write what is on screen; `InputError` if the file cannot be written."""

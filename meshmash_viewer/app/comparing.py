@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import QObject, QThreadPool, Signal
@@ -10,8 +10,10 @@ from PySide6.QtCore import QObject, QThreadPool, Signal
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.beside import Beside
 from meshmash_viewer.app.field_source import FieldSource
+from meshmash_viewer.app.sessions import Restoration
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.view.mesh_view import MeshView
+from meshmash_viewer.io.session import Session
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.model.pair import LINKS
@@ -22,8 +24,9 @@ __all__ = ["Comparing"]
 class Comparing(QObject):
     """The second mesh of a window, while there is one.
 
-    `changed` carries the `Pair`, or None when the second mesh has gone; `written` the path of a
-    match that has been saved, `failed` a `Failure`.
+    `changed` carries the `Pair`, or None when the second mesh has gone; `limits_changed` says that
+    `common_limits` may be other ones; `written` carries the path of a match that has been saved,
+    `failed` a `Failure`.
 
     Parameters
     ----------
@@ -41,6 +44,7 @@ class Comparing(QObject):
     """
 
     changed = Signal(object)
+    limits_changed = Signal()
     written = Signal(object)
     failed = Signal(object)
 
@@ -57,6 +61,7 @@ class Comparing(QObject):
         self._document, self._stage, self._scene = document, stage, scene
         self._source, self._unit = source, unit
         self._pool = QThreadPool(self)
+        self._restoration: Restoration | None = None
         self.beside: Beside | None = None
 
     @property
@@ -64,28 +69,46 @@ class Comparing(QObject):
         """Whether there is nothing beside that works."""
         return self.beside is None or self.beside.idle
 
-    def open(self, path: Path, unit: str = "", links: Collection[str] = tuple(LINKS)) -> None:
-        """Read a mesh beside the first; one that is there stays if that fails.
+    @property
+    def common_limits(self) -> tuple[float, float] | None:
+        """Limits that the colours of both meshes share; None where each has its own."""
+        return None if self.beside is None else self.beside.common_limits
 
-        It is in the unit that it was looked at last, unless another is given; what is not among
-        the `LINKS` is cut.
+    def open(self, path: Path, unit: str = "", maps: Sequence[Path] = ()) -> None:
+        """Read a mesh beside the first, with files of maps; one that is there stays if that fails.
+
+        It is in the unit that it was looked at last, unless another is given.
         """
+        beside = self._put_beside(LINKS)
+        beside.document.open_mesh(path, unit or self._unit(path), maps=maps)
+
+    def restore(self, session: Session) -> None:
+        """Read a mesh beside the first, repaired as it was, with its maps and links."""
+        beside = self._put_beside(session.links)
+        path = Path(session.mesh_path)
+        self._restoration = Restoration(beside.document, path, session)
+        self._restoration.begin()
+
+    def _put_beside(self, links: Collection[str]) -> Beside:
+        """Make room for a second mesh; what is not among the `LINKS` is cut."""
         if self.beside is None:
             self.beside = Beside(self._document, self._scene, self._source)
             self.beside.close_requested.connect(self.end)
             self.beside.unread.connect(self.end)
+            self.beside.limits_changed.connect(self.limits_changed)
             self._stage.put_beside(self.beside)
             self.changed.emit(self.beside.pair)
         for name in LINKS:
             self.beside.pair.link(name, name in links)
-        self.beside.open_mesh(path, unit or self._unit(path))
+        return self.beside
 
     def end(self) -> None:
         """Leave the first mesh alone."""
         if self.beside is not None:
-            beside, self.beside = self.beside, None
+            beside, self.beside, self._restoration = self.beside, None, None
             beside.shut()
             self.changed.emit(None)
+            self.limits_changed.emit()
             beside.setParent(None)
             beside.deleteLater()
 

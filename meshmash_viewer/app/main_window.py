@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from PySide6.QtCore import QDeadlineTimer, Qt, QThread, Signal
+from PySide6.QtCore import QDeadlineTimer, QPoint, Qt, QThread, Signal
 from PySide6.QtGui import (
     QCloseEvent,
     QDragEnterEvent,
@@ -41,8 +41,6 @@ from meshmash_viewer.app.panels.mesh_panel import MeshPanel
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.tasks import Tasks
-from meshmash_viewer.io.maps import is_map_file
-from meshmash_viewer.io.session import SESSION_ENDING
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.field import Field
@@ -94,6 +92,8 @@ class MainWindow(QMainWindow):
 
         self.loaded = False
         self._closed = False
+        #: Limits that the field on the render is drawn with.
+        self._limits: tuple[float, float] | None = None
         self.stage = Stage()
         self.setCentralWidget(self.stage)
         self.mesh_panel = MeshPanel(self.document)
@@ -200,11 +200,13 @@ class MainWindow(QMainWindow):
         )
         self.commands.comparing = self.comparing
         self.comparing.changed.connect(self._on_pair_changed)
+        self.comparing.limits_changed.connect(self._follow_limits)
         self.comparing.failed.connect(self.commands.say_failed)
         self.comparing.written.connect(self.commands.say_match_written)
         self.pair_panel.open_requested.connect(self.commands.compare_with)
         self.pair_panel.close_requested.connect(self.commands.end_comparison)
         self.pair_panel.save_requested.connect(self.comparing.write_match)
+        self.pair_panel.maps_requested.connect(self.commands.add_map_beside)
         self.row_check = RowCheck(self.document, self)
         self.scene.vertex_clicked.connect(self.document.toggle_pin)
         self.scene.vertex_hovered.connect(self._on_hover)
@@ -329,11 +331,20 @@ class MainWindow(QMainWindow):
             later(self._clear_title)
             return
         limits, colormap = field.colors(display)
+        limits = self._limits = self.comparing.common_limits or limits
         self.scene.set_field(field, limits, colormap)
         self.field_panel.set_field(field, limits)
         self._set_swing(field)
         self.spectrum_panel.follow_field()
         later(self._clear_title)
+
+    def _follow_limits(self) -> None:
+        """Draw the field again where the second mesh moves the limits of both."""
+        field = self.field_source.field
+        if field is not None and self._limits is not None:
+            own, _ = field.colors(self.document.display)
+            if (self.comparing.common_limits or own) != self._limits:
+                self._show_field()
 
     def _set_swing(self, field: Field | None) -> None:
         """Let the mesh swing by this field from now on."""
@@ -454,18 +465,18 @@ class MainWindow(QMainWindow):
         paths = [Path(url.toLocalFile()) for url in event.mimeData().urls() if url.isLocalFile()]
         if paths:
             event.acceptProposedAction()
-            if self._compares(paths, event.position().x()):
-                self.commands.open_beside(paths[0])
-            else:
-                self.commands.open_paths(paths)
+            place = event.position().toPoint()
+            self.commands.open_paths(paths, beside=self._is_beside(place))
 
-    def _compares(self, paths: Sequence[Path], x: float) -> bool:
-        """Whether what is dropped there is a mesh to compare with the one that is open."""
-        middle = self.stage.mapTo(self, self.stage.rect().center()).x()
-        right = middle < x <= middle + self.stage.width() / 2
-        one = len(paths) == 1 and not is_map_file(paths[0])
-        session = paths[0].name.endswith(SESSION_ENDING)
-        return self.loaded and self.document.ready is not None and right and one and not session
+    def _is_beside(self, place: QPoint) -> bool:
+        """Whether it is the half of the second mesh, be there one or not."""
+        if not self.loaded or self.document.ready is None:
+            return False
+        if self.comparing.beside is not None:
+            there = self.comparing.beside
+            return there.rect().contains(there.mapFrom(self, place))
+        at = self.stage.mapFrom(self, place)
+        return self.stage.rect().contains(at) and at.x() > self.stage.rect().center().x()
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Stop what runs, leave no process and no temporary file, and forget nothing."""

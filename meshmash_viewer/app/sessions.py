@@ -12,6 +12,7 @@ from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.session import Session, read_session, write_session
 from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display_json import (
     display_from_json,
     display_to_json,
@@ -51,7 +52,7 @@ def store_session(
     second = None if pair is None or pair.second.path is None else pair.second
     session = Session(
         mesh_path=str(document.path or ""),
-        maps=list(dict.fromkeys(each.path for each in mesh.maps if each.path)),
+        maps=_map_files(mesh),
         unit=document.unit_text,
         repairs=list(document.repairs),
         mesh_hash=mesh.content_hash,
@@ -64,9 +65,16 @@ def store_session(
         camera=camera,
         second_path=str(second.path) if second is not None else "",
         second_unit=second.unit_text if second is not None else "",
+        second_maps=_map_files(second.mesh) if second is not None else [],
+        second_repairs=list(second.repairs) if second is not None else [],
         links=sorted(pair.links) if pair is not None else [],
     )
     write_session(path, session)
+
+
+def _map_files(mesh: Mesh | None) -> list[str]:
+    maps = () if mesh is None else mesh.maps
+    return list(dict.fromkeys(each.path for each in maps if each.path))
 
 
 class Restoration:
@@ -76,6 +84,8 @@ class Restoration:
     ----------
     document : Document
     path : Path
+    session : Session, optional
+        What is in the file, where that is known.
 
     Raises
     ------
@@ -86,8 +96,8 @@ class Restoration:
     #: All is there again, but for the camera.
     restored = Signal()
 
-    def __init__(self, document: Document, path: Path) -> None:
-        session = read_session(path)
+    def __init__(self, document: Document, path: Path, session: Session | None = None) -> None:
+        session = session or read_session(path)
         if not session.mesh_path:
             raise InputError(f"{path.name} has no mesh_path: open the mesh itself instead.")
         self._display = read_display(session.display, path)
@@ -133,7 +143,8 @@ class Restoration:
             self.stop()
         else:
             document.operator = self._operator
-            document.target = self._target
+            if self._session.target:
+                document.target = self._target
             if self._repairs:
                 document.repair(self._repairs.pop(0))
             else:
@@ -176,13 +187,20 @@ class Restoration:
         camera, self._camera = self._camera, None
         return camera
 
-    def take_second(self) -> tuple[Path, str, frozenset[str]] | None:
-        """File, unit and links of the second mesh, once, as soon as the first is there."""
-        second = self._session.second_path
-        if not self._restored or not second or self._second_taken:
+    def take_second(self) -> Session | None:
+        """What there is of the second mesh, once, as soon as the first is there."""
+        session = self._session
+        if not self._restored or not session.second_path or self._second_taken:
             return None
         self._second_taken = True
-        return Path(second), self._session.second_unit, frozenset(self._session.links)
+        return Session(
+            mesh_path=session.second_path,
+            unit=session.second_unit,
+            maps=session.second_maps,
+            repairs=session.second_repairs,
+            operator=session.operator,
+            links=session.links,
+        )
 
     def _warn(self, text: str) -> None:
         self._document.notify(Notice(text, Severity.WARNING))

@@ -30,6 +30,7 @@ from meshmash_viewer.features.comparison import (
     check_comparable,
     compare_shapes,
     comparison_remarks,
+    corresponding_vertices,
     matched_top,
     unit_area_spectrum,
 )
@@ -352,7 +353,8 @@ def compare(options: Namespace) -> int:
     second = solved(meshes[1], options, Target("max_eigenvalue", top) if top > 0.0 else target)
     for mesh, pairs in zip(meshes, (first, second), strict=True):
         check_comparable(mesh.name, mesh.n_vertices, pairs.eigenvalues)
-    found = compare_shapes(first, second, family.bank(unit_area_spectrum(first)))
+    bank, vertices = family.bank(unit_area_spectrum(first)), corresponding_vertices(*meshes)
+    found = compare_shapes(first, second, bank, vertices=vertices)
     report: dict[str, Any] = {
         "meshes": [mesh.name for mesh in meshes],
         "kind": family.export,
@@ -361,6 +363,7 @@ def compare(options: Namespace) -> int:
         "complete": first.complete and second.complete,
         "spectral_distance": found.distance,
         "relative_distance": found.relative_distance,
+        "same_vertices": found.given,
         "mutual_share": found.mutual_share,
         "median_score": float(np.nanmedian(found.forth.scores)),
         "eigenfunctions": [
@@ -392,16 +395,20 @@ def _described_comparison(report: dict[str, Any]) -> str:
     moved = sum(1 for each in told if each["first"] != each["second"])
     distance = f"{report['spectral_distance']:.4g}"
     share = f"{100 * report['relative_distance']:.2g} % of the spectrum"
+    vertices = "the same ones: the faces are the same"
+    if not report["same_vertices"]:
+        mutual = f"{100 * report['mutual_share']:.1f} %"
+        vertices = f"matched in {report['kind']}, {mutual} of {first} mutually"
     rows = [
         ("eigenvalues compared", f"{compared:,}, times area"),
         ("spectral distance", f"{distance} ({share})"),
-        ("mutual matches", f"{100 * report['mutual_share']:.1f} % of the vertices of {first}"),
+        ("vertices", vertices),
         (
             "eigenfunctions told",
             f"{len(told)} of {compared}, {flipped} of them flipped, {moved} at another index",
         ),
     ]
-    said = titled_rows(f"{first} and {second}, matched in {report['kind']}", rows)
+    said = titled_rows(f"{first} and {second}", rows)
     return f"{said}\n  {report['output']}" if report["output"] else said
 
 

@@ -7,7 +7,7 @@ the two shapes at an area of 1.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -19,6 +19,7 @@ from meshmash_viewer.features.shape import Matches, column_spread, match_feature
 from meshmash_viewer.features.sums import Features, accumulate_features
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.spectral.alignment import Alignment, align_multiplets
 from meshmash_viewer.units import counted
 
 __all__ = [
@@ -29,6 +30,7 @@ __all__ = [
     "check_comparable",
     "compare_shapes",
     "comparison_remarks",
+    "corresponding_vertices",
     "distinct_matches",
     "match_functions",
     "matched_top",
@@ -42,6 +44,8 @@ IntArray: TypeAlias = npt.NDArray[np.int64]
 _SAME = 0.5
 #: Relative difference of eigenvalues that are the same.
 _ROUNDING = 1e-6
+#: Share of known matches to call confident.
+_CONFIDENT = 0.1
 #: Energies of the default signature.
 _ENERGIES = 100
 #: Fewest eigenvalues above zero that say something of a shape.
@@ -77,6 +81,9 @@ class FunctionMatches:
         1 or -1 to multiply the other with; 0 where it cannot be told.
     correlations : ndarray of float64, shape (k,)
         Of the two functions, from 0 to about 1; two that are the same have more than √½.
+    rotations : Alignment
+        Rotations within multiplets of the other after which all this holds; none unless they were
+        asked for (`match_functions`).
 
     Examples
     --------
@@ -91,6 +98,7 @@ class FunctionMatches:
     indices: IntArray
     signs: FloatArray
     correlations: FloatArray
+    rotations: Alignment = field(default_factory=Alignment)
 
     @property
     def told(self) -> npt.NDArray[np.bool_]:
@@ -116,6 +124,9 @@ class Comparison:
         Eigenfunctions of the first among those of the second.
     features : tuple of two ndarrays of float32, shapes (n, f) and (m, f)
         In which vertices are matched, in units of their spread over the second.
+    given : bool
+        Whether it was known which vertex is which: matches are those then, and their scores say
+        how far apart features are.
 
     Examples
     --------
@@ -135,6 +146,7 @@ class Comparison:
     mutual: npt.NDArray[np.bool_]
     functions: FunctionMatches
     features: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
+    given: bool = False
 
     @property
     def relative_distance(self) -> float:
@@ -161,11 +173,15 @@ class Comparison:
     ) -> tuple[tuple[int, float], ...]:
         """Vertices of the second that look most like one of the first, with their scores.
 
-        See `distinct_matches` for `places` of the second, `radius` and `count`.
+        The match comes first. See `distinct_matches` for `places` of the second, `radius` and
+        `count`.
         """
         mine, others = self.features
         distances = np.linalg.norm(others - mine[vertex], axis=1).astype(np.float64)
-        found = distinct_matches(distances, places, radius, count)
+        ranked, match = distances.copy(), self.forth.indices[vertex]
+        if match >= 0:
+            ranked[match] = -1.0
+        found = distinct_matches(ranked, places, radius, count)
         return tuple((int(each), float(distances[each])) for each in found)
 
 
@@ -221,6 +237,34 @@ def comparison_remarks(first: Mesh, second: Mesh) -> list[str]:
     return remarks
 
 
+def corresponding_vertices(first: Mesh, second: Mesh) -> IntArray | None:
+    """For each vertex of one mesh the same one of another, where both are of one template.
+
+    That is where their faces join the same vertices, be they turned round as in a mirror image: a
+    mesh that was turned, scaled or deformed, or two subjects on one template. As many vertices
+    alone say nothing.
+
+    Returns
+    -------
+    ndarray of int64, shape (n,), or None
+        All in order; None where vertices have to be matched.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball, other = trimesh.creation.icosphere(1), trimesh.creation.icosphere(1, radius=2.0)
+    >>> first, second = (mv.Mesh(each.vertices, each.faces) for each in (ball, other))
+    >>> mv.corresponding_vertices(first, second)[:4]
+    array([0, 1, 2, 3])
+    """
+    same = (
+        first.n_vertices == second.n_vertices
+        and first.faces.shape == second.faces.shape
+        and np.array_equal(np.sort(first.faces, axis=1), np.sort(second.faces, axis=1))
+    )
+    return np.arange(first.n_vertices) if same else None
+
+
 def check_comparable(name: str, n_vertices: int, eigenvalues: FloatArray) -> None:
     """Complain of a mesh with too few eigenvalues above zero to say something of a shape."""
     above = int(np.count_nonzero(eigenvalues > 0.0))
@@ -236,6 +280,7 @@ def compare_shapes(
     second: Eigenpairs,
     bank: FilterBank | None = None,
     cancel: CancelCallback | None = None,
+    vertices: npt.ArrayLike | None = None,
 ) -> Comparison:
     """Compare two shapes by their eigenpairs.
 
@@ -248,6 +293,10 @@ def compare_shapes(
         wave kernel signature of 100 energies of the first.
     cancel : callable, optional
         Asked while vertices are matched; `Cancelled` is raised if it says so.
+    vertices : array_like of int, shape (n,), optional
+        For each vertex of the first the same one of the second, -1 where there is none, if that is
+        known (`corresponding_vertices`). Eigenfunctions are told by it then, those of a multiplet
+        after it has been turned (`FunctionMatches.rotations`).
 
     Returns
     -------
@@ -259,7 +308,7 @@ def compare_shapes(
     Raises
     ------
     InputError
-        If there are too few eigenpairs for the filters.
+        If there are too few eigenpairs for the filters, or a vertex does not exist.
 
     Examples
     --------
@@ -283,9 +332,16 @@ def compare_shapes(
         * each.mass.sum()
         for each, values in zip((first, second), spectra, strict=True)
     )
-    forth = match_features(forth_features, back_features, standardize=True, cancel=cancel)
-    back = match_features(back_features, forth_features, standardize=True, cancel=cancel)
     spread = column_spread(back_features[np.isfinite(back_features).all(axis=1)])
+    if vertices is None:
+        forth = match_features(forth_features, back_features, standardize=True, cancel=cancel)
+        back = match_features(back_features, forth_features, standardize=True, cancel=cancel)
+    else:
+        there = _checked_vertices(vertices, first, second)
+        inverse = np.full(len(second.mass), -1, dtype=np.int64)
+        inverse[there[there >= 0]] = np.flatnonzero(there >= 0)
+        forth = _given_matches(there, forth_features / spread, back_features / spread)
+        back = _given_matches(inverse, back_features / spread, forth_features / spread)
     found = forth.indices >= 0
     mutual = np.zeros(len(found), dtype=np.bool_)
     mutual[found] = back.indices[forth.indices[found]] == np.flatnonzero(found)
@@ -295,16 +351,36 @@ def compare_shapes(
         forth,
         back,
         mutual,
-        match_functions(first, second, forth.indices),
+        match_functions(first, second, forth.indices, turned=vertices is not None),
         (
             (forth_features / spread).astype(np.float32),
             (back_features / spread).astype(np.float32),
         ),
+        given=vertices is not None,
     )
 
 
+def _given_matches(indices: IntArray, mine: FloatArray, others: FloatArray) -> Matches:
+    """Known matches, with how far apart the features of the two are."""
+    scores = np.linalg.norm(mine - others[indices], axis=1)
+    scores[indices < 0] = np.nan
+    known = np.where(np.isfinite(scores), indices, -1)
+    confident = scores <= np.nanquantile(scores, _CONFIDENT)
+    return Matches(known, scores, confident, _CONFIDENT)
+
+
+def _checked_vertices(vertices: npt.ArrayLike, first: Eigenpairs, second: Eigenpairs) -> IntArray:
+    there = np.asarray(vertices)
+    n_first, n_second = len(first.mass), len(second.mass)
+    if there.shape != (n_first,) or there.min(initial=0) < -1 or there.max(initial=0) >= n_second:
+        raise InputError(
+            f"Give for each of {n_first} vertices one of {n_second}, counted from 0, or -1."
+        )
+    return there
+
+
 def match_functions(
-    first: Eigenpairs, second: Eigenpairs, vertices: npt.ArrayLike
+    first: Eigenpairs, second: Eigenpairs, vertices: npt.ArrayLike, *, turned: bool = False
 ) -> FunctionMatches:
     """Tell which eigenfunction of one shape is which of another, and with which sign.
 
@@ -315,6 +391,9 @@ def match_functions(
     vertices : array_like of int, shape (n,)
         For each vertex of the first the same one of the second, -1 where there is none: all in
         order for two meshes of the same vertices, or what features have matched.
+    turned : bool
+        Whether functions within a multiplet of the second, which any rotation leaves as good, are
+        turned to be those of the first; `FunctionMatches.rotations` says how.
 
     Returns
     -------
@@ -338,17 +417,18 @@ def match_functions(
     """
     from scipy.optimize import linear_sum_assignment
 
-    there = np.asarray(vertices)
-    n_first, n_second = len(first.mass), len(second.mass)
-    if there.shape != (n_first,) or there.min(initial=0) < -1 or there.max(initial=0) >= n_second:
-        raise InputError(
-            f"Give for each of {n_first} vertices one of {n_second}, counted from 0, or -1."
-        )
+    there = _checked_vertices(vertices, first, second)
     used = (there >= 0) & (first.mass > 0.0)
     used[used] = second.mass[there[used]] > 0.0
     weights = first.mass[used]
     here = np.asarray(first.rows[: len(first.eigenvalues)])[:, used]
     carried = np.asarray(second.rows[: len(second.eigenvalues)])[:, there[used]]
+    rotations = Alignment()
+    if turned:
+        rotations = align_multiplets(here, carried, second.eigenvalues, weights)
+        for start, matrix in rotations.blocks:
+            some = slice(start, start + len(matrix))
+            carried[some] = matrix @ carried[some]
     products = (here * weights) @ carried.T
     norms = np.sqrt(np.square(here) @ weights)[:, None] * np.sqrt(np.square(carried) @ weights)
     correlations = np.divide(products, norms, out=np.zeros(products.shape), where=norms > 0.0)
@@ -359,7 +439,7 @@ def match_functions(
     best[rows] = np.abs(found)
     same = np.square(found) > _SAME
     indices[rows[same]], signs[rows[same]] = columns[same], np.sign(found[same])
-    return FunctionMatches(indices, signs, best)
+    return FunctionMatches(indices, signs, best, rotations)
 
 
 def distinct_matches(

@@ -211,6 +211,8 @@ class Family:
         What `exported` takes from the command line besides the number of columns.
     position : tuple of str
         Parameters that say where in the family one is; they come last in what is remembered.
+    own : tuple of str
+        Parameters that name something of the mesh itself, which another may not have.
     ordered : tuple of str
         Two parameters of which the first is below the second.
     response_label : str
@@ -237,6 +239,7 @@ class Family:
     counted: ClassVar[str] = ""
     options: ClassVar[tuple[Option, ...]] = ()
     position: ClassVar[tuple[str, ...]] = ()
+    own: ClassVar[tuple[str, ...]] = ()
     ordered: ClassVar[tuple[str, str] | None] = None
     response_label: ClassVar[str] = "Response"
     response_decades: ClassVar[int] = 0

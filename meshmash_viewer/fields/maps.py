@@ -103,6 +103,7 @@ class OwnMaps(Family):
         ),
     )
     position: ClassVar[tuple[str, ...]] = ("pairs", "view", "filter")
+    own: ClassVar[tuple[str, ...]] = ("chosen",)
     response_label: ClassVar[str] = "Relative energy"
     response_decades: ClassVar[int] = 6
     tailed: ClassVar[bool] = True

@@ -70,6 +70,8 @@ class Session:
         Position, focal point and so on in the mesh's coordinates; empty for the default view.
     second_path, second_unit : str
         File of the second mesh, relative as `mesh_path` is, and its unit as `unit` is; "" for none.
+    second_maps, second_repairs : list of str
+        As `maps` and `repairs`, of the second.
     links : list of str
         What of the second follows the first.
     """
@@ -88,6 +90,8 @@ class Session:
     camera: dict[str, Any] = field(default_factory=dict)
     second_path: str = ""
     second_unit: str = ""
+    second_maps: list[str] = field(default_factory=list)
+    second_repairs: list[str] = field(default_factory=list)
     links: list[str] = field(default_factory=list)
 
 
@@ -107,11 +111,13 @@ def _target(value: object) -> dict[str, Any]:
     return {**kinds, **record({"value": size})(value)}
 
 
+_FILES = listing(text(), 1000, different=True)
+_REPAIRS = listing(choice(REPAIRS), 100)
 _CHECKS: dict[str, Check] = {
     "mesh_path": text(),
-    "maps": listing(text(), 1000, different=True),
+    "maps": _FILES,
     "unit": _unit,
-    "repairs": listing(choice(REPAIRS), 100),
+    "repairs": _REPAIRS,
     "mesh_hash": text(200),
     "n_vertices": whole(0, MOST_INDEX),
     "operator": record({"robust": flag, "mollify_factor": number(0.0)}),
@@ -128,6 +134,8 @@ _CHECKS: dict[str, Check] = {
     ),
     "second_path": text(),
     "second_unit": _unit,
+    "second_maps": _FILES,
+    "second_repairs": _REPAIRS,
     "links": listing(text(100), 100, different=True),
 }
 
@@ -146,7 +154,8 @@ def write_session(path: str | Path, session: Session) -> None:
     for name in ("mesh_path", "second_path"):
         if content[name]:
             content[name] = _relative(content[name], folder)
-    content["maps"] = [_relative(each, folder) for each in session.maps]
+    for name in ("maps", "second_maps"):
+        content[name] = [_relative(each, folder) for each in content[name]]
     text = json.dumps({"format": _FORMAT, "version": _VERSION, **content}, indent=1)
     with writing_errors(path), written_whole(path) as part:
         part.write_text(text + "\n", encoding="utf-8")
@@ -201,7 +210,8 @@ def read_session(path: str | Path) -> Session:
     for name in ("mesh_path", "second_path"):
         if session.get(name):
             session[name] = os.path.normpath(folder / session[name])
-    session["maps"] = [os.path.normpath(folder / each) for each in session.get("maps", ())]
+    for name in ("maps", "second_maps"):
+        session[name] = [os.path.normpath(folder / each) for each in session.get(name, ())]
     return Session(**session)
 
 

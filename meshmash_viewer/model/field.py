@@ -12,9 +12,9 @@ import numpy.typing as npt
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Answer, Family, Table
 from meshmash_viewer.fields.spectrum import Spectrum
-from meshmash_viewer.model.limits import LimitPolicy, automatic_limits
+from meshmash_viewer.model.limits import LimitPolicy, LockedLimits, automatic_limits
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.units import format_number, round_length
+from meshmash_viewer.units import format_number, power_unit, round_length
 from meshmash_viewer.vertex_map import Label
 
 if TYPE_CHECKING:
@@ -90,11 +90,14 @@ class Field:
         What they answer.
     draft : bool
         Whether a better answer to the same request is on its way.
+    beside : str or None
+        Length unit of the first mesh, where these are values at its area (`at_size`).
     """
 
     values: npt.NDArray[np.float32] = field(repr=False)
     request: FieldRequest = field(repr=False)
     draft: bool = False
+    beside: str | None = None
     _limits: dict[LimitPolicy, tuple[float, float]] = field(default_factory=dict, repr=False)
 
     def limits(self, policy: LimitPolicy | None) -> tuple[float, float]:
@@ -119,6 +122,29 @@ class Field:
         values = np.where(vertices >= 0, self.values[vertices], np.float32(np.nan))
         return replace(self, values=values)
 
+    def at_size(self, length: float, unit: str) -> Field:
+        """The same on this mesh shrunk by a factor, in the length unit of a first mesh beside it.
+
+        Eigenfunctions are of unit norm, so that their values, and all that is summed of them, are
+        larger on a smaller shape: at one size they can be compared. What is measured without
+        eigenpairs, such as curvature, a map or a geodesic distance, stays as it is.
+        """
+        if not self.family.needs_pairs or (unit == self.request.unit and np.isclose(length, 1.0)):
+            return self
+        probe = self.family.unit("m")
+        power = next((each for each in range(-9, 10) if power_unit("m", each) == probe), 0)
+        scale = length**-power
+        return replace(
+            self,
+            values=self.values * np.float32(scale),
+            beside=unit,
+            _limits={
+                policy: (low * scale, high * scale)
+                for policy, (low, high) in self._limits.items()
+                if not isinstance(policy, LockedLimits)
+            },
+        )
+
     @cached_property
     def labels(self) -> tuple[Label, ...]:
         """What values 0, 1, 2 … stand for, where they name parts of the surface."""
@@ -142,7 +168,7 @@ class Field:
     @property
     def unit(self) -> str:
         """Of the values; empty for pure numbers and for meshes without a unit."""
-        return self.family.unit(self.request.unit)
+        return self.family.unit(self.request.unit if self.beside is None else self.beside)
 
     @cached_property
     def spacing(self) -> float:
@@ -165,7 +191,8 @@ class Field:
 
     def told(self, lines: bool) -> str:
         """Its quantity, and how far lines are apart if they are drawn."""
-        return " · ".join(filter(None, [self.quantity, self.spacing_told if lines else ""]))
+        at = "" if self.beside is None else "values at the area of the first mesh"
+        return " · ".join(filter(None, [self.quantity, self.spacing_told if lines else "", at]))
 
     @property
     def signed(self) -> bool:

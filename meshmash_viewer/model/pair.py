@@ -1,4 +1,10 @@
-"""Two meshes in step: the second shows what is looked at on the first, as they are linked."""
+"""Two meshes in step: the second shows what is looked at on the first, as they are linked.
+
+Size does not count, as wherever shapes are compared: times and eigenvalues are those of the same
+shape at the other size, and so are values while limits are linked (`Pair.in_step`). Where both
+meshes are of one template (`corresponding_vertices`), vertices and eigenfunctions are told by that,
+otherwise by what vertices look like.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +24,7 @@ from meshmash_viewer.features.comparison import (
     Correspondence,
     check_comparable,
     compare_shapes,
+    corresponding_vertices,
     matched_top,
     unit_area_spectrum,
 )
@@ -27,7 +34,9 @@ from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.io.provenance import export_options
 from meshmash_viewer.io.write import write_features
 from meshmash_viewer.model.document import Document, Pin
+from meshmash_viewer.model.field import Field
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.spectral.alignment import ShownRows
 from meshmash_viewer.spectral.weyl import Target
 
 __all__ = ["LINKS", "MATCHED_IN", "ComparisonRequest", "Pair"]
@@ -76,14 +85,17 @@ class ComparisonRequest:
 
     def answered(self, cancel: CancelCallback | None = None) -> Comparison:
         """The comparison; `InputError` where there is too little to compare."""
-        pairs = []
-        for spectrum in (self.first, self.second):
-            mesh = spectrum.mesh
-            assert mesh is not None
+        first, second = self.first.mesh, self.second.mesh
+        assert first is not None
+        assert second is not None
+        for mesh, spectrum in ((first, self.first), (second, self.second)):
             check_comparable(mesh.name, spectrum.n_vertices, spectrum.eigenvalues)
-            pairs.append(_pairs_of(spectrum))
-        bank = MATCHED_IN[self.matched_in].exported().bank(unit_area_spectrum(pairs[0]))
-        return compare_shapes(pairs[0], pairs[1], bank, cancel)
+        mine, other = _pairs_of(self.first), _pairs_of(self.second)
+        vertices = corresponding_vertices(first, second)
+        if vertices is not None:
+            other = other._replace(rows=self.second.rows)  # which are turned anew
+        bank = MATCHED_IN[self.matched_in].exported().bank(unit_area_spectrum(mine))
+        return compare_shapes(mine, other, bank, cancel, vertices)
 
 
 class Pair:
@@ -118,6 +130,8 @@ class Pair:
         self._request: ComparisonRequest | None = None
         self._seen: Mapping[str, Family] = {}
         self._asked: tuple[Any, Any] = None, None
+        #: Families of the first that the second was last told of.
+        self._told: dict[str, Family] = {}
         #: Vertices of the second that were pinned themselves, by the number of their pin.
         self._pinned: dict[int, int] = {}
         events = first.display.events
@@ -131,6 +145,7 @@ class Pair:
             (second.spectrum_changed, self._follow_spectra),
             (second.mesh_changed, self._follow_spectra),
             (second.job_changed, self._follow_job),
+            (second.display.events.kind, self._follow_second),
         ]  # fmt: skip
         for signal, slot in self._heard:
             signal.connect(slot)
@@ -182,6 +197,32 @@ class Pair:
                 self._pinned[number] = vertex
                 self.first.toggle_pin(match, number)
 
+    def in_step(self, first: Field, second: Field) -> tuple[Field, tuple[float, float]] | None:
+        """The second field as it is drawn beside the first, and limits for the colours of both.
+
+        One colour is one value then. Limits are from the lowest to the highest of both, each under
+        the policy in force. Values that eigenfunctions make are those at the area of the first
+        (`Field.at_size`); what is measured otherwise stays as it is.
+
+        Returns
+        -------
+        tuple of Field and two floats, or None
+            None where each mesh has limits of its own: the link is cut, different families are
+            looked at, only one is signed, or the units are not the same. Labels have colours of
+            their own.
+        """
+        if "colors" not in self.links or first.family.name != second.family.name:
+            return None
+        policy = self.first.display.policies.get(first.family.name)
+        second.limits(policy)  # once, before they are scaled
+        second = second.at_size(self.correspondence.length, first.request.unit)
+        if (first.unit, first.signed) != (second.unit, second.signed):
+            return None
+        if first.labels or second.labels:
+            return None
+        lows, highs = zip(first.limits(policy), second.limits(policy), strict=True)
+        return second, (min(lows), max(highs))
+
     # -- what is compared ---------------------------------------------------------------------
 
     @property
@@ -204,6 +245,13 @@ class Pair:
         """Take a comparison, if it is the one that was asked for last."""
         if request is self._request:
             self.comparison = comparison
+            spectrum = self.second.spectrum
+            if comparison.given and spectrum is not None and spectrum.rows is request.second.rows:
+                assert not isinstance(spectrum.rows, ShownRows)  # its pairs are exact
+                rotations = comparison.functions.rotations
+                shown = ShownRows(spectrum.rows, len(spectrum), None, rotations)
+                self.second.spectrum = replace(spectrum, shown=shown)
+                self.second.spectrum_changed.emit()
             self._seen = {}
             self._follow_display()
             self._follow_pins()
@@ -310,11 +358,20 @@ class Pair:
         moved = []
         for name, family in mine.fields.items():
             if self._seen.get(name) is not family:
-                carried = family.filled_in(known, mine.fields).carried(to)
+                carried, told = (
+                    family.filled_in(known, mine.fields).carried(to),
+                    self._told.get(name),
+                )
+                stays = [
+                    each
+                    for each in family.own
+                    if told is not None and getattr(told, each) == getattr(family, each)
+                ]
                 if "position" not in self.links:
-                    kept = {each: getattr(other.fields[name], each) for each in family.position}
-                    carried = replace(carried, **kept)
-                moved.append(carried)
+                    stays += family.position
+                kept = {each: getattr(other.fields[name], each) for each in stays}
+                moved.append(replace(carried, **kept))
+                self._told[name] = family
         self._seen = mine.fields
         other.put(*moved)
         if "kind" in self.links:
@@ -324,6 +381,11 @@ class Pair:
             other.diverging_colormap = mine.diverging_colormap
             other.sequential_colormap = mine.sequential_colormap
         other.nodal_lines = mine.nodal_lines
+
+    def _follow_second(self) -> None:
+        """Look at the maps of both when one has been added to the second."""
+        if "kind" in self.links and self.second.display.family.own:
+            self.first.display.kind = self.second.display.kind
 
     def _follow_pins(self) -> None:
         """Pin the best match of each pin, under its number."""

@@ -43,9 +43,9 @@ def _reading(document: Document, name: str = "mesh") -> list[str]:
         lines = ["", f"{name} = {read}"]
     if document.repairs:
         lines.insert(0, "from meshmash_viewer.health import REPAIRS")
-        lines += [f"mesh = REPAIRS[{name!r}].apply(mesh)" for name in document.repairs]
+        lines += [f"{name} = REPAIRS[{each!r}].apply({name})" for each in document.repairs]
     added = dict.fromkeys(each.path for each in document.mesh.maps if each.path)
-    lines += [f"mesh = mesh.with_maps(*mv.read_maps({name!r}, mesh))" for name in added]
+    lines += [f"{name} = {name}.with_maps(*mv.read_maps({each!r}, {name}))" for each in added]
     return lines
 
 
@@ -71,7 +71,10 @@ def _comparison(pair: Pair, request: FieldRequest) -> list[str]:
         f"other_laplacian, other_mass = mv.cotangent_laplacian(other, {_operator(pair.second)})",
         f"top = decomposition.eigenvalues[-1] * {area} / other_mass.sum() * (1 + 1e-9)",
         "other_decomposition = mv.solve(other_laplacian, other_mass, max_eigenvalue=top)",
-        f"comparison = mv.compare_shapes(decomposition, other_decomposition, {bank})",
+        f"bank = {bank}",
+        "vertices = mv.corresponding_vertices(mesh, other)",
+        "comparison = mv.compare_shapes("
+        "decomposition, other_decomposition, bank, vertices=vertices)",
         "print(comparison.distance, comparison.mutual_share)",
     ]
 

@@ -7,13 +7,14 @@ render. Files and features keep the solver's own choice: features do not depend 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Alignment", "ShownRows", "align", "close_neighbours"]
+__all__ = ["Alignment", "ShownRows", "align", "align_multiplets", "close_neighbours"]
 
 FloatArray: TypeAlias = npt.NDArray[np.floating[Any]]
 
@@ -73,18 +74,56 @@ def align(
         multiplet may have grown.
     """
     blocks = list(before.blocks[:-1]) if before is not None else []
-    start = blocks[-1][0] + len(blocks[-1][1]) if blocks else 0
-    count, close = min(len(shown), len(eigenvalues)), close_neighbours(eigenvalues)
-    while start < count:
-        stop = start + 1
-        while stop < count and close[stop - 1]:
-            stop += 1
+    known = blocks[-1][0] + len(blocks[-1][1]) if blocks else 0
+    for start, stop in _multiplets(eigenvalues, known, min(len(shown), len(eigenvalues))):
         products = _inner(rows[start:stop], shown[start:stop], mass)
-        left, _, right = np.linalg.svd(products)
-        # shown ≈ matrix @ rows
-        blocks.append((start, (left @ right).T))
-        start = stop
+        blocks.append((start, _nearest_orthogonal(products)))
     return Alignment(tuple(blocks))
+
+
+def align_multiplets(
+    shown: FloatArray,
+    rows: FloatArray,
+    eigenvalues: npt.NDArray[np.float64],
+    mass: npt.NDArray[np.float64],
+) -> Alignment:
+    """Find rotations within multiplets that bring rows closest to those of a corresponding mesh.
+
+    Each multiplet is turned to the rows of the other that lie in its span, wherever they are in
+    the order of theirs; a row that is in no multiplet stays as it is.
+
+    Parameters
+    ----------
+    shown : ndarray, shape (s, n)
+        Rows of the other mesh, which has the same vertices.
+    rows, eigenvalues : ndarray, shapes (>= k, n) and (k,)
+    mass : ndarray of float64, shape (n,)
+        Vertex areas.
+    """
+    blocks = []
+    for start, stop in _multiplets(eigenvalues, 0, len(eigenvalues)):
+        if stop - start > 1:
+            products = _inner(rows[start:stop], shown, mass)
+            shares = np.square(products).sum(axis=0)
+            within = np.sort(np.argsort(-shares, kind="stable")[: stop - start])
+            products = np.pad(products[:, within], ((0, 0), (0, stop - start - len(within))))
+            blocks.append((start, _nearest_orthogonal(products)))
+    return Alignment(tuple(blocks))
+
+
+def _multiplets(
+    eigenvalues: npt.NDArray[np.float64], start: int, stop: int
+) -> Iterator[tuple[int, int]]:
+    """First index and the one behind the last of each run of near-equal ones between two."""
+    edges = np.flatnonzero(~close_neighbours(eigenvalues)) + 1
+    ends = [*edges[(edges > start) & (edges < stop)].tolist(), *([stop] if start < stop else [])]
+    return zip([start, *ends[:-1]], ends, strict=False)
+
+
+def _nearest_orthogonal(products: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """The matrix with shown ≈ matrix @ rows, of products ``rows M shownᵀ``."""
+    left, _, right = np.linalg.svd(products)
+    return np.asarray((left @ right).T)
 
 
 def close_neighbours(

@@ -33,9 +33,20 @@ LEFT = Qt.MouseButton.LeftButton
 PAIRS = 40
 FIRST = shapes.blob(3)
 COPY, PLACE = shapes.moved_copy(FIRST)
-#: Another shape, not a copy.
+#: Another shape on the same template, and it numbered anew.
 OTHER = mv.Mesh(
     FIRST.vertices * [1.0, 1.1, 0.95] + 0.02 * np.sin(5.0 * FIRST.vertices), FIRST.faces
+)
+STRANGE, _ = shapes.moved_copy(OTHER)
+#: With a face twice, a speck of its own, and a vertex on no face.
+FAULTY = mv.Mesh(
+    np.concatenate([OTHER.vertices, 3.0 + np.eye(3), [[9.0, 9.0, 9.0]]]),
+    np.concatenate([OTHER.faces, OTHER.faces[:1], [np.arange(3) + OTHER.n_vertices]]),
+)
+#: Ten vertices: too few to go as far as the first, and no fault.
+TEN = mv.Mesh(
+    shapes.icosphere(0).vertices[:10] * [1.0, 1.2, 1.5],
+    [face for face in shapes.icosphere(0).faces if face.max() < 10],
 )
 
 
@@ -70,16 +81,21 @@ def library(second: mv.Mesh) -> Comparison:
     top = float(unit_area_spectrum(first)[-1]) * (1.0 + 1e-9)
     matrices = mv.cotangent_laplacian(second, robust=True)
     other = mv.solve(*matrices, max_eigenvalue=top / second.area)
-    return compare_shapes(first, other, HeatKernelSignature().bank(unit_area_spectrum(first)))
+    bank = HeatKernelSignature().bank(unit_area_spectrum(first))
+    vertices = mv.corresponding_vertices(FIRST, second)
+    return compare_shapes(first, other, bank, vertices=vertices)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("meshes")
-    for name, mesh in (("first", FIRST), ("copy", COPY), ("other", OTHER)):
+    meshes = {"first": FIRST, "copy": COPY, "other": OTHER, "strange": STRANGE, "faulty": FAULTY}
+    for name, mesh in {**meshes, "ten": TEN}.items():
         np.savez(folder / f"{name}.npz", vertices=mesh.vertices, faces=mesh.faces)
     (folder / "broken.ply").write_text("ply\nnothing")
     np.savez(folder / "small.npz", vertices=np.eye(3), faces=[[0, 1, 2]])
+    np.save(folder / "height.npy", OTHER.vertices[:, 2])
+    np.save(folder / "short.npy", np.arange(7.0))
     return folder
 
 
@@ -126,18 +142,77 @@ def beside(window: MainWindow, path: Path, monkeypatch: pytest.MonkeyPatch) -> B
     return window.comparing.beside
 
 
+@pytest.mark.parametrize(("name", "mesh"), [("other", OTHER), ("strange", STRANGE)])
 def test_figures_are_the_librarys(
-    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, mesh: mv.Mesh
 ) -> None:
-    opened, wanted = beside(window, folder / "other.npz", monkeypatch), library(OTHER)
+    opened, wanted = beside(window, folder / f"{name}.npz", monkeypatch), library(mesh)
     found = opened.pair.comparison
     np.testing.assert_allclose(found.spectra, wanted.spectra, rtol=1e-6)
     assert found.distance == pytest.approx(wanted.distance, rel=1e-6)
     np.testing.assert_array_equal(found.forth.indices, wanted.forth.indices)
     np.testing.assert_allclose(found.forth.scores, wanted.forth.scores, rtol=1e-6, atol=1e-9)
     assert text(window, "pair_distance_label").startswith(f"{wanted.distance:.4g}")
-    assert f"{100 * wanted.mutual_share:.1f}%" in text(window, "pair_mutual_label")
+    np.testing.assert_array_equal(found.functions.indices, wanted.functions.indices)
+    told = text(window, "pair_told_label")
+    if name == "other":
+        assert told == "the same ones, by their faces"
+        assert found.functions.told[:10].all()
+    else:
+        assert told == f"by HKS, {100 * wanted.mutual_share:.1f}% mutual"
     assert "complete" in text(window, "second_label")
+
+
+def bars(window: MainWindow, opened: Beside) -> list[tuple[float, float]]:
+    """What both colour bars say."""
+    scenes = (window.scene, opened.scene)
+    return [tuple(scene.to_pyvista().user_dict["limits"]) for scene in scenes]
+
+
+def test_both_colour_bars_say_the_same_numbers(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = beside(window, folder / "other.npz", monkeypatch)
+    display = window.document.display
+    display.change(Eigenfunctions, index=2)
+    pairs = [mv.solve(*mv.cotangent_laplacian(each, robust=True), PAIRS) for each in (FIRST, OTHER)]
+    scale = np.sqrt(OTHER.area / FIRST.area)
+    combo = part(window, QComboBox, "limits_combo")
+    for step in range(3):
+        QTest.keyClick(window, Qt.Key.Key_Right)
+        rest(window)
+        index = display[Eigenfunctions].index
+        assert index == 3 + step
+        there = opened.document.display[Eigenfunctions].index
+        largest = max(
+            np.abs(pairs[0].eigenvectors[:, index]).max(),
+            scale * np.abs(pairs[1].eigenvectors[:, there]).max(),
+        )
+        for bar in bars(window, opened):
+            np.testing.assert_allclose(bar, (-largest, largest), rtol=1e-6)
+    # by another policy, chosen by keys
+    combo.setFocus()
+    QTest.keyClick(combo, Qt.Key.Key_Down)
+    QTest.keyClick(combo, Qt.Key.Key_Down)
+    rest(window)
+    assert combo.currentText() == "Minimum to maximum"
+    both = bars(window, opened)
+    assert both[0] == both[1]
+    assert both[0][0] != -both[0][1]
+    field = part(window, QWidget, "limit_low_field")
+    assert field.value == pytest.approx(both[0][0], rel=1e-6)
+    own = window.field_source.field.colors(display)[0]
+    QTest.mouseClick(part(window, QCheckBox, "pair_link_colors"), LEFT, pos=QPoint(8, 8))
+    rest(window)
+    assert bars(window, opened)[0] == pytest.approx(own)
+    assert bars(window, opened)[0] != bars(window, opened)[1]
+    QTest.mouseClick(part(window, QCheckBox, "pair_link_colors"), LEFT, pos=QPoint(8, 8))
+    rest(window)
+    np.testing.assert_allclose(bars(window, opened), both, rtol=1e-6)
+    window.comparing.end()
+    rest(window)
+    assert tuple(window.scene.to_pyvista().user_dict["limits"]) == pytest.approx(own)
+    display.limits = None
 
 
 def test_a_copy_shows_the_same_and_is_looked_at_alike(
@@ -156,6 +231,9 @@ def test_a_copy_shows_the_same_and_is_looked_at_alike(
     mine, other = window.field_source.field, opened.field_source.field
     assert other.family.name == "hks"
     np.testing.assert_allclose(other.values[PLACE] * 2.5**2, mine.values, rtol=1e-3)
+    drawn = opened.scene.to_pyvista().active_scalars
+    np.testing.assert_allclose(drawn[PLACE], mine.values, rtol=1e-3)
+    np.testing.assert_allclose(*bars(window, opened), rtol=1e-6)
     # turned by the mouse, the other turns with it
     canvas = window.scene.plotter
     before = np.array(opened.scene.camera()["axes"])
@@ -210,13 +288,18 @@ def test_the_match_is_saved(
         np.testing.assert_array_equal(file["features"][:, 0], opened.pair.comparison.forth.indices)
 
 
-def test_a_mesh_dropped_on_the_right_half_is_the_second(window: MainWindow, folder: Path) -> None:
+def drop(window: MainWindow, *paths: Path, share: float = 0.75) -> None:
+    """Drop files somewhere between the left and the right end of the renders."""
     stage = window.stage
-    right = stage.mapTo(window, QPoint(3 * stage.width() // 4, stage.height() // 2))
+    place = stage.mapTo(window, QPoint(round(share * stage.width()), stage.height() // 2))
     data = QMimeData()
-    data.setUrls([QUrl.fromLocalFile(str(folder / "other.npz"))])
+    data.setUrls([QUrl.fromLocalFile(str(path)) for path in paths])
     copy, none = Qt.DropAction.CopyAction, Qt.KeyboardModifier.NoModifier
-    window.dropEvent(QDropEvent(QPointF(right), copy, data, LEFT, none))
+    window.dropEvent(QDropEvent(QPointF(place), copy, data, LEFT, none))
+
+
+def test_a_mesh_dropped_on_the_right_half_is_the_second(window: MainWindow, folder: Path) -> None:
+    drop(window, folder / "other.npz")
     wait_for(lambda: window.comparing.beside is not None)
     wait_for(lambda: window.comparing.beside.pair.comparison is not None)
     assert window.document.path == folder / "first.npz"
@@ -224,6 +307,93 @@ def test_a_mesh_dropped_on_the_right_half_is_the_second(window: MainWindow, fold
     assert window.comparing.beside is None
     rest(window)
     assert window.document.mesh is not None
+
+
+def test_the_second_is_repaired_by_a_click_which_can_be_undone(
+    window: MainWindow, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = beside(window, folder / "faulty.npz", monkeypatch)
+    document = opened.document
+    assert "2 components" in text(window, "pair_remark")
+    assert text(window, "second_health_duplicate_faces") == "1"
+    button = part(window, QPushButton, "second_keep_largest_component")
+    assert button.accessibleName().endswith("of the second mesh")
+    button.setFocus()
+    QTest.keyClick(button, Qt.Key.Key_Space)
+    wait_for(lambda: document.repairs == ("keep_largest_component",))
+    rest(window)
+    assert document.mesh.n_components == 1
+    assert text(window, "pair_remark") == ""
+    assert window.document.repairs == ()
+    wanted = library(document.mesh)
+    assert opened.pair.comparison.distance == pytest.approx(wanted.distance, rel=1e-6)
+    # it is there again from a session, with its map
+    drop(window, folder / "height.npy")
+    wait_for(lambda: bool(document.mesh.maps))
+    path = tmp_path / "repaired.meshmash.json"
+    window.commands.store_session(path)
+    window.comparing.end()
+    window.commands.restore_session(path)
+    wait_for(lambda: window.comparing.beside is not None)
+    wait_for(lambda: bool(window.comparing.beside.document.repairs))
+    rest(window)
+    document = window.comparing.beside.document
+    assert [each.name for each in document.mesh.maps] == ["height.npy"]
+    script = reproduction_script(window.document, window.comparing.beside.pair)
+    made: dict[str, Any] = {}
+    monkeypatch.chdir(tmp_path)
+    exec(script, made)
+    assert made["other"].n_vertices == document.mesh.n_vertices
+    assert made["comparison"].distance == pytest.approx(wanted.distance, rel=1e-6)
+    undo = part(window, QPushButton, "second_undo_repair_button")
+    undo.setFocus()
+    QTest.keyClick(undo, Qt.Key.Key_Space)
+    wait_for(lambda: document.repairs == ())
+    rest(window)
+    assert document.mesh.n_vertices == FAULTY.n_vertices
+
+
+def test_a_map_dropped_on_the_second_is_shown_on_it(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = beside(window, folder / "other.npz", monkeypatch)
+    drop(window, folder / "height.npy")
+    wait_for(lambda: bool(opened.document.mesh.maps))
+    rest(window)
+    assert window.document.mesh.maps == ()
+    assert window.document.display.kind == "map"
+    np.testing.assert_allclose(
+        opened.scene.to_pyvista().active_scalars, OTHER.vertices[:, 2], rtol=1e-6
+    )
+    # one of another length costs a sentence, and what was there stays
+    bar = window.stage.message_bar
+    drop(window, folder / "short.npy")
+    wait_for(lambda: bar.notice is not None and "short.npy" in bar.notice.text)
+    assert bar.notice.text.startswith("Second mesh: ")
+    assert "Traceback" not in bar.notice.text
+    assert [each.name for each in opened.document.mesh.maps] == ["height.npy"]
+    assert opened.field_source.field.title == "height.npy"
+    # on the first it is the first's, by the button the second's
+    drop(window, folder / "height.npy", share=0.25)
+    wait_for(lambda: bool(window.document.mesh.maps))
+    window.document.remove_map("height.npy")
+    opened.document.remove_map("height.npy")
+    ask = "meshmash_viewer.app.dialogs.map_files.ask_for_maps"
+    monkeypatch.setattr(ask, lambda *_: [folder / "height.npy"])
+    button = part(window, QPushButton, "second_map_button")
+    button.setFocus()
+    QTest.keyClick(button, Qt.Key.Key_Space)
+    wait_for(lambda: bool(opened.document.mesh.maps))
+    rest(window)
+    assert opened.field_source.field.title == "height.npy"
+
+
+def test_a_second_mesh_of_ten_vertices_is_compared(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = beside(window, folder / "ten.npz", monkeypatch)
+    assert len(opened.pair.comparison.spectra[0]) <= 10
+    assert text(window, "pair_told_label").startswith("by HKS")
 
 
 def test_a_session_and_a_script_have_both(

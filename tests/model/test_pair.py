@@ -10,13 +10,14 @@ import shapes
 
 import meshmash_viewer as mv
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.comparison import compare_shapes
+from meshmash_viewer.features.comparison import compare_shapes, corresponding_vertices
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.distances import Distances
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import mesh_health
@@ -25,9 +26,17 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.jobs import DecomposeJob, MeshReady
+from meshmash_viewer.model.limits import (
+    LimitPolicy,
+    LockedLimits,
+    MinMaxLimits,
+    PercentileLimits,
+    SymmetricLimits,
+)
 from meshmash_viewer.model.pair import MATCHED_IN, ComparisonRequest, Pair
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.spectral.weyl import Target
+from meshmash_viewer.vertex_map import VertexMap
 
 COUNT = 60
 
@@ -221,3 +230,167 @@ def test_a_mesh_that_has_too_little_is_one_sentence(pair: Pair) -> None:
     request = ComparisonRequest(small.spectrum, pair.second.spectrum, pair.matched_in)
     with pytest.raises(InputError, match="eigenvalue above zero"):
         request.answered()
+
+
+def solved(first: Mesh, second: Mesh, disturb=lambda document, job: answer(document, job)) -> Pair:
+    """Both meshes decomposed and compared; `disturb` answers for the second."""
+    one, other = opened(first), opened(second)
+    other.job_requested.disconnect()
+    other.job_requested.connect(lambda job: disturb(other, job))
+    pair = paired(one, other)
+    one.target = Target("count", COUNT)
+    one.compute()
+    return pair
+
+
+def stretched(*factors: float) -> Mesh:
+    """A ball with three planes of symmetry, whose sides look alike."""
+    ball = shapes.icosphere(3)
+    return Mesh(ball.vertices * factors, ball.faces, "mm")
+
+
+def test_functions_that_cross_are_told_where_both_meshes_are_of_one_template() -> None:
+    # what waves along x on the first waves along x on the second, one place further on; no
+    # signature tells one side of such a shape from the other
+    pair = solved(stretched(1.02, 1.0, 1.6), stretched(1.0, 1.02, 1.6), flipped)
+    first, second = pair.first, pair.second
+    assert pair.comparison.given
+    one = 2
+    assert first.spectrum.eigenvalues[one + 1] / first.spectrum.eigenvalues[one] < 1.05
+    functions = pair.comparison.functions
+    assert functions.indices[[one, one + 1]].tolist() == [one + 1, one]
+    for index in (1, one, one + 1, 7):
+        first.display.change(Eigenfunctions, index=index)
+        mine, other = shown(first), shown(second)
+        assert np.corrcoef(mine.values, other.values)[0, 1] > 0.99
+    # as the library says, from the same pairs
+    pairs = [solve(*cotangent_laplacian(each.mesh, robust=True), COUNT) for each in (first, second)]
+    found = mv.match_functions(*pairs, np.arange(first.mesh.n_vertices), turned=True)
+    np.testing.assert_array_equal(functions.indices, found.indices)
+    np.testing.assert_allclose(functions.correlations, found.correlations, atol=1e-6)
+
+
+def flipped(document: Document, job: DecomposeJob) -> None:
+    answer(document, job)
+    rows = np.array(document.spectrum.rows)
+    rows[::2] *= -1.0
+    document.accept_spectrum(replace(document.spectrum, rows=rows))
+
+
+def test_a_multiplet_is_turned_as_a_whole_to_be_that_of_the_first() -> None:
+    ball = shapes.icosphere(3)
+    pair = solved(ball, Mesh(2.0 * ball.vertices + 5.0, ball.faces), turned)
+    first, second = pair.first, pair.second
+    assert pair.comparison.functions.told[:9].all()
+    for index in range(1, 9):
+        first.display.change(Eigenfunctions, index=index)
+        mine, other = shown(first), shown(second)
+        np.testing.assert_allclose(2.0 * other.values, mine.values, atol=1e-5)
+        assert "cannot" not in first.display.family.told(pair.correspondence)
+    # files keep the solver's own choice
+    areas = second.spectrum.vertex_areas
+    own = np.asarray(second.spectrum.rows[1:4])
+    drawn = np.asarray(second.spectrum.shown_rows[1:4])
+    assert np.abs(own - drawn).max() > 0.01
+    np.testing.assert_allclose((drawn * areas) @ drawn.T, np.eye(3), atol=1e-9)
+
+
+def turned(document: Document, job: DecomposeJob) -> None:
+    """Any rotation of the three functions of the first multiplet."""
+    answer(document, job)
+    rows = np.array(document.spectrum.rows)
+    rotation, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+    rows[1:4] = rotation @ rows[1:4]
+    document.accept_spectrum(replace(document.spectrum, rows=rows))
+
+
+def test_as_many_vertices_alone_are_no_correspondence(
+    pair: Pair, meshes: tuple[Mesh, Mesh, np.ndarray]
+) -> None:
+    mesh, copy, _ = meshes
+    assert mesh.n_vertices == copy.n_vertices
+    assert corresponding_vertices(mesh, copy) is None
+    assert not pair.comparison.given
+    mirrored = Mesh(mesh.vertices * [1.0, -1.0, 1.0], mesh.faces[:, ::-1])
+    np.testing.assert_array_equal(
+        corresponding_vertices(mesh, mirrored), np.arange(mesh.n_vertices)
+    )
+    fewer = Mesh(mesh.vertices, mesh.faces[:-1])
+    assert corresponding_vertices(mesh, fewer) is None
+
+
+def test_pins_of_one_template_are_at_the_same_vertex() -> None:
+    pair = solved(stretched(1.02, 1.0, 1.6), stretched(1.0, 1.02, 1.6))
+    pair.first.toggle_pin(17)
+    assert [pin.vertex for pin in pair.second.pins] == [17]
+    assert pair.best_matches(17)[0][0] == 17
+    pair.pin_second(40)
+    assert [pin.vertex for pin in pair.first.pins] == [17, 40]
+
+
+@pytest.mark.parametrize(
+    "policy",
+    [None, SymmetricLimits(), MinMaxLimits(), PercentileLimits(2.0, 98.0), LockedLimits(-0.1, 0.4)],
+)
+@pytest.mark.parametrize("kind", ["eigenfunction", "hks", "band"])
+def test_one_colour_is_one_value_on_both(kind: str, policy: LimitPolicy | None) -> None:
+    first = shapes.blob(3)
+    second = Mesh(2.0 * first.vertices * [1.1, 1.0, 1.0], first.faces)
+    pair = solved(first, second)
+    pair.first.display.kind = kind
+    pair.first.display.limits = policy
+    for index in (3, 8):
+        pair.first.display.change(Eigenfunctions, index=index)
+        pair.first.display.change(GeometryVectors, index=index)
+        mine, other = shown(pair.first), shown(pair.second)
+        drawn, limits = pair.in_step(mine, other)
+        power = 1 if kind == "eigenfunction" else 2
+        scale = (second.area / first.area) ** (power / 2)
+        np.testing.assert_allclose(drawn.values, other.values * scale, rtol=1e-5)
+        assert "area of the first mesh" in drawn.told(lines=False)
+        each = [field.limits(policy) for field in (mine, replace(drawn, _limits={}))]
+        wanted = min(low for low, _ in each), max(high for _, high in each)
+        np.testing.assert_allclose(limits, wanted, rtol=1e-6)
+    pair.link("colors", False)
+    assert pair.in_step(mine, other) is None
+
+
+def test_a_copy_of_another_size_has_the_same_colours(pair: Pair) -> None:
+    mine, other = shown(pair.first), shown(pair.second)
+    drawn, limits = pair.in_step(mine, other)
+    np.testing.assert_allclose(limits, mine.limits(None), rtol=1e-5)
+    np.testing.assert_allclose(drawn.limits(None), mine.limits(None), rtol=1e-5)
+
+
+def test_what_is_measured_keeps_its_values_and_needs_one_unit() -> None:
+    first = stretched(1.0, 1.1, 1.6)
+    larger = Mesh(2.0 * first.vertices, first.faces, "mm")
+    pair = solved(first, larger)
+    pair.first.display.show(OwnMaps(chosen="Mean curvature"))
+    mine, other = shown(pair.first), shown(pair.second)
+    drawn, limits = pair.in_step(mine, other)
+    assert drawn is other
+    assert limits == mine.limits(None)  # the curvature of the larger one is half of that
+    pair.second.set_unit("µm")
+    assert pair.in_step(mine, shown(pair.second)) is None
+
+
+def test_a_map_of_the_second_is_looked_at_on_it() -> None:
+    first = stretched(1.0, 1.1, 1.6)
+    pair = solved(first, stretched(1.0, 1.2, 1.6))
+    mesh = pair.second.mesh
+    pair.second.accept_maps(mesh, [VertexMap("thickness", mesh.vertices[:, 0])])
+    assert pair.first.display.kind == "map"
+    assert shown(pair.second).title == "thickness"
+    pair.first.toggle_pin(3)
+    pair.link("camera", False)
+    assert shown(pair.second).title == "thickness"
+    pair.first.display.change(OwnMaps, chosen="Gaussian curvature")
+    assert shown(pair.second).title == "Gaussian curvature"
+    # the first has one of the same name: both show theirs, a pair that comes later too
+    pair.first.accept_maps(first, [VertexMap("thickness", first.vertices[:, 1])])
+    assert (shown(pair.first).title, shown(pair.second).title) == ("thickness",) * 2
+    third = opened(first)
+    paired(pair.first, third)
+    third.accept_maps(first, [VertexMap("height", first.vertices[:, 1])], shown=False)
+    assert third.display[OwnMaps].chosen == "thickness"

@@ -61,11 +61,15 @@ _ROWS = (
 
 
 class HealthTable(QWidget):
-    """One row a count: a mark, what it is, how many, and its repair."""
+    """One row a count: a mark, what it is, how many, and its repair.
 
-    def __init__(self, document: Document) -> None:
+    `second` says that it is that of the second mesh, and is named so.
+    """
+
+    def __init__(self, document: Document, *, second: bool = False) -> None:
         super().__init__()
-        self.setObjectName("health_table")
+        self._prefix, self._whose = ("second_", " of the second mesh") if second else ("", "")
+        self.setObjectName(f"{self._prefix}health_table")
         self._document = document
         self._marks: dict[str, QLabel] = {}
         self._counts: dict[str, QLabel] = {}
@@ -76,7 +80,9 @@ class HealthTable(QWidget):
             mark.setFixedSize(14, 18)
             right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
             count = QLabel("–", alignment=right)
-            theme.named(count, f"health_{each.attribute}", each.text)
+            theme.named(
+                count, f"{self._prefix}health_{each.attribute}", f"{each.text}{self._whose}"
+            )
             for label in (mark, text, count):
                 label.setToolTip(each.tooltip)
             self._marks[each.attribute] = mark
@@ -95,7 +101,13 @@ class HealthTable(QWidget):
     def _repair_button(self, each: _Row) -> QPushButton:
         label = REPAIRS[each.repair].label
         tip = f"{label} (can be undone)"
-        button = theme.named(QPushButton(each.verb), each.repair, label, role="link", tip=tip)
+        button = theme.named(
+            QPushButton(each.verb),
+            f"{self._prefix}{each.repair}",
+            f"{label}{self._whose}",
+            role="link",
+            tip=tip,
+        )
         button.clicked.connect(lambda: self._document.repair(each.repair))
         button.hide()
         self._buttons[each.attribute] = button

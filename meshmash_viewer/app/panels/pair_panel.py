@@ -15,6 +15,7 @@ from PySide6.QtWidgets import (
     QLabel,
     QPushButton,
     QScrollArea,
+    QVBoxLayout,
     QWidget,
 )
 
@@ -22,6 +23,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import Facts, keep_room, note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import PANEL, column, row
 from meshmash_viewer.app.listening import follow
+from meshmash_viewer.app.panels.health_table import HealthTable
 from meshmash_viewer.app.plots.plot import Plot, dashed, solid
 from meshmash_viewer.features.comparison import comparison_remarks
 from meshmash_viewer.io.write import WRITERS
@@ -34,7 +36,7 @@ __all__ = ["PairPanel"]
 _FIGURES = {
     "pair_distance_label": "Spectral distance",
     "pair_compared_label": "Eigenvalues",
-    "pair_mutual_label": "Mutual matches",
+    "pair_told_label": "Vertices",
     "pair_function_label": "Eigenfunction",
 }
 _MATCHES = {"pair_best_label": "Best match", "pair_next_label": "Next best"}
@@ -47,6 +49,8 @@ class PairPanel(QWidget):
     close_requested = Signal()
     #: A file to save the match in.
     save_requested = Signal(object)
+    #: Files with values per vertex of the second mesh are to be chosen.
+    maps_requested = Signal()
 
     def __init__(self, document: Document) -> None:
         super().__init__()
@@ -108,6 +112,20 @@ class PairPanel(QWidget):
         }
         for name, check in self.links.items():
             check.toggled.connect(partial(self._link, name))
+        self.undo_button = theme.named(
+            QPushButton("Undo repair"), "second_undo_repair_button",
+            "Undo the last repair of the second mesh", role="link",
+        )  # fmt: skip
+        self.undo_button.clicked.connect(self._undo)
+        keep_room(self.undo_button)
+        self.map_button = theme.named(
+            QPushButton("Add map…"), "second_map_button",
+            "Add values per vertex of the second mesh from files",
+            tip="Or drop the files on the second mesh",
+        )  # fmt: skip
+        self.map_button.clicked.connect(self.maps_requested)
+        self._health: HealthTable | None = None
+        self._second = QVBoxLayout()
         first, second, third, fourth = self.links.values()
         self.content = QWidget()
         self.content.setLayout(
@@ -124,6 +142,9 @@ class PairPanel(QWidget):
                 row((first,), (second,)),
                 third,
                 fourth,
+                row((theme.with_role(QLabel("Second mesh"), "heading"),), self.undo_button),
+                self._second,
+                row(self.map_button, None),
             )
         )
         whole = theme.named(QWidget(), "panel_content")
@@ -154,6 +175,10 @@ class PairPanel(QWidget):
         if self._pair is not None:
             self._pair.link(name, on)
 
+    def _undo(self) -> None:
+        if self._pair is not None:
+            self._pair.second.undo_repair()
+
     def _choose_feature(self, index: int) -> None:
         if self._pair is not None:
             self._pair.matched_in = self.feature_combo.itemData(index)
@@ -176,7 +201,13 @@ class PairPanel(QWidget):
     def set_pair(self, pair: Pair | None) -> None:
         """Tell of two meshes, or of one alone."""
         self._pair = pair
+        if self._health is not None:
+            self._health.setParent(None)
+            self._health.deleteLater()
+            self._health = None
         if pair is not None:
+            self._health = HealthTable(pair.second, second=True)
+            self._second.addWidget(self._health)
             follow(pair.changed, self.refresh)
             follow(pair.second.mesh_changed, self.refresh)
             follow(pair.second.job_changed, self.refresh)
@@ -203,13 +234,17 @@ class PairPanel(QWidget):
         self.feature_combo.setCurrentIndex(self.feature_combo.findData(pair.matched_in))
         for control in (self.carry_check, self.save_button):
             control.setEnabled(found is not None)
+        self.undo_button.setVisible(pair.second.can_undo_repair)
+        self.map_button.setEnabled(other is not None)
         figures = dict.fromkeys((*_FIGURES, *_MATCHES), "")
         if found is not None:
             distance = format_number(found.distance)
             figures |= {
                 "pair_distance_label": f"{distance} ({found.relative_distance:.2%})",
                 "pair_compared_label": f"{len(found.spectra[0]):,} of each, times area",
-                "pair_mutual_label": f"{found.mutual_share:.1%} of the vertices",
+                "pair_told_label": "the same ones, by their faces"
+                if found.given
+                else f"by {MATCHED_IN[pair.matched_in].short}, {found.mutual_share:.1%} mutual",
                 "pair_function_label": self._document.display.family.told(pair.correspondence),
             }
             if pair.first.pins:
