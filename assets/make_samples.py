@@ -2,10 +2,11 @@
 
     python assets/make_samples.py
 
-writes ``meshmash_viewer/samples/dendrite.npz``, a piece of spiny dendrite in nm, and
+writes ``meshmash_viewer/samples/dendrite.npz``, a piece of spiny dendrite in nm,
+``meshmash_viewer/samples/neuron.npz``, a small neuron with its soma, and
 ``meshmash_viewer/samples/two_components.npz``, a small mesh with the faults of raw data.
 
-The dendrite is the zero level of a distance field: round cones along wandering centre lines,
+Dendrite and neuron are zero levels of distance fields: round cones along wandering centre lines,
 joined by the polynomial smooth minimum, so that necks flow into the shaft as membranes do. The
 field is sampled on a grid, contoured, evened out, and thinned by quadric decimation. Sizes follow
 the electron microscopy of cortical pyramidal cells: shafts 0.5 to 1.1 µm across, spine necks
@@ -30,6 +31,8 @@ WANDER = 0.009
 #: Edge of a grid cell, nm: a third of the thinnest neck.
 SPACING = 34.0
 N_VERTICES = 44_000
+#: The same of the neuron, before it is enlarged.
+NEURON_SPACING, N_NEURON, NEURON_SCALE = 46.0, 13_000, 1.6
 #: Where the piece lies in its volume, nm, as in a data set of a cubic millimetre.
 ORIGIN = np.array([612_400.0, 418_900.0, 287_300.0])
 #: Coordinates are rounded to this, nm: far below what a microscope sees, and it packs better.
@@ -142,20 +145,20 @@ def make_spine(
 class Field:
     """Signed distance, nm, on a regular grid; negative inside."""
 
-    def __init__(self, low: Array, high: Array) -> None:
-        self.low = low
-        self.shape = np.ceil((high - low) / SPACING).astype(int) + 1
+    def __init__(self, low: Array, high: Array, spacing: float) -> None:
+        self.low, self.spacing = low, spacing
+        self.shape = np.ceil((high - low) / spacing).astype(int) + 1
         self.values = np.full(tuple(self.shape), 4000.0, dtype=np.float32)
 
     def _box(self, points: Array, reach: float) -> tuple[slice, slice, slice]:
-        first = np.floor((points.min(axis=0) - reach - self.low) / SPACING).astype(int)
-        last = np.ceil((points.max(axis=0) + reach - self.low) / SPACING).astype(int) + 1
+        first = np.floor((points.min(axis=0) - reach - self.low) / self.spacing).astype(int)
+        last = np.ceil((points.max(axis=0) + reach - self.low) / self.spacing).astype(int) + 1
         first, last = np.maximum(first, 0), np.minimum(last, self.shape)
         return tuple(slice(a, b) for a, b in zip(first, last, strict=True))  # type: ignore[return-value]
 
     def add(self, tube: Tube, blend: float) -> None:
         """Join a tube to what is there, with a fillet of about `blend` nm."""
-        reach = 2.0 * blend + 4.0 * SPACING
+        reach = 2.0 * blend + 4.0 * self.spacing
         whole = self._box(tube.points, tube.radii.max() + reach)
         origin = np.array([side.start for side in whole])
         part = np.full(self.values[whole].shape, 4000.0, dtype=np.float32)
@@ -165,7 +168,10 @@ class Field:
         for a, b, radius_a, radius_b in pieces:
             box = self._box(np.stack([a, b]), max(radius_a, radius_b) + reach)
             grid = np.meshgrid(
-                *(self.low[i] + SPACING * np.arange(box[i].start, box[i].stop) for i in range(3)),
+                *(
+                    self.low[i] + self.spacing * np.arange(box[i].start, box[i].stop)
+                    for i in range(3)
+                ),
                 indexing="ij",
                 sparse=True,
             )
@@ -183,13 +189,13 @@ class Field:
         self.values[whole] = np.minimum(here, there) - 0.25 * blend * overlap**2
 
     def at(self, points: Array) -> Array:
-        index = np.round((points - self.low) / SPACING).astype(int)
+        index = np.round((points - self.low) / self.spacing).astype(int)
         index = np.clip(index, 0, self.shape - 1)
         return self.values[tuple(index.T)].astype(float)
 
     def roughen(self, rng: np.random.Generator, amplitude: float, wavelength: float) -> None:
         """Move the surface by smooth noise of `amplitude` nm, as a real membrane undulates."""
-        coarse = np.maximum((self.shape * SPACING / wavelength).astype(int) + 3, 4)
+        coarse = np.maximum((self.shape * self.spacing / wavelength).astype(int) + 3, 4)
         noise = pv.ImageData(dimensions=tuple(int(c) for c in coarse))
         noise["noise"] = rng.standard_normal(int(np.prod(coarse)))
         from scipy.ndimage import zoom  # a cubic spline through the coarse values
@@ -198,7 +204,9 @@ class Field:
         self.values += (amplitude * values).astype(np.float32)
 
     def surface(self) -> pv.PolyData:
-        image = pv.ImageData(dimensions=tuple(int(s) for s in self.shape), spacing=(SPACING,) * 3)
+        image = pv.ImageData(
+            dimensions=tuple(int(s) for s in self.shape), spacing=(self.spacing,) * 3
+        )
         image["distance"] = self.values.ravel(order="F")
         return image.contour([0.0], scalars="distance", method="flying_edges")
 
@@ -220,16 +228,71 @@ def make_dendrite() -> tuple[Array, npt.NDArray[np.int64]]:
     )
     tubes = [shaft, limb, twig]
     corners = np.concatenate([tube.points for tube in tubes])
-    field = Field(corners.min(axis=0) - 2600.0, corners.max(axis=0) + 2600.0)
+    field = Field(corners.min(axis=0) - 2600.0, corners.max(axis=0) + 2600.0, SPACING)
     for tube in tubes:
         field.add(tube, blend=260.0)
+    # Branches are bare near the fork.
+    n_spines = grow_spines(rng, field, [(shaft, 0), (limb, 34), (twig, 34)], 5.0)
+    field.roughen(rng, amplitude=11.0, wavelength=420.0)
+    vertices, faces = thinned(field.surface(), N_VERTICES)
+    vertices += ORIGIN - vertices.mean(axis=0)
+    print(f"dendrite: {n_spines} spines, {len(vertices)} vertices, {len(faces)} faces")
+    return vertices, faces
 
-    n_spines = 0
+
+def make_neuron() -> tuple[Array, npt.NDArray[np.int64]]:
+    """A soma with an apical dendrite that forks, basal ones, and an axon with its boutons."""
+    rng = np.random.default_rng(SEED)
+
+    def branch(start: Array, to: tuple[float, float, float], length: float, radii: tuple) -> Tube:
+        return wandering_tube(rng, start, np.array(to), length, radii, WANDER)
+
+    along = np.linspace(-1.0, 1.0, 25)
+    soma = Tube(
+        np.stack([1500.0 * along, 120.0 * along, 0.0 * along], axis=1),
+        1750.0 - 650.0 * (along + 1.0) * 0.5 - 350.0 * along**2,
+    )
+    apical = branch(np.array([900.0, 80.0, 0.0]), (1.0, 0.1, 0.05), 12_500, (620, 250))
+    dendrites = [apical]
+    for share, to, length in ((0.42, (0.7, 0.75, 0.1), 7000), (0.66, (0.75, -0.7, -0.1), 5500)):
+        dendrites.append(
+            branch(apical.points[int(share * len(apical.points))], to, length, (290, 180))
+        )
+    for to, length in (
+        ((-0.35, 1.0, 0.15), 7600), ((-1.0, 0.5, -0.2), 6600), ((0.3, -1.0, -0.1), 7000),
+    ):  # fmt: skip
+        start = np.array([-700.0, 0.0, 0.0]) + 700.0 * unit_vector(np.array(to))
+        basal = branch(start, to, length, (430, 190))
+        fork, aside = basal.points[len(basal.points) // 2], (to[0] - 0.75, 0.6 * to[1], to[2] + 0.2)
+        dendrites += [basal, branch(fork, aside, 0.55 * length, (250, 165))]
+    axon = branch(np.array([-2100.0, -500.0, 0.0]), (-0.85, -0.6, 0.1), 10_400, (260, 105))
+    # A hillock, a smooth segment, then a bouton every two µm.
+    places = 40.0 * np.arange(len(axon.points))
+    boutons = np.cos(np.pi * places / 2000.0) ** 24 * (places > 3500.0)
+    axon.radii = 105.0 + 330.0 * np.exp(-places / 500.0) + 190.0 * boutons
+    tubes = [soma, *dendrites, axon]
+    corners = np.concatenate([tube.points for tube in tubes])
+    field = Field(corners.min(axis=0) - 2400.0, corners.max(axis=0) + 2400.0, NEURON_SPACING)
     for tube in tubes:
-        # Branches are bare near the fork, and spines sit at random, never on one another.
-        bare = 0 if tube is shaft else 34
+        field.add(tube, blend=420.0 if tube is not axon else 200.0)
+    bare = [90, *[30] * 2, *[55, 24] * 3]
+    n_spines = grow_spines(rng, field, list(zip(dendrites, bare, strict=True)), 3.3)
+    field.roughen(rng, amplitude=11.0, wavelength=420.0)
+    vertices, faces = thinned(field.surface(), N_NEURON)
+    vertices = NEURON_SCALE * (vertices + field.low) + ORIGIN  # where the soma is
+    print(f"neuron: {n_spines} spines, {len(vertices)} vertices, {len(faces)} faces")
+    return vertices, faces
+
+
+def grow_spines(
+    rng: np.random.Generator, field: Field, tubes: list[tuple[Tube, int]], density: float
+) -> int:
+    """Put spines on tubes behind their first few points, at most so many a µm; returns how many."""
+    n_spines = 0
+    for tube, bare in tubes:
+        # They sit at random, never on one another.
         length = 40.0 * (len(tube.points) - bare)
-        for _ in range(round(length / 1000.0 * 5.0)):
+        for _ in range(round(length / 1000.0 * density)):
             at = int(rng.integers(bare + 12, len(tube.points) - 4))
             tangent = tube.tangents[at]
             outward = rng.standard_normal(3)
@@ -248,19 +311,18 @@ def make_dendrite() -> tuple[Array, npt.NDArray[np.int64]]:
             for centre, radius in zip(spine.centres, spine.radii, strict=True):
                 field.add(Tube(np.stack([centre, centre + 1.0]), np.full(2, radius)), blend=90.0)
             n_spines += 1
-    field.roughen(rng, amplitude=11.0, wavelength=420.0)
+    return n_spines
 
-    surface = field.surface().connectivity("largest")
-    surface = surface.smooth_taubin(n_iter=12, pass_band=0.12)
+
+def thinned(surface: pv.PolyData, n_vertices: int) -> tuple[Array, npt.NDArray[np.int64]]:
+    """The largest part of a contour with about so many vertices, evened out."""
+    surface = surface.connectivity("largest").smooth_taubin(n_iter=12, pass_band=0.12)
     surface = surface.decimate(
-        1.0 - N_VERTICES / surface.n_points, volume_preservation=True
+        1.0 - n_vertices / surface.n_points, volume_preservation=True
     ).smooth_taubin(n_iter=6, pass_band=0.25)
-    vertices = np.asarray(surface.points, dtype=float)
     # The contour looks towards growing distance from within; normals point outwards.
     faces = surface.faces.reshape(-1, 4)[:, [1, 3, 2]].astype(np.int64)
-    vertices += ORIGIN - vertices.mean(axis=0)
-    print(f"dendrite: {n_spines} spines, {len(vertices)} vertices, {len(faces)} faces")
-    return vertices, faces
+    return np.asarray(surface.points, dtype=float), faces
 
 
 def make_two_components() -> tuple[Array, npt.NDArray[np.int64]]:
@@ -306,4 +368,5 @@ def save(name: str, vertices: Array, faces: npt.NDArray[np.int64]) -> None:
 if __name__ == "__main__":
     SAMPLES.mkdir(exist_ok=True)
     save("dendrite", *make_dendrite())
+    save("neuron", *make_neuron())
     save("two_components", *make_two_components())

@@ -19,6 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from make_samples import ORIGIN
 from PySide6.QtCore import QEventLoop, QPoint, Qt, QTimer
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDialog
@@ -34,7 +35,7 @@ from meshmash_viewer.fields.distances import Distances
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.io.read import read_mesh
-from meshmash_viewer.model.shape import Shape
+from meshmash_viewer.model.display import Shape
 from meshmash_viewer.samples import sample_path
 
 LEFT = Qt.MouseButton.LeftButton
@@ -255,6 +256,7 @@ class Tour:
         self.settle()
         self.shoot("dark-faults")
         theme.set_mode(theme.Mode.LIGHT)
+        self.go_to_the_soma()
         self.go_first_sessions()
         self.go_large(mesh)
         window.close()
@@ -297,6 +299,28 @@ class Tour:
             window.comparing.end()
         docks["mesh"].raise_()
         self.settle()
+
+    def go_to_the_soma(self) -> None:
+        """Go through curvature of a neuron, and distance from a pin on its soma with isolines."""
+        document, display = self.document, self.display
+        self.open(sample_path("neuron"))
+        self.ask_for(200)
+        self.wait(lambda: document.job is None and document.spectrum is not None)
+        display.kind = "map"
+        self.settle()
+        self.shoot("soma-curvature")
+        from_soma = document.mesh.vertices - ORIGIN
+        near = np.linalg.norm(from_soma[:, :2], axis=1) < 1000.0
+        document.toggle_pin(int(np.argmax(np.where(near, from_soma[:, 2], -np.inf))))
+        display.nodal_lines = True
+        display.show(Distances(vertex=document.pins[0].vertex))
+        self.settle()
+        self.shoot("soma-distance")
+        theme.set_mode(theme.Mode.DARK)
+        self.settle()
+        self.shoot("dark-soma-distance")
+        theme.set_mode(theme.Mode.LIGHT)
+        display.nodal_lines = False
 
     def go_first_sessions(self) -> None:
         """Go through what the pages of the first sessions show, on surfaces of formulas."""

@@ -247,11 +247,11 @@ class Commands:
         )
         return Path(path) if path else None
 
-    def open_sample(self) -> None:
-        """Open the dendrite that comes with the program."""
+    def open_sample(self, name: str = "dendrite") -> None:
+        """Open a mesh that comes with the program."""
         from meshmash_viewer.samples import sample_path
 
-        self._read(sample_path())
+        self._read(sample_path(name))
 
     def refresh_recent(self) -> None:
         """List the recent files in the menu and on the welcome."""

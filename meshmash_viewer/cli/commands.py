@@ -395,7 +395,7 @@ def _described_comparison(report: dict[str, Any]) -> str:
     moved = sum(1 for each in told if each["first"] != each["second"])
     distance = f"{report['spectral_distance']:.4g}"
     share = f"{100 * report['relative_distance']:.2g} % of the spectrum"
-    vertices = "the same ones: the faces are the same"
+    vertices = "by index: the faces are the same"
     if not report["same_vertices"]:
         mutual = f"{100 * report['mutual_share']:.1f} %"
         vertices = f"matched in {report['kind']}, {mutual} of {first} mutually"

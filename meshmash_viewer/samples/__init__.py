@@ -11,6 +11,7 @@ __all__ = ["SAMPLES", "sample_path"]
 #: Name and what it is.
 SAMPLES: dict[str, str] = {
     "dendrite": "a forking piece of spiny dendrite, one closed surface",
+    "neuron": "a small neuron with soma, dendrites, spines and axon, one closed surface",
     "two_components": "two balls with a hole, a boundary and a non-manifold edge, for tests",
 }
 

@@ -156,10 +156,10 @@ def test_figures_are_the_librarys(
     np.testing.assert_array_equal(found.functions.indices, wanted.functions.indices)
     told = text(window, "pair_told_label")
     if name == "other":
-        assert told == "the same ones, by their faces"
+        assert told == "by index: same faces"
         assert found.functions.told[:10].all()
     else:
-        assert told == f"by HKS, {100 * wanted.mutual_share:.1f}% mutual"
+        assert told == f"by features, {100 * wanted.mutual_share:.1f}% mutual"
     assert "complete" in text(window, "second_label")
 
 
@@ -393,7 +393,7 @@ def test_a_second_mesh_of_ten_vertices_is_compared(
 ) -> None:
     opened = beside(window, folder / "ten.npz", monkeypatch)
     assert len(opened.pair.comparison.spectra[0]) <= 10
-    assert text(window, "pair_told_label").startswith("by HKS")
+    assert text(window, "pair_told_label").startswith("by features")
 
 
 def test_a_session_and_a_script_have_both(

@@ -80,6 +80,8 @@ class PairPanel(QWidget):
         self.hint = note("pair_hint")
         self.remark = note("pair_remark", role="warning")
         self.figures = Facts(_FIGURES)
+        for label in self.figures.findChildren(QLabel):
+            label.setWordWrap(label.objectName() in _FIGURES)
         self.plot = Plot("pair_plot", "Spectra of both meshes, at an area of 1")
         self.plot.setFixedHeight(130)
         self.plot.set_labels("Index", "λ × area")
@@ -242,9 +244,9 @@ class PairPanel(QWidget):
             figures |= {
                 "pair_distance_label": f"{distance} ({found.relative_distance:.2%})",
                 "pair_compared_label": f"{len(found.spectra[0]):,} of each, times area",
-                "pair_told_label": "the same ones, by their faces"
+                "pair_told_label": "by index: same faces"
                 if found.given
-                else f"by {MATCHED_IN[pair.matched_in].short}, {found.mutual_share:.1%} mutual",
+                else f"by features, {found.mutual_share:.1%} mutual",
                 "pair_function_label": self._document.display.family.told(pair.correspondence),
             }
             if pair.first.pins:

@@ -208,7 +208,8 @@ class Annotations:
         self.pins: list[vtkActor2D] = []
         #: The axes are seen from where the mesh is, at another place: a renderer of their own.
         self.corner = vtkRenderer()
-        self._colors, self._colormap = vtkLookupTable(), ""
+        self._colors = vtkLookupTable()
+        self._colormap: ColorMap = ""
         self._said: tuple[Page, Caption | None] | None = None
         self._pinned: tuple[Page, Sequence[Pin]] | None = None
         for actor in self.actors:
