@@ -17,8 +17,10 @@ from meshmash_viewer.health import (
     mesh_health,
     repair_mesh,
 )
+from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.samples import sample_path
 
 FAULTS = (
     "boundary_edges",
@@ -201,3 +203,12 @@ def test_the_median_edge():
     # sides of 1, 1 and √2 in each of the two triangles
     square = ([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3], [0, 0, 1]])
     assert median_edge_length(square) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("name", ["dendrite", "neuron"])
+def test_the_sample_neurons_are_one_closed_surface_in_nm(name: str) -> None:
+    mesh = read_mesh(sample_path(name))
+    health = mesh_health(mesh)
+    faults = health.boundary_edges, health.nonmanifold_edges, health.degenerate_faces
+    assert (health.n_components, faults, mesh.unit) == (1, (0, 0, 0), "nm")
+    assert mesh.n_vertices - len(mesh.faces) // 2 == 2  # no handle
