@@ -9,6 +9,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from meshmash_viewer.features.filter_responses import SplineResponse
 from meshmash_viewer.features.filters import FilterBank, bspline_bank
 from meshmash_viewer.fields.bank_columns import BankColumns
 from meshmash_viewer.fields.family import Family, FloatArray, Response, parameter
@@ -79,22 +80,30 @@ class GeometryVectors(BankColumns):
 
     def centers(self, spectrum: Spectrum) -> FloatArray:
         """Eigenvalue in the middle of each band, shape (count,)."""
-        low, high = self.range(spectrum)
-        return low + (high - low) * _unit_bank(self.count).parameters
+        return _bank(*self.range(spectrum), self.count).parameters
 
     def support(self, spectrum: Spectrum) -> tuple[float, float]:
         """Eigenvalues between which the band is not zero."""
+        return self._support(spectrum, self.column)
+
+    def _support(self, spectrum: Spectrum, band: int) -> tuple[float, float]:
+        """Uniform cubic B-splines: each spans at most four intervals between knots."""
         low, high = self.range(spectrum)
-        first, last = _unit_support(self.count, self.column)
+        degree = min(3, self.count - 1)
+        spans = self.count - degree
+        first, last = max(band - degree, 0) / spans, min(band + 1, spans) / spans
         return low + (high - low) * first, low + (high - low) * last
 
     def response(self, spectrum: Spectrum, along: FloatArray) -> Response:
-        low, high = self.range(spectrum)
+        bank = _bank(*self.range(spectrum), self.count)
+        assert isinstance(bank.response, SplineResponse)
+        places = [np.linspace(*self._support(spectrum, at), _SAMPLES) for at in range(self.count)]
         curves = tuple(
-            (low + (high - low) * places, heights) for places, heights in _unit_curves(self.count)
+            (each, spline(each)) for each, spline in zip(places, bank.response.bases, strict=True)
         )
-        handle = float(self.centers(spectrum)[self.column])
-        return Response(curves[self.column], handle, f"band {self.column}", curves, (low, high))
+        handle = float(bank.parameters[self.column])
+        ends = self.range(spectrum)
+        return Response(curves[self.column], handle, f"band {self.column}", curves, ends)
 
     def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
         return replace(self, index=int(np.argmin(np.abs(self.centers(spectrum) - value))))
@@ -121,26 +130,7 @@ class GeometryVectors(BankColumns):
         return f"mv.bspline_bank({self.low!r}, {self.high!r}, {self.count})"
 
 
-# Bands of another range are the same curves stretched, so they are made once for the range 0 to 1
-# and a number of bands; dragging an end then costs next to nothing.
-
-
 @lru_cache(maxsize=8)
-def _unit_bank(count: int) -> FilterBank:
-    return bspline_bank(0.0, 1.0, count)
-
-
-def _unit_support(count: int, band: int) -> tuple[float, float]:
-    """Uniform cubic B-splines: each spans at most four intervals between knots."""
-    degree = min(3, count - 1)
-    spans = count - degree
-    return max(band - degree, 0) / spans, min(band + 1, spans) / spans
-
-
-@lru_cache(maxsize=8)
-def _unit_curves(count: int) -> tuple[tuple[FloatArray, FloatArray], ...]:
-    """Each band over its support."""
-    places = [np.linspace(*_unit_support(count, band), _SAMPLES) for band in range(count)]
-    # all bands at all places at once is small and far cheaper than band by band
-    heights = _unit_bank(count)(np.concatenate(places)).reshape(count, count, _SAMPLES)
-    return tuple((places[band], heights[band, band]) for band in range(count))
+def _bank(low: float, high: float, count: int) -> FilterBank:
+    """Kept, for one steps through the bands of one range."""
+    return bspline_bank(low, high, count)
