@@ -364,7 +364,7 @@ class Commands:
         choice, mesh = dialog.choice, self._document.mesh
         self._picture, self._pictured = choice, mesh.name if mesh is not None else ""
         self.pictures.start(
-            self.scene.twin(),
+            self.scene.renderer.twin(),
             choice.size,
             [Shot()],  # as it is
             self._document.display,

@@ -239,11 +239,11 @@ def test_a_picture_that_cannot_be_drawn_is_said_and_the_next_one_is_written(
     document = shown.document
     notices: list[Notice] = []
     document.noticed.connect(notices.append)
-    twin = shown.scene.twin()
+    twin = shown.scene.renderer.twin()
     twin.prepare = lambda *_, **__: 1 / 0
     pictures = shown.commands.pictures
     display = document.display
-    for name, drawing in (("a.png", twin), ("b.png", shown.scene.twin())):
+    for name, drawing in (("a.png", twin), ("b.png", shown.scene.renderer.twin())):
         pictures.start(drawing, (64, 48), [Shot()], display, picture_file(tmp_path / name))
     qtbot.waitUntil(lambda: len(notices) == 2, timeout=PATIENCE)
     document.noticed.disconnect(notices.append)

@@ -131,7 +131,8 @@ class Person:
         return done and proof.isVisible() and "40 pairs · complete" in proof.text()
 
     def drawn(self) -> bool:
-        return self.window.scene.renderer.segments is not None
+        caption = self.window.scene.renderer.caption
+        return caption is not None and caption.lines == 0.0
 
     def scrolled(self) -> bool:
         shown = self.document.display[Eigenfunctions]

@@ -90,7 +90,7 @@ def test_a_film_has_its_nodal_lines_in_every_picture(
     catch_up()
     display.change(Eigenfunctions, index=3)
     QTest.keyClick(window, Qt.Key.Key_N)
-    qtbot.waitUntil(lambda: scene.renderer.segments is not None, timeout=PATIENCE)
+    qtbot.waitUntil(lambda: scene.renderer.caption.lines == 0.0, timeout=PATIENCE)
     catch_up()
     drawn: list[tuple[int, bool, int]] = []
     draw, spin = scene.plotter.draw, window.findChild(QSpinBox, "eigenvector_spin")
@@ -99,7 +99,7 @@ def test_a_film_has_its_nodal_lines_in_every_picture(
         draw()
         time.sleep(0.1)  # as on a large mesh without a graphics card
         shown = int(scene.renderer.caption.title.split()[-1])
-        drawn.append((shown, scene.renderer.segments is not None, spin.value()))
+        drawn.append((shown, scene.renderer.caption.lines == 0.0, spin.value()))
 
     monkeypatch.setattr(scene.plotter, "draw", slowly)
     QTest.keyClick(window, Qt.Key.Key_Space)

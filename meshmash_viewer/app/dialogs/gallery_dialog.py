@@ -250,7 +250,7 @@ class GalleryDialog(QDialog):
         self._path, mesh = path, self._document.mesh
         if mesh is None:
             return
-        drawing, shots = self._scene.twin(), self._shots()
+        drawing, shots = self._scene.renderer.twin(), self._shots()
         drawing.annotated = False
         captions = [each.request.caption for each in shots if each.request is not None]
         label = shown_family(self._document.display).label

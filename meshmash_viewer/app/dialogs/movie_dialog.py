@@ -292,7 +292,7 @@ class MovieDialog(FormatDialog):
         if fault:
             self.remark_label.setText(fault)
             return
-        drawing = self._scene.twin()
+        drawing = self._scene.renderer.twin()
         try:
             shots, rate = self._shots(drawing, dressed=True)
         except InputError as error:

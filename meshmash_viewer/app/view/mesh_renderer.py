@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -72,6 +73,8 @@ class MeshRenderer:
         self._hidden: tuple[Any, ...] = ()
         self._pins_placed: list[Pin] = []
         self.caption: Caption | None = None
+        #: Written in the place of the quantity while another field is being computed.
+        self.awaited = ""
         self.surface: Surface | None = None
         self.coarse: Surface | None = None
         #: What lines of sight are cast against, once it is there.
@@ -261,6 +264,13 @@ class MeshRenderer:
             lines=field.line_spacing if lined else None,
         )
 
+    @property
+    def said(self) -> Caption | None:
+        """What is written about the field, and that another one is awaited."""
+        if self.caption is None or not self.awaited:
+            return self.caption
+        return replace(self.caption, quantity=self.awaited)
+
     def set_pins(self, pins: Sequence[tuple[int, str, str]]) -> None:
         """Mark vertices in their colours, each with a label."""
         self._pins = tuple(pins)
@@ -298,7 +308,7 @@ class MeshRenderer:
         page = Page(self.theme, width, height, scale, plates)
         unit = "" if self.mesh is None else self.mesh.unit
         view = self.view if self.annotated else None
-        self.annotations.show(page, view, self.caption, unit, self._placed_pins())
+        self.annotations.show(page, view, self.said, unit, self._placed_pins())
 
     def _write_coarse(self) -> None:
         """Give the stand-in values and places of the mesh at its vertices."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from time import perf_counter
 from typing import Any, TypeVar
 
@@ -84,7 +83,6 @@ class MeshView(QWidget):
         self.turned_by_hand = False
         self._closed = False
         self._first = True
-        self._quantity = self._awaited = ""
         self._hovered = self._told = -1
         #: Of the mesh, so that what is computed of another one is told from what is of this.
         self._generation = 0
@@ -144,13 +142,10 @@ class MeshView(QWidget):
             return
         had_caption = self.renderer.caption is not None
         if field is None:
-            self._quantity = ""
             self.renderer.set_field(None, limits, colormap)
         else:
-            self.renderer.show(field, limits, colormap, lined=self.document.display.nodal_lines)
-            assert self.renderer.caption is not None
-            self._quantity = self.renderer.caption.quantity
-            self._say_quantity()
+            lined = self.document.display.nodal_lines
+            self.renderer.show(field, limits, colormap, lined=lined)
         if had_caption != (field is not None) and not self.turned_by_hand:
             self.reset_camera()
         self._moves()
@@ -185,20 +180,15 @@ class MeshView(QWidget):
 
     def set_awaited(self, title: str) -> None:
         """Say that another field than the one drawn is being computed; "" when it has come."""
-        before, self._awaited = self._awaited, title and f"{title} is being computed …"
-        if self.renderer.caption is not None and self._awaited != before:
-            self._say_quantity()
+        before = self.renderer.awaited
+        self.renderer.awaited = title and f"{title} is being computed …"
+        if self.renderer.awaited != before:
             self.plotter.render()
-
-    def _say_quantity(self) -> None:
-        caption = self.renderer.caption
-        assert caption is not None
-        self.renderer.caption = replace(caption, quantity=self._awaited or self._quantity)
 
     @property
     def title_size(self) -> QSize:
         """What title and quantity take of the upper left corner; empty where there are none."""
-        caption = self.renderer.caption
+        caption = self.renderer.said
         if caption is None:
             return QSize(0, 0)
         wide, tall = title_size(caption)
@@ -266,14 +256,7 @@ class MeshView(QWidget):
         self, size: tuple[int, int] | None = None, transparent: bool = False
     ) -> npt.NDArray[np.uint8]:
         """What is on the screen as RGBA of shape (height, width, 4), at any size."""
-        return draw_picture(self.twin(), size or self.plotter.pixels()[:2], transparent)
-
-    def twin(self) -> MeshRenderer:
-        """What is on the screen, to be drawn elsewhere."""
-        twin = self.renderer.twin()
-        if twin.caption is not None:
-            twin.caption = replace(twin.caption, quantity=self._quantity)
-        return twin
+        return draw_picture(self.renderer.twin(), size or self.plotter.pixels()[:2], transparent)
 
     def small_twin(self) -> tuple[MeshRenderer, npt.NDArray[np.int64] | None] | None:
         """What is on the screen, of few vertices and without its field if there are many.
@@ -286,7 +269,7 @@ class MeshView(QWidget):
         """
         mesh, coarse = self.mesh, self._coarse
         if mesh is None or not self._stand_in.large:
-            return self.twin(), None
+            return self.renderer.twin(), None
         if coarse is None:
             self._make_stand_in()
             return None
@@ -322,7 +305,7 @@ class MeshView(QWidget):
             surface.set_active_scalars(caption.title)
             named = caption.colormap
             surface.user_dict = {
-                "quantity": self._quantity,
+                "quantity": caption.quantity,
                 "unit": caption.unit,
                 "colormap": named if isinstance(named, str) else list(named),
                 "limits": [caption.low, caption.high],

@@ -14,7 +14,9 @@ from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import render_picture, straight
 from meshmash_viewer.app.view.series import (
     Shot,
+    answered,
     draw_series,
+    put_on,
     series_view,
     shots_of,
     turntable,
@@ -24,7 +26,7 @@ from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.fields.sweep import sweep
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
-from meshmash_viewer.model.field import FieldRequest
+from meshmash_viewer.model.field import FieldRequest, LiveFeatures
 from meshmash_viewer.vertex_map import Label, VertexMap
 
 SIZE = (320, 240)
@@ -70,6 +72,19 @@ def test_a_picture_of_a_series_is_the_one_of_its_field(plate: Mesh, tmp_path: Pa
             alone = np.asarray(image.convert("RGBA")).astype(int)
         assert np.abs(alone - picture).mean() < 0.5
     assert np.abs(found[0].astype(int) - found[1]).mean() > 5.0
+
+
+def test_a_field_carried_to_another_mesh_has_no_value_where_there_is_no_match(plate: Mesh) -> None:
+    (shot,) = eigenfunctions(plate, range(5, 6))
+    field = answered(shot, Display(), LiveFeatures())
+    assert field is not None
+    drawing, matches = drawing_of(plate), np.arange(plate.n_vertices)
+    put_on(drawing, shot, field.carried(matches), Display())
+    assert drawing.caption is not None
+    assert not drawing.caption.missing
+    matches[:50] = -1
+    put_on(drawing, shot, field.carried(matches), Display())
+    assert drawing.caption.missing
 
 
 def test_no_more_pictures_are_held_however_many_there_are(plate: Mesh) -> None:
