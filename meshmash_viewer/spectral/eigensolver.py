@@ -190,7 +190,7 @@ def solve(
         float64 or float32, of the rows; float32 loosens `tol` to 1e-7 and cuts the spectrum finer:
         about a third less memory. None is float64.
     n_jobs : int, optional
-        Processes to use; None for as many as cores and memory allow.
+        Slices of the spectrum at a time, in threads; None for as many as cores and memory allow.
     known : Decomposition, optional
         Lowest pairs of the same problem, found earlier; only the others are computed, and these
         are given out again to the last bit. Those with an eigenvalue of NaN are missing.

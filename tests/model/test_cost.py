@@ -12,7 +12,6 @@ from meshmash_viewer.model.cost import (
     written_duration,
 )
 from meshmash_viewer.spectral.eigensolver import estimate_memory
-from meshmash_viewer.spectral.engine import workers
 
 
 @pytest.mark.parametrize(
@@ -69,17 +68,6 @@ def test_memory_is_that_of_the_solver() -> None:
     assert decomposition_bytes(10_000, 99.7, 3) == estimate_memory(10_000, 70_000, 100, n_null=3)
     assert decomposition_bytes(900, 1e9) == estimate_memory(900, 6300, 900)
     assert decomposition_bytes(900, 0.1) == estimate_memory(900, 6300, 1)
-
-
-def test_memory_holds_bases_and_pairs_at_once_where_none_can_be_let_go(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    n, k = 200_000, 280
-    basis_and_pairs = 8.0 * n * (2 * (2.3 * 140 + 110) + k)
-    before = estimate_memory(n, 7 * n, k, 2)
-    assert before > 8.0 * n * max(2 * (2.3 * 140 + 110), k)
-    monkeypatch.setattr(workers, "CAN_LET_GO", False)
-    assert estimate_memory(n, 7 * n, k, 2) > max(basis_and_pairs, before)
 
 
 @pytest.mark.parametrize(

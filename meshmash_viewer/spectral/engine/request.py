@@ -59,7 +59,7 @@ class Request:
         if self.op_inv is not None and self.n_components is None:
             raise InputError("An inverse op_inv is of use for a number of eigenpairs only.")
         if self.n_jobs is not None and self.n_jobs < 1:
-            raise InputError(f"At least one process must work, not {self.n_jobs}.")
+            raise InputError(f"At least one slice must be worked on at a time, not {self.n_jobs}.")
 
     @property
     def precision(self) -> np.dtype[Any]:
