@@ -11,11 +11,11 @@ from PySide6.QtWidgets import QLabel, QToolButton, QVBoxLayout, QWidget
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.layout import row
+from meshmash_viewer.app.errands import Errands
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.field_source import FieldSource
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow, listen, stop_listening
-from meshmash_viewer.app.map_loader import MapLoader
 from meshmash_viewer.app.row_check import RowCheck
 from meshmash_viewer.app.tasks import Tasks
 from meshmash_viewer.app.view.mesh_view import MeshView
@@ -24,7 +24,7 @@ from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.pair import ComparisonRequest, Pair
-from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.progress import CancelCallback
 
 __all__ = ["Beside"]
 
@@ -52,7 +52,6 @@ class Beside(QWidget):
     unread = Signal()
     #: The limits that both meshes share are other ones than they were drawn with here.
     limits_changed = Signal()
-    _compared = Signal(object, object)
 
     def __init__(self, first: Document, scene: MeshView, source: FieldSource) -> None:
         super().__init__()
@@ -63,16 +62,14 @@ class Beside(QWidget):
         self.scene = MeshView(self.document)
         theme.named(self.scene, "second_scene", "Render of the second mesh")
         self.tasks = Tasks(self.document, self)
-        self.map_loader = MapLoader(self.document, self)
+        self.errands = Errands(self.document, self)
         self.field_source = FieldSource(self.document, self)
         self.row_check = RowCheck(self.document, self)
         self.pair = Pair(first, self.document)
         self._turning = False
         self._limits: tuple[float, float] | None = None
         self._build()
-        self._compared.connect(self._accept, Qt.ConnectionType.QueuedConnection)
-        self._thread = LatestThread(self._compare, parent=self)
-        self._thread.start()
+        self._thread = LatestThread(self._compare, self._accept, parent=self)
         self.pair.comparison_requested.connect(self._thread.ask)
         self._connect()
         self.scene.set_theme(theme.is_dark())
@@ -120,7 +117,7 @@ class Beside(QWidget):
         """Whether nothing is being computed for it."""
         return (
             self.document.job is None
-            and self.map_loader.idle
+            and self.errands.idle
             and self.field_source.idle
             and not self._thread.working
             and not self.pair.comparing
@@ -136,22 +133,15 @@ class Beside(QWidget):
         self._first_scene.camera_changed.disconnect(self._turn_second)
         self._thread.close()
         self.tasks.close()
-        self.map_loader.close()
+        self.errands.close()
         self.row_check.close()
         self.field_source.close()
         self.scene.close()
 
     # -- comparing ----------------------------------------------------------------------------
 
-    def _compare(self, request: ComparisonRequest, cancel: CancelCallback) -> None:
-        answer: Comparison | Exception
-        try:
-            answer = request.answered(cancel)
-        except Cancelled:
-            return
-        except Exception as error:  # noqa: BLE001  the window says it
-            answer = error
-        self._compared.emit(request, answer)
+    def _compare(self, request: ComparisonRequest, cancel: CancelCallback) -> Comparison:
+        return request.answered(cancel)
 
     @Slot(object, object)
     def _accept(self, request: ComparisonRequest, answer: Comparison | Exception) -> None:

@@ -8,17 +8,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtGui import QCursor, QGuiApplication, QImage
-from PySide6.QtWidgets import QDialog, QFileDialog, QInputDialog, QMainWindow, QMenu, QMessageBox
+from PySide6.QtWidgets import QDialog, QFileDialog, QInputDialog, QMainWindow, QMessageBox
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS, Actions, Command
 from meshmash_viewer.app.arrangement import Arrangement
+from meshmash_viewer.app.errands import Errands
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.scene_writer import SceneWriter
 from meshmash_viewer.app.series_painter import SeriesPainter, picture_file
 from meshmash_viewer.app.sessions import Restoration, store_session
 from meshmash_viewer.app.settings import Settings
-from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.maps import is_map_file
 from meshmash_viewer.io.read import READABLE_ENDINGS
@@ -49,10 +49,9 @@ class Commands:
     document : Document
     settings : Settings
     actions : Actions
-    stage : Stage
     arrangement : Arrangement
-    recent_menu : QMenu
-        Where recent meshes are listed.
+    errands : Errands
+        Where files are read and written.
     read : callable
         Opens a mesh file, in the unit that it was given last, with files of maps.
 
@@ -63,7 +62,7 @@ class Commands:
     comparing : Comparing, optional
         What opens a second mesh, likewise.
     restoration : Restoration, optional
-        The session that was opened last.
+        The session that is being opened.
     """
 
     def __init__(
@@ -72,36 +71,30 @@ class Commands:
         document: Document,
         settings: Settings,
         actions: Actions,
-        stage: Stage,
         arrangement: Arrangement,
-        recent_menu: QMenu,
+        errands: Errands,
         read: Callable[..., None],
     ) -> None:
         self._window, self._document, self._settings = window, document, settings
-        self._actions, self._stage, self._arrangement = actions, stage, arrangement
-        self._recent_menu, self._read = recent_menu, read
+        self._actions, self._arrangement = actions, arrangement
+        self._errands, self._read = errands, read
         self.scene: MeshView | None = None
         self.comparing: Comparing | None = None
         self.restoration: Restoration | None = None
         self._export_ending = self._pictured = ""
         self._picture: PictureChoice | None = None
-        self._gallery: GalleryDialog | None = None
-        self._movie: MovieDialog | None = None
+        #: Dialogs that stand open beside the window, one of each command.
+        self._standing: dict[str, GalleryDialog | MovieDialog] = {}
         self.pictures = SeriesPainter(window)
-        self.pictures.drawn.connect(
-            lambda _at, path: document.notify(Notice(f"Picture saved to {path}."))
-        )
+        self.pictures.drawn.connect(lambda _at, path: self._say(f"Picture saved to {path}."))
         self.pictures.failed.connect(self._say_not_saved)
         self.scenes = SceneWriter(window)
-        self.scenes.written.connect(lambda path: document.notify(Notice(f"Scene saved to {path}.")))
+        self.scenes.written.connect(lambda path: self._say(f"Scene saved to {path}."))
         self.scenes.failed.connect(self.say_failed)
         for each in COMMANDS:
             actions[each.name].triggered.connect(
                 lambda checked=False, each=each: self._do(each, checked)
             )
-        stage.welcome.open_requested.connect(self.open_mesh)
-        stage.welcome.sample_requested.connect(self.open_sample)
-        stage.welcome.recent_requested.connect(self.open_path)
 
     def _do(self, command: Command, checked: bool) -> None:
         # asked again: an action is disabled some milliseconds after what it needs has gone
@@ -156,6 +149,9 @@ class Commands:
         for mode in theme.Mode:
             actions[f"theme_{mode.value}"].setChecked(theme.mode() is mode)
 
+    def _say(self, text: str, severity: Severity = Severity.INFORMATION) -> None:
+        self._document.notify(Notice(text, severity))
+
     def _ask(self, dialog: QDialog, accepted: Callable[[], None] | None = None) -> None:
         """Open a dialog, which is gone when it has been answered."""
         if accepted is not None:
@@ -188,8 +184,7 @@ class Commands:
         else:
             self._read(others[0], maps=maps)
         if len(others) > 1:
-            text = f"Opening {others[0].name}; one mesh at a time."
-            self._document.notify(Notice(text))
+            self._say(f"Opening {others[0].name}; one mesh at a time.")
 
     def add_map(self) -> None:
         """Let the person choose files with values per vertex of the open mesh."""
@@ -253,17 +248,6 @@ class Commands:
 
         self._read(sample_path(name))
 
-    def refresh_recent(self) -> None:
-        """List the recent files in the menu and on the welcome."""
-        recent = self._settings.recent
-        self._recent_menu.clear()
-        self._recent_menu.setEnabled(bool(recent))
-        for path in recent:
-            action = self._recent_menu.addAction(path.name)
-            action.setToolTip(str(path))
-            action.triggered.connect(lambda _checked=False, path=path: self.open_path(path))
-        self._stage.welcome.set_recent(recent)
-
     # -- sessions -----------------------------------------------------------------------------
 
     def open_session(self) -> None:
@@ -282,7 +266,7 @@ class Commands:
         try:
             restoration = Restoration(self._document, path)
         except InputError as fault:
-            self._document.notify(Notice(str(fault), Severity.ERROR))
+            self._say(str(fault), Severity.ERROR)
             return
         if self.restoration is not None:
             self.restoration.stop()
@@ -292,13 +276,14 @@ class Commands:
 
     def look(self) -> None:
         """Look from where the session was saved, once both mesh and render are there."""
-        if self.scene is not None and self.restoration is not None:
-            camera = self.restoration.take_camera()
-            if camera is not None:
-                self.scene.set_camera(camera.to_json())
-            second = self.restoration.take_second()
-            if second is not None and self.comparing is not None:
-                self.comparing.restore(second)
+        restoration = self.restoration
+        if self.scene is None or restoration is None or not restoration.done:
+            return
+        self.restoration = None
+        if restoration.camera is not None:
+            self.scene.set_camera(restoration.camera.to_json())
+        if restoration.second is not None and self.comparing is not None:
+            self.comparing.restore(restoration.second)
 
     def store_session(self, path: Path) -> None:
         """Write what is on screen; `InputError` if the file cannot be written."""
@@ -309,7 +294,7 @@ class Commands:
         """Save what is on screen under a name that the person chooses."""
         if self._document.path is None:
             text = "This mesh was handed over in memory: a session needs one that is in a file."
-            self._document.notify(Notice(text, Severity.WARNING))
+            self._say(text, Severity.WARNING)
             return
         start = self._settings.folder / f"{self._document.path.stem}{SESSION_ENDING}"
         chosen, _ = QFileDialog.getSaveFileName(
@@ -323,9 +308,9 @@ class Commands:
         try:
             self.store_session(path)
         except (InputError, OSError) as fault:
-            self._document.notify(Notice(f"The session was not saved: {fault}", Severity.ERROR))
+            self._say(f"The session was not saved: {fault}", Severity.ERROR)
             return
-        self._document.notify(Notice(f"Session saved to {path}."))
+        self._say(f"Session saved to {path}.")
 
     # -- taking away --------------------------------------------------------------------------
 
@@ -377,23 +362,18 @@ class Commands:
         """Show the columns of the family on the render side by side."""
         from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
 
-        if self._gallery is not None:
-            self._gallery.raise_()
-            self._gallery.activateWindow()
-            return
-        assert self.scene is not None
-        self._gallery = dialog = GalleryDialog(self._document, self.scene, self._window)
-        dialog.save_requested.connect(self._save_gallery)
-        dialog.saved.connect(self._say_saved)
-        dialog.finished.connect(self._forget_gallery)
-        dialog.finished.connect(dialog.deleteLater)
-        dialog.show()
+        scene = self.scene
+        assert scene is not None
+        if not self._is_standing("gallery"):
+            dialog = GalleryDialog(self._document, scene, self._window)
+            dialog.save_requested.connect(lambda: self._save_gallery(dialog))
+            self._stand("gallery", dialog, "Picture")
 
-    def _save_gallery(self) -> None:
+    def _save_gallery(self, gallery: GalleryDialog) -> None:
         from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
 
-        gallery, mesh = self._gallery, self._document.mesh
-        assert gallery is not None and mesh is not None  # noqa: PT018  it has been asked for there
+        mesh = self._document.mesh
+        assert mesh is not None
         path = self._settings.folder / f"{mesh.name or 'mesh'}_gallery.png"
         dialog = PictureDialog(gallery.size_on_screen, path, gallery)
 
@@ -407,16 +387,30 @@ class Commands:
         """Ask for motion, size, rate and place, and film the render."""
         from meshmash_viewer.app.dialogs.movie_dialog import MovieDialog
 
-        if self._movie is not None:
-            self._movie.raise_()
-            self._movie.activateWindow()
-            return
         scene, mesh = self.scene, self._document.mesh
         assert scene is not None and mesh is not None  # noqa: PT018  the command needs them
-        path = self._settings.folder / (mesh.name or "mesh")
-        self._movie = dialog = MovieDialog(self._document, scene, path, self._window)
-        dialog.saved.connect(self._say_filmed)
-        dialog.finished.connect(self._forget_movie)
+        if not self._is_standing("movie"):
+            path = self._settings.folder / (mesh.name or "mesh")
+            self._stand("movie", MovieDialog(self._document, scene, path, self._window), "Movie")
+
+    def _is_standing(self, name: str) -> bool:
+        """Bring a dialog forward that stands open beside the window, if it does."""
+        dialog = self._standing.get(name)
+        if dialog is not None:
+            dialog.raise_()
+            dialog.activateWindow()
+        return dialog is not None
+
+    def _stand(self, name: str, dialog: GalleryDialog | MovieDialog, what: str) -> None:
+        """Open a dialog beside the window, which says what it has saved."""
+
+        def say_saved(path: Path) -> None:
+            self._settings.folder = path.parent
+            self._say(f"{what} saved to {path}.")
+
+        self._standing[name] = dialog
+        dialog.saved.connect(say_saved)
+        dialog.finished.connect(lambda: self._standing.pop(name, None))
         dialog.finished.connect(dialog.deleteLater)
         dialog.show()
 
@@ -439,31 +433,30 @@ class Commands:
     def _write_scene(self, path: Path) -> None:
         assert self.scene is not None
         self._settings.folder = path.parent
-        self._document.notify(Notice(f"Writing {path.name} …"))
+        self._say(f"Writing {path.name} …")
         self.scenes.write(self.scene.to_pyvista(), path)
 
-    def _forget_gallery(self) -> None:
-        self._gallery = None
+    def save_shape(self, path: Path) -> None:
+        """Save the shape on the render as a mesh."""
+        from meshmash_viewer.app.shape_source import shape_writer
 
-    def _forget_movie(self) -> None:
-        self._movie = None
+        self._write(path, shape_writer(self._document, path), "Shape")
+
+    def save_match(self, path: Path) -> None:
+        """Save which vertex of one mesh is which of the other."""
+        if (pair := self._pair) is not None:
+            self._write(path, lambda: pair.write_match(path), "Match")
+
+    def _write(self, path: Path, work: Callable[[], object], what: str) -> None:
+        doing = f"Writing {path.name}"
+        self._errands.run(doing, work, lambda _: self._say(f"{what} written to {path}."))
 
     def close(self) -> None:
         """Finish the pictures that are being written, and close what stands open."""
         self.pictures.wait()
         self.scenes.close()
-        if self._gallery is not None:
-            self._gallery.close()
-        if self._movie is not None:
-            self._movie.reject_all()
-
-    def _say_filmed(self, path: Path) -> None:
-        self._settings.folder = path.parent
-        self._document.notify(Notice(f"Movie saved to {path}."))
-
-    def _say_saved(self, path: Path) -> None:
-        self._settings.folder = path.parent
-        self._document.notify(Notice(f"Picture saved to {path}."))
+        for dialog in list(self._standing.values()):
+            dialog.done(0)  # a film that is being made is given up
 
     def _say_not_saved(self, failure: Failure) -> None:
         text = f"The picture was not saved: {failure.text}"
@@ -473,14 +466,6 @@ class Commands:
         """Say why something is not there."""
         self._document.notify(notice_of(failure))
 
-    def say_match_written(self, path: Path) -> None:
-        """Say where the match is."""
-        self._document.notify(Notice(f"Match written to {path}."))
-
-    def say_shape_written(self, path: Path) -> None:
-        """Say where the shape is."""
-        self._document.notify(Notice(f"Shape written to {path}."))
-
     def copy_picture(self) -> None:
         """Put the render on the clipboard."""
         assert self.scene is not None
@@ -488,14 +473,14 @@ class Commands:
         height, width, _ = picture.shape
         image = QImage(picture.tobytes(), width, height, QImage.Format.Format_RGBA8888)
         QGuiApplication.clipboard().setImage(image.copy())
-        self._document.notify(Notice("Picture copied."))
+        self._say("Picture copied.")
 
     def copy_script(self) -> None:
         """Put a script that makes what is on screen on the clipboard."""
         from meshmash_viewer.model.script import reproduction_script
 
         QGuiApplication.clipboard().setText(reproduction_script(self._document, self._pair))
-        self._document.notify(Notice("Copied a Python script that makes what is on screen again."))
+        self._say("Copied a Python script that makes what is on screen again.")
 
     def clear_cache(self) -> None:
         """Delete what is stored, after asking."""
@@ -511,7 +496,7 @@ class Commands:
         )
         if answer == QMessageBox.StandardButton.Yes:
             cache.clear()
-            self._document.notify(Notice(f"Deleted {size} of stored eigenpairs."))
+            self._say(f"Deleted {size} of stored eigenpairs.")
 
     def quit(self) -> None:
         """Close the window."""
@@ -581,7 +566,7 @@ class Commands:
         if vertex >= 0:
             self._document.toggle_pin(vertex)
         else:
-            self._document.notify(Notice("Hold the pointer over the mesh, then press P."))
+            self._say("Hold the pointer over the mesh, then press P.")
 
     def pin_index(self) -> None:
         """Ask for an index and pin that vertex."""
@@ -608,7 +593,7 @@ class Commands:
 
         drawn = "none yet" if self.scene is None else graphics(self.scene.plotter.window_of_vtk)
         QGuiApplication.clipboard().setText(system_report(drawn))
-        self._document.notify(Notice("System report copied: paste it where you report a fault."))
+        self._say("System report copied: paste it where you report a fault.")
 
     def about(self) -> None:
         """Show version, licence and methods."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
-from PySide6.QtCore import QObject, QThreadPool, Signal
+from PySide6.QtCore import QObject, Signal
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.beside import Beside
@@ -15,7 +15,6 @@ from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.io.session import Session
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.model.pair import LINKS
 
 __all__ = ["Comparing"]
@@ -25,8 +24,7 @@ class Comparing(QObject):
     """The second mesh of a window, while there is one.
 
     `changed` carries the `Pair`, or None when the second mesh has gone; `limits_changed` says that
-    `common_limits` may be other ones; `written` carries the path of a match that has been saved,
-    `failed` a `Failure`.
+    `common_limits` may be other ones.
 
     Parameters
     ----------
@@ -45,8 +43,6 @@ class Comparing(QObject):
 
     changed = Signal(object)
     limits_changed = Signal()
-    written = Signal(object)
-    failed = Signal(object)
 
     def __init__(
         self,
@@ -60,7 +56,6 @@ class Comparing(QObject):
         super().__init__(parent)
         self._document, self._stage, self._scene = document, stage, scene
         self._source, self._unit = source, unit
-        self._pool = QThreadPool(self)
         self._restoration: Restoration | None = None
         self.beside: Beside | None = None
 
@@ -116,24 +111,3 @@ class Comparing(QObject):
         """Light or dark."""
         if self.beside is not None:
             self.beside.scene.set_theme(theme.is_dark())
-
-    def write_match(self, path: Path) -> None:
-        """Save which vertex is which."""
-        if self.beside is None:
-            return
-        pair = self.beside.pair
-
-        def work() -> None:
-            try:
-                pair.write_match(path)
-            except Exception as fault:  # noqa: BLE001  said to the person
-                self.failed.emit(failure_of(fault, f"Writing {path.name}"))
-            else:
-                self.written.emit(path)
-
-        self._pool.start(work)
-
-    def close(self) -> None:
-        """Wait for what is being written, and close what is beside."""
-        self._pool.waitForDone()
-        self.end()

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from PySide6.QtCore import QObject, Qt, QThread, QTimer, Signal, Slot
+from PySide6.QtCore import QObject, QThread, QTimer, Signal
 
 from meshmash_viewer.app.latest_thread import LatestThread
-from meshmash_viewer.app.listening import first_a_frame
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.limits import LimitPolicy
-from meshmash_viewer.progress import CancelCallback, Cancelled
-
-if TYPE_CHECKING:
-    from threadpoolctl import ThreadpoolController
+from meshmash_viewer.progress import CancelCallback
 
 __all__ = ["FieldSource"]
 
@@ -37,8 +31,6 @@ class FieldSource(QObject):
     field_ready = Signal(object)
     failed = Signal(str)
     awaited = Signal(str)
-    _computed = Signal(object, object)
-    _prepared = Signal(object)
 
     def __init__(self, document: Document, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -47,22 +39,17 @@ class FieldSource(QObject):
         self._field: Field | None = None
         self._wanted: FieldRequest | None = None
         self._policy: LimitPolicy | None = None
-        self._threads: ThreadpoolController | None = None
         self._late = QTimer(self, singleShot=True, interval=_LATE)
         self._late.timeout.connect(self._say_awaited)
-        queued = Qt.ConnectionType.QueuedConnection
-        self._computed.connect(self._take, queued)
-        self._prepared.connect(self._improve, queued)
-        self._answers = LatestThread(self._answer, parent=self)
-        self._tables = LatestThread(self._build, rest=_REST, parent=self)
+        self._answers = LatestThread(self._answer, self._take, parent=self, one_core=True)
+        low = QThread.Priority.LowPriority
+        self._tables = LatestThread(self._build, self._improve, _REST, self, priority=low)
         events = document.display.events
         self._signals = [
             events.kind, events.fields, document.spectrum_changed, document.mesh_changed
         ]  # fmt: skip
         for signal in self._signals:
             signal.connect(self.refresh)
-        self._answers.start()
-        self._tables.start(QThread.Priority.LowPriority)
 
     @property
     def field(self) -> Field | None:
@@ -101,7 +88,6 @@ class FieldSource(QObject):
         if request is not None:
             if not self._late.isActive():
                 self._late.start()
-            first_a_frame()
             self._answers.ask(request)
 
     def close(self) -> None:
@@ -114,37 +100,17 @@ class FieldSource(QObject):
 
     # -- in the threads -----------------------------------------------------------------------
 
-    def _answer(self, request: FieldRequest, cancel: CancelCallback) -> None:
-        answer: Field | Exception | None
-        try:
-            if self._threads is None:
-                from threadpoolctl import ThreadpoolController
-
-                self._threads = ThreadpoolController()  # it looks for libraries, for a while
-            # More threads of the linear algebra would compete with the interface's, and beside
-            # the solver's processes they make products several times slower. No longer than that:
-            # the limit is that of the whole process, which may be somebody else's.
-            with self._threads.limit(limits=1, user_api="blas"):
-                answer = compute_field(request, self._live)
-                if answer is not None:
-                    answer.limits(self._policy)  # known then, so that nobody waits for them
-        except Exception as error:  # noqa: BLE001  the window says it
-            answer = error
-        self._computed.emit(request, answer)
+    def _answer(self, request: FieldRequest, _cancel: CancelCallback) -> Field | None:
+        answer = compute_field(request, self._live)
+        if answer is not None:
+            answer.limits(self._policy)  # known then, so that nobody waits for them
+        return answer
 
     def _build(self, request: FieldRequest, cancel: CancelCallback) -> None:
-        try:
-            self._live.prepare(request, cancel)
-        except Cancelled:
-            return
-        except Exception as error:  # noqa: BLE001  the window says it
-            self._computed.emit(request, error)
-            return
-        self._prepared.emit(request)
+        self._live.prepare(request, cancel)
 
     # -- in the interface thread --------------------------------------------------------------
 
-    @Slot(object, object)
     def _take(self, request: FieldRequest, answer: Field | Exception | None) -> None:
         if self._wanted is None or not self._wanted.same_mesh(request):
             return
@@ -166,7 +132,6 @@ class FieldSource(QObject):
                 self._late.start()
             self.field_ready.emit(answer)
 
-    @Slot()
     def _say_awaited(self) -> None:
         if self._wanted is not None:
             self.awaited.emit(self._wanted.family.title())
@@ -176,9 +141,11 @@ class FieldSource(QObject):
         self._late.stop()
         self.awaited.emit("")
 
-    @Slot(object)
-    def _improve(self, request: FieldRequest) -> None:
+    def _improve(self, request: FieldRequest, fault: Exception | None) -> None:
         """Compute the field again if it had to do without the tables that are there now."""
+        if fault is not None:
+            self._take(request, fault)
+            return
         wanted, field = self._wanted, self._field
         if wanted is None or not wanted.same_mesh(request):
             return

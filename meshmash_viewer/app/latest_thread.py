@@ -5,11 +5,16 @@ from __future__ import annotations
 import threading
 import weakref
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar
+from contextlib import AbstractContextManager, nullcontext
+from functools import cache
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from PySide6.QtCore import QObject, QThread
+from PySide6.QtCore import QObject, Qt, QThread, Signal
 
-from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.progress import CancelCallback, Cancelled
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 __all__ = ["LatestThread"]
 
@@ -22,29 +27,49 @@ class LatestThread(QThread, Generic[Request]):
     Parameters
     ----------
     work : callable
-        Called with a request, and with a function that says whether to give up.
+        Called in the thread with a request, and with a function that says whether to give up; it
+        may raise `Cancelled` then. What it returns is the answer.
+    take : bound method of a QObject, optional
+        Called in the thread of that object, with a request and its answer, or the exception that
+        was raised instead. `answered` can be emitted with more answers on the way.
     rest : float
         Seconds that a request has to stay the latest before it is worked on.
+    parent : QObject, optional
+    one_core : bool
+        Whether linear algebra is to use no more than this thread: more would compete with the
+        interface's, and beside the solver's processes they make products several times slower. The
+        limit is the whole process's, which may be somebody else's: no longer than the work takes.
+    priority : QThread.Priority
     """
+
+    answered = Signal(object, object)
 
     def __init__(
         self,
-        work: Callable[[Request, CancelCallback], None],
+        work: Callable[[Request, CancelCallback], Any],
+        take: Callable[[Request, Any], None] | None = None,
         rest: float = 0.0,
         parent: QObject | None = None,
+        *,
+        one_core: bool = False,
+        priority: QThread.Priority = QThread.Priority.InheritPriority,
     ) -> None:
         super().__init__(parent)
         if parent is not None:
             # a thread that runs must not be destroyed; by name it would keep whose work it does
             held = weakref.ref(self)
             parent.destroyed.connect(lambda: _close(held))
+        if take is not None:
+            self.answered.connect(take, Qt.ConnectionType.QueuedConnection)
         self._work = work
         self._rest = rest
+        self._one_core = one_core
         self._condition = threading.Condition()
         self._next: Request | None = None
         self._dropped = False
         self._closing = False
         self._working = False
+        self.start(priority)
 
     @property
     def working(self) -> bool:
@@ -64,6 +89,7 @@ class LatestThread(QThread, Generic[Request]):
         with self._condition:
             self._next = None
             self._dropped = True
+            self._condition.notify()
 
     def close(self) -> None:
         """Give up, and wait until the thread has ended."""
@@ -72,11 +98,28 @@ class LatestThread(QThread, Generic[Request]):
             self._condition.notify()
         self.wait()
 
+    # -- in the thread ------------------------------------------------------------------------
+
+    def stays(self, seconds: float) -> bool:
+        """Whether the request that is worked on is still the latest one some seconds later."""
+        with self._condition:
+            return not self._condition.wait_for(
+                lambda: self._next is not None or self._given_up(), seconds
+            )
+
     def run(self) -> None:
         """Wait for requests and work on them."""
         while (request := self._take()) is not None:
-            self._work(request, self._given_up)
-            del request  # before waiting: it may hold a file open
+            answer: Any
+            try:
+                with self._limits():
+                    answer = self._work(request, self._given_up)
+            except Cancelled:
+                continue
+            except Exception as fault:  # noqa: BLE001  whoever takes the answer says it
+                answer = fault
+            self.answered.emit(request, answer)
+            del request, answer  # before waiting: they may hold a file open
 
     def _take(self) -> Request | None:
         with self._condition:
@@ -93,8 +136,19 @@ class LatestThread(QThread, Generic[Request]):
                     return latest
             return None
 
+    def _limits(self) -> AbstractContextManager[Any]:
+        return _libraries().limit(limits=1, user_api="blas") if self._one_core else nullcontext()
+
     def _given_up(self) -> bool:
         return self._dropped or self._closing
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    """Those of linear algebra, which it takes a while to look for."""
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 def _close(held: weakref.ref[LatestThread[Any]]) -> None:

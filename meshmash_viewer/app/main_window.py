@@ -33,10 +33,10 @@ from meshmash_viewer.app.arrangement import Arrangement
 from meshmash_viewer.app.commands import Commands
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.focus_keys import FocusKeys
+from meshmash_viewer.app.errands import Errands
 from meshmash_viewer.app.field_source import FieldSource
 from meshmash_viewer.app.last_look import LastLook
 from meshmash_viewer.app.listening import follow, later, listen, stop_listening
-from meshmash_viewer.app.map_loader import MapLoader
 from meshmash_viewer.app.panels.mesh_panel import MeshPanel
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.app.stage import Stage
@@ -100,8 +100,8 @@ class MainWindow(QMainWindow):
         self.document.seconds_rate = self.settings.seconds_rate
         self.actions_ = Actions(self)
         self.menus = self.actions_.fill_menus(self)
-        recent_menu = QMenu("Recent meshes", self)
-        self.menus["File"].insertMenu(self.actions_["open_session"], recent_menu)
+        self._recent_menu = QMenu("Recent meshes", self)
+        self.menus["File"].insertMenu(self.actions_["open_session"], self._recent_menu)
         self._build_toolbar()
         self.arrangement = Arrangement(self)
         self.arrangement.put("mesh", self.mesh_panel)
@@ -109,18 +109,21 @@ class MainWindow(QMainWindow):
             self.menus["View"].insertAction(self.actions_["reset_camera"], dock.toggleViewAction())
         self._build_status_bar()
         self.tasks = Tasks(self.document, self)
-        self.map_loader = MapLoader(self.document, self)
+        self.errands = Errands(self.document, self)
         self.last_look = LastLook(self.document, self.settings, self)
         self.commands = Commands(
             self,
             self.document,
             self.settings,
             self.actions_,
-            self.stage,
             self.arrangement,
-            recent_menu,
+            self.errands,
             self.open_mesh,
         )
+        welcome = self.stage.welcome
+        welcome.open_requested.connect(self.commands.open_mesh)
+        welcome.sample_requested.connect(self.commands.open_sample)
+        welcome.recent_requested.connect(self.commands.open_path)
         self._listen_to_document()
         theme.notifier().changed.connect(self._on_theme_changed)
         theme.pad_fields(self)
@@ -193,19 +196,16 @@ class MainWindow(QMainWindow):
         self.shape_source = ShapeSource(self.document, self)
         self.shape_source.shape_ready.connect(self._show_shape)
         self.shape_source.failed.connect(self.commands.say_failed)
-        self.shape_source.written.connect(self.commands.say_shape_written)
-        self.shape_panel.save_requested.connect(self.shape_source.write)
+        self.shape_panel.save_requested.connect(self.commands.save_shape)
         self.comparing = Comparing(
             self.document, self.stage, self.scene, self.field_source, self.last_look.unit, self
         )
         self.commands.comparing = self.comparing
         self.comparing.changed.connect(self._on_pair_changed)
         self.comparing.limits_changed.connect(self._follow_limits)
-        self.comparing.failed.connect(self.commands.say_failed)
-        self.comparing.written.connect(self.commands.say_match_written)
         self.pair_panel.open_requested.connect(self.commands.compare_with)
         self.pair_panel.close_requested.connect(self.commands.end_comparison)
-        self.pair_panel.save_requested.connect(self.comparing.write_match)
+        self.pair_panel.save_requested.connect(self.commands.save_match)
         self.pair_panel.maps_requested.connect(self.commands.add_map_beside)
         self.row_check = RowCheck(self.document, self)
         self.scene.vertex_clicked.connect(self.document.toggle_pin)
@@ -258,7 +258,7 @@ class MainWindow(QMainWindow):
         deadline = QDeadlineTimer(round(1000.0 * seconds))
         while not (
             self.document.job is None
-            and self.map_loader.idle
+            and self.errands.idle
             and self.field_source.idle
             and self.shape_source.idle
             and self.comparing.idle
@@ -276,14 +276,14 @@ class MainWindow(QMainWindow):
         listen(document.mesh_changed, self._on_mesh_changed)
         listen(document.pins_changed, self._on_pins_changed)
         listen(document.job_changed, self._on_job_changed)
-        document.noticed.connect(self._on_notice)
+        document.noticed.connect(self.stage.message_bar.show_notice)
         events = document.display.events
-        for signal in (
+        needs = (
             document.mesh_changed, document.spectrum_changed, document.settings_changed,
             document.pins_changed, document.job_changed, events.nodal_lines, events.playing,
             events.kind,
-        ):  # fmt: skip
-            follow(signal, self._refresh_actions)
+        )  # fmt: skip
+        follow(needs, self._refresh_actions)
         follow(document.mesh_changed, self._show_stage)
 
     def open_mesh(self, path: str | Path, unit: str = "", maps: Sequence[Path] = ()) -> None:
@@ -311,7 +311,16 @@ class MainWindow(QMainWindow):
     def _show_stage(self) -> None:
         """Show the render or the welcome, and which meshes were opened last."""
         self.stage.show_scene(self.loaded and self.document.ready is not None)
-        self.commands.refresh_recent()
+        recent = self.settings.recent
+        self.stage.welcome.set_recent(recent)
+        self._recent_menu.clear()
+        self._recent_menu.setEnabled(bool(recent))
+        for path in recent:
+            action = self._recent_menu.addAction(path.name)
+            action.setToolTip(str(path))
+            action.triggered.connect(
+                lambda _checked=False, path=path: self.commands.open_path(path)
+            )
 
     def _same_place(self, mesh: Mesh) -> bool:
         before = self.scene.mesh
@@ -407,9 +416,6 @@ class MainWindow(QMainWindow):
             (counted(health.n_vertices, "vertex"), counted(health.n_faces, "face"), unit)
         )
 
-    def _on_notice(self, notice: Notice) -> None:
-        self.stage.message_bar.show_notice(notice)
-
     def _on_job_changed(self) -> None:
         """Remember how fast this machine solves, and follow what may be done now."""
         state = self.document.job
@@ -487,14 +493,14 @@ class MainWindow(QMainWindow):
             self.document.display.playing = False
             self.document.display.vibrating = False
             stop_listening(self)
-            self.document.noticed.disconnect(self._on_notice)
+            self.document.noticed.disconnect(self.stage.message_bar.show_notice)
             theme.notifier().changed.disconnect(self._on_theme_changed)
             self._focus_keys.stop()
             self.commands.close()
             self.tasks.close()
-            self.map_loader.close()
+            self.errands.close()
             if self.loaded:
-                self.comparing.close()
+                self.comparing.end()
                 self.field_source.close()
                 self.shape_source.close()
                 self.profile_panel.close()

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 
-from PySide6.QtCore import QObject, QThread, Signal
+from PySide6.QtCore import QObject, QThread
 
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.progress import CancelCallback, Cancelled
 
 __all__ = ["RowCheck"]
 
@@ -26,15 +26,12 @@ class RowCheck(QObject):
     Exports check what they write themselves; this is for what is only looked at.
     """
 
-    found = Signal(object, int)
-
     def __init__(self, document: Document, parent: QObject) -> None:
         super().__init__(parent)
         self._document = document
         self._wanted: Spectrum | None = None
-        self.thread_ = LatestThread(self._check, rest=_AFTER, parent=self)
-        self.thread_.start(QThread.Priority.LowPriority)
-        self.found.connect(self._tell)
+        low = QThread.Priority.LowPriority
+        self.thread_ = LatestThread(self._check, self._take, _AFTER, self, priority=low)
         listen(document.spectrum_changed, self._refresh)
         self._refresh()
 
@@ -53,18 +50,21 @@ class RowCheck(QObject):
             if spectrum is not None:
                 self.thread_.ask(spectrum)
 
-    def _check(self, spectrum: Spectrum, cancel: CancelCallback) -> None:
-        """Compare row by row; the first that is damaged ends it."""
+    def _check(self, spectrum: Spectrum, cancel: CancelCallback) -> int | None:
+        """Compare row by row; the first that is damaged ends it, and is the answer."""
         stored = spectrum.stored
         assert stored is not None
         for index in range(len(spectrum)):
             damaged = stored.damaged([index], cancel)
             if cancel():
-                return
+                raise Cancelled
             if damaged:
-                self.found.emit(spectrum, index)
-                return
+                return index
             time.sleep(_REST)
+        return None
 
-    def _tell(self, spectrum: Spectrum, index: int) -> None:
-        self._document.leave_out_damaged(spectrum, index)
+    def _take(self, spectrum: Spectrum, found: int | Exception | None) -> None:
+        if isinstance(found, Exception):
+            raise found
+        if found is not None:
+            self._document.leave_out_damaged(spectrum, found)

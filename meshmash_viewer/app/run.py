@@ -16,12 +16,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import platformdirs
-from PySide6.QtCore import QEventLoop, QObject, QThread, QThreadPool, QTimer, Signal
+from PySide6.QtCore import QEventLoop, QObject, QThread, QTimer
 from PySide6.QtGui import QFont, QSurfaceFormat
 from PySide6.QtWidgets import QApplication
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons
+from meshmash_viewer.app.latest_thread import LatestThread
+from meshmash_viewer.progress import CancelCallback
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.main_window import MainWindow
@@ -231,32 +233,28 @@ def tend_garbage(window: MainWindow) -> None:
 class _Loader(QObject):
     """Imports heavy libraries behind the window that is already there, then completes it."""
 
-    _began = Signal(str)
-    _ended = Signal(object)
-
     def __init__(self, window: MainWindow) -> None:
         super().__init__()
         self._window = window
-        self._began.connect(window.stage.welcome.set_loading)
-        self._ended.connect(self._complete)
+        self._thread: LatestThread[tuple[str, str]] = LatestThread(self._import, self._go_on)
         # the first picture of the window goes first
-        QTimer.singleShot(0, lambda: QThreadPool.globalInstance().start(self._import))
+        QTimer.singleShot(0, self, lambda: self._go_on(None, None))
 
     def wait(self) -> None:
         """Return when nothing is imported any more: a thread must not tell what has gone."""
-        QThreadPool.globalInstance().waitForDone()
+        self._thread.close()
 
-    def _import(self) -> None:
-        try:
-            for module, text in _LIBRARIES:
-                self._began.emit(text)
-                importlib.import_module(module)
-        except Exception as fault:  # noqa: BLE001  said where it can be
-            self._ended.emit(fault)
-        else:
-            self._ended.emit(None)
+    def _import(self, library: tuple[str, str], _cancel: CancelCallback) -> None:
+        importlib.import_module(library[0])
 
-    def _complete(self, fault: Exception | None) -> None:
+    def _go_on(self, done: tuple[str, str] | None, fault: Exception | None) -> None:
+        """Import what comes next; after the last one the window can be completed."""
+        left = _LIBRARIES if done is None else _LIBRARIES[_LIBRARIES.index(done) + 1 :]
+        if fault is None and left:
+            self._window.stage.welcome.set_loading(left[0][1])
+            self._thread.ask(left[0])
+            return
+        self._thread.close()
         try:
             if fault is not None:
                 raise fault

@@ -101,10 +101,11 @@ class Restoration:
         if not session.mesh_path:
             raise InputError(f"{path.name} has no mesh_path: open the mesh itself instead.")
         self._display = read_display(session.display, path)
-        self._camera: View | None = None
+        #: From where the session was saved.
+        self.camera: View | None = None
         if session.camera:
             try:
-                self._camera = View.from_json(session.camera)
+                self.camera = View.from_json(session.camera)
             except ValueError as fault:
                 raise InputError(
                     f"{path.name} has a damaged camera ({fault}): take that entry out, or open "
@@ -116,7 +117,9 @@ class Restoration:
         self._mesh_path = Path(session.mesh_path)
         self._repairs = list(session.repairs)
         self._before = document.ready
-        self._started = self._restored = self._second_taken = False
+        self._started = False
+        #: Whether the mesh is there, with all that is not the window's.
+        self.done = False
 
     def begin(self) -> None:
         """Ask for the mesh."""
@@ -177,22 +180,15 @@ class Restoration:
             )
         display_from_json(document.display, display)
         document.open_maps([Path(each) for each in session.maps], shown=False)
-        self._restored = True
+        self.done = True
         self.restored.emit()
 
-    def take_camera(self) -> View | None:
-        """From where the session was saved, once, as soon as its mesh is there."""
-        if not self._restored:
-            return None
-        camera, self._camera = self._camera, None
-        return camera
-
-    def take_second(self) -> Session | None:
-        """What there is of the second mesh, once, as soon as the first is there."""
+    @property
+    def second(self) -> Session | None:
+        """What there was of the second mesh, if there was one."""
         session = self._session
-        if not self._restored or not session.second_path or self._second_taken:
+        if not session.second_path:
             return None
-        self._second_taken = True
         return Session(
             mesh_path=session.second_path,
             unit=session.second_unit,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,19 +27,10 @@ class Settings:
     """
 
     def __init__(self, fresh: bool = False) -> None:
-        self._store = None if fresh else QSettings("meshmash-viewer", "meshmash-viewer")
-        self._kept: dict[str, object] = {}
-
-    def _get(self, key: str) -> Any:
-        if self._store is None:
-            return self._kept.get(key)
-        return self._store.value(key)
-
-    def _set(self, key: str, value: object) -> None:
-        if self._store is None:
-            self._kept[key] = value
-        else:
-            self._store.setValue(key, value)
+        store = None if fresh else QSettings("meshmash-viewer", "meshmash-viewer")
+        kept: dict[str, object] = {}
+        self._get: Callable[[str], Any] = kept.get if store is None else store.value
+        self._set = kept.__setitem__ if store is None else store.setValue
 
     @property
     def recent(self) -> list[Path]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from PySide6.QtCore import QObject, Qt, QThreadPool, QTimer, Signal, Slot
+from PySide6.QtCore import QObject, QTimer, Signal
 
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import listen
@@ -24,13 +24,10 @@ from meshmash_viewer.model.display import FEWEST_PAIRS, Shape
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.model.field import Field
-from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.spectral.weyl import Target
 
-if TYPE_CHECKING:
-    from threadpoolctl import ThreadpoolController
-
-__all__ = ["DrawnShape", "ShapeSource"]
+__all__ = ["DrawnShape", "ShapeSource", "shape_writer"]
 
 FloatArray = npt.NDArray[np.floating]
 
@@ -84,14 +81,11 @@ class ShapeSource(QObject):
     """Listens to a document and answers with places of vertices.
 
     `shape_ready` carries each `DrawnShape`; only the latest request counts, and partial sums are
-    drawn on the way to it. `written` carries the path of a shape that has been saved, `failed` a
-    `Failure`.
+    drawn on the way to it. `failed` carries a `Failure`.
     """
 
     shape_ready = Signal(object)
-    written = Signal(object)
     failed = Signal(object)
-    _computed = Signal(object, object)
 
     def __init__(self, document: Document, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -102,22 +96,14 @@ class ShapeSource(QObject):
         # -- of the thread alone
         self._sums: tuple[Spectrum, Reconstruction] | None = None
         self._swings: tuple[Field, FloatArray] | None = None
-        self._threads: ThreadpoolController | None = None
         # --
-        self._computed.connect(self._take, Qt.ConnectionType.QueuedConnection)
-        self._thread = LatestThread(self._answer, parent=self)
-        self._normals = LatestThread(self._turn_normals, rest=_REST, parent=self)
-        self._pool = QThreadPool(self)
+        self._thread = LatestThread(self._answer, self._take, parent=self, one_core=True)
         self._clock = QTimer(self, interval=_SWING)
         self._clock.timeout.connect(self.refresh)
         self._began = 0.0
         events = document.display.events
-        for signal in (
-            events.shape, events.vibrating, document.spectrum_changed, document.mesh_changed
-        ):  # fmt: skip
-            listen(signal, self.refresh)
-        self._thread.start()
-        self._normals.start()
+        shown = events.shape, events.vibrating, document.spectrum_changed, document.mesh_changed
+        listen(shown, self.refresh)
 
     def set_field(self, field: Field | None) -> None:
         """Swing by another field."""
@@ -128,8 +114,7 @@ class ShapeSource(QObject):
     @property
     def idle(self) -> bool:
         """Whether what is wanted is drawn, with its normals."""
-        waiting = self._thread.working or self._normals.working
-        return not waiting and (self._latest is None or self.drawn is not None)
+        return not self._thread.working and (self._latest is None or self.drawn is not None)
 
     def refresh(self) -> None:
         """Ask for the shape that the document wants now."""
@@ -138,7 +123,6 @@ class ShapeSource(QObject):
             self._clock.stop()
             self._latest = self.drawn = None
             self._thread.drop()
-            self._normals.drop()
             display.vibrating = False
             return
         request = _Request(spectrum, display.shape)
@@ -154,63 +138,30 @@ class ShapeSource(QObject):
         if still and (self.drawn is None or self.drawn.points is None) and self._latest is None:
             return
         self._latest = request
-        self._normals.drop()
         self._thread.ask(request)
-
-    def write(self, path: Path) -> None:
-        """Save the reconstruction that is chosen, without a vibration."""
-        document, spectrum = self._document, self._document.spectrum
-        if spectrum is None or spectrum.mesh is None:
-            return
-        mesh, shape = spectrum.mesh, document.display.shape
-        operator, repairs = spectrum.operator or document.operator, document.repairs
-        count, certificate = shape.within(len(spectrum)), spectrum.certificate
-        proof = "" if certificate is None else certificate.sentence(len(spectrum), mesh.unit)
-
-        def work() -> None:
-            try:
-                sums = Reconstruction(mesh, spectrum.rows, spectrum.vertex_areas)
-                for _ in sums.move_to(count):
-                    pass
-                vertices = mesh.vertices + shape.morph * (sums.vertices - mesh.vertices)
-                target = Target("count", count)
-                options = export_options("reconstruction", operator, target, proof, repairs)
-                options |= {"morph": shape.morph, "rms_distance": shape.morph * sums.rms_distance}
-                write_mesh(path, replace(mesh, vertices=vertices), provenance(mesh, options))
-            except Exception as fault:  # noqa: BLE001  said to the person
-                self.failed.emit(failure_of(fault, f"Writing {path.name}"))
-            else:
-                self.written.emit(path)
-
-        self._pool.start(work)
 
     def close(self) -> None:
         """Stop the threads and wait for them."""
         self._clock.stop()
         self._latest = None
         self._thread.close()
-        self._normals.close()
-        self._pool.waitForDone()
 
-    # -- in the threads -----------------------------------------------------------------------
+    # -- in the thread ------------------------------------------------------------------------
 
-    def _answer(self, request: _Request, cancel: CancelCallback) -> None:
-        try:
-            if self._threads is None:
-                from threadpoolctl import ThreadpoolController
+    def _answer(self, request: _Request, cancel: CancelCallback) -> DrawnShape:
+        drawn = self._drawn(request, self._rebuilt(request, cancel))
+        if drawn.points is None or drawn.normals is not None or not drawn.rests:
+            return drawn
+        self._thread.answered.emit(request, drawn)
+        if not self._thread.stays(_REST):
+            raise Cancelled
+        return replace(drawn, normals=_normals(drawn))
 
-                self._threads = ThreadpoolController()
-            with self._threads.limit(limits=1, user_api="blas"):
-                self._compute(request, cancel)
-        except Exception as error:  # noqa: BLE001  the window says it
-            self._computed.emit(request, error)
-
-    def _compute(self, request: _Request, cancel: CancelCallback) -> None:
+    def _rebuilt(self, request: _Request, cancel: CancelCallback) -> Reconstruction | None:
+        """The sum that is asked for; partial ones are drawn on the way to it."""
         spectrum, shape = request.spectrum, request.shape
-        rebuilt = shape.shown and len(spectrum) >= FEWEST_PAIRS
-        if not rebuilt:
-            self._computed.emit(request, self._drawn(request, None))
-            return
+        if not shape.shown or len(spectrum) < FEWEST_PAIRS:
+            return None
         if self._sums is None or self._sums[0] is not spectrum:
             assert spectrum.mesh is not None
             sums = Reconstruction(spectrum.mesh, spectrum.rows, spectrum.vertex_areas)
@@ -219,13 +170,13 @@ class ShapeSource(QObject):
         told = perf_counter()
         for _ in sums.move_to(shape.within(len(spectrum))):
             if cancel():
-                return
+                raise Cancelled
             if perf_counter() - told > _PARTIAL:
-                self._computed.emit(request, self._drawn(request, sums))
+                self._thread.answered.emit(request, self._drawn(request, sums))
                 told = perf_counter()
                 if self._latest is not request and request.field is None:
-                    return  # the next one goes on from here
-        self._computed.emit(request, self._drawn(request, sums))
+                    raise Cancelled  # the next one goes on from here
+        return sums
 
     def _drawn(self, request: _Request, sums: Reconstruction | None) -> DrawnShape:
         spectrum, shape = request.spectrum, request.shape
@@ -246,41 +197,58 @@ class ShapeSource(QObject):
             points = points + np.float32(reach * request.phase) * self._swings[1]
         moved = points is not geometry.points
         rests = request.field is None and (sums is None or count == shape.within(len(spectrum)))
-        normals = None
-        if moved and mesh.n_vertices <= _SMALL:
-            normals = replace(mesh, vertices=points.astype(np.float64)).vertex_normals
-        return DrawnShape(spectrum, points if moved else None, normals, count, distance, rests)
-
-    def _turn_normals(self, drawn: DrawnShape, _cancel: CancelCallback) -> None:
-        mesh = drawn.spectrum.mesh
-        assert mesh is not None
-        assert drawn.points is not None
-        normals = replace(mesh, vertices=drawn.points.astype(np.float64)).vertex_normals
-        self._computed.emit(None, replace(drawn, normals=normals))
+        drawn = DrawnShape(spectrum, points if moved else None, None, count, distance, rests)
+        small = mesh.n_vertices <= _SMALL
+        return replace(drawn, normals=_normals(drawn)) if moved and small else drawn
 
     # -- in the interface thread --------------------------------------------------------------
 
-    @Slot(object, object)
-    def _take(self, request: _Request | None, answer: DrawnShape | Exception) -> None:
+    def _take(self, request: _Request, answer: DrawnShape | Exception) -> None:
         latest = self._latest
         if latest is None:
             return
         if isinstance(answer, Exception):
             self.failed.emit(failure_of(answer, "Rebuilding the shape"))
             return
-        if answer.spectrum is not latest.spectrum:
-            return
-        if request is None:
-            if self.drawn is None or self.drawn.points is not answer.points:
-                return  # it has moved on
-        elif latest.shape.shown != request.shape.shown:
+        same = answer.spectrum is latest.spectrum
+        if not same or latest.shape.shown != request.shape.shown:
             return
         self.drawn = answer
-        if answer.rests and answer.points is not None and answer.normals is None:
-            self._normals.ask(answer)
         if answer.points is None and latest is request:
             self._latest = None
         self.shape_ready.emit(answer)
+
+
+def shape_writer(document: Document, path: Path) -> Callable[[], None]:
+    """What saves the reconstruction that is chosen now, without a vibration."""
+    spectrum, shape = document.spectrum, document.display.shape
+    assert spectrum is not None and spectrum.mesh is not None  # noqa: PT018  one is shown
+    mesh, operator, repairs = (
+        spectrum.mesh,
+        spectrum.operator or document.operator,
+        document.repairs,
+    )
+    count, certificate = shape.within(len(spectrum)), spectrum.certificate
+    proof = "" if certificate is None else certificate.sentence(len(spectrum), mesh.unit)
+
+    def write() -> None:
+        sums = Reconstruction(mesh, spectrum.rows, spectrum.vertex_areas)
+        for _ in sums.move_to(count):
+            pass
+        vertices = mesh.vertices + shape.morph * (sums.vertices - mesh.vertices)
+        target = Target("count", count)
+        options = export_options("reconstruction", operator, target, proof, repairs)
+        options |= {"morph": shape.morph, "rms_distance": shape.morph * sums.rms_distance}
+        write_mesh(path, replace(mesh, vertices=vertices), provenance(mesh, options))
+
+    return write
+
+
+def _normals(drawn: DrawnShape) -> npt.NDArray[np.float32]:
+    """Normals of the surface as it is drawn."""
+    mesh, points = drawn.spectrum.mesh, drawn.points
+    assert mesh is not None and points is not None  # noqa: PT018  it has been moved
+    return replace(mesh, vertices=points.astype(np.float64)).vertex_normals
 
 
 def _along_normals(mesh: Mesh, values: FloatArray) -> FloatArray:

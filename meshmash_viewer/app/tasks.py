@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QObject, Qt, Slot
+from PySide6.QtCore import QObject, Qt
 
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.listening import listen, stop_listening
@@ -117,11 +117,9 @@ class Tasks(QObject):
         shown = self._document.mesh
         return shown is not None and shown.vertices is mesh.vertices and shown.faces is mesh.faces
 
-    @Slot(object)
     def _on_progressed(self, progress: Progress) -> None:
         self._document.job_progressed(progress)
 
-    @Slot(object)
     def _on_sent(self, message: object) -> None:
         job = self._job
         if isinstance(message, Notice):
@@ -137,7 +135,6 @@ class Tasks(QObject):
             if message.remark:
                 self._document.notify(Notice(message.remark, Severity.WARNING))
 
-    @Slot(object)
     def _on_finished(self, result: object) -> None:
         if isinstance(result, MeshReady):
             self._document.accept_mesh(result)
@@ -155,11 +152,9 @@ class Tasks(QObject):
             self._on_sent(result)
             self._end()
 
-    @Slot(object)
     def _on_failed(self, failure: Failure) -> None:
         self._end(notice_of(failure))
 
-    @Slot()
     def _on_cancelled(self) -> None:
         job = self._job
         replaced = bool(self._queue)

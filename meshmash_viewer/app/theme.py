@@ -1,6 +1,6 @@
 """The look of the window: colours, spacing and type, light or dark, for widgets, plots and render.
 
-Panels ask `palette`, `plot_colors` and `is_dark`, redraw on ``notifier().changed``, and give labels
+Panels ask `palette` and `is_dark`, redraw on ``notifier().changed``, and give labels
 a role instead of a style: ``with_role(QLabel("Health"), "heading")``. The roles are "heading" (of a
 section), "muted" (an explanation), "value" (a number that stands in a column), "proof", "warning".
 """
@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
+from string import Template
 from typing import Any, ClassVar, Generic, TypeVar
 from weakref import WeakKeyDictionary
 
@@ -32,7 +33,6 @@ __all__ = [
     "MARGIN",
     "Mode",
     "Palette",
-    "PlotColors",
     "apply",
     "change_role",
     "dress",
@@ -42,7 +42,6 @@ __all__ = [
     "notifier",
     "pad_fields",
     "palette",
-    "plot_colors",
     "restyle",
     "set_mode",
     "tabular",
@@ -73,7 +72,7 @@ class _Color(Generic[Kind]):
     def __init__(self, light: Kind, dark: Kind) -> None:
         self._pair = light, dark
 
-    def __get__(self, palette: Palette | PlotColors, owner: object) -> Kind:
+    def __get__(self, palette: Palette, owner: object) -> Kind:
         return self._pair[palette.dark]
 
 
@@ -105,21 +104,10 @@ class Palette:
     error = _Color("#b3261e", "#ff9b92")
     error_back = _Color("#fdebe9", "#45201f")
     good = _Color("#1b7a4b", "#62c793")
-
-
-@dataclass(frozen=True)
-class PlotColors:
-    """Colours of the plots: their ground, axes and marks."""
-
-    dark: bool
-
-    background = _Color("#ffffff", "#21262d")
-    foreground = _Color("#3c4855", "#b4bfcb")
-    grid = _Color("#e3e7ec", "#343b45")
-    curve = _Color("#1c66a8", "#5ba7e4")
+    # in plots
+    axis = _Color("#3c4855", "#b4bfcb")
     reference = _Color("#8a95a2", "#7f8b99")
     marker = _Color("#d5530b", "#ff9a57")
-    handle = _Color("#d5530b", "#ff9a57")
     hatch = _Color("#c9a227", "#d8b74a")
     series = _Color(
         ("#1c66a8", "#d5530b", "#1b7a4b", "#a3428b", "#8a6d00", "#0b7f99", "#5b4db0"),
@@ -141,15 +129,13 @@ class _State:
     #: Whether the application is ours.
     ours = False
     style: QStyle | None = None
-    #: What is dressed, the application or its windows, and how: whether dark, and why.
-    dressed: ClassVar[WeakKeyDictionary[Any, tuple[bool, Mode] | None]] = WeakKeyDictionary()
-    notifier: _Notifier | None = None
+    #: What is dressed, the application or its windows, and whether dark.
+    dressed: ClassVar[WeakKeyDictionary[Any, bool | None]] = WeakKeyDictionary()
+    notifier = _Notifier()
 
 
 def notifier() -> _Notifier:
     """The object whose ``changed`` signal follows every switch of theme."""
-    if _State.notifier is None:
-        _State.notifier = _Notifier()
     return _State.notifier
 
 
@@ -168,15 +154,10 @@ def palette() -> Palette:
     return Palette(_State.dark)
 
 
-def plot_colors() -> PlotColors:
-    """The colours of plots in force."""
-    return PlotColors(_State.dark)
-
-
 def pad_fields(parent: QWidget) -> None:
     """Keep numbers off the edges of their fields, and choices off one another, as no sheet can."""
     for spin in parent.findChildren(QAbstractSpinBox):
-        spin.lineEdit().setTextMargins(5, 0, 0, 0)
+        spin.lineEdit().setTextMargins(5, 0, 8 if spin.property("role") == "bare" else 0, 0)
     for combo in parent.findChildren(QComboBox):
         view = combo.view()
         if isinstance(view, QListView):
@@ -222,8 +203,7 @@ def named(
 def tabular(font: QFont) -> QFont:
     """A copy of a font whose digits all have one width, so that columns of numbers stand still."""
     copy = QFont(font)
-    if hasattr(copy, "setFeature"):
-        copy.setFeature(QFont.Tag("tnum"), 1)
+    copy.setFeature(QFont.Tag("tnum"), 1)
     return copy
 
 
@@ -267,32 +247,27 @@ def _refresh() -> None:
         Mode.LIGHT: Qt.ColorScheme.Light,
         Mode.DARK: Qt.ColorScheme.Dark,
     }[_State.mode]
-    # title bars of the desktop follow too, where Qt can ask for it (6.8)
-    if _State.ours and hasattr(hints, "setColorScheme"):
+    # title bars of the desktop follow too; X11 without a desktop knows no scheme
+    if _State.ours:
         with QSignalBlocker(hints):
             hints.setColorScheme(wanted)
     if _State.mode is Mode.SYSTEM:
-        _State.dark = hints.colorScheme() == Qt.ColorScheme.Dark
-    else:
-        _State.dark = _State.mode is Mode.DARK
-    looks, changed = (_State.dark, _State.mode), False
+        wanted = hints.colorScheme()
+    _State.dark = wanted == Qt.ColorScheme.Dark
     for target, before in list(_State.dressed.items()):
-        if before == looks or not shiboken6.isValid(target):
+        if before == _State.dark or not shiboken6.isValid(target):
             continue
-        _State.dressed[target] = looks
-        changed = True
-        if before is None or before[0] != _State.dark:
-            colors, sheet = palette(), _style_sheet(palette(), target.font())
-            if not _State.ours:
-                # under a sheet, widgets ask the application for their palette, not the window
-                basics = f"QWidget {{ color: {colors.text}; }} QDialog, QTabBar QToolButton "
-                basics += f"{{ background: {colors.window}; }} "
-                basics += f"QWidget:disabled {{ color: {colors.disabled}; }} "
-                sheet = basics + sheet
-            target.setPalette(_qt_palette(colors))
-            target.setStyleSheet(sheet)
-    if changed:
-        notifier().changed.emit()
+        _State.dressed[target] = _State.dark
+        colors, sheet = palette(), _style_sheet(palette(), target.font())
+        if not _State.ours:
+            # under a sheet, widgets ask the application for their palette, not the window
+            basics = f"QWidget {{ color: {colors.text}; }} QDialog, QTabBar QToolButton "
+            basics += f"{{ background: {colors.window}; }} "
+            basics += f"QWidget:disabled {{ color: {colors.disabled}; }} "
+            sheet = basics + sheet
+        target.setPalette(_qt_palette(colors))
+        target.setStyleSheet(sheet)
+    notifier().changed.emit()
 
 
 def _qt_palette(colors: Palette) -> QPalette:
@@ -331,10 +306,8 @@ def _qt_palette(colors: Palette) -> QPalette:
 def _style_sheet(colors: Palette, font: QFont) -> str:
     points = font.pointSizeF() if font.pointSizeF() > 0 else 9.0
     names = [name for name, each in vars(Palette).items() if isinstance(each, _Color)]
-    values: dict[str, str] = {name: getattr(colors, name) for name in names}
+    values = {name: getattr(colors, name) for name in names}
     values |= {"small": f"{points * 0.92:.2f}pt", "large": f"{points * 1.5:.2f}pt"}
     values |= {"mode": "dark" if _State.dark else "light", "folder": _FOLDER.as_posix()}
     sheet = (_FOLDER / "style.qss").read_text(encoding="utf-8")
-    for name in sorted(values, key=len, reverse=True):
-        sheet = sheet.replace(f"${name}", values[name])
-    return sheet
+    return Template(sheet).safe_substitute(values)

@@ -12,7 +12,7 @@ import threading
 from pathlib import Path
 from typing import BinaryIO, cast
 
-from PySide6.QtCore import QObject, QThread, QTimer, Signal
+from PySide6.QtCore import QObject, QTimer, Signal
 
 from meshmash_viewer.app.view.geometry import geometry_of
 from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
@@ -27,13 +27,16 @@ __all__ = ["Worker"]
 _CANCEL_PATIENCE = 1000
 #: Seconds that the processes of a job have to delete their temporary files on closing.
 _CLOSE_PATIENCE = 3.0
+#: Messages of the process, which are signals of the worker, that end a job.
+_ENDS = ("finished", "failed", "cancelled")
 
 
 class Worker(QObject):
     """One job at a time, in a warm process; every signal but `started` comes when it has passed.
 
     A job ends with exactly one of `finished`, `failed` and `cancelled`, after which the next can
-    be submitted.  Arrays are written and read by a thread of the worker, never by the caller's.
+    be submitted.  Arrays are written and read by a thread of the worker, never by the caller's:
+    the only place that blocks.
     """
 
     started = Signal(object)
@@ -41,16 +44,21 @@ class Worker(QObject):
     sent = Signal(object)
     finished = Signal(object)
     failed = Signal(object)
-    cancelled = Signal()
+    cancelled = Signal(object)
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._folder = Path(tempfile.mkdtemp(prefix=scratch_prefix()))
-        self._thread = _WorkerThread(self, self.folder)
+        self._lock = threading.Lock()  # guards the four below
+        self._process: subprocess.Popen[bytes] | None = None
+        self._wire: Wire | None = None
+        self._closing = self._stop_asked = False
+        self._orders: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
         self._numbers = itertools.count(1)
         self._number = 0  # of the running job; 0 while idle
-        for ended in (self.finished, self.failed, self.cancelled):
-            ended.connect(self._end)
+        for kind in _ENDS:
+            getattr(self, kind).connect(self._end)
+        self._thread = threading.Thread(target=self._serve, name="worker", daemon=True)
         self._thread.start()
 
     @property
@@ -61,7 +69,8 @@ class Worker(QObject):
     @property
     def process_id(self) -> int | None:
         """Id of the process that does the work; None between two of them."""
-        return self._thread.process_id
+        process = self._process
+        return process.pid if process is not None else None
 
     @property
     def folder(self) -> Path:
@@ -76,25 +85,35 @@ class Worker(QObject):
         RuntimeError
             If one runs already, or the worker is closed.
         """
-        if self.busy or not self._thread.isRunning():
+        if self.busy or self._closing:
             raise RuntimeError("the worker is busy or closed")
         self._number = next(self._numbers)
-        self._thread.start_listening_for_stop()
+        # here and not where the job starts: it may be cancelled before its turn comes
+        with self._lock:
+            self._stop_asked = False
         self.started.emit(job)
-        self._thread.orders.put(job)
+        self._orders.put(job)
 
     def cancel(self) -> None:
         """Ask the running job to stop, and end its process if it has not after a second."""
         if not self.busy:
             return
         number = self._number
-        self._thread.ask_to_stop()
+        with self._lock:
+            self._stop_asked = True
+            wire = self._wire
+        if wire is not None:
+            with contextlib.suppress(OSError, ValueError):  # the process has just ended: as wished
+                wire.send(("stop", None))
         QTimer.singleShot(_CANCEL_PATIENCE, self, lambda: self._insist(number))
 
     def close(self) -> None:
         """Stop whatever runs and wait until its processes and files are gone."""
-        self._thread.close()
-        self._thread.wait()
+        with self._lock:
+            self._closing = True
+        self._orders.put(None)
+        self._end_process()
+        self._thread.join()
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def _end(self) -> None:
@@ -102,74 +121,34 @@ class Worker(QObject):
 
     def _insist(self, number: int) -> None:
         if self._number == number:
-            self._thread.end_process()
+            self._end_process()
 
-
-class _WorkerThread(QThread):
-    """Speaks with the process: the only place that blocks."""
-
-    def __init__(self, worker: Worker, folder: Path) -> None:
-        super().__init__(worker)
-        self._worker = worker
-        self._folder = folder
-        self._lock = threading.Lock()  # guards the three below
-        self._process: subprocess.Popen[bytes] | None = None
-        self._wire: Wire | None = None
-        self._closing = False
-        self._stop_asked = False
-        self.orders: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
-
-    @property
-    def process_id(self) -> int | None:
-        process = self._process
-        return process.pid if process is not None else None
-
-    # -- called by the interface thread -------------------------------------------------------
-
-    def start_listening_for_stop(self) -> None:
-        # here and not where the job starts: it may be cancelled before its turn comes
-        with self._lock:
-            self._stop_asked = False
-
-    def ask_to_stop(self) -> None:
-        with self._lock:
-            self._stop_asked = True
-            wire = self._wire
-        if wire is not None:
-            with contextlib.suppress(OSError, ValueError):  # the process has just ended: as wished
-                wire.send(("stop", None))
-
-    def end_process(self) -> None:
+    def _end_process(self) -> None:
         with self._lock:
             if self._process is not None:
                 end_group(self._process.pid)
 
-    def close(self) -> None:
-        with self._lock:
-            self._closing = True
-        self.orders.put(None)
-        self.end_process()
+    # -- in the thread ------------------------------------------------------------------------
 
-    # -- the thread ---------------------------------------------------------------------------
-
-    def run(self) -> None:
+    def _serve(self) -> None:
         """Keep a process warm, give it one job after the other."""
         try:
             with contextlib.suppress(OSError):  # the first job tries again, and says why
                 self._start_process()
             _warm_up()
             remove_abandoned()
-            while (job := self.orders.get()) is not None:
+            while (job := self._orders.get()) is not None:
                 self._run(job)
         finally:
             self._drop_process(patience=_CLOSE_PATIENCE)
 
     def _run(self, job: Job, *, again: bool = True) -> None:
-        worker, heard = self._worker, False
+        heard = False
         with self._lock:
             stop_asked = self._stop_asked
         if stop_asked:
-            return worker.cancelled.emit()
+            self.cancelled.emit(None)
+            return
         try:
             if self._process is None or self._process.poll() is not None:
                 self._drop_process()
@@ -188,43 +167,37 @@ class _WorkerThread(QThread):
                     geometry_of(message.mesh)  # made here, so that the window only takes it
                     if message.known is not None:
                         _ = message.known.spectrum
-                if kind == "progressed":
-                    worker.progressed.emit(message)
-                elif kind == "sent":
-                    worker.sent.emit(message)
-                elif kind == "finished":
-                    return worker.finished.emit(message)
-                elif kind == "failed":
-                    return worker.failed.emit(message)
-                else:
-                    return worker.cancelled.emit()
+                getattr(self, kind).emit(message)
+                if kind in _ENDS:
+                    return
         except (EOFError, BrokenPipeError):
             with self._lock:
                 wanted = not (self._stop_asked or self._closing)
             if again and wanted and not heard:
                 # it died while it was idle, too recently for the system to say so
                 self._drop_process()
-                return self._run(job, again=False)
+                self._run(job, again=False)
+                return
             self._report_end(job)
         except OSError as error:
             text = f"{job.label} stopped: {error.strerror or error}."
-            worker.failed.emit(Failure(text, repr(error), mendable=True))
+            self.failed.emit(Failure(text, repr(error), mendable=True))
         except Exception as error:  # noqa: BLE001  a defect must not end the thread in silence
             self._drop_process()
-            worker.failed.emit(failure_of(error, job.label))
+            self.failed.emit(failure_of(error, job.label))
 
     def _report_end(self, job: Job) -> None:
         """Say why the process has gone, and warm up another one."""
-        process, folder = self._process, self._folder
+        process, folder = self._process, self.folder
         code = process.wait() if process is not None else 0
         details = _tail(folder / "stderr.txt")
         with self._lock:
             stop_asked, closing = self._stop_asked, self._closing
         self._drop_process()
         if stop_asked or closing:
-            self._worker.cancelled.emit()
+            self.cancelled.emit(None)
         else:
-            self._worker.failed.emit(_crash(job, code, details))
+            self.failed.emit(_crash(job, code, details))
         if not closing:
             self._start_process()
 
@@ -233,16 +206,16 @@ class _WorkerThread(QThread):
             if self._closing:
                 return
             # Messages of libraries must not end up in the terminal of the window.
-            with open(self._folder / "stderr.txt", "wb") as errors:
+            with open(self.folder / "stderr.txt", "wb") as errors:
                 self._process = subprocess.Popen(
-                    child_command(self._folder),
+                    child_command(self.folder),
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=errors,
                     start_new_session=True,
                 )
             pipes = cast(BinaryIO, self._process.stdout), cast(BinaryIO, self._process.stdin)
-            self._wire = Wire(*pipes, self._folder)
+            self._wire = Wire(*pipes, self.folder)
 
     def _drop_process(self, patience: float = 0.5) -> None:
         with self._lock:

@@ -10,7 +10,14 @@ import pytest
 from closed_form import give, rectangle_document
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QDialog, QLabel, QLineEdit, QPushButton, QSpinBox
+from PySide6.QtWidgets import (
+    QAbstractSpinBox,
+    QDialog,
+    QLabel,
+    QLineEdit,
+    QPushButton,
+    QSpinBox,
+)
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
@@ -163,7 +170,11 @@ def test_arrows_of_a_number_stay_at_its_limits(qtbot: QtBot, window: MainWindow)
 def test_fields_of_a_range_end_where_the_others_do(qtbot: QtBot, window: MainWindow) -> None:
     window.document.set_unit("none")
     window.document.display.kind = "band"
-    tab = window.field_panel.findChild(QLineEdit, "band_min_field").parentWidget().parentWidget()
+    tab = (
+        window.field_panel.findChild(QAbstractSpinBox, "band_min_field")
+        .parentWidget()
+        .parentWidget()
+    )
     qtbot.waitUntil(tab.isVisible)
     qtbot.wait(50)
     fields = tab.range_box.low, tab.range_box.high, tab.count_spin

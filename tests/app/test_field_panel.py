@@ -210,7 +210,7 @@ def test_a_whole_new_range_is_typed_in_either_order(
     said = part(panel, "hks_t_min_field_fault")
     assert said.text() == "The shortest time has to be below the longest."
     assert QApplication.focusWidget() is second
-    assert second.selectedText() == second.text()
+    assert second.lineEdit().selectedText() == second.text()
     give(second, f"{new[1 if upwards else 0]:.6g}")
     assert said.isHidden()
     display = document.display[HeatKernelSignature]

@@ -30,11 +30,12 @@ from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS, MENUS
-from meshmash_viewer.app.controls.number_box import QuantityBox
+from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.dialogs.export_dialog import FORMATS, ExportDialog
 from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.panels.target_box import quarter_steps
 from meshmash_viewer.app.run import application
 from meshmash_viewer.app.view.annotations import text_size
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
@@ -324,8 +325,8 @@ def test_as_many_pairs_as_the_shortest_time_takes(
     QTest.keyClicks(box.time_spin, f"{time:.6g}")
     catch_up()
     assert document.target.kind == "time"
-    assert box.eigenvalue_spin.value() == pytest.approx(required_eigenvalue(time), rel=1e-4)
-    assert box.count_spin.prefix() == "≈ "
+    assert box.eigenvalue_spin.value == pytest.approx(required_eigenvalue(time), rel=1e-4)
+    assert box.count_spin.text().startswith("≈ ")
     QTest.mouseClick(window.mesh_panel.compute_button, LEFT)
     qtbot.waitUntil(
         lambda: document.job is None and document.spectrum is not None, timeout=PATIENCE
@@ -333,13 +334,13 @@ def test_as_many_pairs_as_the_shortest_time_takes(
     catch_up()
     spectrum = document.spectrum
     # exact now, though the last of them lies below what was asked for
-    assert (box.count_spin.prefix(), box.count_spin.value()) == ("", len(spectrum))
+    assert box.count_spin.text() == f"{len(spectrum)}"
     assert spectrum.eigenvalues[-1] < spectrum.known_to
     assert spectrum.known_to == pytest.approx(required_eigenvalue(time), rel=1e-4)
     # a time that the mesh cannot resolve asks for all that it has
     document.target = Target("time", area * 1e-6)
     catch_up()
-    assert box.count_spin.value() == document.mesh.n_vertices
+    assert box.count_spin.value == document.mesh.n_vertices
     assert "no more eigenpairs" in box.note.text()
     asked = []
     document.job_requested.disconnect()
@@ -360,7 +361,7 @@ def test_the_targets_are_translated_into_each_other(
     QTest.keyClicks(spin, "40")
     assert document.target == Target("count", 40)
     catch_up()
-    assert box.eigenvalue_spin.value() == pytest.approx(weyl_eigenvalue(area, 40), rel=1e-9)
+    assert box.eigenvalue_spin.value == pytest.approx(weyl_eigenvalue(area, 40), rel=1e-9)
     assert box.eigenvalue_spin.text().startswith("≈ ")
     assert box.eigenvalue_spin.text().endswith(" nm⁻²")
     assert box.wavelength_spin.text().endswith(" nm")
@@ -370,7 +371,7 @@ def test_the_targets_are_translated_into_each_other(
     QTest.keyClicks(eigenvalue, "2.5e-4")
     assert document.target == Target("max_eigenvalue", 2.5e-4)
     catch_up()
-    assert box.count_spin.value() == round(area * 2.5e-4 / (4 * np.pi))
+    assert box.count_spin.value == round(area * 2.5e-4 / (4 * np.pi))
     assert box.count_spin.text().startswith("≈ ")
     assert not box.eigenvalue_spin.text().startswith("≈")
 
@@ -403,18 +404,17 @@ def test_another_unit_keeps_spectrum_and_camera(qtbot: QtBot, ball: MainWindow) 
 
 
 def test_quantities_are_typed_and_stepped_at_any_scale(qtbot: QtBot) -> None:
-    box = QuantityBox()
+    box = NumberField("box", "A box", step=quarter_steps, live=True)
     qtbot.addWidget(box)
-    box.setSuffix(" nm⁻²")
-    box.show_quantity(1.234e-8)
+    box.show_value(1.234e-8, "nm⁻²", with_unit=True)
     assert box.text() == "1.234e-08 nm⁻²"
     box.stepUp()
-    assert box.value() == pytest.approx(1.234e-8 * 2**0.25)
-    box.show_nothing()
+    assert box.value == pytest.approx(1.234e-8 * 2**0.25)
+    box.show_value(None)
     assert box.text() == "–"
     box.selectAll()
     QTest.keyClicks(box, "3e5x")
-    assert box.value() == 3e5
+    assert box.value == 3e5
 
 
 # -- the message bar -------------------------------------------------------------------------
@@ -560,7 +560,7 @@ def test_space_presses_a_focused_button_and_digits_go_into_a_field(ball: MainWin
     spin.setFocus()
     spin.selectAll()
     QTest.keyClicks(spin, "12")
-    assert spin.value() == 12
+    assert spin.value == 12
     assert ball.document.display.kind == "eigenfunction"
 
 
@@ -582,7 +582,7 @@ def contrast(one: str, other: str) -> float:
 @pytest.mark.parametrize("mode", [theme.Mode.LIGHT, theme.Mode.DARK])
 def test_text_can_be_read_in_both_themes(qapp: QApplication, mode: theme.Mode) -> None:
     theme.set_mode(mode)
-    colors, plot = theme.palette(), theme.plot_colors()
+    colors = plot = theme.palette()
     for back in (colors.window, colors.surface, colors.raised, colors.selection):
         assert contrast(colors.text, back) > 7
     for back in (colors.window, colors.surface):
@@ -595,9 +595,9 @@ def test_text_can_be_read_in_both_themes(qapp: QApplication, mode: theme.Mode) -
         back = getattr(colors, f"{severity}_back")
         assert contrast(colors.text, back) > 7
         assert contrast(getattr(colors, severity), back) > 4
-    assert contrast(plot.foreground, plot.background) > 4.5
-    for line in (plot.curve, plot.marker, *plot.series):
-        assert contrast(line, plot.background) > 3
+    assert contrast(plot.axis, plot.surface) > 4.5
+    for line in (plot.accent, plot.marker, *plot.series):
+        assert contrast(line, plot.surface) > 3
     theme.set_mode(theme.Mode.SYSTEM)
 
 

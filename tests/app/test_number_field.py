@@ -19,6 +19,12 @@ def field(qtbot) -> NumberField:
     return field
 
 
+def test_the_number_is_in_view_at_the_right(qapp, field: NumberField) -> None:
+    edit = field.lineEdit()
+    assert edit.width() > edit.fontMetrics().horizontalAdvance("2.5e-08") + 10
+    assert field.width() - edit.geometry().right() < 12, "no room is left for arrows"
+
+
 @pytest.mark.parametrize("text", ["3.1e5", "3.1e5 nm²", "310000", "3,1E5"])
 def test_any_notation_with_or_without_unit(field: NumberField, qtbot, text: str) -> None:
     with qtbot.waitSignal(field.edited) as heard:

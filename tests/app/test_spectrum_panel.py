@@ -224,6 +224,6 @@ def test_follows_the_theme_and_says_what_will_come(qtbot) -> None:
     before = theme.mode()
     try:
         theme.set_mode("dark")
-        assert panel.plot.backgroundBrush().color().name() == theme.plot_colors().background
+        assert panel.plot.backgroundBrush().color().name() == theme.palette().surface
     finally:
         theme.set_mode(before)

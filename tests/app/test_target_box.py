@@ -63,7 +63,7 @@ def test_what_is_typed_is_left_as_it_is(box: TargetBox) -> None:
 def test_there_are_no_more_eigenpairs_than_vertices(box: TargetBox, text: str) -> None:
     field = type_in(box, "target_count_spin", text)
     enter(field)
-    assert field.value() == 642
+    assert field.value == 642
     assert box.document.target == Target("count", 642)
     assert reason(box) == "This mesh has 642 vertices, and so at most 642 eigenpairs."
     enter(type_in(box, "target_count_spin", "20"))

@@ -324,7 +324,7 @@ def test_a_length_does_not_carry_over_to_another_mesh(
     open_file("bead")
     assert window.document.target.kind == "count"
     assert part(window, "target_count_radio").isChecked()
-    assert part(window, "target_count_spin").value() == 100
+    assert part(window, "target_count_spin").value == 100
 
 
 def test_limits_are_locked_for_one_family(

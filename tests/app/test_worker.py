@@ -93,8 +93,8 @@ def test_cancelling_before_the_thread_takes_the_job_is_no_failure(
     qtbot: QtBot, worker: Worker
 ) -> None:
     # a thread that takes the job late: it was cancelled between the order and its start
-    late = worker._thread._run
-    worker._thread._run = lambda job: (time.sleep(0.3), late(job))
+    late = worker._run
+    worker._run = lambda job: (time.sleep(0.3), late(job))
     failures = []
     worker.failed.connect(failures.append)
     with qtbot.waitSignal(worker.cancelled, timeout=_PATIENCE):

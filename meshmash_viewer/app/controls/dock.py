@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QSize, Qt
+from PySide6.QtCore import Qt
 from PySide6.QtGui import QIcon, QKeyEvent, QMouseEvent
-from PySide6.QtWidgets import QApplication, QDockWidget, QLabel, QMainWindow, QToolButton, QWidget
+from PySide6.QtWidgets import QApplication, QDockWidget, QLabel, QMainWindow, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls import icons
+from meshmash_viewer.app.controls import icons, make
 from meshmash_viewer.app.controls.layout import row
 
 __all__ = ["Dock"]
@@ -42,10 +42,8 @@ class Dock(QDockWidget):
         bar = theme.named(_Title(), "dock_title")
         bar.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         hide = f"Hide {title}"
-        self._close = theme.named(QToolButton(), f"{name}_dock_close", hide, tip=hide)
+        self._close = make.icon_button(f"{name}_dock_close", hide, self.close, tip=hide)
         self._close.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # as Qt's own; keys go by the View menu
-        self._close.setIconSize(QSize(12, 12))
-        self._close.clicked.connect(self.close)
         bar.setLayout(row((QLabel(title),), self._close, margins=(theme.MARGIN, 4, 6, 4)))
         self.setTitleBarWidget(bar)
         theme.notifier().changed.connect(self._refresh)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtWidgets import QAbstractButton, QDoubleSpinBox, QLabel, QSlider, QSpinBox, QWidget
@@ -93,6 +94,11 @@ class Facts(QWidget):
         """Show a value; an empty one becomes a dash."""
         self._values[name].setText(text or "–")
 
+    def show_values(self, texts: Mapping[str, str]) -> None:
+        """Show all values; those that are left out become a dash."""
+        for name in self._values:
+            self.show_value(name, texts.get(name, ""))
+
 
 def show_note(label: QLabel, text: str) -> None:
     """Say a sentence in a `note`, or nothing, which takes no room."""
@@ -107,14 +113,15 @@ def show_quietly(
     control: QSpinBox | QDoubleSpinBox | QSlider | QAbstractButton,
     value: float,
     most: int | None = None,
+    least: int = 0,
 ) -> None:
-    """Show a value, in a range from 0 to `most`, in a control that does not speak of it."""
+    """Show a value, in a range from `least` to `most`, in a control that does not speak of it."""
     with QSignalBlocker(control):
         if isinstance(control, QAbstractButton):
             control.setChecked(bool(value))
         elif isinstance(control, QDoubleSpinBox):
             control.setValue(value)
         else:
-            if most is not None and most != control.maximum():
-                control.setRange(0, most)
+            if most is not None:
+                control.setRange(least, most)
             control.setValue(int(value))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from PySide6.QtCore import QEvent, QObject, QSize, Qt, QTimer
 from PySide6.QtGui import QGuiApplication, QIcon
-from PySide6.QtWidgets import QFrame, QLabel, QPushButton, QToolButton, QWidget
+from PySide6.QtWidgets import QFrame, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls import icons
+from meshmash_viewer.app.controls import icons, make
 from meshmash_viewer.app.controls.layout import row
 from meshmash_viewer.model.document import Notice, Severity
 
@@ -37,28 +37,25 @@ class MessageBar(QFrame):
         self.notice: Notice | None = None
         self._title, self._bar = QSize(0, 0), 0
 
-        selectable = Qt.TextInteractionFlag.TextSelectableByMouse
         plain = Qt.TextFormat.PlainText
-        self._icon = theme.named(QLabel(), "message_icon")
-        self._text = QLabel(wordWrap=True, textInteractionFlags=selectable, textFormat=plain)
-        theme.named(self._text, "message_text", "Message text")
-        self._copy = theme.named(
-            QPushButton("Copy details"),
+        self._icon = make.label("message_icon")
+        self._text = make.label(
+            "message_text", "Message text", selectable=True, wordWrap=True, textFormat=plain
+        )
+        self._copy = make.button(
+            "Copy details",
             "copy_details",
             "Copy details of the message",
+            self._copy_details,
             role="link",
             tip="Copy the message and its technical details to the clipboard",
         )
-        self._copy.clicked.connect(self._copy_details)
-        self._undo = theme.named(
-            QPushButton("Undo"), "undo_message", "Undo what the message says", role="link"
+        self._undo = make.button(
+            "Undo", "undo_message", "Undo what the message says", self._take_back, role="link"
         )
-        self._undo.clicked.connect(self._take_back)
-        self._dismiss = theme.named(
-            QToolButton(), "dismiss_message", "Dismiss the message", tip="Dismiss"
+        self._dismiss = make.icon_button(
+            "dismiss_message", "Dismiss the message", self.dismiss, tip="Dismiss", size=14
         )
-        self._dismiss.setIconSize(QSize(14, 14))
-        self._dismiss.clicked.connect(self.dismiss)
         line = row(
             self._icon, (self._text,), self._undo, self._copy, self._dismiss, margins=(12, 8, 8, 8)
         )

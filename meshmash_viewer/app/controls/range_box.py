@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Qt, QTimer, Signal
-from PySide6.QtWidgets import QCheckBox, QLabel, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
-from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import grid, row
 from meshmash_viewer.app.controls.number_field import NumberField
@@ -15,6 +15,8 @@ __all__ = ["RangeBox"]
 
 class RangeBox(QWidget):
     """A check for automatic, and a field for each end, which always show the range in force.
+
+    A whole new range is typed in either order: an end beyond the other waits for it.
 
     Parameters
     ----------
@@ -40,27 +42,25 @@ class RangeBox(QWidget):
         self._unit = ""
         self._disorder = f"The {texts[1].lower()} {noun} has to be below the {texts[2].lower()}."
         self._between: tuple[float | None, float | None] = None, None
-        self.check = theme.named(QCheckBox(texts[0]), names[0], f"Range of {noun}s: automatic")
-        self.check.toggled.connect(self.automatic_chosen)
+        self.check = make.check(
+            texts[0], names[0], f"Range of {noun}s: automatic", self.automatic_chosen
+        )
         self.low = NumberField(names[1], f"{texts[1]} {noun}")
         self.high = NumberField(names[2], f"{texts[2]} {noun}")
-        # A whole new range is typed in either order: an end beyond the other waits for it.
-        self.low.waits = lambda low: self._fault(low, self.high.value)
-        self.high.waits = lambda high: self._fault(self.low.value, high)
-        self.low.waiting.connect(lambda sentence: self._wait(sentence, self.high))
-        self.high.waiting.connect(lambda sentence: self._wait(sentence, self.low))
+        self.fault = note(f"{names[1]}_fault", "warning")
         self._units: list[QLabel] = []
         rows = []
-        for text, field in ((texts[1], self.low), (texts[2], self.high)):
-            name, unit = (theme.with_role(QLabel(part), "muted") for part in (text, ""))
+        for text, field, other in (
+            (texts[1], self.low, self.high), (texts[2], self.high, self.low)
+        ):  # fmt: skip
+            name, unit = make.muted(text), make.muted()
             name.setBuddy(field)
             self._units.append(unit)
             # in a row of their own: a column that is empty would keep its distance
             rows.append((name, row((field,), unit)))
-            field.edited.connect(self._give)
-            field.refused.connect(self._complain)
-            field.left.connect(self._settle)
-        self.fault = note(f"{names[1]}_fault", "warning")
+            field.edited.connect(lambda _number, other=other: self._give(other))
+            field.refused.connect(lambda sentence: show_note(self.fault, sentence))
+            field.editingFinished.connect(self._settle)
         self.setLayout(grid((self.check,), *rows, (self.fault,)))
 
     def show_range(
@@ -85,34 +85,27 @@ class RangeBox(QWidget):
         if not self._is_waiting():
             self._show()
 
-    def _fault(self, low: float | None, high: float | None) -> str:
-        return self._disorder if low is not None and high is not None and low >= high else ""
-
     def _show(self) -> None:
-        low, high = self._between
-        self.low.show_value(low, self._unit)
-        self.high.show_value(high, self._unit)
+        for field, end in zip((self.low, self.high), self._between, strict=True):
+            field.show_value(end, self._unit)
 
     def _is_waiting(self) -> bool:
+        """Whether one end is given, beyond the other, and that one is about to be."""
+        low, high = self.low.value, self.high.value
         here = self.low.hasFocus() or self.high.hasFocus()
-        return here and bool(self._fault(self.low.value, self.high.value))
-
-    def _wait(self, sentence: str, other: NumberField) -> None:
-        """One end is given, beyond the other: that one is to be given next."""
-        self._complain(sentence)
-        if not other.hasFocus():
-            other.setFocus(Qt.FocusReason.OtherFocusReason)
-            other.selectAll()
+        return here and low is not None and high is not None and low >= high
 
     def _settle(self) -> None:
         """Who goes elsewhere before both ends are given finds the range that is in force."""
         QTimer.singleShot(0, self, lambda: None if self._is_waiting() else self._show())
 
-    def _give(self, _value: float) -> None:
+    def _give(self, other: NumberField) -> None:
         low, high = self.low.value, self.high.value
-        if low is not None and high is not None:
-            self._complain("")
+        if low is None or high is None:
+            return
+        show_note(self.fault, "" if low < high else self._disorder)
+        if low < high:
             self.range_given.emit(low, high)
-
-    def _complain(self, sentence: str) -> None:
-        show_note(self.fault, sentence)
+        elif not other.hasFocus():
+            other.setFocus(Qt.FocusReason.OtherFocusReason)
+            other.selectAll()

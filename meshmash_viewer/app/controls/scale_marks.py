@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
-from meshmash_viewer.app.controls.step_slider import Mark
 from meshmash_viewer.units import superscript
 
-__all__ = ["decade_marks", "linear_texts", "log_share", "power_text"]
+__all__ = ["Mark", "decade_marks", "linear_texts", "log_share", "power_text"]
+
+
+class Mark(NamedTuple):
+    """A labelled place along a range; `share` is how far along it is, 0 to 1."""
+
+    share: float
+    text: str
 
 
 def power_text(exponent: int, factor: int = 1) -> str:

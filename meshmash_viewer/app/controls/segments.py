@@ -6,6 +6,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QButtonGroup, QPushButton, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.layout import row
 
 __all__ = ["Segments"]
@@ -35,10 +36,14 @@ class Segments(QWidget):
         group = QButtonGroup(self)
         self._buttons: dict[str, QPushButton] = {}
         for key, text in choices.items():
-            button = QPushButton(text)
-            theme.named(button, f"{name}_{key}", f"{accessible_name}: {text}", role="segment")
-            button.setCheckable(True)
-            button.clicked.connect(lambda _on=False, key=key: self.chosen.emit(key))
+            button = make.button(
+                text,
+                f"{name}_{key}",
+                f"{accessible_name}: {text}",
+                lambda _on=False, key=key: self.chosen.emit(key),
+                role="segment",
+                checkable=True,
+            )
             group.addButton(button)
             self._buttons[key] = button
         self.setLayout(row(*self._buttons.values(), spacing=4))

@@ -2,34 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from PySide6.QtCore import QEvent, QRectF, QSize, Qt
-from PySide6.QtGui import QBrush, QColor, QKeyEvent, QMouseEvent, QPainter, QPen, QWheelEvent
+from PySide6.QtCore import QEvent, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import (
+    QBrush,
+    QColor,
+    QKeyEvent,
+    QMouseEvent,
+    QPainter,
+    QPaintEvent,
+    QWheelEvent,
+)
 from PySide6.QtWidgets import QSizePolicy, QSlider
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.facts import show_quietly
+from meshmash_viewer.app.controls.scale_marks import Mark, decade_marks, log_share
 
-__all__ = ["Mark", "StepSlider"]
+__all__ = ["LogSlider", "StepSlider"]
 
 _NOTCH = 120  # eighths of a degree, as Qt counts
-_RADIUS = 7.5
-#: Where the range begins, from either end of the widget.
-_EDGE = _RADIUS + 1.0
-_GROOVE = 4.0
+#: Where the range begins, from either end of the widget: half a handle of the style sheet.
+_EDGE = 8.0
 _ROW = 26
+#: Positions in log scale: finer than a pixel.
+_POSITIONS = 1000
 _KEYS = (
     Qt.Key.Key_Left, Qt.Key.Key_Right, Qt.Key.Key_PageUp, Qt.Key.Key_PageDown,
     Qt.Key.Key_Home, Qt.Key.Key_End,
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Mark:
-    """A labelled tick under the groove; `share` is its place along it, 0 to 1."""
-
-    share: float
-    text: str
 
 
 class StepSlider(QSlider):
@@ -60,6 +60,7 @@ class StepSlider(QSlider):
             grown = bool(marks) != bool(self._marks)
             self._marks = marks
             if grown:
+                self.setStyleSheet(f"padding-bottom: {self._room}px;" if marks else "")
                 self.updateGeometry()
             self.update()
 
@@ -74,28 +75,24 @@ class StepSlider(QSlider):
             self._hatched = hatched
             self.update()
 
-    # -- geometry ---------------------------------------------------------------------------
-
     def sizeHint(self) -> QSize:
         """Room for the groove and, under it, the labels."""
-        below = self.fontMetrics().height() + 1 if self._marks else 0
-        return QSize(180, _ROW + below)
+        return QSize(180, _ROW + (self._room if self._marks else 0))
 
     def minimumSizeHint(self) -> QSize:
         """Narrow, but never cut."""
         return QSize(90, self.sizeHint().height())
 
+    @property
+    def _room(self) -> int:
+        return self.fontMetrics().height() + 1
+
     def _x(self, share: float) -> float:
         return _EDGE + share * max(self.width() - 2.0 * _EDGE, 1.0)
 
-    def _x_of(self, value: int) -> float:
-        return self._x((value - self.minimum()) / max(self.maximum() - self.minimum(), 1))
-
     def value_x(self, value: int) -> int:
         """Where along the widget a value is, in pixels."""
-        return round(self._x_of(value))
-
-    # -- events -----------------------------------------------------------------------------
+        return round(self._x((value - self.minimum()) / max(self.maximum() - self.minimum(), 1)))
 
     def event(self, event: QEvent) -> bool:
         """Keep keys from being commands, if they are its own."""
@@ -106,29 +103,12 @@ class StepSlider(QSlider):
         return super().event(event)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
-        """Jump to the place under the pointer, and drag on from there."""
-        if event.button() != Qt.MouseButton.LeftButton:
-            event.ignore()
-            return
-        self.setSliderDown(True)
-        self._follow(event)
-
-    def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        """Drag."""
-        if self.isSliderDown():
-            self._follow(event)
-
-    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
-        """End the drag."""
-        if event.button() == Qt.MouseButton.LeftButton and self.isSliderDown():
-            self.setSliderDown(False)
-        event.accept()
-
-    def _follow(self, event: QMouseEvent) -> None:
-        share = (event.position().x() - _EDGE) / (self._x(1.0) - _EDGE)
-        span = self.maximum() - self.minimum()
-        self.setSliderPosition(self.minimum() + round(min(max(share, 0.0), 1.0) * span))
-        event.accept()
+        """Jump to the place under the pointer; Qt's own drags on from there."""
+        if event.button() == Qt.MouseButton.LeftButton:
+            share = (event.position().x() - _EDGE) / (self._x(1.0) - _EDGE)
+            span = self.maximum() - self.minimum()
+            self.setSliderPosition(self.minimum() + round(min(max(share, 0.0), 1.0) * span))
+        super().mousePressEvent(event)
 
     def wheelEvent(self, event: QWheelEvent) -> None:
         """One step a notch, a page with Ctrl or Shift; fine wheels add up to notches."""
@@ -153,46 +133,15 @@ class StepSlider(QSlider):
         else:
             super().keyPressEvent(event)
 
-    # -- painting ---------------------------------------------------------------------------
-
-    def paintEvent(self, _event: object) -> None:
-        """Groove, its part up to the handle, what is in doubt, labels, handle."""
-        colors, plot = theme.palette(), theme.plot_colors()
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """What is in doubt, and labels; over them groove and handle, as the style sheet says."""
+        colors, middle = theme.palette(), _ROW / 2.0
         painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        middle = _ROW / 2.0
-        enabled = self.isEnabled()
-        groove = QRectF(self._x(0.0), middle - _GROOVE / 2.0, self._x(1.0) - self._x(0.0), _GROOVE)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(QColor(colors.border if not enabled else colors.border_strong))
-        painter.drawRoundedRect(groove, 2.0, 2.0)
-        at = self._x_of(self.sliderPosition())
-        if enabled:
-            painter.setBrush(QColor(colors.accent))
-            painter.drawRoundedRect(
-                QRectF(groove.left(), groove.top(), at - groove.left(), _GROOVE), 2.0, 2.0
-            )
         if self._hatched is not None:
             left, right = (self._x(share) for share in self._hatched)
-            strip = QRectF(left, middle - 6.0, right - left, 12.0)
-            painter.setBrush(QBrush(QColor(plot.hatch), Qt.BrushStyle.BDiagPattern))
-            painter.drawRect(strip)
-        self._paint_marks(painter, middle)
-        handle = QRectF(at - _RADIUS, middle - _RADIUS, 2.0 * _RADIUS, 2.0 * _RADIUS)
-        edge = colors.accent if enabled else colors.border_strong
-        painter.setPen(QPen(QColor(edge), 2.0 if enabled else 1.0))
-        painter.setBrush(QColor(colors.accent if self.isSliderDown() else colors.raised))
-        painter.drawEllipse(handle.adjusted(1.0, 1.0, -1.0, -1.0))
-        if self.hasFocus() and enabled:
-            ring = QColor(colors.accent)
-            ring.setAlpha(110)
-            painter.setPen(QPen(ring, 2.0))
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.drawEllipse(handle.adjusted(-1.5, -1.5, 1.5, 1.5))
-
-    def _paint_marks(self, painter: QPainter, middle: float) -> None:
+            doubt = QBrush(QColor(colors.hatch), Qt.BrushStyle.BDiagPattern)
+            painter.fillRect(QRectF(left, middle - 6.0, right - left, 12.0), doubt)
         metrics = self.fontMetrics()
-        colors = theme.palette()
         painter.setPen(QColor(colors.muted if self.isEnabled() else colors.disabled))
         free = 0.0
         for mark in self._marks:
@@ -200,6 +149,43 @@ class StepSlider(QSlider):
             left = min(max(x - width / 2.0, 0.0), self.width() - width)
             painter.drawLine(round(x), round(middle + 5), round(x), round(middle + 8))
             if left >= free:  # no label over another
-                baseline = _ROW + metrics.ascent() - 2
-                painter.drawText(round(left), baseline, mark.text)
+                painter.drawText(round(left), _ROW + metrics.ascent() - 2, mark.text)
                 free = left + width + 6
+        painter.end()
+        super().paintEvent(event)
+
+
+class LogSlider(StepSlider):
+    """A slider for a positive number, in log scale, with marks at powers of ten.
+
+    Signals
+    -------
+    given(float)
+        A person moved it to this number.
+    """
+
+    given = Signal(float)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._ends = 1.0, 1.0
+        self.setRange(0, _POSITIONS)
+        self.set_steps(100)
+        self.valueChanged.connect(self._give)
+
+    def set_steps(self, count: int) -> None:
+        """Say how many steps there are from one end to the other."""
+        one = max(round(_POSITIONS / max(count, 1)), 1)
+        self.setSingleStep(one)
+        self.setPageStep(min(10 * one, _POSITIONS))
+
+    def show_number(self, value: float, ends: tuple[float, float], *, marked: bool = True) -> None:
+        """Show a number in a range, with its marks or without, and say nothing."""
+        self._ends = ends
+        share = log_share(value, *ends) if value > 0.0 else 0.0
+        show_quietly(self, round(min(max(share, 0.0), 1.0) * _POSITIONS))
+        self.set_marks(decade_marks(*ends) if marked else ())
+
+    def _give(self, position: int) -> None:
+        low, high = self._ends
+        self.given.emit(low * (high / low) ** (position / _POSITIONS))

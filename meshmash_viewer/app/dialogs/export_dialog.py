@@ -8,19 +8,16 @@ from pathlib import Path
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
     QAbstractItemView,
-    QCheckBox,
-    QComboBox,
-    QFrame,
     QHeaderView,
     QLabel,
     QPushButton,
-    QSpinBox,
     QTableWidget,
     QTableWidgetItem,
     QWidget,
 )
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import reserved_note, show_quietly
 from meshmash_viewer.app.controls.file_row import FileRow
 from meshmash_viewer.app.controls.layout import grid, row
@@ -100,20 +97,28 @@ class ExportDialog(SaveDialog):
         super().__init__(
             "export", "Export", FileRow(suggested, FORMATS[0].pattern, FORMATS[0].ending), parent
         )
-        self.kind_combo = theme.named(QComboBox(), "export_kind_combo", "What to export")
-        for kind, family in EXPORTS.items():
-            self.kind_combo.addItem(family.export_label or family.label, kind)
+        labels = {kind: family.export_label or family.label for kind, family in EXPORTS.items()}
+        self.kind_combo = make.combo("export_kind_combo", "What to export", entries=labels)
         most = len(self._spectrum)
-        suffix = f" of {most:,} eigenpairs"
-        self.pairs_spin = QSpinBox(minimum=1, maximum=most, value=most, suffix=suffix)
-        theme.named(self.pairs_spin, "export_pairs_spin", "Number of eigenpairs to use")
-        self.count_spin = QSpinBox(minimum=1, maximum=MOST_COUNT)
-        theme.named(self.count_spin, "export_count_spin", "Number of columns")
+        self.pairs_spin = make.spin(
+            "export_pairs_spin",
+            "Number of eigenpairs to use",
+            minimum=1,
+            maximum=most,
+            value=most,
+            suffix=f" of {most:,} eigenpairs",
+            keyboardTracking=True,
+        )
+        self.count_spin = make.spin(
+            "export_count_spin",
+            "Number of columns",
+            minimum=1,
+            maximum=MOST_COUNT,
+            keyboardTracking=True,
+        )
         maps = self._mesh.maps
-        self.maps_check = theme.named(
-            QCheckBox(
-                f"and {counted(len(maps), 'own map')}: {', '.join(each.name for each in maps)}"
-            ),
+        self.maps_check = make.check(
+            f"and {counted(len(maps), 'own map')}: {', '.join(each.name for each in maps)}",
             "export_maps_check",
             "Own maps as more columns",
         )
@@ -133,7 +138,7 @@ class ExportDialog(SaveDialog):
             "File": self.file_row,
         }
         top = Qt.AlignmentFlag.AlignTop
-        names = {text: theme.with_role(QLabel(text, alignment=top), "muted") for text in rows}
+        names = {text: make.muted(text, alignment=top) for text in rows}
         for name in names.values():
             name.setContentsMargins(0, 4, 0, 0)
         self._count_row = names["Columns"], columns
@@ -147,7 +152,7 @@ class ExportDialog(SaveDialog):
                 (None, self.remark_label),
                 spacing=(16, 10),
             ),
-            theme.with_role(QFrame(), "line"),
+            make.line(),
             spacing=14,
         )
         self.setMinimumWidth(700)

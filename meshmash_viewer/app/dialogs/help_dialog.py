@@ -8,8 +8,8 @@ from PySide6.QtWidgets import (
     QDialog,
     QDialogButtonBox,
     QHeaderView,
-    QLabel,
     QLineEdit,
+    QMessageBox,
     QTreeWidget,
     QTreeWidgetItem,
     QWidget,
@@ -23,6 +23,10 @@ from meshmash_viewer.defects import versions
 
 __all__ = ["AboutDialog", "HelpDialog"]
 
+_WHAT = (
+    "Laplacian eigenfunctions, heat kernel signatures and spectral bands of triangle meshes, live "
+    "and certified. MIT licence."
+)
 _METHODS = (
     "Robust Laplacian: Sharp & Crane 2020. Manifold harmonics: Vallet & Lévy 2008. "
     "Spectrum slices certified by inertia: Grimes, Lewis & Simon 1994. "
@@ -41,17 +45,17 @@ class HelpDialog(QDialog):
         self.setWindowTitle("Help and shortcuts")
         self.resize(860, 660)
 
-        self.search = theme.named(
-            QLineEdit(clearButtonEnabled=True), "help_search", "Find a command"
-        )
-        self.search.setPlaceholderText("Find a command, a key or a gesture")
+        hint = "Find a command, a key or a gesture"
+        self.search = QLineEdit(clearButtonEnabled=True, placeholderText=hint)
+        theme.named(self.search, "help_search", "Find a command")
         self.search.textChanged.connect(self._filter)
 
-        self.tree = theme.named(QTreeWidget(columnCount=3), "help_table", "Commands")
-        self.tree.setHeaderLabels(["Command", "Keys", "What it does"])
+        self.tree = QTreeWidget()
+        theme.named(self.tree, "help_table", "Commands")
         self.tree.setRootIsDecorated(False)
         self.tree.setIndentation(12)
         self.tree.setWordWrap(True)
+        self.tree.setHeaderLabels(["Command", "Keys", "What it does"])
         self._groups: list[tuple[QTreeWidgetItem, list[QTreeWidgetItem]]] = []
         for menu in MENUS:
             mine = (each for each in COMMANDS if each.menu == menu)
@@ -63,7 +67,9 @@ class HelpDialog(QDialog):
         self.tree.header().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         self.tree.header().setStretchLastSection(True)
 
-        parts = self.search, (self.tree,), _close_button(self)
+        buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
+        buttons.rejected.connect(self.reject)
+        parts = self.search, (self.tree,), buttons
         self.setLayout(column(*parts, margins=(16, 16, 16, 12)))
 
     def _add_group(self, name: str, rows: list[tuple[str, str, str]]) -> None:
@@ -87,32 +93,18 @@ class HelpDialog(QDialog):
             group.setHidden(all(item.isHidden() for item in items))
 
 
-class AboutDialog(QDialog):
+class AboutDialog(QMessageBox):
     """Version, licence and methods, with the versions of what it stands on for bug reports."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setObjectName("about_dialog")
         self.setWindowTitle("About MeshMash Viewer")
-        picture = QLabel(pixmap=icons.application_icon().pixmap(64, 64))
-        title = theme.with_role(QLabel("MeshMash Viewer"), "title")
-        version = theme.with_role(QLabel(versions(), wordWrap=True), "muted")
-        version.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        text = QLabel(
-            "Laplacian eigenfunctions, heat kernel signatures and spectral bands of triangle "
-            "meshes, live and certified. MIT licence.",
-            wordWrap=True,
-        )
-        methods = theme.with_role(QLabel(_METHODS, wordWrap=True), "muted")
-        parts = picture, title, text, methods, version, _close_button(self)
-        self.setLayout(column(*parts, spacing=theme.MARGIN, margins=(24, 20, 24, 16)))
-        self.setFixedWidth(460)
-
-
-def _close_button(dialog: QDialog) -> QDialogButtonBox:
-    buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
-    buttons.rejected.connect(dialog.reject)
-    return buttons
+        self.setIconPixmap(icons.application_icon().pixmap(64, 64))
+        self.setText("MeshMash Viewer")
+        self.setInformativeText("\n\n".join((_WHAT, _METHODS, versions())))
+        self.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.addButton(self.StandardButton.Close)
 
 
 def _keys(shortcuts: tuple[str, ...]) -> str:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from PySide6.QtWidgets import QComboBox, QLabel, QPushButton, QSpinBox, QWidget
+from PySide6.QtWidgets import QLabel, QPushButton, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.file_row import FileRow
 from meshmash_viewer.app.controls.layout import grid
 from meshmash_viewer.app.dialogs.saving import SaveDialog
@@ -44,16 +45,21 @@ class PiecesDialog(SaveDialog):
         row = FileRow(path, f"Tables ({patterns})", ".npz")
         super().__init__("features", "Compute in pieces", row, parent)
         theme.named(self, "pieces_dialog")
-        self.family_combo = theme.named(QComboBox(), "pieces_family_combo", "Feature")
-        for name, family in self._families.items():
-            self.family_combo.addItem(family.label, name)
+        labels = {name: family.label for name, family in self._families.items()}
+        self.family_combo = make.combo("pieces_family_combo", "Feature", entries=labels)
         shown = self.family_combo.findData(document.display.kind)
         self.family_combo.setCurrentIndex(max(shown, 0))
         n = mesh.n_vertices - len(mesh.unreferenced)
-        self.count_spin = theme.named(QSpinBox(), "pieces_count_spin", "Number of pieces")
-        self.count_spin.setRange(1, max(n // LEAST, 1))
-        self.count_spin.setValue(usual_pieces(n))
-        self.size_label = theme.named(QLabel(wordWrap=True), "pieces_size_label", role="muted")
+        most = max(n // LEAST, 1)
+        self.count_spin = make.spin(
+            "pieces_count_spin",
+            "Number of pieces",
+            minimum=1,
+            maximum=most,
+            value=usual_pieces(n),
+            keyboardTracking=True,
+        )
+        self.size_label = make.label("pieces_size_label", wordWrap=True, role="muted")
         self.accept_button = theme.named(
             QPushButton("Compute"), "pieces_compute_button", role="primary"
         )

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from types import NoneType
 from typing import Any
 
+import numpy as np
 from PySide6.QtCore import QSize
-from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QLabel, QWidget
+from PySide6.QtGui import QIcon, QImage, QPixmap
+from PySide6.QtWidgets import QDoubleSpinBox, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import keep_room, reserved_note, show_quietly
 from meshmash_viewer.app.controls.layout import Part, column, grid, row
 from meshmash_viewer.app.controls.number_field import NumberField
-from meshmash_viewer.app.controls.swatches import DIVERGING, SEQUENTIAL, swatch_icon
 from meshmash_viewer.app.listening import follow, later, listen
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
@@ -36,6 +39,47 @@ _POLICIES: dict[str, tuple[type[Any], str]] = {
 _KINDS = [kind for kind, _ in _POLICIES.values()]
 
 
+#: matplotlib's name to the name on the list. All keep their order in grey or in the three common
+#: kinds of colour blindness (Brewer 2003, Moreland 2009; viridis and its family).
+DIVERGING = {
+    "RdBu_r": "Blue – red",
+    "PuOr_r": "Purple – orange",
+    "PRGn": "Purple – green",
+    "BrBG_r": "Teal – brown",
+    "coolwarm": "Cool – warm",
+}
+SEQUENTIAL = {
+    "viridis": "Viridis",
+    "cividis": "Cividis",
+    "magma": "Magma",
+    "inferno": "Inferno",
+    "plasma": "Plasma",
+    "YlGnBu_r": "Blue – yellow",
+}
+
+
+@lru_cache(maxsize=64)
+def swatch_icon(name: str, width: int = 56, height: int = 12) -> QIcon:
+    """A strip of a colour map, from its low end to its high one, as the icon of an entry.
+
+    Parameters
+    ----------
+    name : str
+        Of a matplotlib colour map.
+    width, height : int
+        In logical pixels; drawn at twice that.
+    """
+    from matplotlib import colormaps
+
+    colors = colormaps[name](np.linspace(0.0, 1.0, 2 * width), bytes=True)
+    pixels = np.ascontiguousarray(np.broadcast_to(colors, (2 * height, 2 * width, 4)))
+    kind = QImage.Format.Format_RGBA8888
+    image = QImage(pixels.data, 2 * width, 2 * height, 8 * width, kind)
+    picture = QPixmap.fromImage(image)
+    picture.setDevicePixelRatio(2.0)
+    return QIcon(picture)
+
+
 class ColorSection(QWidget):
     """What colours mean: the map, who decides its two ends, and what they are now.
 
@@ -55,37 +99,39 @@ class ColorSection(QWidget):
         self.refresh()
 
     def _build(self) -> None:
-        self.map_combo = theme.named(QComboBox(), "colormap_combo", "Colour map")
-        self.map_combo.setIconSize(QSize(56, 12))
-        self.map_combo.activated.connect(self._choose_map)
-        self.policy_combo = theme.named(QComboBox(), "limits_combo", "Limits of the colours")
-        for key, (_, text) in _POLICIES.items():
-            self.policy_combo.addItem(text, key)
-        self.policy_combo.activated.connect(self._choose_policy)
-        rows = ((_muted("Map"), self.map_combo), (_muted("Limits"), self.policy_combo))
+        self.map_combo = make.combo(
+            "colormap_combo", "Colour map", self._choose_map, iconSize=QSize(56, 12)
+        )
+        self.policy_combo = make.combo(
+            "limits_combo",
+            "Limits of the colours",
+            self._choose_policy,
+            {key: text for key, (_, text) in _POLICIES.items()},
+        )
+        rows = ((make.muted("Map"), self.map_combo), (make.muted("Limits"), self.policy_combo))
         for label, combo in rows:
             label.setBuddy(combo)
         self.fault = reserved_note("limits_fault", 1)
-        self.low = NumberField("limit_low_field", "Low limit")
-        self.high = NumberField("limit_high_field", "High limit")
+        tip = "Give a number to lock the limits"
+        self.low = NumberField("limit_low_field", "Low limit", tip=tip)
+        self.high = NumberField("limit_high_field", "High limit", tip=tip)
         self.low.fault = lambda low: self._fault(low, self.high.value)
         self.high.fault = lambda high: self._fault(self.low.value, high)
         for field in (self.low, self.high):
-            field.setToolTip("Give a number to lock the limits")
             field.edited.connect(self._lock)
             field.refused.connect(self.fault.setText)
-        self.unit_label = _muted("")
+        self.unit_label = make.muted()
         self.percentiles = QWidget()
         default = PercentileLimits()
         self.percent_low = self._percent_spin("Low percentile", default.low)
         self.percent_high = self._percent_spin("High percentile", default.high)
-        both = (self.percent_low,), _muted("to"), (self.percent_high,)
+        both = (self.percent_low,), make.muted("to"), (self.percent_high,)
         self.percentiles.setLayout(row(*both))
         keep_room(self.percentiles)
         parts: tuple[Part, ...] = (
-            theme.with_role(QLabel("Colour"), "heading"),
+            make.heading("Colour"),
             grid(*rows),
-            row((self.low,), _muted("to"), (self.high,), self.unit_label),
+            row((self.low,), make.muted("to"), (self.high,), self.unit_label),
             self.percentiles,
             self.fault,
         )
@@ -107,8 +153,8 @@ class ColorSection(QWidget):
         else:
             self._document.display.sequential_colormap = name
 
-    def _choose_policy(self, row: int) -> None:
-        kind, ends = _KINDS[row], self._limits or (-1.0, 1.0)
+    def _choose_policy(self, key: str) -> None:
+        kind, ends = _POLICIES[key][0], self._limits or (-1.0, 1.0)
         self._document.display.limits = kind(*ends) if kind is LockedLimits else kind()
 
     def _choose_percentiles(self, _value: float) -> None:
@@ -176,7 +222,3 @@ class ColorSection(QWidget):
             field.setEnabled(end is not None)
         self.unit_label.setText(self._unit)
         self.unit_label.setVisible(bool(self._unit))
-
-
-def _muted(text: str) -> QLabel:
-    return theme.with_role(QLabel(text), "muted")

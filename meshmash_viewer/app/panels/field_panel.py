@@ -15,13 +15,13 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls import icons
+from meshmash_viewer.app.controls import icons, make
 from meshmash_viewer.app.controls.facts import note, show_note
 from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.color_section import ColorSection
 from meshmash_viewer.app.tabs import tab_of
-from meshmash_viewer.app.tabs.play_button import Player
+from meshmash_viewer.app.tabs.field_stepper import Player
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
@@ -88,15 +88,12 @@ class FieldPanel(QWidget):
         self.hint = note("field_hint")
         self.hint.setContentsMargins(theme.MARGIN, 0, theme.MARGIN, theme.GAP)
         self.colors = ColorSection(document)
-        line = theme.with_role(QFrame(), "line")
-        above = theme.with_role(QFrame(), "line")
-        parts = (self.list, above, (self._stack,), self.hint, line, self.colors)
+        parts = (self.list, make.line(), (self._stack,), self.hint, make.line(), self.colors)
         self.setLayout(column(*parts, spacing=0))
 
         follow(document.display.events.kind, self._refresh_tab)
-        follow(document.spectrum_changed, self._refresh_use)
-        follow(document.mesh_changed, self._refresh_use)
-        follow(document.display.events.fields, self._refresh_use)
+        events = document.display.events
+        follow((document.spectrum_changed, document.mesh_changed, events.fields), self._refresh_use)
         self._refresh_tab()
         self._refresh_use()
 

@@ -8,7 +8,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel, QPushButton, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls import icons
+from meshmash_viewer.app.controls import icons, make
 from meshmash_viewer.app.controls.layout import Part, grid, row
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.health import REPAIRS
@@ -79,10 +79,8 @@ class HealthTable(QWidget):
             mark, text = QLabel(), QLabel(each.text)
             mark.setFixedSize(14, 18)
             right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
-            count = QLabel("–", alignment=right)
-            theme.named(
-                count, f"{self._prefix}health_{each.attribute}", f"{each.text}{self._whose}"
-            )
+            name = f"{self._prefix}health_{each.attribute}"
+            count = make.label(name, f"{each.text}{self._whose}", "–", alignment=right)
             for label in (mark, text, count):
                 label.setToolTip(each.tooltip)
             self._marks[each.attribute] = mark
@@ -100,15 +98,14 @@ class HealthTable(QWidget):
 
     def _repair_button(self, each: _Row) -> QPushButton:
         label = REPAIRS[each.repair].label
-        tip = f"{label} (can be undone)"
-        button = theme.named(
-            QPushButton(each.verb),
+        button = make.button(
+            each.verb,
             f"{self._prefix}{each.repair}",
             f"{label}{self._whose}",
+            lambda: self._document.repair(each.repair),
             role="link",
-            tip=tip,
+            tip=f"{label} (can be undone)",
         )
-        button.clicked.connect(lambda: self._document.repair(each.repair))
         button.hide()
         self._buttons[each.attribute] = button
         return button

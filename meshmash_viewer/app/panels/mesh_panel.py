@@ -7,13 +7,10 @@ import math
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtWidgets import (
-    QCheckBox,
     QComboBox,
-    QFrame,
     QHBoxLayout,
     QLabel,
     QProgressBar,
-    QPushButton,
     QScrollArea,
     QSizePolicy,
     QStackedLayout,
@@ -21,12 +18,13 @@ from PySide6.QtWidgets import (
 )
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import keep_room, reserved_note, show_quietly
 from meshmash_viewer.app.controls.layout import Part, column, grid, row
-from meshmash_viewer.app.controls.number_box import QuantityBox
+from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
-from meshmash_viewer.app.panels.target_box import TargetBox
+from meshmash_viewer.app.panels.target_box import TargetBox, quarter_steps
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.model import cost
@@ -52,10 +50,13 @@ class MeshPanel(QWidget):
 
         self.target_box = TargetBox(document)
         self.cost_label = reserved_note("cost_label", 2, "muted", "Estimated memory and time")
-        self.undo_button = theme.named(
-            QPushButton("Undo repair"), "undo_repair_button", "Undo the last repair", role="link"
+        self.undo_button = make.button(
+            "Undo repair",
+            "undo_repair_button",
+            "Undo the last repair",
+            document.undo_repair,
+            role="link",
         )
-        self.undo_button.clicked.connect(document.undo_repair)
         keep_room(self.undo_button)
         margins = theme.MARGIN, theme.GAP, theme.MARGIN, theme.MARGIN
         self._content = theme.named(QWidget(), "panel_content")
@@ -78,16 +79,14 @@ class MeshPanel(QWidget):
         scroll.setWidget(self._content)
         scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # it follows its fields
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        line = theme.with_role(QFrame(), "line")
-        self.setLayout(column((scroll,), line, self._build_foot(), spacing=0))
+        self.setLayout(column((scroll,), make.line(), self._build_foot(), spacing=0))
         self._content.installEventFilter(self)
 
         follow(document.mesh_changed, self._refresh_facts)
         follow(document.settings_changed, self._refresh_operator)
-        follow(document.job_changed, self._refresh_job)
-        for signal in (document.mesh_changed, document.settings_changed, document.spectrum_changed):
-            follow(signal, self._refresh_cost)
-            follow(signal, self._refresh_job)
+        told = document.mesh_changed, document.settings_changed, document.spectrum_changed
+        follow(told, self._refresh_cost)
+        follow((*told, document.job_changed), self._refresh_job)
         self._refresh_facts()
         self._refresh_operator()
         self._refresh_cost()
@@ -107,39 +106,40 @@ class MeshPanel(QWidget):
     # -- what was read ------------------------------------------------------------------------
 
     def _heading(self, text: str, *beside: QWidget) -> QHBoxLayout:
-        heading = theme.with_role(QLabel(text), "heading")
-        return row((heading,), *beside, margins=(0, theme.GAP, 0, 0))
+        return row((make.heading(text),), *beside, margins=(0, theme.GAP, 0, 0))
 
     def _build_facts(self) -> tuple[Part, ...]:
-        self.name_label = theme.named(
-            QLabel(), "mesh_name_label", "Name of the mesh", role="heading"
-        )
-        self.path_label = theme.named(QLabel(), "mesh_path_label", "Path of the mesh", role="muted")
+        self.name_label = make.label("mesh_name_label", "Name of the mesh", role="heading")
+        self.path_label = make.label("mesh_path_label", "Path of the mesh", role="muted")
         self._facts: dict[str, QLabel] = {}
         for name in ("Vertices", "Faces", "Area", "Extent"):
-            label = QLabel("–", alignment=Qt.AlignmentFlag.AlignRight)
-            theme.named(label, f"mesh_{name.lower()}_label", name)
-            label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+            label = make.label(
+                f"mesh_{name.lower()}_label",
+                name,
+                "–",
+                selectable=True,
+                alignment=Qt.AlignmentFlag.AlignRight,
+            )
             # a long value is cut off rather than widening the panel; the tooltip has all of it
             label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
             self._facts[name] = label
-        self.unit_combo = theme.named(
-            QComboBox(editable=True),
+        self.unit_combo = make.combo(
             "unit_combo",
             "Unit of the coordinates",
+            self._choose_unit,
             tip="Unit of the coordinates in the file; or the size of a voxel, such as “8 nm” or "
             "“4 × 4 × 40 nm”, by which coordinates counted in voxels are multiplied",
+            editable=True,
+            insertPolicy=QComboBox.InsertPolicy.NoInsert,
         )
         # the last ones show that a voxel size can be said too, whichever it is
         voxels = ("8 nm", "4 × 4 × 40 nm")
         self.unit_combo.addItems([*(unit or "none" for unit in LENGTH_UNITS), *voxels])
         # of "m" it would make "mm"
         self.unit_combo.setCompleter(None)  # type: ignore[arg-type]  # as documented
-        self.unit_combo.setInsertPolicy(QComboBox.InsertPolicy.NoInsert)
         self._unit_edit = self.unit_combo.lineEdit()
         assert self._unit_edit is not None  # the list is editable
         self._unit_edit.editingFinished.connect(self._choose_unit)
-        self.unit_combo.activated.connect(self._choose_unit)
         facts = ((QLabel(name), label) for name, label in self._facts.items())
         unit = QLabel("Unit"), row(None, self.unit_combo)
         return self.name_label, self.path_label, grid(*facts, unit, spacing=(theme.GAP, 3))
@@ -193,37 +193,36 @@ class MeshPanel(QWidget):
     # -- the Laplacian ------------------------------------------------------------------------
 
     def _build_operator(self) -> QHBoxLayout:
-        self.robust_check = theme.named(
-            QCheckBox("Robust"),
+        self.robust_check = make.check(
+            "Robust",
             "robust_check",
             "Robust Laplacian",
+            self._choose_operator,
             tip="Sharp & Crane 2020: right for any triangle mesh, also non-manifold ones. "
             "Without it, the plain cotangent Laplacian, for clean meshes only",
         )
-        self.mollify_spin = theme.named(
-            QuantityBox(),
+        self.mollify_spin = NumberField(
             "mollify_spin",
             "Mollify factor",
+            step=quarter_steps,
             tip="How far edges are lengthened, relative to their mean, so that no triangle is "
             "degenerate (no unit; 1e-05 suits nearly every mesh)",
         )
         self.mollify_spin.setFixedWidth(96)
-        self.mollify_spin.setKeyboardTracking(False)
         self.mollify_spin.bounds = (1e-15, 1.0)
         self.mollify_label = QLabel("Mollify")
-        self.robust_check.toggled.connect(self._choose_operator)
-        self.mollify_spin.valueChanged.connect(self._choose_operator)
+        self.mollify_spin.edited.connect(self._choose_operator)
         return row(self.robust_check, None, self.mollify_label, self.mollify_spin)
 
     def _choose_operator(self) -> None:
-        robust = self.robust_check.isChecked()
-        self._document.operator = OperatorOptions(robust, self.mollify_spin.value())
+        robust, factor = self.robust_check.isChecked(), self.mollify_spin.value
+        assert factor is not None  # it shows one from the beginning
+        self._document.operator = OperatorOptions(robust, factor)
 
     def _refresh_operator(self) -> None:
         operator = self._document.operator
         show_quietly(self.robust_check, operator.robust)
-        if not self.mollify_spin.hasFocus():
-            self.mollify_spin.show_quantity(operator.mollify_factor)
+        self.mollify_spin.show_value(operator.mollify_factor)
         self.mollify_spin.setEnabled(operator.robust)
         self.mollify_label.setEnabled(operator.robust)
 
@@ -242,12 +241,10 @@ class MeshPanel(QWidget):
             self.cost_label.setText(f"Computed: {counted(known, 'pair')}{asked}.")
             return
         if known and exact and wanted <= known:
-            text = (
-                f"{counted(wanted, 'pair')} converged already: Compute proves that none is missing."
-            )
-            self.cost_label.setText(text)
+            already = f"{counted(wanted, 'pair')} converged already"
+            self.cost_label.setText(f"{already}: Compute proves that none is missing.")
             return
-        pairs = min(translation.count(target)[0], n)
+        pairs = min(wanted, n)
         memory = cost.written_bytes(cost.decomposition_bytes(n, pairs, ready.health.n_components))
         time = cost.written_duration(self._document.expected_seconds(target))
         columns = sum(each.table_columns for each in self._document.display.fields.values())
@@ -257,24 +254,25 @@ class MeshPanel(QWidget):
         )
 
     def _build_foot(self) -> QWidget:
-        self.compute_button = theme.named(
-            QPushButton("Compute"),
+        self.compute_button = make.button(
+            "Compute",
             "compute_button",
             "Compute eigenpairs",
+            self._document.compute,
             role="primary",
             tip="Decompose the mesh (Ctrl+Return)",
         )
-        self.compute_button.clicked.connect(self._document.compute)
-        self.cancel_button = theme.named(
-            QPushButton("Cancel"),
+        self.cancel_button = make.button(
+            "Cancel",
             "cancel_button",
             "Cancel what runs",
+            self._document.cancel,
             tip="Stop; eigenpairs that have converged stay (Esc)",
         )
-        self.cancel_button.clicked.connect(self._document.cancel)
         buttons = row(self.compute_button, self.cancel_button)
         buttons.setStretch(0, 2)
         buttons.setStretch(1, 1)
+        #: Of a job whose end is not known, the maximum is 0.
         self.progress_bar = QProgressBar(textVisible=False, minimum=0, maximum=1000)
         theme.named(self.progress_bar, "progress_bar", "Progress")
         keep_room(self.progress_bar)
@@ -318,8 +316,7 @@ class MeshPanel(QWidget):
 
     def _refresh_proof(self) -> None:
         spectrum, state = self._document.spectrum, self._document.job
-        text, role = "", "muted"
-        mesh = self._document.mesh
+        text, role, mesh = "", "muted", self._document.mesh
         if mesh is not None and spectrum is not None and spectrum.certificate is not None:
             exact = len(spectrum.exact)
             text = spectrum.certificate.sentence(exact, mesh.unit)

@@ -282,7 +282,7 @@ class PairPanel(QWidget):
 
     def _dress(self) -> None:
         self.plot.dress()
-        colors = theme.plot_colors().series
+        colors = theme.palette().series
         first, second = self._curves
         first.setPen(solid(colors[0], 2.0))
         second.setPen(dashed(colors[1], 2.0))
@@ -290,7 +290,7 @@ class PairPanel(QWidget):
 
     def _name_curves(self) -> None:
         names = [self._document.mesh, self._pair.second.mesh if self._pair else None]
-        colors = theme.plot_colors().series
+        colors = theme.palette().series
         self.legend.setText(
             "<br>".join(
                 f'<span style="color:{color}">▬</span> {each.name or "mesh"}'

@@ -7,6 +7,7 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QLabel, QSizePolicy, QStackedLayout, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.layout import column, row
 from meshmash_viewer.app.plots.plot import Plot
 from meshmash_viewer.model.document import Document
@@ -74,8 +75,10 @@ class PlotPanel(QWidget):
         super().__init__()
         theme.named(self, f"{name}_panel", title)
         self._document = document
-        self.empty = QLabel(wordWrap=True, alignment=Qt.AlignmentFlag.AlignCenter)
-        theme.named(self.empty, f"{name}_empty_label", role="muted")
+        middle = Qt.AlignmentFlag.AlignCenter
+        self.empty = make.label(
+            f"{name}_empty_label", wordWrap=True, alignment=middle, role="muted"
+        )
 
     def _arrange(
         self, controls: tuple[QWidget, ...], labels: tuple[QLabel, ...], shown: QWidget

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QEvent, QObject, Qt, Signal
-from PySide6.QtWidgets import QFrame, QLabel, QScrollArea, QToolButton, QWidget
+from PySide6.QtWidgets import QFrame, QLabel, QScrollArea, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.app.controls.layout import row as side_by_side
 from meshmash_viewer.app.listening import follow
@@ -80,13 +81,17 @@ class PinLegend(QScrollArea):
         swatch = QLabel()
         swatch.setFixedSize(12, 12)
         swatch.setStyleSheet(f"background: {pin.color}; border-radius: 6px;")
-        number = theme.named(QLabel(f"<b>{pin.number}</b>"), f"pin_number_{pin.vertex}")
+        number = make.label(f"pin_number_{pin.vertex}", text=f"<b>{pin.number}</b>")
         vertex = named_vertex(pin.vertex)
-        name = theme.named(QLabel(vertex.capitalize()), f"pin_label_{pin.vertex}")
+        name = make.label(f"pin_label_{pin.vertex}", text=vertex.capitalize())
         take = f"Take the pin of {vertex} away"
-        cross = theme.named(QToolButton(), f"unpin_button_{pin.vertex}", take, tip=take)
+        cross = make.icon_button(
+            f"unpin_button_{pin.vertex}",
+            take,
+            lambda: self._document.toggle_pin(pin.vertex),
+            tip=take,
+        )
         cross.setText("×")
         cross.setAutoRaise(True)
-        cross.clicked.connect(lambda: self._document.toggle_pin(pin.vertex))
         row.setLayout(side_by_side(swatch, number, name, None, cross, spacing=6))
         return row

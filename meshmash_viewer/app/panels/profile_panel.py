@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
+import numpy.typing as npt
 import pyqtgraph as pg
-from PySide6.QtCore import Signal
+from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QCloseEvent
-from PySide6.QtWidgets import QComboBox, QLabel, QWidget
+from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.layout import row
+from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.panel_head import PlotPanel
 from meshmash_viewer.app.panels.pin_legend import PinLegend
 from meshmash_viewer.app.plots.plot import Plot, color, hatch, marker, solid
-from meshmash_viewer.app.profile_reader import ProfileReader
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family, Profile
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.document import Document, Pin
+from meshmash_viewer.progress import CancelCallback, Cancelled
 
 __all__ = ["ProfilePanel"]
 
@@ -33,6 +38,81 @@ _VIEWS = {
 _AT_ONCE = 60
 #: From how many pixels on a curve is not pointed at any more.
 _NEAR = 8.0
+
+
+#: Rows read at a time. Each may be a page of a file that is not in memory, and NumPy holds the
+#: interpreter's lock while it copies: few at a time let the window breathe.
+_CHUNK = 8
+#: Eigenpairs, and vertices.
+_Request: TypeAlias = tuple[Spectrum, tuple[int, ...]]
+
+
+class _ProfileReader(QObject):
+    """Keeps what has been read for the spectrum in force; reads what is missing.
+
+    A vertex's values are a column of the rows, one value a page: cheap in memory, slow from disk.
+
+    Signals
+    -------
+    changed()
+        More values are there.
+    """
+
+    changed = Signal()
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._wanted: Spectrum | None = None
+        self._spectrum: Spectrum | None = None
+        self._values: dict[int, npt.NDArray[np.float64]] = {}
+        self._asked: tuple[int, ...] = ()
+        self.thread_ = LatestThread(self._read, self._take, parent=self)
+
+    def want(self, spectrum: Spectrum | None, vertices: tuple[int, ...]) -> None:
+        """Say what is to be shown; old values stay until new ones come."""
+        if spectrum is not self._wanted:
+            self._wanted, self._asked = spectrum, ()
+            self.thread_.drop()
+        if spectrum is None:
+            self._values.clear()
+            self._spectrum = None
+            return
+        known = self._values.keys() if self._spectrum is spectrum else set()
+        missing = tuple(vertex for vertex in vertices if vertex not in known)
+        if not set(missing) <= set(self._asked):
+            self._asked = missing
+            self.thread_.ask((spectrum, missing))
+
+    def _read(self, request: _Request, cancel: CancelCallback) -> npt.NDArray[np.float64]:
+        spectrum, vertices = request
+        values = np.empty((len(spectrum), len(vertices)))
+        for start in range(0, len(spectrum), _CHUNK):
+            if cancel():
+                raise Cancelled
+            stop = min(start + _CHUNK, len(spectrum))
+            for column, vertex in enumerate(vertices):
+                values[start:stop, column] = spectrum.shown_rows[start:stop, vertex]
+        return values
+
+    def values(self, vertex: int) -> npt.NDArray[np.float64] | None:
+        """Values at a vertex, shape (k,); of fewer pairs while newer ones are being read."""
+        return self._values.get(vertex)
+
+    def close(self) -> None:
+        """Give up what is being read, and wait until nothing looks at the spectrum any more."""
+        self.want(None, ())
+        self.thread_.close()
+
+    def _take(self, request: _Request, values: npt.NDArray[np.float64] | Exception) -> None:
+        spectrum, vertices = request
+        if spectrum is not self._wanted:
+            return
+        if isinstance(values, Exception):
+            self._asked = ()
+            raise values
+        self._spectrum = spectrum
+        self._values.update(zip(vertices, values.T, strict=True))
+        self.changed.emit()
 
 
 class ProfilePanel(PlotPanel):
@@ -55,11 +135,10 @@ class ProfilePanel(PlotPanel):
         self._drawn: tuple[Spectrum, Family] | None = None
         self._profile: Profile | None = None
         self._curves: dict[Pin, tuple[pg.PlotCurveItem, pg.ScatterPlotItem]] = {}
-        self._reader = ProfileReader(self)
+        self._reader = _ProfileReader(self)
         self._reader.changed.connect(self._refresh)
         self._build()
-        follow(document.spectrum_changed, self._refresh)
-        follow(document.pins_changed, self._refresh)
+        follow((document.spectrum_changed, document.pins_changed), self._refresh)
         follow(document.display.events, self._refresh_display)
         follow(document.display.events.kind, self._follow_kind)
         theme.notifier().changed.connect(self._dress)
@@ -67,14 +146,14 @@ class ProfilePanel(PlotPanel):
         self._follow_kind()
 
     def _build(self) -> None:
-        self.view_choice = theme.named(QComboBox(), "profile_view", "What the profiles show")
-        for name, text in _VIEWS.items():
-            self.view_choice.addItem(text, name)
-        self.view_choice.activated.connect(
-            lambda row: self._show_view(self.view_choice.itemData(row))
+        self.view_choice = make.combo(
+            "profile_view",
+            "What the profiles show",
+            self._show_view,
+            _VIEWS,
         )
         tip = "They miss more than 1 % for want of eigenpairs"
-        self.missing_label = theme.named(QLabel(), "profile_missing_label", role="muted", tip=tip)
+        self.missing_label = make.label("profile_missing_label", role="muted", tip=tip)
         self.plot = Plot("profile_plot", "Profiles of the pinned vertices")
         self.legend = PinLegend(self._document)
         shown = QWidget()
@@ -274,7 +353,7 @@ class ProfilePanel(PlotPanel):
             self._missing.setRegion(missing)
 
     def _dress(self) -> None:
-        colors = theme.plot_colors()
+        colors = theme.palette()
         self._marker.setPen(solid(colors.marker, 1.2, 0.8))
         self._marker.setHoverPen(solid(colors.marker, 3.0))
         self._zero.setPen(solid(colors.reference, 1.0))

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QSignalBlocker, Signal
-from PySide6.QtWidgets import QCheckBox, QFileDialog, QLabel, QPushButton, QSpinBox, QWidget
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QFileDialog, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import (
     Facts,
     format_wavelength,
@@ -46,71 +48,60 @@ class ShapePanel(QWidget):
         self._drawn: DrawnShape | None = None
         self._build()
         events = document.display.events
-        for signal in (
-            events.shape, events.vibrating, document.spectrum_changed, document.mesh_changed
-        ):  # fmt: skip
-            follow(signal, self.refresh)
+        shown = events.shape, events.vibrating, document.spectrum_changed, document.mesh_changed
+        follow(shown, self.refresh)
         self.refresh()
 
     def _build(self) -> None:
-        self.check = theme.named(
-            QCheckBox("From the lowest eigenfunctions"),
+        self.check = make.check(
+            "From the lowest eigenfunctions",
             "shape_check",
             "Draw the mesh from its lowest eigenfunctions",
+            lambda on: self._change(shown=on),
             tip="The coordinates as a sum over the lowest eigenfunctions, weighted by area",
         )
-        self.check.toggled.connect(lambda on: self._change(shown=on))
-        self.slider = theme.named(
-            StepSlider(own_keys=True), "shape_pairs_slider", "Number of the lowest eigenfunctions"
-        )
-        self.spin = theme.named(
-            QSpinBox(), "shape_pairs_spin", "Number of the lowest eigenfunctions"
-        )
-        self.spin.setKeyboardTracking(False)
-        for control in (self.slider, self.spin):
-            control.valueChanged.connect(lambda pairs: self._change(pairs=pairs, shown=True))
-        self.morph = theme.named(
-            StepSlider(own_keys=True),
-            "shape_morph_slider",
+        what = "Number of the lowest eigenfunctions"
+        self.slider = self._slider("pairs", what, self._choose_pairs)
+        self.spin = make.spin("shape_pairs_spin", what, self._choose_pairs)
+        self.morph = self._slider(
+            "morph",
             "From the mesh itself to the reconstruction",
+            lambda share: self._change(morph=share / 100, shown=True),
         )
         self.morph.setRange(0, 100)
-        self.morph.valueChanged.connect(lambda share: self._change(morph=share / 100, shown=True))
-        self.morph_label = theme.named(QLabel(), "shape_morph_label", role="value")
+        self.morph_label = make.label("shape_morph_label", role="value")
         self.facts = Facts(_FACTS)
-        self.save_button = theme.named(
-            QPushButton("Export shape…"), "shape_save_button", "Save the shape as a mesh"
+        self.save_button = make.button(
+            "Export shape…", "shape_save_button", "Save the shape as a mesh", self._save
         )
-        self.save_button.clicked.connect(self._save)
-        self.amplitude = theme.named(
-            StepSlider(own_keys=True),
-            "shape_amplitude_slider",
+        self.amplitude = self._slider(
+            "amplitude",
             "Amplitude, in percent of the size of the mesh",
+            lambda share: self._change(amplitude=share / 100),
         )
         self.amplitude.setRange(1, round(100 * MOST_AMPLITUDE))
-        self.amplitude.valueChanged.connect(lambda share: self._change(amplitude=share / 100))
-        self.amplitude_label = theme.named(QLabel(), "shape_amplitude_label", role="value")
-        self.swing_button = theme.named(
-            QPushButton("Vibrate"),
+        self.amplitude_label = make.label("shape_amplitude_label", role="value")
+        self.swing_button = make.button(
+            "Vibrate",
             "shape_vibrate_button",
             "Vibrate: swing along the normals by the field on the render",
+            lambda on: setattr(self._document.display, "vibrating", on),
+            checkable=True,
         )
-        self.swing_button.setCheckable(True)
-        self.swing_button.toggled.connect(self._swing)
         self.hint, self.swing_hint = note("shape_hint"), note("shape_vibrate_hint")
         for label in (self.morph_label, self.amplitude_label):
             label.setMinimumWidth(label.fontMetrics().horizontalAdvance("100 %") + 4)
         self.setLayout(
             column(
-                theme.with_role(QLabel("Reconstruction"), "heading"),
+                make.heading("Reconstruction"),
                 self.check,
                 row((self.slider,), self.spin),
                 self.facts,
-                row(_muted("Morph"), (self.morph,), self.morph_label),
+                row(make.muted("Morph"), (self.morph,), self.morph_label),
                 row(self.save_button, None),
                 self.hint,
-                theme.with_role(QLabel("Vibration"), "heading"),
-                row(_muted("Amplitude"), (self.amplitude,), self.amplitude_label),
+                make.heading("Vibration"),
+                row(make.muted("Amplitude"), (self.amplitude,), self.amplitude_label),
                 row(self.swing_button, None),
                 self.swing_hint,
                 None,
@@ -118,14 +109,19 @@ class ShapePanel(QWidget):
             )
         )
 
+    def _slider(self, what: str, spoken: str, act: Callable[[int], None]) -> StepSlider:
+        made = theme.named(StepSlider(own_keys=True), f"shape_{what}_slider", spoken)
+        made.valueChanged.connect(act)
+        return made
+
     # -- from the person --------------------------------------------------------------------
 
     def _change(self, **chosen: Any) -> None:
         display = self._document.display
         display.shape = replace(display.shape, **chosen)
 
-    def _swing(self, on: bool) -> None:
-        self._document.display.vibrating = on
+    def _choose_pairs(self, pairs: int) -> None:
+        self._change(pairs=pairs, shown=True)
 
     def _save(self) -> None:
         document = self._document
@@ -160,9 +156,7 @@ class ShapePanel(QWidget):
         shown = usable and shape.shown
         count = shape.within(known) if usable else FEWEST_PAIRS
         for number in (self.slider, self.spin):
-            with QSignalBlocker(number):
-                number.setRange(FEWEST_PAIRS, max(known, FEWEST_PAIRS))
-            show_quietly(number, count)
+            show_quietly(number, count, most=max(known, FEWEST_PAIRS), least=FEWEST_PAIRS)
         self.spin.setSuffix(f" of {known:,}" if usable else "")
         show_quietly(self.check, shown)
         show_quietly(self.morph, round(100 * shape.morph))
@@ -174,12 +168,13 @@ class ShapePanel(QWidget):
         self.save_button.setEnabled(shown)
         drawn, unit = self._drawn, self._document.unit
         current = shown and drawn is not None and drawn.spectrum is spectrum and drawn.count > 0
-        distance = format_quantity(drawn.distance, unit) if current and drawn is not None else ""
-        self.facts.show_value("shape_distance_label", distance)
-        wave = ""
+        told = {}
+        if current and drawn is not None:
+            told["shape_distance_label"] = format_quantity(drawn.distance, unit)
         if usable and spectrum is not None:
             wave = format_wavelength(float(spectrum.eigenvalues[count - 1]), unit)
-        self.facts.show_value("shape_wave_label", wave)
+            told["shape_wave_label"] = wave
+        self.facts.show_values(told)
         show_note(self.hint, self._hint(usable, shown, count))
         field = self._field
         swings = spectrum is not None and field is not None and field.signed
@@ -207,7 +202,3 @@ class ShapePanel(QWidget):
         if shown and spectrum is not None and spectrum.preview:
             return "From approximate eigenpairs: the shape changes as the exact ones come."
         return ""
-
-
-def _muted(text: str) -> QLabel:
-    return theme.with_role(QLabel(text), "muted")

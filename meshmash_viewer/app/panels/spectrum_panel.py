@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QCheckBox, QLabel
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import format_wavelength, show_quietly
 from meshmash_viewer.app.controls.segments import Segments
 from meshmash_viewer.app.listening import follow, later
@@ -30,13 +30,12 @@ class SpectrumPanel(PlotPanel):
         choices = {"eigenvalues": "Eigenvalues", "responses": "Filters"}
         self.view_choice = Segments("spectrum_view", "What the spectrum shows", choices)
         self.view_choice.chosen.connect(self._show_view)
-        self.log_check = theme.named(
-            QCheckBox("Log λ"), "spectrum_log_check", "Eigenvalues in log scale"
+        self.log_check = make.check(
+            "Log λ", "spectrum_log_check", "Eigenvalues in log scale", self._set_log
         )
-        self.log_check.toggled.connect(self._set_log)
-        self.readout = theme.named(QLabel(), "spectrum_readout")
-        self.legend = QLabel(textFormat=Qt.TextFormat.RichText)
-        theme.named(self.legend, "spectrum_legend", role="muted")
+        self.readout = make.label("spectrum_readout")
+        rich = Qt.TextFormat.RichText
+        self.legend = make.label("spectrum_legend", textFormat=rich, role="muted")
         self.plot = Plot("spectrum_plot", "Spectrum")
         self.empty.setText("The eigenvalues appear here as they converge.")
         labels = self.readout, self.legend
@@ -52,9 +51,8 @@ class SpectrumPanel(PlotPanel):
         self.plot.clicked.connect(self._select)
         self.plot.hovered.connect(self._hover)
         # In turns of their own: to lay out what was hidden takes as long as to fill it.
-        for signal in (document.spectrum_changed, document.mesh_changed):
-            follow(signal, self._show_what_is_there)
-            follow(signal, self._refresh_spectrum)
+        follow((document.spectrum_changed, document.mesh_changed), self._show_what_is_there)
+        follow((document.spectrum_changed, document.mesh_changed), self._refresh_spectrum)
         follow(document.display.events, self._refresh_current)
         follow(document.display.events.kind, self._follow_kind)
         theme.notifier().changed.connect(self._dress)

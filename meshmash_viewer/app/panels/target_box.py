@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
 from PySide6.QtWidgets import (
@@ -17,17 +19,22 @@ from meshmash_viewer import units
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import reserved_note
 from meshmash_viewer.app.controls.layout import grid
-from meshmash_viewer.app.controls.number_box import CountBox, QuantityBox, dress
+from meshmash_viewer.app.controls.number_field import NumberField
 from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.spectral.weyl import Target, Translation, resolved_time, wavelength
 from meshmash_viewer.units import format_range, power_unit
 
-__all__ = ["TargetBox"]
+__all__ = ["TargetBox", "quarter_steps"]
 
 #: Most eigenpairs while no mesh says how many it has.
 _MOST = 100_000
+
+
+def quarter_steps(value: float, steps: int) -> float:
+    """Some steps on from a number of any size: one is a quarter of a factor of two."""
+    return value * float(2.0 ** (steps / 4.0))
 
 
 class _Way(NamedTuple):
@@ -35,9 +42,11 @@ class _Way(NamedTuple):
 
     text: str
     name: str
-    accessible: str
+    spoken: str
     power: int
     tip: str
+    #: What this mesh has between two numbers.
+    values: str = ""
 
 
 _WAYS = {
@@ -47,16 +56,19 @@ _WAYS = {
     "max_eigenvalue": _Way(
         "Largest λ", "eigenvalue", "Largest eigenvalue", -2,
         "Every eigenpair up to this eigenvalue; the count is then exact",
+        "Eigenvalues",
     ),
     "wavelength": _Way(
         "Shortest wave", "wavelength", "Shortest wavelength", 1,
         "Every eigenfunction with at least this wavelength 2π/√λ: "
         "the smallest detail that is told apart",
+        "Waves",
     ),
     "time": _Way(
         "Shortest time", "time", "Shortest time of the heat kernel signature", 2,
         "As many eigenpairs as heat kernel signatures from this time on take, "
         "so that less than 1 % of them is missing",
+        "Times",
     ),
 }  # fmt: skip
 
@@ -71,38 +83,46 @@ class TargetBox(QWidget):
         super().__init__()
         self.setObjectName("target_box")
         self._document = document
-        self._refused = "", ""
-        self.count_spin = CountBox()
-        self._limit_count(_MOST)
-        self.count_spin.setSingleStep(10)
-        self._boxes: dict[str, QuantityBox] = {}
+        self._fields: dict[str, NumberField] = {}
         self._radios: dict[str, QRadioButton] = {}
         group = QButtonGroup(self)
         for kind, way in _WAYS.items():
-            radio, box = QRadioButton(way.text), self.count_spin if not way.power else QuantityBox()
+            counts = not way.power
+            field = NumberField(
+                f"target_{way.name}_spin",
+                way.spoken,
+                step=(lambda value, steps: value + 10 * steps) if counts else quarter_steps,
+                live=True,
+                nearest=counts,
+                whole=counts,
+                tip=way.tip,
+            )
+            # as wide as the panel, not as the longest number there is
+            field.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+            field.setMinimumWidth(132)
+            field.bounds = 1.0, _MOST if counts else 1e150
+            field.fault = partial(self._fault, kind)
+            field.edited.connect(partial(self._choose, kind))
+            field.refused.connect(self._say)
+            radio = QRadioButton(way.text)
             by = f"Compute by {way.text.lower()}"
             theme.named(radio, f"target_{kind}_radio", by, tip=way.tip)
-            theme.named(box, f"target_{way.name}_spin", way.accessible, tip=way.tip)
-            # as wide as the panel, not as the longest number there is
-            box.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
-            box.setMinimumWidth(132)
+            radio.clicked.connect(partial(self._choose, kind))
             group.addButton(radio)
-            self._radios[kind], self._boxes[kind] = radio, box
-            radio.clicked.connect(lambda _checked=False, kind=kind: self._choose(kind))
-            box.valueChanged.connect(lambda _value, kind=kind: self._choose(kind))
-            box.refused.connect(lambda number, kind=kind: self._refuse(kind, number))
-        _, self.eigenvalue_spin, self.wavelength_spin, self.time_spin = self._boxes.values()
+            self._radios[kind], self._fields[kind] = radio, field
+        self.count_spin, self.eigenvalue_spin, self.wavelength_spin, self.time_spin = (
+            self._fields.values()
+        )
         self.note = reserved_note("weyl_note", 3, "muted", "About the estimates")
         self.fault = reserved_note("target_fault", 3)
         self._told = QStackedLayout()  # one or the other: nothing moves
         self._told.addWidget(self.note)
         self._told.addWidget(self.fault)
-        rows = zip(self._radios.values(), self._boxes.values(), strict=True)
+        rows = zip(self._radios.values(), self._fields.values(), strict=True)
         self.setLayout(grid(*rows, (self._told,), spacing=(theme.GAP, 6)))
         follow(document.mesh_changed, self._forgive)
-        follow(document.mesh_changed, self.refresh)
-        follow(document.settings_changed, self.refresh)
-        follow(document.spectrum_changed, self.refresh)
+        told = document.mesh_changed, document.settings_changed, document.spectrum_changed
+        follow(told, self.refresh)
         self.refresh()
 
     def refresh(self) -> None:
@@ -110,19 +130,14 @@ class TargetBox(QWidget):
         target, ready = self._document.target, self._document.ready
         self._radios[target.kind].setChecked(True)
         self.setEnabled(ready is not None)
-        for kind, way in _WAYS.items():
-            written = power_unit(self._document.unit, way.power) if way.power else ""
-            box = self._boxes[kind]
-            dress(box, box.prefix(), f" {written}" if written else "")
         if ready is None or not ready.health.area > 0.0:
-            for box in self._boxes.values():
-                box.show_nothing()
-            self.count_spin.show_quantity(max(1, int(Translation(1.0).count(target)[0])))
+            self._show(dict.fromkeys(_WAYS, (None, True)))
+            self.count_spin.show_value(max(1, int(Translation(1.0).count(target)[0])))
             self.note.setText("All four say the same thing: each is translated into the others.")
             return
         translation = self._document.translation()
         low, high = translation.bounds
-        self._limit_count(self._most)
+        self.count_spin.bounds = 1, self._most
         self.eigenvalue_spin.bounds = low, high
         self.wavelength_spin.bounds = wavelength(high), wavelength(low)
         self.time_spin.bounds = resolved_time(high), resolved_time(low)
@@ -133,12 +148,7 @@ class TargetBox(QWidget):
             "wavelength": translation.wavelength(target),
             "time": translation.time(target),
         }
-        for kind, (value, exact) in shown.items():
-            box = self._boxes[kind]
-            dress(box, "" if exact else "≈ ", box.suffix())
-            # the box being typed in is left alone, so that the text under the cursor stays
-            if target.kind != kind or not box.hasFocus():
-                box.show_quantity(value)
+        self._show(shown)
         zeros = ready.health.n_components
         parts = [f"{zeros:,} of them are zero, one a component."] if zeros > 1 else []
         if count >= translation.n_vertices:
@@ -153,6 +163,14 @@ class TargetBox(QWidget):
         self.note.setText(" ".join(parts))
         self._show_note()
 
+    def _show(self, shown: Mapping[str, tuple[float | None, bool]]) -> None:
+        """Show numbers, of which those that are not exact are estimates."""
+        for kind, (value, exact) in shown.items():
+            power = _WAYS[kind].power
+            unit = power_unit(self._document.unit, power) if power else ""
+            prefix = "" if exact else "≈ "
+            self._fields[kind].show_value(value, unit, prefix, with_unit=True)
+
     @property
     def _most(self) -> int:
         """Number of eigenpairs that there are."""
@@ -161,31 +179,28 @@ class TargetBox(QWidget):
             return _MOST
         return max(ready.health.n_vertices - ready.health.unreferenced_vertices, 1)
 
-    def _limit_count(self, most: int) -> None:
-        self.count_spin.setRange(1, most)
-        self.count_spin.bounds = (1, most)
-
-    def _refuse(self, kind: str, number: float) -> None:
-        """Say at the field why this mesh cannot have what was typed."""
-        most = self._most
-        if kind == "count" and number > most:
+    def _fault(self, kind: str, number: float) -> str:
+        """Say why this mesh cannot have what was typed."""
+        most, (low, high) = self._most, self._fields[kind].bounds
+        if kind != "count":
+            unit = power_unit(self._document.unit, _WAYS[kind].power)
+            between = format_range(low, high, unit, word="and", digits=1)
+            text = f"{_WAYS[kind].values} of this mesh lie between about {between}."
+            return "" if low <= number <= high else text
+        if number > most:
             all_pairs = units.counted(most, "eigenpair")
-            text = f"This mesh has {units.counted(most, 'vertex')}, and so at most {all_pairs}."
-        elif kind == "count":
-            text = "The number of eigenpairs is a whole number from 1."
-        else:
-            box = self._boxes[kind]
-            name = {"max_eigenvalue": "Eigenvalues", "wavelength": "Waves", "time": "Times"}[kind]
-            between = format_range(*box.bounds, box.suffix().strip(), word="and", digits=1)
-            text = f"{name} of this mesh lie between about {between}."
-        self._refused = kind, text
-        later(self._show_reason)  # Qt tells the number that it takes instead, which is no mending
+            return f"This mesh has {units.counted(most, 'vertex')}, and so at most {all_pairs}."
+        whole = number >= 1 and number == int(number)
+        return "" if whole else "The number of eigenpairs is a whole number from 1."
 
-    def _show_reason(self) -> None:
-        kind, text = self._refused
-        self.fault.setText(text)
+    def _say(self, sentence: str) -> None:
+        """Say what is wrong, in the place of what the numbers are."""
+        self.fault.setText(sentence)
         self._show_note()
-        self._boxes[kind].selectAll()
+        if sentence:
+            later(self._bring_into_view)
+
+    def _bring_into_view(self) -> None:
         parent = self.parentWidget()
         while parent is not None and not isinstance(parent, QScrollArea):
             parent = parent.parentWidget()
@@ -195,17 +210,18 @@ class TargetBox(QWidget):
             parent.ensureWidgetVisible(self.fault, 0, theme.GAP)
 
     def _forgive(self) -> None:
-        self.fault.setText("")
-        self._show_note()
+        self._say("")
 
     def _show_note(self) -> None:
         self._told.setCurrentIndex(1 if self.fault.text() else 0)
 
-    def _choose(self, kind: Any) -> None:
-        self._forgive()
-        box = self._boxes[kind]
+    def _choose(self, kind: Any, _given: object = None) -> None:
+        self._say("")
+        value = self._fields[kind].value
+        if value is None:
+            return
         try:
-            self._document.target = Target(kind, float(box.value()))
+            self._document.target = Target(kind, value)
         except InputError:
             # half-typed; the next digit mends it
             return

@@ -55,15 +55,15 @@ class EigenvalueView:
 
     def dress(self) -> None:
         """Put on the colours of the theme."""
-        colors = theme.plot_colors()
+        colors = theme.palette()
         self.owed.setPen(None)
         self.weyl.setPen(dashed(colors.reference, 1.5))
         self.points.setPen(None)
-        self.points.setBrush(color(colors.curve))
-        self.zeros.setBrush(color(colors.background))
-        self.zeros.setPen(solid(colors.curve, 1.5))
+        self.points.setBrush(color(colors.accent))
+        self.zeros.setBrush(color(colors.surface))
+        self.zeros.setPen(solid(colors.accent, 1.5))
         self.current.setBrush(color(colors.marker))
-        self.current.setPen(solid(colors.background, 1.5))
+        self.current.setPen(solid(colors.surface, 1.5))
         self.marker.setPen(solid(colors.marker, 1.0, 0.7))
         self.marker.setHoverPen(solid(colors.marker, 3.0))
 
@@ -73,13 +73,13 @@ class EigenvalueView:
 
     def legend(self) -> str:
         """What the marks mean, as rich text."""
-        colors, spectrum = theme.plot_colors(), self._document.spectrum
+        colors, spectrum = theme.palette(), self._document.spectrum
         preview = spectrum is not None and spectrum.preview
         what = "approximate eigenvalue" if preview else "eigenvalue"
-        parts = [f'<span style="color:{colors.curve}">●</span> {what}']
+        parts = [f'<span style="color:{colors.accent}">●</span> {what}']
         if spectrum is not None and (count := first_nonzero(spectrum)):
             what = "zero mode" if count == 1 else f"{count} zero modes"
-            parts.append(f'<span style="color:{colors.curve}">○</span> {what}')
+            parts.append(f'<span style="color:{colors.accent}">○</span> {what}')
         parts.append(f'<span style="color:{colors.reference}">╌╌</span> Weyl’s law')
         return "&nbsp;&nbsp; ".join(parts)
 
@@ -96,7 +96,7 @@ class EigenvalueView:
         heights = self._heights(spectrum.eigenvalues, zeros)
         size = 5.0 if length <= 400 else 3.5
         # approximate ones are pale: the exact ones will take their places
-        self.points.setBrush(color(theme.plot_colors().curve, 0.45 if spectrum.preview else 1.0))
+        self.points.setBrush(color(theme.palette().accent, 0.45 if spectrum.preview else 1.0))
         self.points.setData(index[zeros:], heights[zeros:], size=size)
         self.zeros.setData(index[:zeros], heights[:zeros], size=6.0)
         last = max(spectrum.total, length) - 1

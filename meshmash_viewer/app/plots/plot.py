@@ -37,7 +37,7 @@ def dashed(name: str, width: float = 1.0) -> QPen:
 
 def hatch(region: pg.LinearRegionItem) -> None:
     """Draw a region as in doubt: it needs more eigenpairs."""
-    name = theme.plot_colors().hatch
+    name = theme.palette().hatch
     region.setBrush(QBrush(color(name, 0.8), Qt.BrushStyle.BDiagPattern))
     for line in region.lines:
         line.setPen(solid(name, 1.0, 0.0))
@@ -175,24 +175,22 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
 
     def dress(self) -> None:
         """Put on the colours of the theme."""
-        self.setBackground(theme.plot_colors().background)
+        self.setBackground(theme.palette().surface)
         self._dress_axes()
 
     def _dress_axes(self) -> None:
-        colors = theme.plot_colors()
+        colors = theme.palette()
         font = theme.tabular(QFont(self.font()))
         font.setPointSizeF(max(self.font().pointSizeF() * 0.9, 6.0))
         for side, text in self._labels.items():
             axis = self.getAxis(side)
             axis.setPen(solid(theme.palette().border_strong))
-            axis.setTextPen(solid(colors.foreground))
+            axis.setTextPen(solid(colors.axis))
             axis.setStyle(
                 tickFont=font, tickLength=-4, autoExpandTextSpace=True, hideOverlappingLabels=True
             )
             axis.label.setFont(font)
-            axis.setLabel(
-                text, **{"color": colors.foreground, "font-size": f"{font.pointSizeF()}pt"}
-            )
+            axis.setLabel(text, **{"color": colors.axis, "font-size": f"{font.pointSizeF()}pt"})
             axis.setGrid(False)
 
     def show_all(self) -> None:

@@ -70,7 +70,7 @@ class ResponseView:
 
     def dress(self) -> None:
         """Put on the colours of the theme."""
-        colors = theme.plot_colors()
+        colors = theme.palette()
         self.rug.setPen(solid(colors.reference, 1.0, 0.8))
         for item, name in zip(self.series, colors.series[:1] + colors.series[2:], strict=False):
             item.setPen(solid(name, 1.2, 0.75))
@@ -78,10 +78,10 @@ class ResponseView:
         self.response.setBrush(color(colors.marker, 0.18))
         hatch(self.missing)
         for line in (self.low, self.high):
-            line.setPen(solid(colors.foreground, 1.6))
-            line.setHoverPen(solid(colors.handle, 3.5))
-        self.handle.setPen(dashed(colors.handle, 1.6))
-        self.handle.setHoverPen(solid(colors.handle, 3.5))
+            line.setPen(solid(colors.axis, 1.6))
+            line.setHoverPen(solid(colors.marker, 3.5))
+        self.handle.setPen(dashed(colors.marker, 1.6))
+        self.handle.setHoverPen(solid(colors.marker, 3.5))
 
     def labels(self) -> tuple[str, str]:
         """Names of the axes, with units."""
@@ -89,7 +89,7 @@ class ResponseView:
 
     def legend(self) -> str:
         """What the marks mean, as rich text."""
-        colors = theme.plot_colors()
+        colors = theme.palette()
         ticks = f'<span style="color:{colors.reference}">|</span> eigenvalues'
         mark = f'<span style="color:{colors.marker}">▬</span>'
         return f"{mark} {self._said}&nbsp;&nbsp; {ticks}"

@@ -5,8 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from importlib.util import find_spec
 
-from meshmash_viewer.app.tabs.field_stepper import FamilyTab
-from meshmash_viewer.app.tabs.plug_in_tab import plug_in_tab
+from meshmash_viewer.app.tabs.field_stepper import FamilyTab, plug_in_tab
 from meshmash_viewer.fields.bank_columns import BankColumns
 from meshmash_viewer.fields.family import Family
 

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
-from PySide6.QtWidgets import QCheckBox, QComboBox, QLabel
 
-from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import row
-from meshmash_viewer.app.controls.scale_marks import decade_marks, log_share
-from meshmash_viewer.app.tabs.pin_chooser import PinChooser
-from meshmash_viewer.app.tabs.play_button import PlayButton
+from meshmash_viewer.app.tabs.field_stepper import PinChooser, PlayButton
 from meshmash_viewer.features.truncation import percent
 from meshmash_viewer.fields.distances import MEASURES, Distances
 from meshmash_viewer.fields.spectrum import Spectrum
@@ -21,8 +19,6 @@ from meshmash_viewer.units import format_quantity
 
 __all__ = ["DistanceTab"]
 
-#: Positions of the slider: finer than a pixel.
-_POSITIONS = 1000
 #: Missing share of a distance from which it is said.
 _TOLD = 0.01
 _LINES = "Lines at round distances"
@@ -41,53 +37,37 @@ class DistanceTab(PinChooser):
     icon = '<path d="M5 19L19 5"/><path d="M3 17l4 4M17 3l4 4"/><path d="M9 12l3 3M12 9l3 3"/>'
 
     def _build(self) -> None:
-        self.measure_combo = theme.named(QComboBox(), "distance_measure_combo", "Kind of distance")
-        for name, (text, _) in MEASURES.items():
-            self.measure_combo.addItem(text, name)
-        self.measure_combo.activated.connect(self._choose_measure)
+        self.measure_combo = make.combo(
+            "distance_measure_combo",
+            "Kind of distance",
+            lambda name: self._change(measure=name),
+            {name: text for name, (text, _) in MEASURES.items()},
+        )
         self.about = note("distance_about")
-        slider = self._make_slider("distance_time_slider", "Time of diffusion, in log scale")
-        slider.setRange(0, _POSITIONS)
-        slider.setSingleStep(10)
-        slider.setPageStep(100)
-        self.time_label = theme.named(QLabel(), "distance_time_label", "Time of diffusion")
+        self.time_label = make.label("distance_time_label", "Time of diffusion")
         self.play = PlayButton(self._document, "distance_play_button")
         self.facts = Facts({"distance_pins_label": "To the other pins"})
-        self.lines_check = theme.named(
-            QCheckBox(_LINES), "distance_lines_check", "Draw lines at round distances"
+        self.lines_check = make.check(
+            _LINES,
+            "distance_lines_check",
+            "Draw lines at round distances",
+            partial(setattr, self._document.display, "nodal_lines"),
         )
-        self.lines_check.toggled.connect(self._toggle_lines)
         self.missing_note = note("distance_missing_label", "warning")
         self._fill(
             "distance_label",
             "",
             *self._make_pin_choice(),
-            theme.with_role(QLabel("Distance"), "muted"),
+            make.muted("Distance"),
             self.measure_combo,
             self.about,
             row(self.time_label, None, self.play),
-            slider,
+            self._make_time_slider("distance_time_slider", "Time of diffusion, in log scale"),
             self.facts,
             self.lines_check,
             self.missing_note,
             self.hint,
         )
-
-    # -- from the person --------------------------------------------------------------------
-
-    def _choose_measure(self, index: int) -> None:
-        self._change(measure=self.measure_combo.itemData(index))
-
-    def _toggle_lines(self, on: bool) -> None:
-        self._document.display.nodal_lines = on
-
-    def _choose(self, position: int) -> None:
-        spectrum = self._document.scaled_spectrum
-        if spectrum is not None:
-            low, high = spectrum.time_range
-            self._change(time=low * math.exp(position / _POSITIONS * math.log(high / low)))
-
-    # -- from the model ---------------------------------------------------------------------
 
     def refresh(self) -> None:
         """Show what the model holds."""
@@ -97,7 +77,7 @@ class DistanceTab(PinChooser):
         show_note(self.about, _ABOUT[chosen.measure])
         show_quietly(self.lines_check, self._document.display.nodal_lines)
         spectrum = self._document.scaled_spectrum
-        for widget in (self.time_label, self.play, self.slider):
+        for widget in (self.time_label, self.play, self.times):
             widget.setVisible(chosen.timed)
         if chosen.timed and spectrum is not None:
             self._show_time(chosen, spectrum)
@@ -108,11 +88,8 @@ class DistanceTab(PinChooser):
             )
 
     def _show_time(self, chosen: Distances, spectrum: Spectrum) -> None:
-        low, high = spectrum.time_range
         time, unit = chosen.time_in(spectrum), self._document.unit
-        share = log_share(time, low, high)
-        show_quietly(self.slider, round(min(max(share, 0.0), 1.0) * _POSITIONS))
-        self.slider.set_marks(decade_marks(low, high))
+        self.times.show_number(time, spectrum.time_range)
         length = format_quantity(math.sqrt(time), unit)
         self.time_label.setText(f"t = {format_quantity(time, unit, 2)}, √t = {length}")
 

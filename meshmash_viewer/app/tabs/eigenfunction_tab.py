@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from PySide6.QtWidgets import QCheckBox, QPushButton
+from functools import partial
 
-from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import (
     Facts,
     format_wavelength,
@@ -34,19 +34,21 @@ class EigenfunctionTab(FieldStepper):
     icon = '<path d="M3 12c3-10 6-10 9 0s6 10 9 0"/>'
 
     def _build(self) -> None:
-        self.flip_button = theme.named(
-            QPushButton("Flip sign"),
+        self.flip_button = make.button(
+            "Flip sign",
             "flip_button",
             "Draw the eigenfunction with the other sign",
+            self._document.flip,
             tip="Draw it with the other sign, which is as good (F)",
+            checkable=True,
         )
-        self.flip_button.setCheckable(True)
-        self.flip_button.clicked.connect(self._document.flip)
         self.facts = Facts(_FACTS)
-        self.nodal_check = theme.named(
-            QCheckBox("Nodal lines, where it is zero"), "nodal_lines_check", "Draw nodal lines"
+        self.nodal_check = make.check(
+            "Nodal lines, where it is zero",
+            "nodal_lines_check",
+            "Draw nodal lines",
+            partial(setattr, self._document.display, "nodal_lines"),
         )
-        self.nodal_check.toggled.connect(self._toggle_nodal)
         self.multiplet_note = note("multiplet_label")
         self.preview_note = note("preview_label", "warning")
         self._fill(
@@ -66,13 +68,6 @@ class EigenfunctionTab(FieldStepper):
             self.preview_note,
         )
 
-    # -- from the person --------------------------------------------------------------------
-
-    def _toggle_nodal(self, on: bool) -> None:
-        self._document.display.nodal_lines = on
-
-    # -- from the model ---------------------------------------------------------------------
-
     def refresh(self) -> None:
         """Show what the model holds."""
         spectrum, display = self._document.spectrum, self._document.display
@@ -81,12 +76,10 @@ class EigenfunctionTab(FieldStepper):
         index = min(chosen.index, last)
         for control in (self.slider, self.spin):
             show_quietly(control, index, most=last)
-        suffix = f" of {last}" if spectrum is not None and len(spectrum) else ""
-        if self.spin.suffix() != suffix:
-            self.spin.setSuffix(suffix)
+        self.spin.setSuffix(f" of {last}" if spectrum is not None and len(spectrum) else "")
         self.flip_button.setChecked(index in chosen.flipped)
         show_quietly(self.nodal_check, display.nodal_lines)
-        title, told, multiplet, preview = "λ", dict.fromkeys(_FACTS, ""), "", ""
+        title, told, multiplet, preview = "λ", {}, "", ""
         if spectrum is not None and len(spectrum):
             unit, zeros = self._document.unit, first_nonzero(spectrum)
             value = 0.0 if index < zeros else float(spectrum.eigenvalues[index])
@@ -104,8 +97,7 @@ class EigenfunctionTab(FieldStepper):
                     "The exact eigenfunctions take its place as they converge."
                 )
         self.title.setText(title)
-        for name, text in told.items():
-            self.facts.show_value(name, text)
+        self.facts.show_values(told)
         show_note(self.multiplet_note, multiplet)
         show_note(self.preview_note, preview)
 

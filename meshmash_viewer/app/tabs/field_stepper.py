@@ -4,22 +4,79 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QSpinBox, QWidget
+from PySide6.QtCore import QObject, QSignalBlocker, QTimer
+from PySide6.QtWidgets import QHBoxLayout, QPushButton, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import PANEL, Part, column, row
 from meshmash_viewer.app.controls.range_box import RangeBox
-from meshmash_viewer.app.controls.step_slider import StepSlider
-from meshmash_viewer.app.listening import follow
-from meshmash_viewer.app.tabs.play_button import PlayButton
+from meshmash_viewer.app.controls.step_slider import LogSlider, StepSlider
+from meshmash_viewer.app.listening import follow, listen
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.bank_columns import MOST_COLUMNS, BankColumns
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.spectrum import Spectrum
-from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.document import Document, Pin
 from meshmash_viewer.model.field import Field
+from meshmash_viewer.model.stepping import advance
+from meshmash_viewer.units import named_vertex
 
-__all__ = ["ColumnStepper", "FamilyTab", "FieldStepper"]
+__all__ = [
+    "ColumnStepper",
+    "FamilyTab",
+    "FieldStepper",
+    "PinChooser",
+    "PlayButton",
+    "Player",
+    "plug_in_tab",
+]
+
+
+class Player(QObject):
+    """Steps the field on the render while ``display.playing`` holds, round and round."""
+
+    def __init__(self, document: Document, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._document = document
+        self._timer = QTimer(self)
+        self._timer.timeout.connect(self._step)
+        events = document.display.events
+        listen((events.playing, events.kind, document.spectrum_changed), self._refresh)
+
+    def _refresh(self) -> None:
+        display, spectrum = self._document.display, self._document.known
+        interval = display.family.interval
+        if display.playing and spectrum is not None and interval:
+            self._timer.start(interval)
+        else:
+            self._timer.stop()
+            display.playing = False
+
+    def _step(self) -> None:
+        advance(self._document)
+
+
+class PlayButton(QPushButton):
+    """Starts and stops playing."""
+
+    def __init__(self, document: Document, name: str) -> None:
+        super().__init__("Play")
+        tip = "Step by itself, round and round (Space)"
+        theme.named(self, name, "Play: step by itself", tip=tip)
+        self.setCheckable(True)
+        self._document = document
+        self.toggled.connect(self._toggle)
+        follow(document.display.events.playing, self._refresh)
+
+    def _toggle(self, on: bool) -> None:
+        self._document.display.playing = on
+
+    def _refresh(self) -> None:
+        playing = self._document.display.playing
+        self.setChecked(playing)
+        self.setText("Stop" if playing else "Play")
 
 
 class FamilyTab(QWidget):
@@ -36,8 +93,7 @@ class FamilyTab(QWidget):
         super().__init__()
         self._document = document
         self._build()
-        follow(document.spectrum_changed, self._refresh_in_front)
-        follow(document.display.events, self._refresh_in_front)
+        follow((document.spectrum_changed, document.display.events), self._refresh_in_front)
         self.refresh()
 
     def _refresh_in_front(self) -> None:
@@ -57,7 +113,7 @@ class FamilyTab(QWidget):
 
     def _fill(self, name: str, accessible: str, *parts: Part) -> None:
         """Lay the controls out, under a title of these names."""
-        self.title = theme.named(QLabel(), name, accessible, role="title")
+        self.title = make.label(name, accessible, role="title")
         self.setLayout(column(self.title, *parts, None, margins=PANEL))
 
     def _change(self, **parameters: Any) -> None:
@@ -67,8 +123,9 @@ class FamilyTab(QWidget):
 class FieldStepper(FamilyTab):
     """A tab that steps through its family.
 
-    Subclasses take what the slider or the index was moved to in `_choose`, and the two ends of a
-    range in the parameters named by `ends`.
+    Subclasses take what the slider or the index was moved to in `_choose`, or the time to which a
+    slider in log scale was moved as `time`, and the two ends of a range in the parameters named by
+    `ends`.
     """
 
     ends: ClassVar[tuple[str, str]]
@@ -81,19 +138,20 @@ class FieldStepper(FamilyTab):
         self.slider.valueChanged.connect(self._choose)
         return self.slider
 
+    def _make_time_slider(self, name: str, accessible: str) -> LogSlider:
+        self.times = theme.named(LogSlider(), name, accessible)
+        self.times.given.connect(lambda time: self._change(time=time))
+        return self.times
+
     def _make_index_row(self, name: str, accessible: str, *more: Part) -> QHBoxLayout:
         """The index as a number, and the button that plays."""
-        self.spin = theme.named(QSpinBox(), f"{name}_spin", accessible)
-        self.spin.setKeyboardTracking(False)
-        self.spin.valueChanged.connect(self._choose)
+        self.spin = make.spin(f"{name}_spin", accessible, self._choose)
         return row(self.spin, PlayButton(self._document, f"{name}_play_button"), None, *more)
 
     def _make_count_row(self, name: str, text: str, tip: str, most: int) -> QHBoxLayout:
         """The number of columns of the exported feature."""
-        self.count_spin = theme.named(QSpinBox(minimum=1, maximum=most), name, text, tip=tip)
-        self.count_spin.setKeyboardTracking(False)
-        self.count_spin.valueChanged.connect(self._set_count)
-        return row(theme.with_role(QLabel(text), "muted"), None, self.count_spin, spacing=6)
+        self.count_spin = make.spin(name, text, self._set_count, tip=tip, minimum=1, maximum=most)
+        return row(make.muted(text), None, self.count_spin, spacing=6)
 
     def _set_count(self, count: int) -> None:
         self._change(**{self.family.counted: count})
@@ -156,7 +214,7 @@ class ColumnStepper(FieldStepper):
             self._make_slider(f"{name}_slider", self.one),
             self._make_index_row(name, f"{self.one}, counted from 0"),
             self.facts,
-            theme.with_role(QLabel(self.many), "heading"),
+            make.heading(self.many),
             self._make_count_row(f"{name}_count_spin", number, self.tip, MOST_COLUMNS),
             *self._range_parts(),
             self.missing_note,
@@ -180,9 +238,83 @@ class ColumnStepper(FieldStepper):
         self.title.setText(f"{self.one} {chosen.column}")
         show_note(self.missing_note, "")
         told = self._describe(self._document.scaled_spectrum, self._document.unit)
-        for name in self.told:
-            self.facts.show_value(name, told.get(name, ""))
+        self.facts.show_values(told)
 
     def _describe(self, spectrum: Spectrum | None, unit: str) -> dict[str, str]:
         """Show what is special to the family, and give the facts about the column."""
         raise NotImplementedError
+
+
+class PlugInTab(ColumnStepper):
+    """Step through the columns, of which the family says the quantity."""
+
+    icon = '<path d="M6 2v4M10 2v4M4 6h8v3a4 4 0 0 1-8 0zM8 13v3"/>'
+    one = "Column"
+    many = "Columns"
+
+    def _describe(self, spectrum: Spectrum | None, unit: str) -> dict[str, str]:
+        if spectrum is None:
+            return {}
+        chosen = self._document.display[self.family]
+        try:
+            return dict.fromkeys(self.told, chosen.quantity(spectrum, unit))
+        except InputError as fault:
+            show_note(self.missing_note, str(fault))
+            return {}
+
+
+def plug_in_tab(family: type[BankColumns]) -> type[PlugInTab]:
+    """The class of the controls of a family that has none of its own."""
+    told = {f"{family.name}_quantity_label": "This column"}
+    parts = {"family": family, "tip": family.tip, "told": told}
+    return type(f"{family.__name__}Tab", (PlugInTab,), parts)
+
+
+class PinChooser(FieldStepper):
+    """A tab of a family with a `vertex`, which follows the newest pin."""
+
+    def __init__(self, document: Document) -> None:
+        self._pins: tuple[Pin, ...] = ()
+        super().__init__(document)
+        listen(document.pins_changed, self._follow_pins)
+        self._follow_pins()
+
+    def _make_pin_choice(self) -> tuple[Part, ...]:
+        name = self.family.name
+        self.hint = note(f"{name}_hint")
+        self.combo = make.combo(
+            f"{name}_vertex_combo", "Pinned vertex to measure from", self._choose_pin
+        )
+        above = make.muted("From pinned vertex")
+        above.setBuddy(self.combo)
+        return above, self.combo
+
+    def _choose_pin(self, row: int) -> None:
+        self._change(vertex=self._document.pins[row].vertex)
+
+    def _follow_pins(self) -> None:
+        """Measure from the newest pin; from the last one left where its pin was taken away."""
+        pins = self._document.pins
+        vertex: int | None = getattr(self._document.display[self.family], "vertex")  # noqa: B009
+        before = {pin.vertex for pin in self._pins}
+        self._pins = pins
+        vertices = [pin.vertex for pin in pins]
+        if vertices and (vertices[-1] not in before or vertex not in vertices):
+            self._change(vertex=vertices[-1])
+        elif not vertices:
+            self._change(vertex=None)
+        with QSignalBlocker(self.combo):
+            self.combo.clear()
+            for pin in pins:
+                text = f"{pin.number} · {named_vertex(pin.vertex).capitalize()}"
+                self.combo.addItem(make.dot(pin.color), text)
+        self.refresh()
+
+    def _show_pin(self, vertex: int | None) -> str:
+        """Show from which pin is measured, and say which vertex that is."""
+        pins = self._document.pins
+        row = next((row for row, pin in enumerate(pins) if pin.vertex == vertex), -1)
+        self.combo.setCurrentIndex(row)
+        self.combo.setEnabled(bool(pins))
+        show_note(self.hint, "" if pins else "Click a vertex on the render to pin it.")
+        return "a vertex" if vertex is None or row < 0 else named_vertex(vertex)

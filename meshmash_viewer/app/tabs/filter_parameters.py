@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import math
-
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.facts import format_wavelength, note, show_note, show_quietly
+from meshmash_viewer.app.controls import make
+from meshmash_viewer.app.controls.facts import format_wavelength, note, show_note
 from meshmash_viewer.app.controls.layout import column, row
 from meshmash_viewer.app.controls.number_field import NumberField
-from meshmash_viewer.app.controls.scale_marks import log_share
-from meshmash_viewer.app.controls.step_slider import StepSlider
+from meshmash_viewer.app.controls.step_slider import LogSlider
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.formula import MOST_NAMES
 from meshmash_viewer.fields.filters import Filters
@@ -21,9 +19,6 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.units import format_quantity, power_unit
 
 __all__ = ["FilterParameters", "refusal"]
-
-#: Positions of a slider: finer than a pixel.
-_POSITIONS = 1000
 
 
 class FilterParameters(QWidget):
@@ -96,17 +91,13 @@ class ParameterRow(QWidget):
 
     def __init__(self, name: str) -> None:
         super().__init__()
-        self._name, self._span = "", (1.0, 1.0)
-        self.label = theme.named(QLabel(), f"{name}_label", "Parameter")
-        self.slider = theme.named(StepSlider(), f"{name}_slider", "Parameter, in log scale")
-        self.slider.setRange(0, _POSITIONS)
-        self.slider.setSingleStep(10)
-        self.slider.setPageStep(100)
-        self.slider.valueChanged.connect(self._slide)
+        self._name = ""
+        self.label = make.label(f"{name}_label", "Parameter")
+        self.slider = theme.named(LogSlider(), f"{name}_slider", "Parameter, in log scale")
         self.field = NumberField(f"{name}_field", "Parameter")
-        self.field.edited.connect(lambda value: self.chosen.emit(self._name, value))
-        self.unit = theme.with_role(QLabel(), "muted")
-        self.length = theme.with_role(QLabel(), "muted")
+        for given in (self.slider.given, self.field.edited):
+            given.connect(lambda value: self.chosen.emit(self._name, value))
+        self.unit, self.length = make.muted(), make.muted()
         self.fault = note(f"{name}_fault", "warning")
         self.field.refused.connect(lambda sentence: show_note(self.fault, sentence))
         above = row(self.label, self.length, None, self.field, self.unit, spacing=6)
@@ -116,22 +107,16 @@ class ParameterRow(QWidget):
         self, name: str, value: float, span: tuple[float, float], power: int, unit: str
     ) -> None:
         """Show a parameter that is a power of length."""
-        self._name, self._span = name, span
-        low, high = span
+        self._name = name
         self.label.setText(name)
         for control in (self.slider, self.field):
             control.setAccessibleName(f"Parameter {name}")
-        share = log_share(value, low, high) if value > 0.0 else 0.0
-        show_quietly(self.slider, round(min(max(share, 0.0), 1.0) * _POSITIONS))
+        self.slider.show_number(value, span, marked=False)
         written = power_unit(unit, power) if power else ""
         self.unit.setText(written)
         self.unit.setVisible(bool(written))
         self.field.show_value(value, written)
         self.length.setText(_length(value, power, unit))
-
-    def _slide(self, position: int) -> None:
-        low, high = self._span
-        self.chosen.emit(self._name, low * math.exp(position / _POSITIONS * math.log(high / low)))
 
 
 def _length(value: float, power: int, unit: str) -> str:

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import math
 
-from PySide6.QtCore import QSignalBlocker
-from PySide6.QtWidgets import QComboBox, QLabel, QLineEdit
+from PySide6.QtWidgets import QLineEdit
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.facts import (
-    reserved_note,
-    show_quietly,
-)
+from meshmash_viewer.app.controls import make
+from meshmash_viewer.app.controls.facts import reserved_note, show_quietly
 from meshmash_viewer.app.controls.layout import row
-from meshmash_viewer.app.tabs.field_stepper import FieldStepper
+from meshmash_viewer.app.tabs.field_stepper import FieldStepper, PlayButton
 from meshmash_viewer.app.tabs.filter_parameters import FilterParameters, refusal
-from meshmash_viewer.app.tabs.play_button import PlayButton
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.formula import MOST_CHARACTERS, Formula
 from meshmash_viewer.fields.bank_columns import MOST_COLUMNS
@@ -25,8 +21,6 @@ from meshmash_viewer.units import power_unit
 
 __all__ = ["FilterTab"]
 
-#: Positions of a slider: finer than a pixel.
-_POSITIONS = 1000
 #: What the list calls a filter that is none of the ready ones.
 _OWN = "Formula"
 _HINT = "x is λ; other names become sliders. Arithmetic, comparisons, exp, log, sqrt, where, …"
@@ -40,12 +34,10 @@ class FilterTab(FieldStepper):
     ends = "low", "high"
 
     def _build(self) -> None:
-        self.combo = theme.named(QComboBox(), "filter_combo", "Ready filters")
+        self.combo = make.combo("filter_combo", "Ready filters", self._choose_ready)
         self.combo.addItems([*READY, _OWN])
-        self.combo.activated.connect(self._choose_ready)
-        self.edit = theme.named(QLineEdit(), "filter_formula_edit", "Formula of the filter")
-        self.edit.setMaxLength(MOST_CHARACTERS)
-        self.edit.setToolTip(_HINT)
+        self.edit = QLineEdit(maxLength=MOST_CHARACTERS)
+        theme.named(self.edit, "filter_formula_edit", "Formula of the filter", tip=_HINT)
         self.edit.textEdited.connect(self._check)
         self.edit.editingFinished.connect(self._take_formula)
         self.fault = reserved_note("filter_fault", 2, "muted", "What is wrong with the formula")
@@ -59,7 +51,7 @@ class FilterTab(FieldStepper):
             self.fault,
             self.parameters,
             row(PlayButton(self._document, "filter_play_button"), None),
-            theme.with_role(QLabel("Exported columns"), "heading"),
+            make.heading("Exported columns"),
             self._make_count_row(
                 "filter_count_spin",
                 "Number of columns",
@@ -118,8 +110,7 @@ class FilterTab(FieldStepper):
         """Show what the model holds."""
         chosen, spectrum = self._chosen, self._document.scaled_spectrum
         named = next((name for name, text in READY.items() if text == chosen.text), _OWN)
-        with QSignalBlocker(self.combo):
-            self.combo.setCurrentText(named)
+        self.combo.setCurrentText(named)
         self.title.setText(named)
         if not (self.edit.hasFocus() and self.edit.isModified()):
             self.edit.setText(chosen.text)

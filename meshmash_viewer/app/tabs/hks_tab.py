@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 
-from PySide6.QtWidgets import QLabel
-
-from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import (
     Facts,
     estimated_pairs,
@@ -15,9 +13,8 @@ from meshmash_viewer.app.controls.facts import (
     show_quietly,
 )
 from meshmash_viewer.app.controls.layout import row
-from meshmash_viewer.app.controls.scale_marks import decade_marks, log_share
-from meshmash_viewer.app.tabs.field_stepper import FieldStepper
-from meshmash_viewer.app.tabs.play_button import PlayButton
+from meshmash_viewer.app.controls.scale_marks import log_share
+from meshmash_viewer.app.tabs.field_stepper import FieldStepper, PlayButton
 from meshmash_viewer.features.filters import heat_kernel_bank
 from meshmash_viewer.features.truncation import percent
 from meshmash_viewer.fields.family import MOST_COUNT
@@ -27,9 +24,6 @@ from meshmash_viewer.spectral.weyl import required_eigenvalue, resolved_time
 from meshmash_viewer.units import format_quantity, power_unit
 
 __all__ = ["HksTab"]
-
-#: Positions of the slider: finer than a pixel.
-_POSITIONS = 1000
 
 
 class HksTab(FieldStepper):
@@ -42,14 +36,12 @@ class HksTab(FieldStepper):
     def _build(self) -> None:
         self.facts = Facts({"hks_length_label": "Length √t"})
         self.missing_note = note("hks_missing_label", "warning")
-        slider = self._make_slider("hks_time_slider", "Time, in log scale")
-        slider.setRange(0, _POSITIONS)
         self._fill(
             "hks_time_label",
             "Time of the heat kernel signature",
-            slider,
+            self._make_time_slider("hks_time_slider", "Time, in log scale"),
             row((self.facts,), PlayButton(self._document, "hks_play_button")),
-            theme.with_role(QLabel("Times"), "heading"),
+            make.heading("Times"),
             self._make_count_row(
                 "hks_scales_spin",
                 "Number of times",
@@ -65,24 +57,13 @@ class HksTab(FieldStepper):
             self.missing_note,
         )
 
-    def _choose(self, position: int) -> None:
-        between = self._range()
-        if between is not None:
-            low, high = between
-            share = position / self.slider.maximum()
-            self._change(time=low * math.exp(share * math.log(high / low)))
-
-    # -- from the model ---------------------------------------------------------------------
-
     def refresh(self) -> None:
         """Show what the model holds."""
         document, unit, between = self._document, self._document.unit, self._range()
         chosen = document.display[HeatKernelSignature]
         show_quietly(self.count_spin, chosen.scales)
-        self.slider.setEnabled(between is not None)
-        one = max(round(_POSITIONS / max(chosen.scales - 1, 1)), 1)  # a time of the feature
-        self.slider.setSingleStep(one)
-        self.slider.setPageStep(min(10 * one, _POSITIONS))
+        self.times.setEnabled(between is not None)
+        self.times.set_steps(chosen.scales - 1)  # one is a time of the feature
         shortest, longest = (resolved_time(value) for value in document.translation().bounds[::-1])
         self.range_box.show_range(
             between, power_unit(unit, 2), (shortest, longest), automatic=chosen.automatic
@@ -90,17 +71,14 @@ class HksTab(FieldStepper):
         if between is None or document.spectrum is None:
             self.title.setText("t")
             self.facts.show_value("hks_length_label", "")
-            self.slider.set_marks(())
+            self.times.set_marks(())
             self._show_missing(None, "")
             return
         time = chosen.time_in(document.spectrum)
-        low, high = between
-        share = log_share(time, low, high)
-        show_quietly(self.slider, round(share * self.slider.maximum()))
-        self.slider.set_marks(decade_marks(low, high))
+        self.times.show_number(time, between)
         self.title.setText(f"t = {format_quantity(time, unit, 2)}")
         self.facts.show_value("hks_length_label", format_quantity(math.sqrt(time), unit))
-        self._mark_missing(document.spectrum, low, high, time)
+        self._mark_missing(document.spectrum, *between, time)
 
     def _mark_missing(self, spectrum: Spectrum, low: float, high: float, time: float) -> None:
         """Hatch the times that the pairs at hand cannot resolve, and say what would do it."""
@@ -121,5 +99,5 @@ class HksTab(FieldStepper):
         )
 
     def _show_missing(self, hatched: tuple[float, float] | None, sentence: str) -> None:
-        self.slider.set_hatched(hatched)
+        self.times.set_hatched(hatched)
         show_note(self.missing_note, sentence)

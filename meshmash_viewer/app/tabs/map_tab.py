@@ -6,19 +6,10 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QSignalBlocker, Qt
-from PySide6.QtGui import QColor, QIcon, QPixmap
-from PySide6.QtWidgets import (
-    QComboBox,
-    QFileDialog,
-    QLabel,
-    QListWidget,
-    QListWidgetItem,
-    QPushButton,
-    QSizePolicy,
-    QWidget,
-)
+from PySide6.QtWidgets import QFileDialog, QListWidget, QListWidgetItem, QSizePolicy, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import column, row
 from meshmash_viewer.app.controls.segments import Segments
@@ -62,14 +53,12 @@ class MapTab(FieldStepper):
     def _build(self) -> None:
         self.list = _list("map_list", "Maps of this mesh")
         self.list.currentItemChanged.connect(self._choose_map)
-        self.add_button = theme.named(
-            QPushButton("Add map…"), "map_add_button", "Add maps from files"
+        self.add_button = make.button(
+            "Add map…", "map_add_button", "Add maps from files", self._add
         )
-        self.add_button.clicked.connect(self._add)
-        self.remove_button = theme.named(
-            QPushButton("Remove"), "map_remove_button", "Take the map away from the mesh"
+        self.remove_button = make.button(
+            "Remove", "map_remove_button", "Take the map away from the mesh", self._remove
         )
-        self.remove_button.clicked.connect(self._remove)
         self.facts = Facts(_FACTS)
         self.views = Segments("map_view", "What is shown of the map", VIEWS)
         self.views.chosen.connect(lambda key: self._change(view=key))
@@ -81,37 +70,36 @@ class MapTab(FieldStepper):
         self._listed: tuple[str, ...] | None = None
         slider = self._make_slider("map_pairs_slider", "Number of the lowest eigenpairs")
         pairs = self._make_index_row("map_pairs", "Number of the lowest eigenpairs")
-        self.save_button = theme.named(
-            QPushButton("Save coefficients…"),
+        self.save_button = make.button(
+            "Save coefficients…",
             "map_save_button",
             "Save the coefficients of the map",
+            self._save,
             tip="Eigenvalue, coefficient and share of the energy of each pair, as a table",
         )
-        self.save_button.clicked.connect(self._save)
         self._sum, self._on_pairs = QWidget(), QWidget()
         self._sum.setLayout(column(slider, pairs, self.shares, row(self.save_button, None)))
-        self.filter_combo = theme.named(
-            QComboBox(),
+        self.filter_combo = make.combo(
             "map_filter_combo",
             "Filter that the map is passed through",
+            self._choose_filter,
             tip="Φ h(Λ) Φᵀ M f. A formula of one's own is written on the Filter tab",
         )
-        self.filter_combo.activated.connect(self._choose_filter)
         self.filter_fault = note("map_filter_fault", "warning")
         self.parameters = FilterParameters(self._document, "map_")
         self.parameters.tried.connect(lambda said: show_note(self.filter_fault, said))
         self._filter = QWidget()
-        self.keep_button = theme.named(
-            QPushButton("Keep as a map"),
+        self.keep_button = make.button(
+            "Keep as a map",
             "map_keep_button",
             "Keep the filtered map as a map",
+            self._keep,
             tip="It joins the maps above: compare it with them, filter it again, export it",
         )
-        self.keep_button.clicked.connect(self._keep)
         self._field: Field | None = None
         keep = row(self.keep_button, None)
         self._filter.setLayout(column(self.filter_combo, self.parameters, self.filter_fault, keep))
-        heading = theme.with_role(QLabel("On the eigenpairs"), "heading")
+        heading = make.heading("On the eigenpairs")
         self._on_pairs.setLayout(column(heading, self.views, self._sum, self._filter))
         self._fill(
             "map_label",
@@ -207,9 +195,7 @@ class MapTab(FieldStepper):
         self.remove_button.setEnabled(resolved.shown is not None)
         self.title.setText(resolved.chosen)
         shown = resolved.vertex_map(spectrum)
-        told = {} if shown is None else _told(shown, resolved.mean(spectrum))
-        for name in _FACTS:
-            self.facts.show_value(name, told.get(name, ""))
+        self.facts.show_values({} if shown is None else _told(shown, resolved.mean(spectrum)))
         self._refresh_pairs(spectrum, resolved)
         self._refresh_labels(resolved.labels(spectrum, self._document.unit))
 
@@ -234,9 +220,7 @@ class MapTab(FieldStepper):
         usable, last = bool(len(spectrum)) and not labelled, max(len(spectrum), 1)
         count = self._document.display[OwnMaps].within(spectrum).pairs
         for control in (self.slider, self.spin):
-            with QSignalBlocker(control):
-                control.setRange(1, last)
-            show_quietly(control, count)
+            show_quietly(control, count, most=last, least=1)
         self._on_pairs.setVisible(usable)
         self._sum.setVisible(resolved.view in ("map", "pairs"))
         self._filter.setVisible(resolved.view == "filter")
@@ -246,9 +230,7 @@ class MapTab(FieldStepper):
         self.views.show_key(resolved.view)
         known = resolved.map_spectrum(spectrum) if usable else None
         self.save_button.setEnabled(known is not None)
-        told = {} if known is None else _shares(known, count)
-        for name in _SHARES:
-            self.shares.show_value(name, told.get(name, ""))
+        self.shares.show_values({} if known is None else _shares(known, count))
         hint = ""
         if labelled:
             hint = "Labels are names, not numbers: they have no spectrum."
@@ -274,9 +256,7 @@ class MapTab(FieldStepper):
             self._shown_labels = labels
             self.labels.clear()
             for label in labels:
-                swatch = QPixmap(12, 12)
-                swatch.fill(QColor(label.color))
-                QListWidgetItem(QIcon(swatch), label.name or str(label.key), self.labels)
+                QListWidgetItem(make.dot(label.color), label.name or str(label.key), self.labels)
             _show_lines(self.labels, _LABEL_LINES)
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from PySide6.QtWidgets import QLabel
-
-from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import note, show_note
 from meshmash_viewer.app.controls.segments import Segments
-from meshmash_viewer.app.tabs.pin_chooser import PinChooser
+from meshmash_viewer.app.tabs.field_stepper import PinChooser
 from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.units import counted
@@ -29,24 +27,17 @@ class SimilarityTab(PinChooser):
             "Features to measure in",
             {name: family.short for name, family in FEATURES.items()},
         )
-        self.basis.chosen.connect(self._choose_basis)
+        self.basis.chosen.connect(lambda key: self._change(basis=key))
         self.explanation = note("similarity_explanation")
         self._fill(
             "similarity_label",
             "",
             *self._make_pin_choice(),
-            theme.with_role(QLabel("Distance measured in"), "muted"),
+            make.muted("Distance measured in"),
             self.basis,
             self.explanation,
             self.hint,
         )
-
-    # -- from the person --------------------------------------------------------------------
-
-    def _choose_basis(self, key: str) -> None:
-        self._change(basis=key)
-
-    # -- from the model ---------------------------------------------------------------------
 
     def refresh(self) -> None:
         """Show what the model holds."""

@@ -13,7 +13,6 @@ from PySide6.QtCore import QPoint, QPointF, QSize, Qt, QThreadPool, QTimer, Sign
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
-from meshmash_viewer.app.listening import frame_drawn
 from meshmash_viewer.app.view.annotations import BAR_SPACE, title_size
 from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.app.view.colors import ColorMap
@@ -422,7 +421,6 @@ class MeshView(QWidget):
         self.plotter.draw()
         window.WaitForCompletion()  # a graphics card would otherwise look fast and be late
         took = perf_counter() - started
-        frame_drawn()
         if self._first:
             self._first = False
             self.first_frame.emit()
