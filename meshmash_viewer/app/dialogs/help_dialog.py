@@ -101,7 +101,7 @@ class AboutDialog(QMessageBox):
         self.setObjectName("about_dialog")
         self.setWindowTitle("About MeshMash Viewer")
         self.setIconPixmap(icons.application_icon().pixmap(64, 64))
-        self.setText("MeshMash Viewer")
+        self.setText("<big><b>MeshMash Viewer</b></big>")
         self.setInformativeText("\n\n".join((_WHAT, _METHODS, versions())))
         self.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.addButton(self.StandardButton.Close)
