@@ -72,7 +72,7 @@ def test_a_picture_that_cannot_be_written_leaves_the_dialog_as_it_was(
     qtbot.waitUntil((tmp_path / "bun.png").exists, timeout=PATIENCE)
     again = asked(qtbot, window, "picture_dialog", Qt.Key.Key_S, SHIFT)
     assert isinstance(again, PictureDialog)
-    assert again.transparent
+    assert again.choice.transparent
     assert again.path == tmp_path / "bun.png"
     assert "will be replaced" in again.remark_label.text()
     again.reject()

@@ -224,7 +224,7 @@ def test_the_field_swings_along_the_normals(window: MainWindow) -> None:
     QTest.mouseClick(button, LEFT)
     rest(window)
     np.testing.assert_array_equal(drawn(window), at_home(window))
-    assert window.scene.can_pick
+    wait_for(lambda: window.scene.can_pick)
     window.document.display.kind = "hks"
     rest(window)
     assert not button.isEnabled()
