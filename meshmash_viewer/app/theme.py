@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
 from pathlib import Path
 from string import Template
 from typing import Any, ClassVar, Generic, TypeVar
@@ -265,12 +266,15 @@ def _refresh() -> None:
             basics += f"{{ background: {colors.window}; }} "
             basics += f"QWidget:disabled {{ color: {colors.disabled}; }} "
             sheet = basics + sheet
-        target.setPalette(_qt_palette(colors))
+        target.setPalette(_qt_palette(_State.dark))
         target.setStyleSheet(sheet)
     notifier().changed.emit()
 
 
-def _qt_palette(colors: Palette) -> QPalette:
+@cache
+def _qt_palette(dark: bool) -> QPalette:
+    """The same one each time: Qt keeps what it has drawn by palette."""
+    colors = Palette(dark)
     role = QPalette.ColorRole
     result = QPalette()
     for which, color in {
