@@ -10,9 +10,9 @@ import numpy as np
 
 from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.fields.family import Answer, Family, Profile, Samples, Table, parameter
+from meshmash_viewer.fields.schema import whole
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.schema import whole
 
 __all__ = ["MOST_COLUMNS", "BankColumns"]
 

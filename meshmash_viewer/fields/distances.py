@@ -23,9 +23,9 @@ from meshmash_viewer.features.distances import (
 from meshmash_viewer.features.sums import Features, sum_squares
 from meshmash_viewer.fields.family import Answer, ColumnArray, Family, Option, Table, parameter
 from meshmash_viewer.fields.heat_table import build_heat_table
+from meshmash_viewer.fields.schema import MOST_INDEX, choice, number, whole
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, same_pairs
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.schema import MOST_INDEX, choice, number, whole
 from meshmash_viewer.units import counted, format_quantity, named_vertex, power_unit
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from meshmash_viewer.fields.family import (
     Table,
     parameter,
 )
+from meshmash_viewer.fields.schema import MOST_INDEX, listing, whole
 from meshmash_viewer.fields.spectrum import Spectrum
-from meshmash_viewer.schema import MOST_INDEX, listing, whole
 from meshmash_viewer.units import format_quantity, named_quantity, power_unit, subscript
 
 if TYPE_CHECKING:

@@ -16,9 +16,9 @@ import numpy.typing as npt
 
 from meshmash_viewer.features.filters import FilterBank
 from meshmash_viewer.features.sums import Features, truncated_features
+from meshmash_viewer.fields.schema import Check, none_or
 from meshmash_viewer.fields.spectrum import Spectrum, same_pairs
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.schema import Check, none_or
 from meshmash_viewer.units import power_unit
 from meshmash_viewer.vertex_map import Label
 
@@ -54,8 +54,8 @@ def parameter(default: Any, check: Check | None, *, power: int = 0, vertex: bool
     default : Any
         None is a value, too: left open.
     check : callable or None
-        What other values may be, see `meshmash_viewer.schema`; None for the name of a feature,
-        which their table knows.
+        What other values may be, see `meshmash_viewer.fields.schema`; None for the name of a
+        feature, which their table knows.
     power : int
         Of a length that it is.
     vertex : bool

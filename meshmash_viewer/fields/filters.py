@@ -32,9 +32,9 @@ from meshmash_viewer.fields.family import (
 )
 from meshmash_viewer.fields.pair_table import MOST_COLUMNS as MOST_BENDS
 from meshmash_viewer.fields.pair_table import PairTable, build_pair_table, summed
+from meshmash_viewer.fields.schema import checked_text, flag, named, number, whole
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, same_pairs
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.schema import checked_text, flag, named, number, whole
 from meshmash_viewer.units import format_number, format_quantity, named_quantity
 
 if TYPE_CHECKING:

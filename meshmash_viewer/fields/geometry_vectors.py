@@ -13,8 +13,8 @@ from meshmash_viewer.features.filter_responses import SplineResponse
 from meshmash_viewer.features.filters import FilterBank, bspline_bank
 from meshmash_viewer.fields.bank_columns import BankColumns
 from meshmash_viewer.fields.family import Family, FloatArray, Response, parameter
+from meshmash_viewer.fields.schema import flag, number
 from meshmash_viewer.fields.spectrum import Spectrum
-from meshmash_viewer.schema import flag, number
 from meshmash_viewer.spectral.weyl import weyl_eigenvalue
 from meshmash_viewer.units import format_range, named_quantity
 

@@ -25,9 +25,9 @@ from meshmash_viewer.fields.family import (
     parameter,
 )
 from meshmash_viewer.fields.heat_table import build_heat_table
+from meshmash_viewer.fields.schema import flag, number, whole
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, grew
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.schema import flag, number, whole
 from meshmash_viewer.spectral.weyl import resolved_time
 from meshmash_viewer.units import format_quantity, named_quantity
 

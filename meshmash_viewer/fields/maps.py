@@ -33,10 +33,10 @@ from meshmash_viewer.fields.family import (
 from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.pair_table import MOST_COLUMNS as MOST_BENDS
 from meshmash_viewer.fields.pair_table import PairTable, build_pair_table, summed
+from meshmash_viewer.fields.schema import MOST_INDEX, choice, text, whole
 from meshmash_viewer.fields.spectrum import Spectrum, grew, same_pairs
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.schema import MOST_INDEX, choice, text, whole
 from meshmash_viewer.spectral.weyl import wavelength
 from meshmash_viewer.units import format_number, format_quantity, power_unit
 from meshmash_viewer.vertex_map import Label, VertexMap

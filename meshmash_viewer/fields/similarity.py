@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.fields.family import Answer, Family, Table, parameter
+from meshmash_viewer.fields.schema import MOST_INDEX, whole
 from meshmash_viewer.fields.spectrum import Spectrum, grew
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.schema import MOST_INDEX, whole
 from meshmash_viewer.units import named_vertex
 
 __all__ = ["Similarity", "SimilarityTable", "build_similarity_table"]

@@ -9,9 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.health import REPAIRS
-from meshmash_viewer.io.atomic import writing_errors, written_whole
-from meshmash_viewer.schema import (
+from meshmash_viewer.fields.schema import (
     MOST_INDEX,
     Check,
     Refused,
@@ -24,6 +22,8 @@ from meshmash_viewer.schema import (
     understood,
     whole,
 )
+from meshmash_viewer.health import REPAIRS
+from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.spectral.weyl import TARGET_KINDS
 from meshmash_viewer.units import parse_unit
 

@@ -10,8 +10,8 @@ from psygnal import SignalGroupDescriptor
 
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family, parameter
+from meshmash_viewer.fields.schema import MOST_INDEX, flag, number, whole
 from meshmash_viewer.model.limits import LimitPolicy
-from meshmash_viewer.schema import MOST_INDEX, flag, number, whole
 
 __all__ = ["FEWEST_PAIRS", "MOST_AMPLITUDE", "Display", "Shape"]
 

@@ -9,15 +9,7 @@ from typing import Any
 
 from meshmash_viewer.fields import FAMILIES, FEATURES
 from meshmash_viewer.fields.family import Family
-from meshmash_viewer.model.display import Display, Shape
-from meshmash_viewer.model.limits import (
-    LimitPolicy,
-    LockedLimits,
-    MinMaxLimits,
-    PercentileLimits,
-    SymmetricLimits,
-)
-from meshmash_viewer.schema import (
+from meshmash_viewer.fields.schema import (
     Check,
     Refused,
     choice,
@@ -25,6 +17,14 @@ from meshmash_viewer.schema import (
     number,
     record,
     understood,
+)
+from meshmash_viewer.model.display import Display, Shape
+from meshmash_viewer.model.limits import (
+    LimitPolicy,
+    LockedLimits,
+    MinMaxLimits,
+    PercentileLimits,
+    SymmetricLimits,
 )
 
 __all__ = ["display_from_json", "display_to_json", "drop_vertices", "read_display"]
