@@ -15,9 +15,9 @@ from meshmash_viewer.features.map_spectrum import (
     MapSpectrum,
     band_edges,
     dominant_bands,
-    partial_sum,
     project,
 )
+from meshmash_viewer.features.sums import fill_in_parts
 from meshmash_viewer.fields.family import (
     Answer,
     ColumnArray,
@@ -64,8 +64,8 @@ CURVATURES: dict[str, tuple[Callable[[Mesh], FloatArray], int, str]] = {
 }
 #: What is shown of a map.
 VIEWS = {"map": "Map", "pairs": "From pairs", "filter": "Filtered", "band": "Band"}
-#: Of the areas of the vertices, among what is derived from the mesh.
-_AREAS = "areas of the vertices"
+#: Of the means of maps, among what is derived from the mesh.
+_MEANS = "means of maps"
 #: Of the spectra of maps there, with the pairs that they are on.
 _PROJECTED = "spectra of maps"
 
@@ -207,7 +207,7 @@ class OwnMaps(Family):
         """A draft while the map's spectrum is still to come; None where that is needed."""
         ready = self.prepared(spectrum, table)
         if self.view == "map":
-            return Answer(self._values(spectrum).shown, not ready)
+            return Answer(self._shown_map(spectrum).shown, not ready)
         if table is None or not (ready or self.serves(spectrum, table)):
             return None
         content: _Sums = table.content
@@ -237,7 +237,7 @@ class OwnMaps(Family):
         return self.view != "band" or table.content.bands is not None
 
     def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
-        values = self._values(spectrum)
+        values = self._shown_map(spectrum)
         mass = spectrum.vertex_areas
         found = project(spectrum.eigenvalues, spectrum.rows, mass, values.values, cancel)
         _projected(spectrum)[values] = spectrum, found
@@ -293,27 +293,22 @@ class OwnMaps(Family):
         NaN before the map has been shown once, for labels, and without values on the surface.
         """
         shown, mesh = self.vertex_map(spectrum), spectrum.mesh
-        areas = None if mesh is None else mesh.derived.get(_AREAS)
-        if shown is None or shown.labels or areas is None:
+        if shown is None or mesh is None:
             return np.nan
-        weights = areas * np.isfinite(shown.values)
-        total = weights.sum()
-        return float(weights @ np.nan_to_num(shown.values) / total) if total > 0.0 else np.nan
+        return float(_kept(mesh, _MEANS).get(shown, np.nan))
 
-    def _values(self, spectrum: Spectrum) -> VertexMap:
+    def _shown_map(self, spectrum: Spectrum) -> VertexMap:
         """The map, computed where it is a curvature that is not known yet."""
         known, mesh = self.vertex_map(spectrum), spectrum.mesh
-        if mesh is not None and _AREAS not in mesh.derived:
-            from meshmash_viewer.laplacian import compute_vertex_areas  # which loads SciPy
-
-            mesh.derived[_AREAS] = compute_vertex_areas(mesh)
-        if known is not None:
-            return known
-        assert mesh is not None
-        function, power, _ = CURVATURES[self.chosen]
-        made = VertexMap(self.chosen, function(mesh), unit=power_unit(mesh.unit, power))
-        mesh.derived[self.chosen, mesh.unit] = made
-        return made
+        if known is None:
+            assert mesh is not None
+            function, power, _ = CURVATURES[self.chosen]
+            known = VertexMap(self.chosen, function(mesh), unit=power_unit(mesh.unit, power))
+            mesh.derived[self.chosen, mesh.unit] = known
+        means = {} if mesh is None else _kept(mesh, _MEANS)
+        if mesh is not None and not known.labels and known not in means:
+            means[known] = _mean_over(mesh, known.values)
+        return known
 
     # -- plots --------------------------------------------------------------------------------
 
@@ -400,15 +395,27 @@ class OwnMaps(Family):
 
 
 def _projected(spectrum: Spectrum) -> WeakKeyDictionary[VertexMap, tuple[Spectrum, MapSpectrum]]:
-    """Spectra by map: made in the thread that answers, read by whoever draws.
+    """Spectra by map: made in the thread that answers, read by whoever draws."""
+    return WeakKeyDictionary() if spectrum.mesh is None else _kept(spectrum.mesh, _PROJECTED)
 
-    They are kept with the mesh, since pairs know it and it knows the maps: kept by anything that
-    outlives it, none of them would ever go.
+
+def _kept(mesh: Mesh, name: str) -> WeakKeyDictionary[VertexMap, Any]:
+    """What is known of maps.
+
+    It is kept with the mesh, since pairs know it and it knows the maps: kept by anything that
+    outlives it, none of it would ever go.
     """
-    known: Any = {} if spectrum.mesh is None else spectrum.mesh.derived
-    found: WeakKeyDictionary[VertexMap, tuple[Spectrum, MapSpectrum]]
-    found = known.setdefault(_PROJECTED, WeakKeyDictionary())
-    return found
+    known: WeakKeyDictionary[VertexMap, Any] = mesh.derived.setdefault(name, WeakKeyDictionary())
+    return known
+
+
+def _mean_over(mesh: Mesh, values: FloatArray) -> float:
+    """Mean over the surface where there are values."""
+    from meshmash_viewer.laplacian import compute_vertex_areas  # which loads SciPy
+
+    weights = compute_vertex_areas(mesh) * np.isfinite(values)
+    total = weights.sum()
+    return float(weights @ np.nan_to_num(values) / total) if total > 0.0 else np.nan
 
 
 class _Sums:
@@ -426,10 +433,17 @@ class _Sums:
         known, total = self._last
         if total is None or abs(count - known) > count:
             known, total = 0, np.zeros(rows.shape[1])
-        change = partial_sum(rows, self.spectrum.coefficients, *sorted((count, known)))
-        np.add(total, change if count >= known else -change, out=total)
+        first, last = sorted((count, known))
+        change = self.spectrum.coefficients[first:last] * (1.0 if count >= known else -1.0)
+        shown = np.empty(len(total), dtype=np.float32)
+
+        def fill(part: slice) -> None:
+            total[part] += change @ rows[first:last, part]
+            shown[part] = total[part]
+
+        fill_in_parts(len(total), fill)
         self._last = count, total
-        return total.astype(np.float32)
+        return shown
 
 
 def _band_labels(eigenvalues: FloatArray, unit: str) -> tuple[Label, ...]:

@@ -7,7 +7,6 @@ filter is near its broken line, and a sharp edge is far from it for the pairs be
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.features.map_spectrum import partial_sum
-from meshmash_viewer.features.sums import sum_squares
+from meshmash_viewer.features.sums import fill_in_parts, sum_squares
 from meshmash_viewer.fields.family import Answer, ColumnArray, FloatArray
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.progress import CancelCallback
@@ -28,8 +27,6 @@ MOST_COLUMNS, _MOST_PAIRS, _MOST_ALONE = 24, 6, 10
 #: Share of its sum that a pair, or all of them that are left, has to be for it to be seen; and
 #: share of the largest below which a column is nothing.
 _SEEN, _NOTHING = 5e-4, 1e-7
-#: Vertices at a time: enough that starting the next part takes no time beside it.
-_VERTICES = 131072
 
 
 @dataclass(eq=False)
@@ -90,16 +87,13 @@ class PairTable:
         pairs = [np.asarray(rows[index]) for index in apart]
         values = np.empty(self.columns.shape[1], dtype=np.float32)
 
-        def fill(start: int) -> None:
-            part = slice(start, start + _VERTICES)
+        def fill(part: slice) -> None:
             np.matmul(line, self.columns[which, part], out=values[part])
             if pairs:
                 terms = np.array([each[part] for each in pairs], dtype=np.float32)
                 values[part] += rest @ (np.square(terms, out=terms) if squared else terms)
 
-        # memory gives to two threads nearly twice what it gives to one
-        with ThreadPoolExecutor(2) as pool:
-            list(pool.map(fill, range(0, len(values), _VERTICES)))
+        fill_in_parts(len(values), fill)
         return values
 
     def _split(self, weights: FloatArray) -> tuple[FloatArray, npt.NDArray[np.int64]]:
