@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.units import UNIT_FORMS, parse_unit
@@ -14,7 +14,6 @@ from meshmash_viewer.units import UNIT_FORMS, parse_unit
 if TYPE_CHECKING:
     from meshmash_viewer.fields.family import Family
     from meshmash_viewer.laplacian import OperatorOptions
-    from meshmash_viewer.spectral.weyl import Target
 
 __all__ = [
     "COMMANDS",
@@ -22,11 +21,12 @@ __all__ = [
     "PROGRAM",
     "chosen_family",
     "chosen_operator",
-    "chosen_target",
     "command_parser",
     "say",
     "window_parser",
 ]
+
+_T = TypeVar("_T")
 
 PROGRAM = "meshmash-viewer"
 #: Exit status for what the user can mend.
@@ -267,7 +267,7 @@ def _add_output(
 
 def _add_unit(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--unit", type=_sound(parse_unit), metavar="U", help=f"of coordinates: {UNIT_FORMS}"
+        "--unit", type=_said(_unit), metavar="U", help=f"of coordinates: {UNIT_FORMS}"
     )
 
 
@@ -289,7 +289,7 @@ def _add_preparation(parser: argparse.ArgumentParser) -> None:
         "--repair",
         action="append",
         default=[],
-        type=_sound(_check_repair),
+        type=_said(_repair),
         metavar="NAME",
         help="repair the mesh first, in the order given; `info` counts what each would mend",
     )
@@ -303,20 +303,33 @@ def _add_preparation(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_target(parser: argparse.ArgumentParser, *, automatic: bool = False) -> None:
+    """How much of the spectrum, as `target`; None for as much as the shortest time needs."""
+    from meshmash_viewer.spectral.weyl import Target
+
+    def count(text: str) -> Target | None:
+        if automatic and text == "auto":
+            return None
+        if not text.removeprefix("-").isdecimal():
+            known = "neither a whole number nor auto" if automatic else "not a whole number"
+            raise argparse.ArgumentTypeError(f"{text!r} is {known}")
+        return Target("count", int(text))
+
+    def eigenvalue(text: str) -> Target:
+        return Target("max_eigenvalue", float(text))
+
+    def wavelength(text: str) -> Target:
+        return Target("wavelength", float(text))
+
+    parser.set_defaults(target=Target("count", _DEFAULT_COUNT))
+    about = f"number of eigenpairs, default {_DEFAULT_COUNT}"
+    about += "; auto: as many as --t-min needs" if automatic else ""
     target = parser.add_mutually_exclusive_group()
-    target.add_argument(
-        "--count",
-        type=_count,
-        metavar="K",
-        help=f"number of eigenpairs, default {_DEFAULT_COUNT}"
-        + ("; auto: as many as --t-min needs" if automatic else ""),
-    )
-    target.add_argument(
-        "--max-eigenvalue", type=float, metavar="X", help="all eigenvalues up to X (per unit²)"
-    )
-    target.add_argument(
-        "--wavelength", type=float, metavar="W", help="all waves of length W (unit) and longer"
-    )
+    for flag, kind, metavar, told in (
+        ("--count", count, "K", about),
+        ("--max-eigenvalue", eigenvalue, "X", "all eigenvalues up to X (per unit²)"),
+        ("--wavelength", wavelength, "W", "all waves of length W (unit) and longer"),
+    ):
+        target.add_argument(flag, dest="target", type=_said(kind), metavar=metavar, help=told)
 
 
 def _add_solver(parser: argparse.ArgumentParser) -> None:
@@ -332,24 +345,31 @@ def _add_solver(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _sound(check: Callable[[str], object]) -> Callable[[str], str]:
-    """A text that a check has nothing against, which raises `InputError` if it has."""
+def _said(meaning: Callable[[str], _T]) -> Callable[[str], _T]:
+    """What a text means, for argparse to say why where it means nothing."""
 
-    def taken(text: str) -> str:
+    def taken(text: str) -> _T:
         try:
-            check(text)
+            return meaning(text)
         except InputError as fault:
             raise argparse.ArgumentTypeError(str(fault).rstrip(".")) from None
-        return text
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
 
     return taken
 
 
-def _check_repair(name: str) -> None:
+def _unit(text: str) -> str:
+    parse_unit(text)
+    return text
+
+
+def _repair(name: str) -> str:
     from meshmash_viewer.health import REPAIRS
 
     if name not in REPAIRS:
         raise InputError(f"There is no repair {name}; the repairs are {', '.join(REPAIRS)}.")
+    return name
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -363,15 +383,6 @@ def _size(text: str) -> tuple[int, int]:
     return size
 
 
-def _count(text: str) -> int | str:
-    if text == "auto":
-        return text
-    try:
-        return int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is neither a whole number nor auto") from None
-
-
 def _positive(text: str) -> int:
     if not (text.isdecimal() and int(text) >= 1):
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1")
@@ -383,24 +394,6 @@ def _not_negative(text: str) -> float:
     if not value >= 0.0:
         raise argparse.ArgumentTypeError(f"{value} is none: give zero or a small positive number")
     return value
-
-
-def chosen_target(options: argparse.Namespace) -> Target:
-    """How much of the spectrum is asked for."""
-    from meshmash_viewer.spectral.weyl import Target
-
-    if options.max_eigenvalue is not None:
-        return Target("max_eigenvalue", options.max_eigenvalue)
-    if options.wavelength is not None:
-        return Target("wavelength", options.wavelength)
-    if options.count == "auto":
-        if getattr(options, "kind", "") != "hks" or options.t_min is None:
-            raise InputError(
-                "--count auto takes as many eigenpairs as the shortest time of --kind hks needs:"
-                " give --t-min, or a number."
-            )
-        return Target("count", _DEFAULT_COUNT)  # until the mesh is known
-    return Target("count", _DEFAULT_COUNT if options.count is None else options.count)
 
 
 def chosen_operator(options: argparse.Namespace) -> OperatorOptions:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from meshmash_viewer.cli.arguments import chosen_family, chosen_operator, chosen_target
+from meshmash_viewer.cli.arguments import chosen_family, chosen_operator
 from meshmash_viewer.cli.batch import (
     finite,
     for_each,
@@ -58,10 +58,9 @@ __all__ = ["compare", "features", "info", "more_pairs", "reconstruct"]
 
 def info(options: Namespace) -> int:
     """Say what meshes are like."""
-    target = chosen_target(options)
 
     def work(mesh: Mesh, index: int) -> tuple[dict[str, Any], str]:
-        about = {"path": str(options.mesh[index]), **_facts(mesh, target)}
+        about = {"path": str(options.mesh[index]), **_facts(mesh, options.target)}
         return about, _described_facts(about)
 
     return for_each(options, work)
@@ -137,8 +136,12 @@ def _described_facts(about: dict[str, Any]) -> str:
 
 def features(options: Namespace) -> int:
     """Compute features of meshes, or eigenpairs, and write them."""
-    chosen_target(options)
     family = chosen_family(options, EXPORTS)
+    if options.target is None and getattr(family, "t_min", None) is None:
+        raise InputError(
+            "--count auto takes as many eigenpairs as the shortest time of --kind hks needs: give"
+            " --t-min, or a number."
+        )
     outputs = output_paths(options.mesh, options.output, options.kind, f".{options.format}")
     if options.pieces is not None:
         _check_pieces(options)
@@ -211,7 +214,7 @@ def _check_pieces(options: Namespace) -> None:
     wrong = {
         "--drop-first": options.drop_first,
         "--tail": options.tail is not None,
-        "--count auto": options.count == "auto",
+        "--count auto": options.target is None,
         "--component-column": options.component_column,
         f"--kind {options.kind}": not EXPORTS[options.kind].counted,
     }
@@ -229,7 +232,7 @@ def _write_in_pieces(
             path,
             family,
             options.pieces,
-            chosen_target(options),
+            options.target,
             chosen_operator(options),
             n_jobs=options.jobs,
             progress=bar,
@@ -243,7 +246,7 @@ def _write_whole(
 ) -> tuple[dict[str, Any], str]:
     """Compute one kind of features, or the eigenpairs, and write them."""
     began = time.perf_counter()
-    kind, t_min, target = family.export, getattr(family, "t_min", None), chosen_target(options)
+    kind, t_min, target = family.export, getattr(family, "t_min", None), options.target
     n, edge = mesh.n_vertices - len(mesh.unreferenced), median_edge_length(mesh)
     remarks: list[str] = []
     if (options.map or options.maps) and not family.makes_features():
@@ -256,7 +259,7 @@ def _write_whole(
             mesh = mesh.without_map(each.name)
     mesh = with_maps(mesh, options.map)
     family.check_mesh(mesh)
-    shortest = t_min if options.count == "auto" else None
+    shortest = t_min if target is None else None
     if shortest is not None:
         target = sufficient_target(shortest, mesh.area, n)
     try:
@@ -344,7 +347,7 @@ def compare(options: Namespace) -> int:
     """Compare two meshes, and write which vertex of the second each of the first looks like."""
     if options.output is not None:
         check_output(options.output, "features")
-    began, target = time.perf_counter(), chosen_target(options)
+    began, target = time.perf_counter(), options.target
     family = EXPORTS[options.kind].exported(options.n_components)
     meshes = [read(path, options) for path in options.mesh]
     first = solved(meshes[0], options, target)
@@ -417,17 +420,16 @@ def _described_comparison(report: dict[str, Any]) -> str:
 
 def reconstruct(options: Namespace) -> int:
     """Rebuild the coordinates of a mesh from its eigenpairs, and write the smoothed mesh."""
-    target = chosen_target(options)
     check_output(options.output, "mesh")
-    return for_each(options, lambda mesh, _: _write_rebuilt(mesh, target, options))
+    return for_each(options, lambda mesh, _: _write_rebuilt(mesh, options))
 
 
-def _write_rebuilt(mesh: Mesh, target: Target, options: Namespace) -> tuple[dict[str, Any], str]:
+def _write_rebuilt(mesh: Mesh, options: Namespace) -> tuple[dict[str, Any], str]:
     """Of the report, ``rms_distance`` is the root mean square distance of a point of the surface
     from where it was, ``largest_distance`` that of the farthest vertex, in ``unit``.
     """
     began, path = time.perf_counter(), options.output
-    pairs = solved(mesh, options, target)
+    pairs = solved(mesh, options, options.target)
     if not pairs.eigenvalues[-1] > 0.0:
         raise InputError(
             f"{mesh.name}: all {counted(pairs.n_components, 'eigenpair')} are constants of its"
@@ -448,7 +450,7 @@ def _write_rebuilt(mesh: Mesh, target: Target, options: Namespace) -> tuple[dict
         "largest_distance": most,
     }
     operator, proof = chosen_operator(options), report["proof"]
-    made = export_options("reconstruction", operator, target, proof, options.repair)
+    made = export_options("reconstruction", operator, options.target, proof, options.repair)
     made["rms_distance"] = typical
     write_mesh(path, replace(mesh, vertices=vertices), provenance(mesh, made))
     report["seconds"] = round(time.perf_counter() - began, 3)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from itertools import chain, islice
 from typing import TYPE_CHECKING, Any
 
-from meshmash_viewer.cli.arguments import chosen_family, chosen_operator, chosen_target, say
+from meshmash_viewer.cli.arguments import chosen_family, chosen_operator, say
 from meshmash_viewer.cli.batch import (
     for_each,
     pairs_report,
@@ -72,7 +72,6 @@ _AS_IT_COMES = {name: family() for name, family in FAMILIES.items()}
 
 def render(options: Namespace) -> int:
     """Draw a picture of a mesh."""
-    chosen_target(options)
     check_output(options.output, "picture")
     if options.field is None:
         options.field = "map" if options.map or options.map_name else "hks"
@@ -99,7 +98,7 @@ def _write_render(mesh: Mesh, options: Namespace) -> tuple[dict[str, Any], str]:
             family: Family = _chosen_map(mesh, options)
             mesh = with_maps(mesh, options.map)
         else:
-            pairs = solved(mesh, options, chosen_target(options))
+            pairs = solved(mesh, options, options.target)
             report |= pairs_report(pairs, mesh)
             family = _chosen_field(pairs, options)
         spectrum = _spectrum(mesh, pairs, options)
@@ -295,7 +294,6 @@ def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> tuple[dict[s
 
 
 def _chosen_swept(options: Namespace) -> Family:
-    chosen_target(options)
     _policy(options)
     return chosen_family(options, SWEPT, _COLUMNS)
 
@@ -305,7 +303,7 @@ def _solved(mesh: Mesh, family: Family, options: Namespace) -> tuple[Spectrum, d
     family.check_mesh(mesh)
     output = str(options.output)
     report: dict[str, Any] = {"mesh": mesh.name, "output": output, "kind": family.name}
-    pairs = solved(mesh, options, chosen_target(options)) if family.of_pairs else None
+    pairs = solved(mesh, options, options.target) if family.of_pairs else None
     if pairs is not None:
         report |= pairs_report(pairs, mesh)
     return _spectrum(mesh, pairs, options), report
