@@ -15,7 +15,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.features.sums import fill_in_parts, sum_squares
+from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.progress import CancelCallback
 
@@ -66,14 +66,8 @@ class HeatTable:
         start = min(start, len(self.fits) - 1)
         weights = self.fits[start] @ _shares(self.rates, np.array([time]))[0]
         weights *= np.exp(-self.rates * time).sum()
-        nodes, shares = self.columns[start : start + _STENCIL], weights.astype(np.float32)
-        values = np.empty(nodes.shape[1], dtype=np.float32)
-
-        def fill(part: slice) -> None:
-            np.matmul(shares, nodes[:, part], out=values[part])
-            values[part] += self.base[part] if len(self.base) > 1 else self.base
-
-        fill_in_parts(len(values), fill)
+        values: ColumnArray = weights.astype(np.float32) @ self.columns[start : start + _STENCIL]
+        values += self.base
         return values
 
 

@@ -9,7 +9,7 @@ from typing import ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.features.sums import fill_in_parts, sum_squares
+from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.fields.family import Answer, Family, Table, parameter
 from meshmash_viewer.fields.schema import MOST_INDEX, whole
 from meshmash_viewer.fields.spectrum import Spectrum, grew
@@ -124,17 +124,13 @@ class SimilarityTable:
     def from_vertex(self, vertex: int) -> npt.NDArray[np.float32]:
         """Distance of every vertex from one, shape (n,), a pure number."""
         here = self.coordinates[:, vertex, None]
-        distances = np.empty(self.coordinates.shape[1], dtype=np.float32)
-
-        def fill(part: slice) -> None:
-            for start in range(part.start, min(part.stop, len(distances)), _BLOCK):
-                block = slice(start, min(start + _BLOCK, part.stop))
-                way = self.coordinates[:, block] - here
-                way *= way
-                np.sqrt(way.sum(axis=0), out=distances[block])
-
-        fill_in_parts(len(distances), fill)
-        return distances
+        squares = np.empty(self.coordinates.shape[1], dtype=np.float32)
+        for start in range(0, len(squares), _BLOCK):
+            part = slice(start, start + _BLOCK)
+            way = self.coordinates[:, part] - here
+            way *= way
+            way.sum(axis=0, out=squares[part])
+        return np.sqrt(squares, out=squares)
 
 
 def build_similarity_table(
