@@ -5,6 +5,7 @@ from __future__ import annotations
 from PySide6.QtCore import QObject, QThread, QTimer, Signal
 
 from meshmash_viewer.app.latest_thread import LatestThread
+from meshmash_viewer.app.listening import first_a_frame
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field, request_of
@@ -88,6 +89,7 @@ class FieldSource(QObject):
         if request is not None:
             if not self._late.isActive():
                 self._late.start()
+            first_a_frame()
             self._answers.ask(request)
 
     def close(self) -> None:

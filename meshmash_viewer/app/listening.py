@@ -2,7 +2,8 @@
 
 To show something takes milliseconds, and one change of the model concerns many. So what has to be
 shown is only noted, once however often it is said, and done in turns of the event loop between
-which input and frames come through.
+which input and frames come through. While a field is on its way to the render, the turns wait for
+its frame: first the picture, then the words about it.
 """
 
 from __future__ import annotations
@@ -16,13 +17,23 @@ from typing import Any, TypeAlias
 import shiboken6
 from PySide6.QtCore import QObject, QTimer
 
-__all__ = ["catch_up", "follow", "later", "listen", "stop_listening"]
+__all__ = [
+    "catch_up",
+    "first_a_frame",
+    "follow",
+    "frame_drawn",
+    "later",
+    "listen",
+    "stop_listening",
+]
 
 #: Seconds after which a turn is over; what is left comes in the next one.
 _TURN = 0.003
 #: Milliseconds between turns. At 0, Qt would serve them only when nothing else waits at all, which
 #: may be never while slow frames are drawn.
 _PAUSE = 1
+#: Milliseconds that turns wait for a frame, which may not come at all.
+_PATIENCE = 40
 
 
 def listen(signals: Any, slot: Callable[[], None]) -> None:
@@ -52,6 +63,16 @@ def stop_listening(owner: QObject) -> None:
 def later(slot: Callable[[], None]) -> None:
     """Call a bound method of a Qt object in one of the next turns, once however often it is due."""
     _turns().note(weakref.WeakMethod(slot))
+
+
+def first_a_frame() -> None:
+    """Let the turns wait until `frame_drawn`, though not for long."""
+    _turns().wait()
+
+
+def frame_drawn() -> None:
+    """Let the turns go on."""
+    _turns().go_on()
 
 
 def catch_up() -> None:
@@ -87,23 +108,40 @@ class _Turns(QObject):
     def __init__(self) -> None:
         super().__init__()
         self._due: dict[_Held, None] = {}
-        self._timer = QTimer(self, interval=_PAUSE)
+        self._timer = QTimer(self, singleShot=True)
         self._timer.timeout.connect(self._take_turn)
+        self._waiting = self._waited = False
 
     def note(self, held: _Held) -> None:
         self._due.setdefault(held)
-        self._timer.start()
+        if not self._timer.isActive():
+            self._timer.start(_PATIENCE if self._waiting else _PAUSE)
+
+    def wait(self) -> None:
+        if self._waited:
+            return  # once between two turns: words would never come if all pictures were in a hurry
+        self._waiting = self._waited = True
+        if self._timer.isActive():
+            self._timer.start(_PATIENCE)  # what was said already about this picture waits, too
+
+    def go_on(self) -> None:
+        self._waiting = False
+        self._waited = bool(self._due)
+        if self._due:
+            self._timer.start(_PAUSE)
 
     def finish(self) -> None:
+        self._waited = False
         while self._due:
             self._call_first()
 
     def _take_turn(self) -> None:
+        self._waiting = self._waited = False
         end = perf_counter() + _TURN
         while self._due and perf_counter() < end:
+            if len(self._due) > 1:
+                self._timer.start(_PAUSE)  # before the call, which may fail
             self._call_first()
-        if not self._due:
-            self._timer.stop()
 
     def _call_first(self) -> None:
         first = next(iter(self._due))

@@ -7,7 +7,15 @@ import shiboken6
 from PySide6.QtCore import QObject, QTimer
 from pytestqt.qtbot import QtBot
 
-from meshmash_viewer.app.listening import catch_up, follow, later, listen
+from meshmash_viewer.app import listening
+from meshmash_viewer.app.listening import (
+    catch_up,
+    first_a_frame,
+    follow,
+    frame_drawn,
+    later,
+    listen,
+)
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.model.document import Document
 
@@ -69,3 +77,42 @@ def test_the_dead_are_not_called(calls: list[str]) -> None:
     shiboken6.delete(deleted)
     catch_up()
     assert not calls
+
+
+@pytest.fixture
+def words(calls: list[str], monkeypatch: pytest.MonkeyPatch) -> Follower:
+    """What waits for the picture, however long that takes."""
+    monkeypatch.setattr(listening, "_PATIENCE", 60_000)
+    return Follower(calls, "words")
+
+
+@pytest.mark.parametrize("just_before", [False, True])
+def test_words_wait_for_the_picture(
+    qtbot: QtBot, calls: list[str], words: Follower, just_before: bool
+) -> None:
+    steps = [first_a_frame, lambda: later(words.show)]
+    for step in reversed(steps) if just_before else steps:
+        step()
+    qtbot.wait(20)
+    assert not calls
+    frame_drawn()
+    qtbot.waitUntil(lambda: calls == ["words"])
+
+
+def test_words_about_the_last_picture_come_though_the_next_is_in_a_hurry(
+    qtbot: QtBot, calls: list[str], words: Follower
+) -> None:
+    first_a_frame()
+    later(words.show)
+    frame_drawn()
+    first_a_frame()
+    qtbot.waitUntil(lambda: calls == ["words"])
+
+
+def test_a_frame_that_does_not_come_is_not_waited_for_forever(
+    qtbot: QtBot, calls: list[str]
+) -> None:
+    words = Follower(calls, "words")
+    first_a_frame()
+    later(words.show)
+    qtbot.waitUntil(lambda: calls == ["words"])

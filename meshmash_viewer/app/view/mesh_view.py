@@ -13,6 +13,7 @@ from PySide6.QtCore import QPoint, QPointF, QSize, Qt, QThreadPool, QTimer, Sign
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
+from meshmash_viewer.app.listening import frame_drawn
 from meshmash_viewer.app.view.annotations import BAR_SPACE, title_size
 from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.app.view.colors import ColorMap
@@ -419,12 +420,14 @@ class MeshView(QWidget):
         drawing.prepare(*self.plotter.pixels())
         self.turned_by_hand |= view is not None and drawing.view is not view
         self.plotter.draw()
-        window.WaitForCompletion()  # a graphics card would otherwise look fast and be late
+        if pace.measuring:
+            window.WaitForCompletion()  # a graphics card would otherwise look fast and be late
         took = perf_counter() - started
+        frame_drawn()
         if self._first:
             self._first = False
             self.first_frame.emit()
-        elif drawing.surface is not None and not coarse:
+        elif drawing.surface is not None and not coarse and pace.measuring:
             pace.measure(took)
             if pace.slow:
                 self._make_stand_in()

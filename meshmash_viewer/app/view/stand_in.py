@@ -17,6 +17,8 @@ SLOW_FRAME = 0.045
 VERY_SLOW_FRAME = 0.3
 #: About how many vertices the stand-in has; it takes a mesh of twice as many to be worth one.
 COARSE_VERTICES = 40_000
+#: So many frames of a mesh are measured, after a first one that tells nothing.
+MEASURED_FRAMES = 4
 #: How many dots are drawn until it is there.
 DOTS = 36_000
 
@@ -33,7 +35,7 @@ class StandIn:
         """Start anew with another mesh; of a large one that a processor draws nothing is asked."""
         self._n_vertices = n_vertices
         self._seconds = math.inf if self.software and self.large else 0.0
-        self._first = True
+        self._frames = 0
         #: Whether it has been asked for.
         self.asked = False
 
@@ -52,12 +54,16 @@ class StandIn:
         """Whether nothing may be added to frames of the full mesh."""
         return self._seconds > VERY_SLOW_FRAME
 
+    @property
+    def measuring(self) -> bool:
+        """Whether the next full frame is to be measured; on a processor all of them are."""
+        return self.software or self._frames <= MEASURED_FRAMES
+
     def measure(self, seconds: float) -> None:
         """Learn from a frame of the full mesh."""
-        if self._first:
-            # It also compiled shaders and filled the card's memory, and tells nothing.
-            self._first = False
-        else:
+        self._frames += 1
+        # the first one also compiled shaders and filled the card's memory, and tells nothing
+        if self._frames > 1:
             self._seconds = seconds
 
     def look_at(self, window: vtkRenderWindow) -> None:
