@@ -146,6 +146,7 @@ def run_window(
 ) -> dict[str, Any]:
     """What a window of its own process measures."""
     environment = {**os.environ, "XDG_CACHE_HOME": str(folder), "GALLIUM_NOOP": "1"}
+    environment["PYTHONPATH"] = str(HERE.parent)  # this tree, and not the one that is installed
     if driver != "no-op":
         del environment["GALLIUM_NOOP"]
     with tempfile.TemporaryDirectory() as scratch:
