@@ -11,7 +11,7 @@ from meshmash_viewer.features.filter_responses import LogGaussianResponse
 from meshmash_viewer.features.filters import FilterBank, wave_kernel_bank, wave_response
 from meshmash_viewer.fields.bank_columns import BankColumns
 from meshmash_viewer.fields.family import FloatArray, Response
-from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.units import format_quantity, format_range, named_quantity
 
 __all__ = ["WaveKernelSignature"]
@@ -47,7 +47,10 @@ class WaveKernelSignature(BankColumns):
     def places(self, spectrum: Spectrum) -> FloatArray:
         return self.bands(spectrum).energies
 
-    def response(self, spectrum: Spectrum, along: FloatArray) -> Response:
+    def response(self, spectrum: Spectrum, along: FloatArray) -> Response | None:
+        known = spectrum.eigenvalues[first_nonzero(spectrum) :]
+        if not len(known) or not np.log(known[-1]) > np.log(known[0]):
+            return None  # no energies to choose from; the field says so
         bands = self.bands(spectrum)
         others = tuple((along, each) for each in bands(along))
         energy = float(bands.energies[self.column])

@@ -44,3 +44,12 @@ def test_one_eigenvalue_above_zero_leaves_no_range() -> None:
     flat = Spectrum(np.array([0.0, 1.0]), np.ones((2, 5)), np.zeros(2))
     with pytest.raises(InputError, match="two different eigenvalues"):
         WaveKernelSignature().compute(flat, None)
+
+
+def test_without_two_eigenvalues_above_zero_there_is_no_response() -> None:
+    for values in ([0.0], [0.0, 2.0], [0.0, 2.0, 2.0]):
+        rows = np.ones((len(values), 4))
+        few = Spectrum(np.array(values), rows, np.zeros(len(values)))
+        assert WaveKernelSignature().response(few, np.linspace(0.0, 2.0, 9)) is None
+    more = Spectrum(np.array([0.0, 1.0, 2.0]), np.ones((3, 4)), np.zeros(3))
+    assert WaveKernelSignature().response(more, np.linspace(0.0, 2.0, 9)) is not None
