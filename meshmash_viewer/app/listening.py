@@ -55,9 +55,10 @@ def follow(signals: Any, slot: Callable[[], None]) -> None:
 
 
 def stop_listening(owner: QObject) -> None:
-    """Let an object, such as a window that closes, hear nothing more of what it listens to."""
+    """Let an object, such as a window that closes, hear nothing more, nor what it is still due."""
     for disconnect in _heard.pop(owner, ()):
         disconnect()
+    _turns().forget(owner)
 
 
 def later(slot: Callable[[], None]) -> None:
@@ -129,6 +130,12 @@ class _Turns(QObject):
         self._waited = bool(self._due)
         if self._due:
             self._timer.start(_PAUSE)
+
+    def forget(self, owner: QObject) -> None:
+        for held in list(self._due):
+            method: Any = held()
+            if method is not None and method.__self__ is owner:
+                del self._due[held]
 
     def finish(self) -> None:
         self._waited = False

@@ -15,6 +15,7 @@ from meshmash_viewer.app.listening import (
     frame_drawn,
     later,
     listen,
+    stop_listening,
 )
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.model.document import Document
@@ -116,3 +117,14 @@ def test_a_frame_that_does_not_come_is_not_waited_for_forever(
     first_a_frame()
     later(words.show)
     qtbot.waitUntil(lambda: calls == ["words"])
+
+
+def test_what_has_closed_is_not_called_for_what_was_said_before(calls) -> None:
+    document = Document()
+    follower = Follower(calls, "closed")
+    follow(document.mesh_changed, follower.show)
+    document.mesh_changed.emit()
+    stop_listening(follower)
+    document.mesh_changed.emit()
+    catch_up()
+    assert calls == []
