@@ -378,7 +378,8 @@ class MainWindow(QMainWindow):
 
     def _on_hover(self, vertex: int) -> None:
         ready = self.document.ready
-        if ready is None or vertex < 0:
+        # a mesh that is about to go may still be pointed at
+        if ready is None or vertex < 0 or self.scene.mesh is not ready.mesh:
             self.hover_label.setText(self._mesh_summary())
             return
         unit = ready.mesh.unit

@@ -911,3 +911,11 @@ def test_a_known_mesh_opens_with_its_last_field(
     qtbot.waitUntil(lambda: source.idle and bool(kinds), timeout=PATIENCE)
     assert display[Eigenfunctions].index == 7
     assert kinds[0] == "hks", "at once: no other field comes first"
+
+
+def test_a_mesh_that_is_about_to_go_may_still_be_pointed_at(ball: MainWindow) -> None:
+    larger = shapes.icosphere(5)
+    summary = ball.hover_label.text()
+    ball.scene.set_mesh(larger)
+    ball.scene.vertex_hovered.emit(larger.n_vertices - 1)
+    assert ball.hover_label.text() == summary

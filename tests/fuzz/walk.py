@@ -330,7 +330,8 @@ class Walk:
         window.resize(1400, 900)
         window.arrangement.reset()
         document.cancel()
-        self._wait(lambda: document.job is None)
+        # a picture that is being drawn or written holds gigabytes where it is a large one
+        self._wait(lambda: document.job is None and not window.commands.pictures.busy)
         document.display.playing = False
         home = self.folder / "home.meshmash.json"
         if not home.exists():

@@ -18,7 +18,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons, make
 from meshmash_viewer.app.controls.facts import note, show_note
 from meshmash_viewer.app.controls.layout import column
-from meshmash_viewer.app.listening import follow
+from meshmash_viewer.app.listening import follow, later
 from meshmash_viewer.app.panels.color_section import ColorSection
 from meshmash_viewer.app.tabs import tab_of
 from meshmash_viewer.app.tabs.field_stepper import Player
@@ -75,6 +75,7 @@ class FieldPanel(QWidget):
         theme.named(self, "field_panel", "Field")
         self._document = document
         self._player = Player(document, self)
+        self._shown: tuple[Field | None, tuple[float, float] | None] = None, None
         self.list = FamilyList()
         self._stack = QStackedWidget()
         self._pages = {name: tab_of(family)(document) for name, family in FAMILIES.items()}
@@ -99,6 +100,11 @@ class FieldPanel(QWidget):
 
     def set_field(self, field: Field | None, limits: tuple[float, float] | None) -> None:
         """Show the limits of the field that has arrived on the render, and what it tells."""
+        self._shown = field, limits
+        later(self._tell)
+
+    def _tell(self) -> None:
+        field, limits = self._shown
         self.colors.set_field(field, limits)
         if field is not None:
             self._pages[field.family.name].show_field(field)

@@ -27,6 +27,9 @@ __all__ = [
     "text_scale",
 ]
 
+#: Of all pixels together: a driver holds some 8 bytes for each, and has to have room for them.
+_MOST_SAMPLES = 1 << 28
+
 
 def render_picture(
     mesh: Mesh,
@@ -130,7 +133,7 @@ class OffScreen:
         self.size = int(size[0]), int(size[1])
         self._window = new_window()
         self._window.SetOffScreenRendering(True)
-        self._window.SetMultiSamples(8)
+        self._window.SetMultiSamples(max(min(8, _MOST_SAMPLES // (self.size[0] * self.size[1])), 1))
         self._window.SetAlphaBitPlanes(transparent)
         self._window.SetSize(*self.size)
         drawing.add_to(self._window)
