@@ -25,8 +25,8 @@ __all__ = ["MOST_COLUMNS", "PairTable", "build_pair_table", "summed"]
 #: frame at a million vertices.
 MOST_COLUMNS, _MOST_PAIRS, _MOST_ALONE = 24, 6, 10
 #: Share of its sum that a pair, or all of them that are left, has to be for it to be seen; and
-#: share of the largest below which a column is nothing.
-_SEEN, _NOTHING = 5e-4, 1e-7
+#: that below which a column at either end is not read.
+_SEEN, _NOTHING = 5e-4, 5e-5
 
 
 @dataclass(eq=False)
@@ -74,7 +74,8 @@ class PairTable:
     def at(self, weights: FloatArray, rows: Any) -> ColumnArray:
         """About ``Σ_k weights[k] rows[k]²`` or ``Σ_k weights[k] c_k rows[k]``, shape (n,)."""
         heights, apart = self._split(weights)
-        used = np.flatnonzero(np.abs(heights) > _NOTHING * np.abs(heights).max(initial=0.0))
+        share = np.abs(heights) * self.hats.sum(axis=1) / max(np.abs(weights).sum(), 1e-300)
+        used = np.flatnonzero(share > _NOTHING)
         # what lies together is read faster than a gathering of the columns
         which = slice(int(used[0]), int(used[-1]) + 1) if len(used) else slice(0, 1)
         # a filter that is nothing is 0, but NaN stays NaN
