@@ -380,6 +380,8 @@ class Document:
         n_components = ready.health.n_components
         display = self.display
         display.put(*(each.for_other_mesh(n_components) for each in display.fields.values()))
+        if spectrum is not None and spectrum.complete:
+            self._go_within(spectrum)
         if not display.family.usable:
             display.kind = Display().kind
         if not ready.derived:

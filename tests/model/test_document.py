@@ -2,12 +2,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from solved import spectrum_of
 
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import mesh_health
@@ -61,6 +63,17 @@ def test_lengths_and_eigenvalues_do_not_carry_over(kind: str, sphere: Mesh) -> N
     scaled = sphere.in_voxels((8.0, 8.0, 8.0), "nm")
     document.accept_mesh(replace(ready_of(scaled, "b.ply"), derived=True))
     assert document.target == Target("count", 100), "coordinates are other ones"
+
+
+def test_a_time_that_a_stored_spectrum_does_not_have_is_not_kept(sphere: Mesh) -> None:
+    document = Document()
+    document.accept_mesh(ready_of(sphere, "a.ply"))
+    larger = sphere.in_voxels((1000.0, 1000.0, 1000.0), "nm")
+    known = SimpleNamespace(spectrum=spectrum_of(larger, 20))
+    for time, kept in ((1.0, None), (1e6, 1e6)):
+        document.display.change(HeatKernelSignature, time=time)
+        document.accept_mesh(replace(ready_of(larger, f"{time}.ply"), known=known))
+        assert document.display[HeatKernelSignature].time == kept
 
 
 def test_a_count_carries_over(document: Document, sphere: Mesh) -> None:
