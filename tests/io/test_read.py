@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import os
 import struct
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -713,3 +714,15 @@ def test_of_very_many_maps_the_first_are_read(
     np.savez(tmp_path / "many.npz", vertices=VERTICES, faces=FACES, **maps)
     found = read_mesh(tmp_path / "many.npz").maps
     assert [each.name for each in found] == ["map 0", "map 1", "map 2"]
+
+
+def test_a_scene_that_lies_about_its_length_takes_no_memory(tmp_path: Path) -> None:
+    path = tmp_path / "scene.glb"
+    text = b'{"asset": {"version": "2.0"}}'
+    path.write_bytes(struct.pack("<4sIIII", b"glTF", 2, 49, 0xFFFFFF00, 0x4E4F534A) + text)
+    tracemalloc.start()
+    with pytest.raises(InputError):
+        read_mesh(path)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 1e8

@@ -96,7 +96,7 @@ def _scene_description(path: Path) -> dict[str, Any]:
                 raise InputError(f"is of version {version}, of which only 2 can be read")
             if kind != b"JSON":
                 raise InputError("does not begin with the description of a scene")
-            text = file.read(length)
+            text = file.read(min(length, path.stat().st_size))  # asking for 4 GB takes them
         else:
             text = file.read()
     try:
