@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import ctypes
 import gc
 import importlib
 import os
@@ -40,6 +41,9 @@ _LIBRARIES = (
 )
 #: Bytes free on a disk that is not about to be full.
 _ROOM_FOR_SHADERS = 100e6
+#: Options of glibc, and bytes of a block that is large: more than a field of a million vertices,
+#: which is taken and freed at every tick, and less than a picture of the screen.
+_M_MMAP_THRESHOLD, _M_TRIM_THRESHOLD, _LARGE_BLOCK = -3, -1, 6 << 20
 #: The application, if it was made here: Qt ends it with the last that knows it.
 _made: list[QApplication] = []
 #: What collects garbage in place of Python: its timer runs as long as the process.
@@ -62,6 +66,7 @@ def application() -> QApplication:
     core.setProfile(QSurfaceFormat.OpenGLContextProfile.CoreProfile)
     core.setVersion(3, 2)
     QSurfaceFormat.setDefaultFormat(core)
+    _give_memory_back()
     made = QApplication(sys.argv[:1] or ["meshmash-viewer"])
     made.setApplicationName("meshmash-viewer")
     made.setApplicationDisplayName("")
@@ -74,6 +79,19 @@ def application() -> QApplication:
     theme.apply(made)
     _made.append(made)
     return made
+
+
+def _give_memory_back() -> None:
+    """Have what large blocks took go back to the system as soon as they are freed.
+
+    Left alone, glibc keeps ever larger ones among small blocks that stay: after an hour of pictures
+    and meshes a window held 0.2 GB more than it used. Other C libraries are left as they are.
+    """
+    if sys.platform.startswith("linux"):
+        option = getattr(ctypes.CDLL(None), "mallopt", None)
+        if option is not None:
+            option(_M_MMAP_THRESHOLD, _LARGE_BLOCK)
+            option(_M_TRIM_THRESHOLD, 2 * _LARGE_BLOCK)
 
 
 def _draw_without_a_full_disk() -> None:

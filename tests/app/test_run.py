@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import ctypes
 import os
 import subprocess
 import sys
@@ -121,6 +122,37 @@ print(os.environ.get("MESA_SHADER_CACHE_DISABLE"))
 QTimer.singleShot(20, QApplication.closeAllWindows)
 assert run.run_app(fresh=True) == 0
 """
+
+
+_LARGE_AMONG_SMALL = """
+import sys
+import numpy as np
+import psutil
+from meshmash_viewer.app.run import application
+
+if sys.argv[1] == "ours":
+    application()
+np.ones(3 << 20)  # 24 MB, after which glibc would keep what is smaller
+before, blocks, held = psutil.Process().memory_info().rss, [], []
+for _ in range(20):
+    blocks.append(np.ones(1 << 20))
+    held.append(np.ones(10_000))
+blocks.clear()
+print((psutil.Process().memory_info().rss - before) / 1e6)
+"""
+
+
+@pytest.mark.skipif(
+    not sys.platform.startswith("linux") or not hasattr(ctypes.CDLL(None), "mallopt"),
+    reason="about glibc",
+)
+def test_what_large_blocks_took_goes_back_to_the_system() -> None:
+    def megabytes(whose: str) -> float:
+        program = [sys.executable, "-c", _LARGE_AMONG_SMALL, whose]
+        return float(subprocess.run(program, capture_output=True, text=True, check=True).stdout)
+
+    assert megabytes("nobody's") > 100.0
+    assert megabytes("ours") < 20.0
 
 
 @pytest.mark.parametrize(("free", "disabled"), [(1e6, "true"), (1e12, None)])
