@@ -157,3 +157,19 @@ def test_cancel_and_closing_leave_no_file(qtbot: QtBot, window: MainWindow, tmp_
     again = opened(qtbot, window)
     window.close()
     assert not again.isVisible()
+
+
+def test_what_cannot_be_told_of_zeros_alone_is_said(
+    qtbot: QtBot, open_window: Callable[..., MainWindow]
+) -> None:
+    window = open_window(rectangle_document(1))
+    window.document.display.kind = "wks"
+    window.actions_["gallery"].trigger()
+    dialog = window.findChild(QDialog, "gallery_dialog")
+    assert "eigenvalues are zero" in part(dialog, "gallery_remark_label").text()
+    assert not part(dialog, "gallery_save_button").isEnabled()
+    window.document.display.kind = "eigenfunction"
+    filled(qtbot, window)
+    assert part(dialog, "gallery_save_button").isEnabled()
+    window.actions_["save_movie"].trigger()
+    assert window.findChild(QDialog, "movie_dialog") is not None

@@ -180,18 +180,21 @@ class GalleryDialog(QDialog):
             return
         family = shown_family(display)
         self._families = sweep(family, document.spectrum, self.range.columns)
-        shots = self._shots()
         drawing, picked = small
         drawing.annotated = False
         size = QSize(_WIDTH, min(round(_WIDTH / aspect(drawing)), _MOST_HEIGHT))
-        captions = [each.request.caption for each in shots if each.request is not None]
+        remark = ""
+        if self.range.most == 1:
+            remark = f"{family.label} is one field; the others have columns to look through."
+        try:
+            shots = self._shots()
+            captions = [each.request.caption for each in shots if each.request is not None]
+        except InputError as fault:  # such as no energies where all eigenvalues are zero
+            self._families, shots, captions, remark = [], [], [], str(fault)
         self.list.begin(captions, size)
         self.count_label.setText(f"{counted(len(shots), 'picture')} · {family.label}")
-        self.remark_label.setText(
-            f"{family.label} is one field; the others have columns to look through."
-            if self.range.most == 1
-            else ""
-        )
+        self.remark_label.setText(remark)
+        self.save_button.setEnabled(bool(shots) and not self._sheet.busy)
         ratio = self.devicePixelRatioF()
         pixels = round(size.width() * ratio), round(size.height() * ratio)
         drawing.view = series_view(drawing, pixels, self._scene.plotter.pixels()[:2])
