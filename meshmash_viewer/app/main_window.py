@@ -379,7 +379,7 @@ class MainWindow(QMainWindow):
     def _on_hover(self, vertex: int) -> None:
         ready = self.document.ready
         # a mesh that is about to go may still be pointed at
-        if ready is None or vertex < 0 or self.scene.mesh is not ready.mesh:
+        if ready is None or not 0 <= vertex < ready.mesh.n_vertices:
             self.hover_label.setText(self._mesh_summary())
             return
         unit = ready.mesh.unit
