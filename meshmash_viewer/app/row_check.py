@@ -9,6 +9,7 @@ from PySide6.QtCore import QObject, QThread
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.io.stored_spectrum import Compared
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.progress import CancelCallback, Cancelled
 
@@ -23,7 +24,8 @@ _REST = 0.004
 class RowCheck(QObject):
     """Looks at all rows of a spectrum that was found in the store, once.
 
-    Exports check what they write themselves; this is for what is only looked at.
+    For what is only looked at. Exports compare what they write themselves, but for rows that have
+    been found whole here while nobody has written to their file since.
     """
 
     def __init__(self, document: Document, parent: QObject) -> None:
@@ -50,10 +52,11 @@ class RowCheck(QObject):
             if spectrum is not None:
                 self.thread_.ask(spectrum)
 
-    def _check(self, spectrum: Spectrum, cancel: CancelCallback) -> int | None:
+    def _check(self, spectrum: Spectrum, cancel: CancelCallback) -> int | Compared:
         """Compare row by row; the first that is damaged ends it, and is the answer."""
         stored = spectrum.stored
         assert stored is not None
+        state = stored.state  # of before, so that nothing is missed
         for index in range(len(spectrum)):
             damaged = stored.damaged([index], cancel)
             if cancel():
@@ -61,10 +64,12 @@ class RowCheck(QObject):
             if damaged:
                 return index
             time.sleep(_REST)
-        return None
+        return Compared(stored.checksums[: len(spectrum)], state)
 
-    def _take(self, spectrum: Spectrum, found: int | Exception | None) -> None:
+    def _take(self, spectrum: Spectrum, found: int | Compared | Exception) -> None:
         if isinstance(found, Exception):
             raise found
-        if found is not None:
+        if isinstance(found, Compared):
+            self._document.compared = found
+        else:
             self._document.leave_out_damaged(spectrum, found)

@@ -37,6 +37,7 @@ __all__ = [
     "ROWS",
     "SEALED",
     "Batch",
+    "Compared",
     "Proof",
     "StoredRows",
     "StoredSpectrum",
@@ -60,6 +61,21 @@ _BATCH = re.compile(r"pairs-(\d{6,})-(\d{6,})\.sealed")
 _UNUSABLE = (OSError, ValueError, KeyError, TypeError)
 #: Equal up to rounding, as the solver takes a threshold.
 _THRESHOLD_MARGIN = 1e-11
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """The first rows of a file, which agreed with their checksums while it was in some state.
+
+    Parameters
+    ----------
+    checksums : ndarray of uint32, shape (k,)
+    state : tuple of int
+        See `StoredRows.state`: as long as it is the same, nobody has written to the file.
+    """
+
+    checksums: npt.NDArray[np.uint32]
+    state: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +110,15 @@ class StoredRows:
             If there are fewer, or none.
         """
         return np.memmap(self.path, np.float64, "r", shape=(count, self.n_vertices))
+
+    @property
+    def state(self) -> tuple[int, ...]:
+        """Which file this is, its size and when it last changed; empty where it cannot be told."""
+        try:
+            found = self.path.stat()
+        except OSError:
+            return ()
+        return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
 
     def damaged(self, indices: Iterable[int], cancel: CancelCallback | None = None) -> list[int]:
         """Which of some rows do not agree with their checksums.
@@ -307,7 +332,10 @@ class StoredSpectrum:
         )
 
     def damaged_batches(
-        self, count: int | None = None, cancel: CancelCallback | None = None
+        self,
+        count: int | None = None,
+        cancel: CancelCallback | None = None,
+        compared: Compared | None = None,
     ) -> list[Batch]:
         """Compare rows with their checksums; the batches of those that do not agree.
 
@@ -317,8 +345,14 @@ class StoredSpectrum:
             How many leading pairs are looked at; None for all.
         cancel : callable, optional
             Once it returns True the rest goes unread.
+        compared : Compared, optional
+            Rows that need not be read again where the file is still in the same state.
         """
-        known = np.flatnonzero(np.isfinite(self.eigenvalues[:count]))
+        unread = np.isfinite(self.eigenvalues[:count])
+        if compared is not None and compared.state and compared.state == self.stored_rows.state:
+            k = min(len(unread), len(compared.checksums))
+            unread[:k] &= self.stored_rows.checksums[:k] != compared.checksums[:k]
+        known = np.flatnonzero(unread)
         damaged = self.stored_rows.damaged(known.tolist(), cancel)
         return [b for b in self.batches if any(b.start <= index < b.stop for index in damaged)]
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import count
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from psygnal import Signal
@@ -37,6 +38,9 @@ from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.weyl import Target, Translation
 from meshmash_viewer.units import Voxel, counted, parse_unit, power_unit, written_unit
 from meshmash_viewer.vertex_map import VertexMap
+
+if TYPE_CHECKING:
+    from meshmash_viewer.io.stored_spectrum import Compared
 
 __all__ = ["PIN_COLORS", "Document", "Notice", "Pin", "Severity"]
 
@@ -111,6 +115,8 @@ class Document:
         self.job: JobState | None = None
         self._operator = OperatorOptions()
         self._target = _DEFAULT_TARGET
+        #: Stored rows that were found whole last, which an export need not read twice.
+        self.compared: Compared | None = None
         #: Seconds a vertex and pair of the last decomposition on this machine, if any.
         self.seconds_rate: float | None = None
         self._undo: list[tuple[MeshReady, Spectrum | None]] = []

@@ -17,6 +17,7 @@ from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import counted
 
 if TYPE_CHECKING:
+    from meshmash_viewer.io.stored_spectrum import Compared
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
 __all__ = ["ExportJob"]
@@ -43,6 +44,8 @@ class ExportJob:
         What has been done to the mesh.
     maps : bool
         Whether the maps of the mesh are more columns of features.
+    compared : Compared, optional
+        Stored rows that have been found whole already.
     """
 
     mesh: Mesh
@@ -53,6 +56,7 @@ class ExportJob:
     target: Target | None = None
     repairs: tuple[str, ...] = ()
     maps: bool = False
+    compared: Compared | None = None
 
     @property
     def label(self) -> str:
@@ -114,7 +118,7 @@ class ExportJob:
             raise InputError(
                 "The eigenpairs of this mesh are no longer in the cache: compute them again."
             )
-        damaged = stored.damaged_batches(self.n_pairs, channel.cancelled)
+        damaged = stored.damaged_batches(self.n_pairs, channel.cancelled, self.compared)
         if channel.cancelled():
             raise Cancelled  # maybe before all was looked at
         if damaged:

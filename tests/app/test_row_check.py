@@ -13,11 +13,13 @@ from PySide6.QtCore import QObject
 
 from meshmash_viewer.app import row_check
 from meshmash_viewer.app.row_check import RowCheck
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.io.stored_spectrum import Compared, StoredRows
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice
-from meshmash_viewer.model.jobs import DecomposeJob, InspectJob
+from meshmash_viewer.model.jobs import DecomposeJob, ExportJob, InspectJob
 from meshmash_viewer.spectral.weyl import Target
 
 OPERATOR = OperatorOptions()
@@ -56,6 +58,39 @@ def test_whole_pairs_stay(opened: tuple, qtbot) -> None:
     qtbot.waitUntil(lambda: not check.thread_.working)
     assert document.spectrum is spectrum
     assert not said
+
+
+def test_what_was_found_whole_is_read_again_only_once_somebody_has_written_there(
+    opened: tuple, sphere: Mesh, tmp_path: Path, qtbot, monkeypatch
+) -> None:
+    document, _, path, open_mesh, check = opened
+    open_mesh()
+    qtbot.waitUntil(lambda: not check.thread_.working and document.compared is not None)
+    out, compared, read = tmp_path / "pairs.npz", document.compared, list[int]()
+    damaged = StoredRows.damaged
+    monkeypatch.setattr(
+        StoredRows, "damaged", lambda rows, of, cancel: read.extend(of) or damaged(rows, of, cancel)
+    )
+
+    def export(compared: Compared | None) -> None:
+        read.clear()
+        job = ExportJob(sphere, OPERATOR, out, Eigenfunctions(), 20, compared=compared)
+        job.run(Listener(tmp_path))
+
+    export(compared)
+    assert read == []
+    export(None)
+    assert read == list(range(20))
+    others = compared.checksums.copy()
+    others[3] += 1
+    export(replace(compared, checksums=others))  # of a store that was made anew
+    assert read == [3]
+    with path.open("r+b") as file:
+        file.seek(8 * 5 * sphere.n_vertices)
+        file.write(b"damage!!")
+    with pytest.raises(InputError, match="damaged on the disk"):
+        export(compared)
+    assert read == list(range(20))
 
 
 @pytest.mark.parametrize("index", [0, 12])

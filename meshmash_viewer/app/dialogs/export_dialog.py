@@ -193,6 +193,7 @@ class ExportDialog(SaveDialog):
             self._document.target,
             self._document.repairs,
             self.maps_check.isChecked(),
+            self._document.compared,
         )
 
     def _chosen(self) -> Family:
