@@ -376,12 +376,12 @@ def sum_squares(
     used = np.arange(len(size)) if density is not None else np.flatnonzero(read)
     if not len(used) and len(rows):
         total += 0.0 * rows[0]  # NaN stays NaN
-    for first in range(0, len(used), _ROWS):
-        band = used[first : first + _ROWS]
+
+    def add(band: npt.NDArray[np.intp], whole: slice) -> None:
         # rows that follow one another are read without gathering them
         together = band[-1] - band[0] + 1 == len(band)
         which = slice(int(band[0]), int(band[-1]) + 1) if together else band
-        for start in range(0, rows.shape[1], _VERTICES):
+        for start in range(whole.start, min(whole.stop, rows.shape[1]), _VERTICES):
             if cancel is not None and cancel():
                 raise Cancelled
             part = slice(start, start + _VERTICES)
@@ -389,6 +389,9 @@ def sum_squares(
             total[:, part] += coefficients[:, band] @ squares
             if density is not None:
                 density[part] += squares.sum(axis=0)
+
+    for first in range(0, len(used), _ROWS):
+        fill_in_parts(rows.shape[1], partial(add, used[first : first + _ROWS]))
     return total
 
 
