@@ -50,8 +50,8 @@ class Beside(QWidget):
     close_requested = Signal()
     #: It could not be read: there is nothing to show.
     unread = Signal()
-    #: The limits that both meshes share are other ones than they were drawn with here.
-    limits_changed = Signal()
+    #: It is drawn, maybe with other limits that both meshes share.
+    shown = Signal()
 
     def __init__(self, first: Document, scene: MeshView, source: FieldSource) -> None:
         super().__init__()
@@ -66,8 +66,9 @@ class Beside(QWidget):
         self.field_source = FieldSource(self.document, self)
         self.row_check = RowCheck(self.document, self)
         self.pair = Pair(first, self.document)
-        self._turning = False
-        self._limits: tuple[float, float] | None = None
+        self._turning = self._waiting = False
+        #: The field that was drawn last, and the limits that it shared with the first.
+        self._drawn: tuple[Field | None, tuple[float, float] | None] = None, None
         self._build()
         self._thread = LatestThread(self._compare, self._accept, parent=self)
         self.pair.comparison_requested.connect(self._thread.ask)
@@ -103,7 +104,10 @@ class Beside(QWidget):
             listen(getattr(document.display.events, event), self.show_field)
         document.noticed.connect(self._on_notice)
         follow(document.job_changed, self._on_job_changed)  # its notice goes first
-        self.field_source.field_ready.connect(self.show_field)
+        self.field_source.field_ready.connect(self._on_field)
+        for source in (self.field_source, self._first_source):
+            source.awaited.connect(self._wait_no_longer)
+            source.failed.connect(self._wait_no_longer)
         self.field_source.awaited.connect(self.scene.set_awaited)
         self.field_source.failed.connect(lambda text: document.notify(Notice(text, Severity.ERROR)))
         self._first_source.field_ready.connect(self._first_shown)
@@ -130,6 +134,8 @@ class Beside(QWidget):
         stop_listening(self)
         self.document.noticed.disconnect(self._on_notice)
         self._first_source.field_ready.disconnect(self._first_shown)
+        self._first_source.awaited.disconnect(self._wait_no_longer)
+        self._first_source.failed.disconnect(self._wait_no_longer)
         self._first_scene.camera_changed.disconnect(self._turn_second)
         self._thread.close()
         self.tasks.close()
@@ -188,8 +194,31 @@ class Beside(QWidget):
             text = f"{len(spectrum):,} pairs" + (" · complete" if spectrum.complete else "")
         self.status_label.setText(f"{name}  ·  {text}" if text else name)
 
+    def first_waits(self) -> bool:
+        """Whether the field of the first, which has come, is drawn later, with that of this one."""
+        return self._waits_for(self.field_source)
+
+    def _waits_for(self, other: FieldSource) -> bool:
+        """Whether a field that has come waits for the other mesh's, whose limits it shares.
+
+        Once: where one is always behind the other, both would wait for ever.
+        """
+        self._waiting = not self._waiting and other.comes and self._in_step() is not None
+        return self._waiting
+
+    def _wait_no_longer(self, why: str) -> None:
+        """Draw what there is: the other field takes long, or cannot be computed."""
+        if why and self._waiting:
+            self._waiting = False
+            self.show_field()
+
+    def _on_field(self, _field: Field | None) -> None:
+        if not self._waits_for(self._first_source):
+            self.show_field()
+
     def _first_shown(self, _field: Field | None) -> None:
-        if self.pair.carries or self.common_limits != self._limits:
+        now = self.field_source.field, self.common_limits
+        if not self._waiting and (self.pair.carries or now != self._drawn):
             self.show_field()
 
     @property
@@ -210,8 +239,8 @@ class Beside(QWidget):
         mesh, display = self.document.mesh, self.document.display
         field, in_step, found = self.field_source.field, self._in_step(), self.pair.comparison
         first = self._first_source.field
-        self._limits = None if in_step is None else in_step[1]
-        self.limits_changed.emit()
+        self._drawn = field, None if in_step is None else in_step[1]
+        self.shown.emit()
         if self.pair.carries and found is not None and first is not None:
             limits, colormap = first.colors(self.pair.first.display)
             field = first.carried(found.back.indices)

@@ -23,8 +23,8 @@ __all__ = ["Comparing"]
 class Comparing(QObject):
     """The second mesh of a window, while there is one.
 
-    `changed` carries the `Pair`, or None when the second mesh has gone; `limits_changed` says that
-    `common_limits` may be other ones.
+    `changed` carries the `Pair`, or None when the second mesh has gone; `shown` says that it has
+    been drawn or has gone, so that `common_limits` may be other ones.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Comparing(QObject):
     """
 
     changed = Signal(object)
-    limits_changed = Signal()
+    shown = Signal()
 
     def __init__(
         self,
@@ -69,6 +69,10 @@ class Comparing(QObject):
         """Limits that the colours of both meshes share; None where each has its own."""
         return None if self.beside is None else self.beside.common_limits
 
+    def first_waits(self) -> bool:
+        """Whether a field of the first that has come is drawn later, with that of the second."""
+        return self.beside is not None and self.beside.first_waits()
+
     def open(self, path: Path, unit: str = "", maps: Sequence[Path] = ()) -> None:
         """Read a mesh beside the first, with files of maps; one that is there stays if that fails.
 
@@ -90,7 +94,7 @@ class Comparing(QObject):
             self.beside = Beside(self._document, self._scene, self._source)
             self.beside.close_requested.connect(self.end)
             self.beside.unread.connect(self.end)
-            self.beside.limits_changed.connect(self.limits_changed)
+            self.beside.shown.connect(self.shown)
             self._stage.put_beside(self.beside)
             self.changed.emit(self.beside.pair)
         for name in LINKS:
@@ -103,7 +107,7 @@ class Comparing(QObject):
             beside, self.beside, self._restoration = self.beside, None, None
             beside.shut()
             self.changed.emit(None)
-            self.limits_changed.emit()
+            self.shown.emit()
             beside.setParent(None)
             beside.deleteLater()
 

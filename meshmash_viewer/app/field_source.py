@@ -63,14 +63,17 @@ class FieldSource(QObject):
         return self._live
 
     @property
+    def comes(self) -> bool:
+        """Whether the field that is wanted is not there yet."""
+        field = self._field
+        return self._wanted is not None and (field is None or field.request != self._wanted)
+
+    @property
     def idle(self) -> bool:
         """Whether the field is the one wanted, and nothing is being computed."""
-        if self._answers.working or self._tables.working:
+        if self._answers.working or self._tables.working or self.comes:
             return False
-        field = self._field
-        if self._wanted is None or field is None:
-            return self._wanted is None and field is None
-        return field.request == self._wanted
+        return self._wanted is not None or self._field is None
 
     def refresh(self) -> None:
         """Ask for the field that the document wants now; nothing happens if it is there."""

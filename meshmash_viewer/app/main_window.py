@@ -93,7 +93,8 @@ class MainWindow(QMainWindow):
         self.loaded = False
         self._closed = False
         #: Limits that the field on the render is drawn with.
-        self._limits: tuple[float, float] | None = None
+        #: The field that was drawn last, and with which limits.
+        self._drawn: tuple[Field, tuple[float, float]] | None = None
         self.stage = Stage()
         self.setCentralWidget(self.stage)
         self.mesh_panel = MeshPanel(self.document)
@@ -188,7 +189,7 @@ class MainWindow(QMainWindow):
             self.arrangement.put(name, getattr(self, f"{name}_panel"))
         theme.pad_fields(self)
         self.field_source = FieldSource(self.document, self)
-        self.field_source.field_ready.connect(self._show_field)
+        self.field_source.field_ready.connect(self._on_field)
         self.field_source.awaited.connect(self.scene.set_awaited)
         self.field_source.failed.connect(
             lambda text: self.document.notify(Notice(text, Severity.ERROR))
@@ -202,7 +203,7 @@ class MainWindow(QMainWindow):
         )
         self.commands.comparing = self.comparing
         self.comparing.changed.connect(self._on_pair_changed)
-        self.comparing.limits_changed.connect(self._follow_limits)
+        self.comparing.shown.connect(self._follow_second)
         self.pair_panel.open_requested.connect(self.commands.compare_with)
         self.pair_panel.close_requested.connect(self.commands.end_comparison)
         self.pair_panel.save_requested.connect(self.commands.save_match)
@@ -330,29 +331,35 @@ class MainWindow(QMainWindow):
         if self.loaded:
             self.scene.set_pins(self.document.pins)
 
+    def _on_field(self) -> None:
+        if not self.comparing.first_waits():
+            self._show_field()
+
     def _show_field(self) -> None:
         """Put the last field on the render, with the limits of the policy in force."""
         field, mesh, display = self.field_source.field, self.document.mesh, self.document.display
         if field is None or mesh is None or len(field.values) != mesh.n_vertices:
+            self._drawn = None
             self.scene.set_field(None, (0.0, 1.0), display.sequential_colormap)
             self.field_panel.set_field(None, (0.0, 1.0))
             self._set_swing(None)
             later(self._clear_title)
             return
         limits, colormap = field.colors(display)
-        limits = self._limits = self.comparing.common_limits or limits
+        limits = self.comparing.common_limits or limits
+        self._drawn = field, limits
         self.scene.set_field(field, limits, colormap)
         self.field_panel.set_field(field, limits)
         self._set_swing(field)
         self.spectrum_panel.follow_field()
         later(self._clear_title)
 
-    def _follow_limits(self) -> None:
-        """Draw the field again where the second mesh moves the limits of both."""
+    def _follow_second(self) -> None:
+        """Draw the field that has waited for the second mesh, or whose limits that has moved."""
         field = self.field_source.field
-        if field is not None and self._limits is not None:
+        if field is not None and self._drawn is not None:
             own, _ = field.colors(self.document.display)
-            if (self.comparing.common_limits or own) != self._limits:
+            if self._drawn != (field, self.comparing.common_limits or own):
                 self._show_field()
 
     def _set_swing(self, field: Field | None) -> None:

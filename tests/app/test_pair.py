@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import threading
 import time
 import weakref
 from collections.abc import Callable, Iterator
@@ -22,9 +23,11 @@ from meshmash_viewer.app.beside import Beside
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
+from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.features.comparison import Comparison, compare_shapes, unit_area_spectrum
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.hks import HeatKernelSignature
+from meshmash_viewer.model.field import Field, FieldRequest
 from meshmash_viewer.model.pair import MATCHED_IN
 from meshmash_viewer.model.script import reproduction_script
 from meshmash_viewer.spectral.weyl import Target
@@ -213,6 +216,62 @@ def test_both_colour_bars_say_the_same_numbers(
     rest(window)
     assert tuple(window.scene.to_pyvista().user_dict["limits"]) == pytest.approx(own)
     display.limits = None
+
+
+def test_both_are_drawn_once_a_step(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = beside(window, folder / "other.npz", monkeypatch)
+    window.document.display.change(Eigenfunctions, index=2)
+    rest(window)
+    drawn: list[tuple[str, str]] = []
+    draw = MeshView.set_field
+
+    def noted(scene: MeshView, field: Field, *others: Any) -> None:
+        drawn.append((scene.objectName(), field.title))
+        draw(scene, field, *others)
+
+    monkeypatch.setattr(MeshView, "set_field", noted)
+    for index in (5, 6, 7):
+        drawn.clear()
+        window.document.display.change(Eigenfunctions, index=index)
+        rest(window)
+        there = opened.document.display.family.title()
+        assert sorted(drawn) == [
+            ("scene", f"Eigenfunction {index}"), ("second_scene", there)
+        ]  # fmt: skip
+
+
+@pytest.mark.parametrize("late", ["first", "second"])
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_field_does_not_wait_for_one_that_takes_long_or_fails(
+    window: MainWindow, folder: Path, monkeypatch: pytest.MonkeyPatch, late: str, fails: bool
+) -> None:
+    opened = beside(window, folder / "other.npz", monkeypatch)
+    window.document.display.change(Eigenfunctions, index=2)
+    rest(window)
+    source, document, scene = window.field_source, opened.document, opened.scene
+    if late == "second":
+        source, document, scene = opened.field_source, window.document, window.scene
+    compute, go_on = source.live.compute, threading.Event()
+
+    def slow(request: FieldRequest) -> Any:
+        if fails:
+            time.sleep(0.05)
+            raise mv.InputError("No.")
+        go_on.wait(30.0)
+        return compute(request)
+
+    monkeypatch.setattr(source.live, "compute", slow)
+    window.document.display.change(Eigenfunctions, index=9)
+    title = document.display.family.title()
+    wait_for(lambda: scene.to_pyvista().active_scalars_name == title)
+    assert source.comes
+    go_on.set()
+    monkeypatch.undo()
+    window.document.display.change(Eigenfunctions, index=3)
+    rest(window)
+    assert not source.comes
 
 
 def test_a_copy_shows_the_same_and_is_looked_at_alike(
