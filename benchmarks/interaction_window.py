@@ -311,7 +311,7 @@ class Session:
         path = self.folder / "picture.png"
         dialog = PictureDialog((1920, 1080), path, self.window)
         yield 0.1  # whoever presses Save takes longer
-        self.window.commands._write_picture(dialog)
+        self.window.commands.pictures._write_picture(dialog)
         yield path.exists
         dialog.deleteLater()
 

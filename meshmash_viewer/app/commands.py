@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtGui import QCursor, QGuiApplication, QImage
-from PySide6.QtWidgets import QDialog, QFileDialog, QInputDialog, QMainWindow, QMessageBox
+from PySide6.QtGui import QCursor, QGuiApplication
+from PySide6.QtWidgets import QFileDialog, QInputDialog, QMainWindow, QMessageBox
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS, Actions, Command
 from meshmash_viewer.app.arrangement import Arrangement
 from meshmash_viewer.app.errands import Errands
 from meshmash_viewer.app.faults import notice_of
-from meshmash_viewer.app.scene_writer import SceneWriter
-from meshmash_viewer.app.series_painter import SeriesPainter, picture_file
+from meshmash_viewer.app.pictures import Pictures, ask
 from meshmash_viewer.app.sessions import Restoration, store_session
 from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.errors import InputError
@@ -31,16 +29,15 @@ from meshmash_viewer.model.pair import Pair
 if TYPE_CHECKING:
     from meshmash_viewer.app.comparing import Comparing
     from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
-    from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
-    from meshmash_viewer.app.dialogs.movie_dialog import MovieDialog
-    from meshmash_viewer.app.dialogs.picture_dialog import PictureChoice, PictureDialog
     from meshmash_viewer.app.view.mesh_view import MeshView
 
 __all__ = ["Commands"]
 
 
 class Commands:
-    """What each command of the table does: the method of its name, here or of the document.
+    """What each command of the table does: the method of its name, here or of one of two others.
+
+    The others are `pictures`, for what is taken of the render, and the document.
 
     Parameters
     ----------
@@ -57,6 +54,7 @@ class Commands:
 
     Attributes
     ----------
+    pictures : Pictures
     scene : MeshView, optional
         The render, once it is loaded.
     comparing : Comparing, optional
@@ -78,19 +76,10 @@ class Commands:
         self._window, self._document, self._settings = window, document, settings
         self._actions, self._arrangement = actions, arrangement
         self._errands, self._read = errands, read
-        self.scene: MeshView | None = None
         self.comparing: Comparing | None = None
         self.restoration: Restoration | None = None
-        self._export_ending = self._pictured = ""
-        self._picture: PictureChoice | None = None
-        #: Dialogs that stand open beside the window, one of each command.
-        self._standing: dict[str, GalleryDialog | MovieDialog] = {}
-        self.pictures = SeriesPainter(window)
-        self.pictures.drawn.connect(lambda _at, path: self._say(f"Picture saved to {path}."))
-        self.pictures.failed.connect(self._say_not_saved)
-        self.scenes = SceneWriter(window)
-        self.scenes.written.connect(lambda path: self._say(f"Scene saved to {path}."))
-        self.scenes.failed.connect(self.say_failed)
+        self._export_ending = ""
+        self.pictures = Pictures(window, document, settings)
         for each in COMMANDS:
             actions[each.name].triggered.connect(
                 lambda checked=False, each=each: self._do(each, checked)
@@ -109,7 +98,9 @@ class Commands:
 
     def method(self, name: str) -> Callable[..., object]:
         """What a command of this name calls."""
-        found: Callable[..., object] = getattr(self, name, None) or getattr(self._document, name)
+        owners = (self, self.pictures, self._document)
+        owner = next(each for each in owners if hasattr(each, name))
+        found: Callable[..., object] = getattr(owner, name)
         return found
 
     def there(self) -> set[str]:
@@ -152,12 +143,13 @@ class Commands:
     def _say(self, text: str, severity: Severity = Severity.INFORMATION) -> None:
         self._document.notify(Notice(text, severity))
 
-    def _ask(self, dialog: QDialog, accepted: Callable[[], None] | None = None) -> None:
-        """Open a dialog, which is gone when it has been answered."""
-        if accepted is not None:
-            dialog.accepted.connect(accepted)
-        dialog.finished.connect(dialog.deleteLater)
-        dialog.open()
+    @property
+    def scene(self) -> MeshView | None:
+        return self.pictures.scene
+
+    @scene.setter
+    def scene(self, scene: MeshView) -> None:
+        self.pictures.scene = scene
 
     # -- opening ------------------------------------------------------------------------------
 
@@ -320,7 +312,7 @@ class Commands:
 
         folder, ending = self._settings.folder, self._export_ending
         dialog = ExportDialog(self._document, folder, self._window, ending)
-        self._ask(dialog, lambda: self._start_export(dialog))
+        ask(dialog, lambda: self._start_export(dialog))
 
     def _start_export(self, dialog: ExportDialog) -> None:
         job = dialog.job()
@@ -328,113 +320,12 @@ class Commands:
         self._settings.folder = job.path.parent
         self._document.export(job)
 
-    def save_picture(self) -> None:
-        """Ask for size and background, and save the render."""
-        from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
-
-        scene, mesh = self.scene, self._document.mesh
-        assert scene is not None and mesh is not None  # noqa: PT018  the command needs them
-        path, before = self._settings.folder / f"{mesh.name or 'mesh'}.png", self._picture
-        if before is not None and self._pictured == mesh.name:
-            path = before.path
-        ratio = scene.devicePixelRatioF()
-        size = (round(scene.width() * ratio), round(scene.height() * ratio))
-        dialog = PictureDialog(size, path, self._window, before)
-        self._ask(dialog, lambda: self._write_picture(dialog))
-
-    def _write_picture(self, dialog: PictureDialog) -> None:
-        from meshmash_viewer.app.view.series import Shot
-
-        assert self.scene is not None
-        choice, mesh = dialog.choice, self._document.mesh
-        self._picture, self._pictured = choice, mesh.name if mesh is not None else ""
-        self.pictures.start(
-            self.scene.renderer.twin(),
-            choice.size,
-            [Shot()],  # as it is
-            self._document.display,
-            picture_file(choice.path),
-            transparent=choice.transparent,
-        )
-        self._settings.folder = choice.path.parent
-
-    def gallery(self) -> None:
-        """Show the columns of the family on the render side by side."""
-        from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
-
-        scene = self.scene
-        assert scene is not None
-        if not self._is_standing("gallery"):
-            dialog = GalleryDialog(self._document, scene, self._window)
-            dialog.save_requested.connect(lambda: self._save_gallery(dialog))
-            self._stand("gallery", dialog, "Picture")
-
-    def _save_gallery(self, gallery: GalleryDialog) -> None:
-        from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
-
-        mesh = self._document.mesh
-        assert mesh is not None
-        path = self._settings.folder / f"{mesh.name or 'mesh'}_gallery.png"
-        dialog = PictureDialog(gallery.size_on_screen, path, gallery)
-
-        def save() -> None:
-            choice = dialog.choice
-            gallery.save(choice.path, choice.size, choice.transparent)
-
-        self._ask(dialog, save)
-
-    def save_movie(self) -> None:
-        """Ask for motion, size, rate and place, and film the render."""
-        from meshmash_viewer.app.dialogs.movie_dialog import MovieDialog
-
-        scene, mesh = self.scene, self._document.mesh
-        assert scene is not None and mesh is not None  # noqa: PT018  the command needs them
-        if not self._is_standing("movie"):
-            path = self._settings.folder / (mesh.name or "mesh")
-            self._stand("movie", MovieDialog(self._document, scene, path, self._window), "Movie")
-
-    def _is_standing(self, name: str) -> bool:
-        """Bring a dialog forward that stands open beside the window, if it does."""
-        dialog = self._standing.get(name)
-        if dialog is not None:
-            dialog.raise_()
-            dialog.activateWindow()
-        return dialog is not None
-
-    def _stand(self, name: str, dialog: GalleryDialog | MovieDialog, what: str) -> None:
-        """Open a dialog beside the window, which says what it has saved."""
-
-        def say_saved(path: Path) -> None:
-            self._settings.folder = path.parent
-            self._say(f"{what} saved to {path}.")
-
-        self._standing[name] = dialog
-        dialog.saved.connect(say_saved)
-        dialog.finished.connect(lambda: self._standing.pop(name, None))
-        dialog.finished.connect(dialog.deleteLater)
-        dialog.show()
-
     def compute_in_pieces(self) -> None:
         """Ask for feature, pieces and place, and compute."""
         from meshmash_viewer.app.dialogs.pieces_dialog import PiecesDialog
 
         dialog = PiecesDialog(self._document, self._settings.folder, self._window)
-        self._ask(dialog, lambda: self._document.compute_in_pieces(dialog.job()))
-
-    def save_scene(self) -> None:
-        """Ask for format and place, and save the mesh with its field as a scene."""
-        from meshmash_viewer.app.dialogs.scene_dialog import SceneDialog
-
-        mesh = self._document.mesh
-        assert mesh is not None
-        dialog = SceneDialog(self._settings.folder / (mesh.name or "mesh"), self._window)
-        self._ask(dialog, lambda: self._write_scene(dialog.path))
-
-    def _write_scene(self, path: Path) -> None:
-        assert self.scene is not None
-        self._settings.folder = path.parent
-        self._say(f"Writing {path.name} …")
-        self.scenes.write(self.scene.to_pyvista(), path)
+        ask(dialog, lambda: self._document.compute_in_pieces(dialog.job()))
 
     def save_shape(self, path: Path) -> None:
         """Save the shape on the render as a mesh."""
@@ -451,29 +342,9 @@ class Commands:
         doing = f"Writing {path.name}"
         self._errands.run(doing, work, lambda _: self._say(f"{what} written to {path}."))
 
-    def close(self) -> None:
-        """Finish the pictures that are being written, and close what stands open."""
-        self.pictures.wait()
-        self.scenes.close()
-        for dialog in list(self._standing.values()):
-            dialog.done(0)  # a film that is being made is given up
-
-    def _say_not_saved(self, failure: Failure) -> None:
-        text = f"The picture was not saved: {failure.text}"
-        self._document.notify(notice_of(replace(failure, text=text)))
-
     def say_failed(self, failure: Failure) -> None:
         """Say why something is not there."""
         self._document.notify(notice_of(failure))
-
-    def copy_picture(self) -> None:
-        """Put the render on the clipboard."""
-        assert self.scene is not None
-        picture = self.scene.picture()
-        height, width, _ = picture.shape
-        image = QImage(picture.tobytes(), width, height, QImage.Format.Format_RGBA8888)
-        QGuiApplication.clipboard().setImage(image.copy())
-        self._say("Picture copied.")
 
     def copy_script(self) -> None:
         """Put a script that makes what is on screen on the clipboard."""
@@ -584,7 +455,7 @@ class Commands:
         """Show the table of commands."""
         from meshmash_viewer.app.dialogs.help_dialog import HelpDialog
 
-        self._ask(HelpDialog(self._window))
+        ask(HelpDialog(self._window))
 
     def system_report(self) -> None:
         """Put what a report of a fault needs to say of this machine on the clipboard."""
@@ -599,4 +470,4 @@ class Commands:
         """Show version, licence and methods."""
         from meshmash_viewer.app.dialogs.help_dialog import AboutDialog
 
-        self._ask(AboutDialog(self._window))
+        ask(AboutDialog(self._window))

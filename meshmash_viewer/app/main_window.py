@@ -504,7 +504,7 @@ class MainWindow(QMainWindow):
             self.document.noticed.disconnect(self.stage.message_bar.show_notice)
             theme.notifier().changed.disconnect(self._on_theme_changed)
             self._focus_keys.stop()
-            self.commands.close()
+            self.commands.pictures.close()
             self.tasks.close()
             self.errands.close()
             if self.loaded:

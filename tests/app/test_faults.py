@@ -241,7 +241,7 @@ def test_a_picture_that_cannot_be_drawn_is_said_and_the_next_one_is_written(
     document.noticed.connect(notices.append)
     twin = shown.scene.renderer.twin()
     twin.prepare = lambda *_, **__: 1 / 0
-    pictures = shown.commands.pictures
+    pictures = shown.commands.pictures.painter
     display = document.display
     for name, drawing in (("a.png", twin), ("b.png", shown.scene.renderer.twin())):
         pictures.start(drawing, (64, 48), [Shot()], display, picture_file(tmp_path / name))

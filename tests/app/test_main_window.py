@@ -737,8 +737,8 @@ def test_a_picture_is_saved_at_any_size(qtbot: QtBot, ball: MainWindow, tmp_path
     dialog.width_spin.setValue(321)
     dialog.height_spin.setValue(234)
     dialog.transparent_check.setChecked(True)
-    ball.commands._write_picture(dialog)
-    ball.commands.pictures.wait()
+    ball.commands.pictures._write_picture(dialog)
+    ball.commands.pictures.painter.wait()
     qtbot.waitUntil(lambda: ball.stage.message_bar.notice is not None)
     with Image.open(tmp_path / "picture.png") as image:
         assert image.size == (321, 234)

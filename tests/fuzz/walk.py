@@ -331,7 +331,7 @@ class Walk:
         window.arrangement.reset()
         document.cancel()
         # a picture that is being drawn or written holds gigabytes where it is a large one
-        self._wait(lambda: document.job is None and not window.commands.pictures.busy)
+        self._wait(lambda: document.job is None and not window.commands.pictures.painter.busy)
         document.display.playing = False
         home = self.folder / "home.meshmash.json"
         if not home.exists():
