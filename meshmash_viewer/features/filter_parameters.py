@@ -16,6 +16,7 @@ __all__ = [
     "as_parameters",
     "as_spectrum",
     "check_times",
+    "count_zeros",
     "first_nonzero_eigenvalue",
     "hks_time_range",
     "hks_times",
@@ -26,6 +27,12 @@ FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 #: Eigenvalues below this share of the largest are zero but for rounding.
 ZERO_SHARE = 1e-10
+
+
+def count_zeros(eigenvalues: FloatArray) -> int:
+    """How many of ascending eigenvalues are zero but for rounding: one a connected component."""
+    largest = abs(float(eigenvalues[-1])) if len(eigenvalues) else 0.0
+    return int(np.searchsorted(eigenvalues, ZERO_SHARE * largest, side="right"))
 
 
 def first_nonzero_eigenvalue(eigenvalues: npt.ArrayLike) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.filter_parameters import ZERO_SHARE
+from meshmash_viewer.features.filter_parameters import count_zeros
 from meshmash_viewer.progress import CancelCallback, Cancelled
 
 if TYPE_CHECKING:
@@ -74,10 +74,7 @@ class MapSpectrum:
     @cached_property
     def n_zeros(self) -> int:
         """How many eigenvalues are zero but for rounding: one a connected component."""
-        if not len(self.eigenvalues):
-            return 0
-        largest = abs(float(self.eigenvalues[-1]))
-        return int(np.searchsorted(self.eigenvalues, ZERO_SHARE * largest, side="right"))
+        return count_zeros(self.eigenvalues)
 
     def share(self, k: int) -> float:
         """Share of the energy in the lowest k pairs, from 0 to 1."""
@@ -200,9 +197,7 @@ def band_edges(eigenvalues: FloatArray) -> FloatArray:
     From the first eigenvalue above zero on; none if there is no such. From one band to the next
     the wavelength shrinks by √2.
     """
-    if not len(eigenvalues):
-        return np.zeros(0)
-    first = np.searchsorted(eigenvalues, ZERO_SHARE * abs(float(eigenvalues[-1])), side="right")
+    first = count_zeros(eigenvalues)
     if first == len(eigenvalues):
         return np.zeros(0)
     low, high = float(eigenvalues[first]), float(eigenvalues[-1])

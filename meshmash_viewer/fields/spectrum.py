@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.features.filter_parameters import ZERO_SHARE, hks_time_range
+from meshmash_viewer.features.filter_parameters import count_zeros, hks_time_range
 from meshmash_viewer.features.truncation import mean_shares
 from meshmash_viewer.spectral.alignment import Alignment, ShownRows, close_neighbours
 
@@ -203,10 +203,7 @@ def first_nonzero(spectrum: Spectrum) -> int:
 
     Without one there is no scale to take times or bands from.
     """
-    values = spectrum.eigenvalues
-    if not len(values):
-        return 0
-    return int(np.searchsorted(values, ZERO_SHARE * abs(float(values[-1])), side="right"))
+    return count_zeros(spectrum.eigenvalues)
 
 
 def grew(old: Spectrum, new: Spectrum) -> bool:
