@@ -155,6 +155,10 @@ class Filters(Family):
         low, high = self.span(name, spectrum)
         return low * math.pow(high / low, (alike.index(name) + 1) / (len(alike) + 1))
 
+    def all_values(self, spectrum: Spectrum) -> dict[str, Any]:
+        """All parameters in force, by name."""
+        return {name: self.value(name, spectrum) for name in self.formula.parameters}
+
     def with_values(self, **values: float) -> Self:
         """The same with some parameters chosen."""
         return replace(self, values=tuple({**dict(self.values), **values}.items()))
@@ -166,9 +170,8 @@ class Filters(Family):
         return replace(self, text=text, values=values, automatic=True, low=None, high=None)
 
     def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
-        names = self.formula.parameters
         low, high = self.range(spectrum)
-        values = tuple((name, self.value(name, spectrum)) for name in names)
+        values = tuple(self.all_values(spectrum).items())
         return replace(self, values=values, low=low, high=high, automatic=False)
 
     def for_other_mesh(self, n_components: int) -> Self:
@@ -199,8 +202,8 @@ class Filters(Family):
     def quantity(self, spectrum: Spectrum, unit: str) -> str:
         powers = self.formula.powers
         chosen = [
-            f"{name} = {format_quantity(self.value(name, spectrum), unit, powers[name])}"
-            for name in powers
+            f"{name} = {format_quantity(value, unit, powers[name])}"
+            for name, value in self.all_values(spectrum).items()
         ]
         return ", ".join([self.text, *chosen])
 
@@ -208,8 +211,7 @@ class Filters(Family):
 
     def weights(self, spectrum: Spectrum) -> FloatArray:
         """The filter at the eigenvalues, shape (k,)."""
-        values = {name: self.value(name, spectrum) for name in self.formula.parameters}
-        return self.formula(spectrum.eigenvalues, **values)
+        return self.formula(spectrum.eigenvalues, **self.all_values(spectrum))
 
     @property
     def table_columns(self) -> int:
@@ -254,12 +256,11 @@ class Filters(Family):
         return tuple(sorted(found, key=lambda each: each[1]))
 
     def response(self, spectrum: Spectrum, along: FloatArray) -> Response:
-        values = {name: self.value(name, spectrum) for name in self.formula.parameters}
         legend, edges = html.escape(self.text), self.edges(spectrum)
         # on both sides of an edge, so that a sharp one is drawn upright
         beside = [edge * side for _, edge in edges for side in (1.0 - 1e-9, 1.0 + 1e-9)]
         along = np.sort(np.concatenate([along, beside]))
-        heights = self.formula.sampled(along, values)
+        heights = self.formula.sampled(along, self.all_values(spectrum))
         highest = float(np.max(heights, initial=0.0, where=np.isfinite(heights)))
         if highest > 1.0:  # the axis ends there
             heights, legend = heights / highest, f"{legend}, ÷ {format_number(highest)}"
@@ -303,10 +304,7 @@ class Filters(Family):
 
     def _samples(self, spectrum: Spectrum, count: int) -> Samples:
         places = self._columns(spectrum, count)
-        values: dict[str, FloatArray | float] = {
-            name: self.value(name, spectrum) for name in self.formula.parameters
-        }
-        bank = formula_bank(self.formula, **{**values, self.first: places})
+        bank = formula_bank(self.formula, **{**self.all_values(spectrum), self.first: places})
         return Samples(np.log10(places), bank(spectrum.eigenvalues))
 
     def _columns(self, spectrum: Spectrum, count: int) -> FloatArray:
@@ -364,9 +362,7 @@ class Filters(Family):
     ) -> FilterBank:
         none = np.empty((0, 0))
         spectrum = Spectrum(np.asarray(eigenvalues), none, none)
-        values: dict[str, float | FloatArray] = {
-            name: self.value(name, spectrum) for name in self.formula.parameters
-        }
+        values = self.all_values(spectrum)
         if self.first:
             values[self.first] = self._columns(spectrum, self.count)
         return _bank(self.text, values)

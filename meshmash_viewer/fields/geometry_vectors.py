@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import ClassVar, Self
 
 import numpy as np
@@ -80,7 +79,7 @@ class GeometryVectors(BankColumns):
 
     def centers(self, spectrum: Spectrum) -> FloatArray:
         """Eigenvalue in the middle of each band, shape (count,)."""
-        return _bank(*self.range(spectrum), self.count).parameters
+        return bspline_bank(*self.range(spectrum), self.count).parameters
 
     def support(self, spectrum: Spectrum) -> tuple[float, float]:
         """Eigenvalues between which the band is not zero."""
@@ -95,7 +94,7 @@ class GeometryVectors(BankColumns):
         return low + (high - low) * first, low + (high - low) * last
 
     def response(self, spectrum: Spectrum, along: FloatArray) -> Response:
-        bank = _bank(*self.range(spectrum), self.count)
+        bank = bspline_bank(*self.range(spectrum), self.count)
         assert isinstance(bank.response, SplineResponse)
         places = [np.linspace(*self._support(spectrum, at), _SAMPLES) for at in range(self.count)]
         curves = tuple(
@@ -128,9 +127,3 @@ class GeometryVectors(BankColumns):
 
     def bank_script(self) -> str:
         return f"mv.bspline_bank({self.low!r}, {self.high!r}, {self.count})"
-
-
-@lru_cache(maxsize=8)
-def _bank(low: float, high: float, count: int) -> FilterBank:
-    """Kept, for one steps through the bands of one range."""
-    return bspline_bank(low, high, count)

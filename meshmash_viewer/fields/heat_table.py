@@ -44,9 +44,8 @@ class HeatTable:
         The signature at the nodes without the null space, each over its heat trace.
     fits : list of ndarray of float64, shape (6, k)
         Of the nodes from each on: decay of the pairs at a time, over its sum, to weights.
-    base : ndarray of float32, shape (n,) or (1,)
-        The null space's part, which is the same at all times; on a connected mesh also at all
-        vertices. Beside it, what varies may be small.
+    base : ndarray of float32, shape (n,)
+        The null space's part, which is the same at all times. Beside it, what varies may be small.
     """
 
     times: tuple[float, float]
@@ -87,10 +86,7 @@ def build_heat_table(
     sums = sum_squares(spectrum.rows, coefficients, cancel=cancel)
     stencils = (shares[start : start + _STENCIL] for start in range(n_fits))
     fits = [np.asarray(np.linalg.pinv(stencil.T, rcond=_ROUNDING)) for stencil in stencils]
-    base = np.asarray(sums[0])
-    if base.min() == base.max():
-        base = base[:1].copy()
-    return HeatTable(times, rates, np.asarray(sums[1:]), fits, base)
+    return HeatTable(times, rates, np.asarray(sums[1:]), fits, np.asarray(sums[0]))
 
 
 def _shares(rates: FloatArray, times: FloatArray) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 from weakref import WeakKeyDictionary
@@ -44,23 +44,10 @@ from meshmash_viewer.vertex_map import Label, VertexMap
 __all__ = ["CURVATURES", "VIEWS", "OwnMaps"]
 
 
-def _mean(mesh: Mesh) -> FloatArray:
-    from meshmash_viewer.surface.curvature import mean_curvature
-
-    return mean_curvature(mesh)
-
-
-def _gaussian(mesh: Mesh) -> FloatArray:
-    from meshmash_viewer.surface.curvature import gaussian_curvature
-
-    return gaussian_curvature(mesh)
-
-
-#: Maps that every mesh has: what they are, the power of the length in their unit, and the name of
-#: the public function.
-CURVATURES: dict[str, tuple[Callable[[Mesh], FloatArray], int, str]] = {
-    "Mean curvature": (_mean, -1, "mean_curvature"),
-    "Gaussian curvature": (_gaussian, -2, "gaussian_curvature"),
+#: Maps that every mesh has: the power of the length in their unit, and the public function.
+CURVATURES: dict[str, tuple[int, str]] = {
+    "Mean curvature": (-1, "mean_curvature"),
+    "Gaussian curvature": (-2, "gaussian_curvature"),
 }
 #: What is shown of a map.
 VIEWS = {"map": "Map", "pairs": "From pairs", "filter": "Filtered", "band": "Band"}
@@ -195,7 +182,7 @@ class OwnMaps(Family):
         if self.view == "band":
             return ""
         if self.shown is None:
-            return power_unit(length, CURVATURES[self.chosen][1])
+            return power_unit(length, CURVATURES[self.chosen][0])
         return self.shown.unit
 
     def labels(self, spectrum: Spectrum, unit: str) -> tuple[Label, ...]:
@@ -301,9 +288,12 @@ class OwnMaps(Family):
         """The map, computed where it is a curvature that is not known yet."""
         known, mesh = self.vertex_map(spectrum), spectrum.mesh
         if known is None:
+            from meshmash_viewer.surface import curvature  # which loads SciPy
+
             assert mesh is not None
-            function, power, _ = CURVATURES[self.chosen]
-            known = VertexMap(self.chosen, function(mesh), unit=power_unit(mesh.unit, power))
+            power, function = CURVATURES[self.chosen]
+            values = getattr(curvature, function)(mesh)
+            known = VertexMap(self.chosen, values, unit=power_unit(mesh.unit, power))
             mesh.derived[self.chosen, mesh.unit] = known
         means = {} if mesh is None else _kept(mesh, _MEANS)
         if mesh is not None and not known.labels and known not in means:
@@ -371,7 +361,7 @@ class OwnMaps(Family):
 
     def script(self, spectrum: Spectrum) -> list[str]:
         if self.shown is None:
-            lines = [f"values = mv.{CURVATURES[self.chosen][2]}(mesh)"]
+            lines = [f"values = mv.{CURVATURES[self.chosen][1]}(mesh)"]
         else:
             lines = [f"values = mesh.map_named({self.chosen!r}).values"]
         if self.view == "map":
