@@ -9,7 +9,6 @@ they are left out, and vertices of other components are at no distance at all.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -227,7 +226,6 @@ def _check_vertex(vertex: int, n: int) -> None:
         raise InputError(f"There is no vertex {vertex}: they are counted from 0 to {n - 1}.")
 
 
-@dataclass(frozen=True, eq=False)
 class GeodesicSolver:
     """The heat method [1]_, factored once for a mesh, on its own robust Laplacian.
 
@@ -256,9 +254,7 @@ class GeodesicSolver:
     1.0
     """
 
-    mesh: Mesh
-
-    def __post_init__(self) -> None:
+    def __init__(self, mesh: Mesh) -> None:
         try:
             from potpourri3d import MeshHeatMethodDistanceSolver
         except ImportError:
@@ -266,16 +262,14 @@ class GeodesicSolver:
                 "Distances along the surface need potpourri3d, which is not installed: pip install"
                 ' "meshmash-viewer[geodesic]", or choose another distance.'
             ) from None
-        used = np.flatnonzero(self.mesh.referenced)
-        number = np.full(self.mesh.n_vertices, -1)
-        number[used] = np.arange(len(used))
-        faces = number[self.mesh.faces[self.mesh.distinct_corners]]
+        self.mesh = mesh
+        self._number = np.cumsum(mesh.referenced) - 1
         # about its middle and of size 1: numbers of any unit are as good
-        low, high = self.mesh.bounds
-        size = float((high - low).max())
-        places = (self.mesh.vertices[used] - 0.5 * (low + high)) / size
-        solver = MeshHeatMethodDistanceSolver(places, faces)
-        object.__setattr__(self, "_parts", (solver, used, number, size))
+        low, high = mesh.bounds
+        self._size = float((high - low).max())
+        places = (mesh.vertices[mesh.referenced] - 0.5 * (low + high)) / self._size
+        faces = self._number[mesh.faces[mesh.distinct_corners]]
+        self._solver = MeshHeatMethodDistanceSolver(places, faces)
 
     def from_vertex(self, vertex: int) -> FloatArray:
         """Distance to all vertices in the unit of the mesh, shape (n,).
@@ -287,16 +281,14 @@ class GeodesicSolver:
         InputError
             If the vertex does not exist.
         """
-        _check_vertex(vertex, self.mesh.n_vertices)
-        solver, used, number, size = self._parts  # type: ignore[attr-defined]
-        distances = np.full(self.mesh.n_vertices, np.nan)
-        if number[vertex] < 0:
-            return distances
+        mesh, labels = self.mesh, self.mesh.component_labels
+        _check_vertex(vertex, mesh.n_vertices)
+        distances = np.full(mesh.n_vertices, np.nan)
         # the package does not check what it is given
-        found = size * np.asarray(solver.compute_distance(int(number[vertex])))
-        labels = self.mesh.component_labels
-        here = labels[used] == labels[vertex]
-        distances[used[here]] = found[here]
+        if mesh.referenced[vertex]:
+            found = np.asarray(self._solver.compute_distance(int(self._number[vertex])))
+            distances[mesh.referenced] = self._size * found
+            distances[labels != labels[vertex]] = np.nan
         return distances
 
 
