@@ -196,13 +196,9 @@ class Mesh:
             (np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(self.n_vertices,) * 2
         )
         _, labels = connected_components(joined, directed=False)
-        labels = labels.astype(np.int64)
-        used = self.referenced
         result = np.full(self.n_vertices, -1, dtype=np.int64)
-        _, first, inverse = np.unique(labels[used], return_index=True, return_inverse=True)
-        number = np.empty(len(first), dtype=np.int64)
-        number[np.argsort(first)] = np.arange(len(first))
-        result[used] = number[inverse]
+        # SciPy numbers in that order, and counts what is in no face too
+        result[self.referenced] = np.unique(labels[self.referenced], return_inverse=True)[1]
         return result
 
     @property
