@@ -20,10 +20,9 @@ from test_eigensolver import Matrices, check, dense, random_mesh, torus
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.eigensolver import Decomposition, solve
 from meshmash_viewer.spectral.engine.factorization import order_pencil
-from meshmash_viewer.spectral.engine.lanczos import Interval, find_pairs
+from meshmash_viewer.spectral.engine.lanczos import Interval, find_pairs, run_slices
 from meshmash_viewer.spectral.engine.pencil import reduce_pencil
 from meshmash_viewer.spectral.engine.plan import SpectrumPlan
-from meshmash_viewer.spectral.engine.slices import run_slices
 
 
 def icosphere(subdivisions: int) -> Matrices:

@@ -88,25 +88,17 @@ class OrderedPencil:
             return None
         return factor if factor.error < _PROBE_TOLERANCE else None
 
-    def multiply(self, block: FloatArray, exactly: bool = False) -> FloatArray:
-        """Return ``A @ block`` for shape (n, 8), if wanted with sums in twice the precision."""
+    def multiply(
+        self, block: FloatArray, exactly: bool = False, magnitudes: bool = False
+    ) -> FloatArray:
+        """``A @ block`` or ``|A| @ block``, (n, 8), if wanted with sums in twice the precision."""
         from meshmash_viewer.spectral.engine import kernels
 
         multiply = kernels.multiply_block_exactly if exactly else kernels.multiply_block
-        start, index = self.structure.unsigned_matrix
+        matrix = self.pencil.magnitudes if magnitudes else self.pencil.matrix
         result = np.empty_like(block)
-        data = self.pencil.matrix.data
-        multiply(start, index, data, block.reshape(-1), result.reshape(-1))
-        return result
-
-    def multiply_magnitudes(self, block: FloatArray) -> FloatArray:
-        """Return ``|A| @ block`` for shape (n, 8)."""
-        from meshmash_viewer.spectral.engine.kernels import multiply_block
-
-        start, index = self.structure.unsigned_matrix
-        result = np.empty_like(block)
-        data = self.pencil.magnitudes.data
-        multiply_block(start, index, data, block.reshape(-1), result.reshape(-1))
+        places = self.structure.unsigned_matrix
+        multiply(*places, matrix.data, block.reshape(-1), result.reshape(-1))
         return result
 
     def quotients(self, block: FloatArray, images: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -8,6 +8,9 @@ not when it looks finished.
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +31,7 @@ __all__ = [
     "UnclearBorder",
     "find_pairs",
     "measure_pairs",
+    "run_slices",
     "usual_rows",
 ]
 
@@ -117,6 +121,51 @@ class IntervalPairs:
 def usual_rows(pairs: float) -> int:
     """Rows of a basis when the pairs of a slice have converged, as a rule."""
     return int(_USUAL[0] * pairs) + _USUAL[1]
+
+
+def run_slices(
+    ordered: OrderedPencil,
+    intervals: Iterable[Interval],
+    tolerance: float,
+    n_jobs: int,
+    stop: StopFlag,
+) -> Iterator[IntervalPairs]:
+    """Find the pairs of intervals side by side, and yield those of each in order.
+
+    In threads, since the kernels release the interpreter lock. A slice's result does not depend on
+    what ran beside it, so the number of threads never changes a bit of it.
+
+    Parameters
+    ----------
+    ordered : OrderedPencil
+    intervals : iterable of Interval
+        May be computed as it is consumed.
+    tolerance : float
+        Wanted residual relative to the eigenvalue.
+    n_jobs : int
+        Slices at a time.
+    stop : ndarray of uint8, shape (1,)
+        Set here when the iteration is left early; running kernels look at it.
+    """
+    if n_jobs == 1:
+        for interval in intervals:
+            yield find_pairs(ordered, interval, tolerance, stop)
+        return
+    with ThreadPoolExecutor(n_jobs, "slice") as threads:
+        begun: deque[Future[IntervalPairs]] = deque()
+        try:
+            for interval in intervals:
+                begun.append(threads.submit(find_pairs, ordered, interval, tolerance, stop))
+                busy = [slice_ for slice_ in begun if not slice_.done()]
+                if len(busy) == n_jobs:
+                    wait(busy, return_when=FIRST_COMPLETED)
+                while begun and begun[0].done():
+                    yield begun.popleft().result()
+            while begun:
+                yield begun.popleft().result()
+        except BaseException:
+            stop[0] = 1
+            raise
 
 
 def find_pairs(
@@ -233,7 +282,7 @@ def _rounding(ordered: OrderedPencil, rows: FloatArray) -> FloatArray:
         some = np.abs(rows[start : start + BLOCK]).T
         width = some.shape[1]
         columns[:, :width] = some
-        image = ordered.multiply_magnitudes(columns)[:, :width] * weight
+        image = ordered.multiply(columns, magnitudes=True)[:, :width] * weight
         norms = np.linalg.norm(image, axis=0) / np.linalg.norm(some * weight, axis=0)
         sizes[start : start + width] = norms
     return np.asarray(0.5 * np.finfo(np.float64).eps * sizes)

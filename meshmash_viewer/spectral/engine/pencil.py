@@ -83,20 +83,12 @@ class Pencil:
         return 2.0 * _EPSILON * self.norm
 
     @cached_property
-    def null_norms(self) -> FloatArray:
-        """Norms of ``root_mass`` on each null component, shape (n_null,)."""
-        used = self.labels >= 0
-        squares = np.bincount(
-            self.labels[used], weights=self.root_mass[used] ** 2, minlength=self.n_null
-        )
-        return np.sqrt(squares)
-
-    @cached_property
     def null_direction(self) -> FloatArray:
-        """Entries of the normalised null vector of each vertex's component, shape (n,)."""
+        """Entries of the normalised null vector of each vertex's component, 0 for none, (n,)."""
         used = self.labels >= 0
+        labels, root_mass = self.labels[used], self.root_mass[used]
         direction = np.zeros(self.n)
-        direction[used] = self.root_mass[used] / self.null_norms[self.labels[used]]
+        direction[used] = root_mass / np.sqrt(np.bincount(labels, root_mass**2))[labels]
         return direction
 
     def permuted(self, order: npt.NDArray[np.int64]) -> Pencil:
@@ -117,21 +109,14 @@ class Pencil:
         count = min(count, self.n_null)
         rows = np.zeros((count, self.n))
         used = np.flatnonzero((self.labels >= 0) & (self.labels < count))
-        labels = self.labels[used]
-        rows[labels, used] = self.root_mass[used] / self.null_norms[labels]
+        rows[self.labels[used], used] = self.null_direction[used]
         return rows
 
-    def remove_null(self, columns: FloatArray) -> None:
-        """Project the null space out of columns, shape (n,) or (n, b), in place."""
-        if self.n_null == 0:
-            return
-        block = columns.reshape(self.n, -1)
-        used = self.labels >= 0
-        labels = self.labels[used]
-        direction = self.root_mass[used] / self.null_norms[labels]
-        for column in block.T:
-            weights = np.bincount(labels, weights=direction * column[used], minlength=self.n_null)
-            column[used] -= direction * weights[labels]
+    def remove_null(self, column: FloatArray) -> None:
+        """Project the null space out of a column, shape (n,), in place."""
+        # Vertices that are not in a null component have the direction 0, the label -1.
+        labels, direction = self.labels + 1, self.null_direction
+        column -= direction * np.bincount(labels, direction * column)[labels]
 
 
 def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:

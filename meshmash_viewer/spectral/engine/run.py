@@ -26,14 +26,18 @@ from meshmash_viewer.spectral.engine.factorization import (
     order_pencil,
 )
 from meshmash_viewer.spectral.engine.known import KnownPairs, pairs_that_fit
-from meshmash_viewer.spectral.engine.lanczos import IntervalPairs, find_pairs, measure_pairs
+from meshmash_viewer.spectral.engine.lanczos import (
+    IntervalPairs,
+    find_pairs,
+    measure_pairs,
+    run_slices,
+)
 from meshmash_viewer.spectral.engine.orthogonality import orthonormalise
 from meshmash_viewer.spectral.engine.output import Output
 from meshmash_viewer.spectral.engine.pace import Pace
 from meshmash_viewer.spectral.engine.pencil import reduce_pencil
 from meshmash_viewer.spectral.engine.plan import SpectrumPlan
 from meshmash_viewer.spectral.engine.request import Request
-from meshmash_viewer.spectral.engine.slices import run_slices
 from meshmash_viewer.spectral.engine.workers import (
     can_be_dense,
     core_count,
@@ -195,20 +199,16 @@ class Run:
             ) from fault
 
     def _found_somehow(self) -> Iterator[slice]:
-        if self.request.op_inv is None and self._is_dense(self.request.n_components or 0):
-            yield from self._dense()
-            return
-        ordered = self._order()
         if self.request.op_inv is not None:
-            pairs = self._through_given_inverse(ordered)
+            pairs = self._through_given_inverse(self._order())
             if pairs is not None:
                 yield from self._write_all(*pairs)
                 return
-            if self._is_dense(self.request.n_components or 0):
-                yield from self._dense()
-                return
+        if self._is_dense(self.request.n_components or 0):
+            yield from self._dense()
+            return
         try:
-            yield from self._sliced(ordered)
+            yield from self._sliced(self._ordered or self._order())
         except (ArithmeticError, FactorizationError, np.linalg.LinAlgError):
             # What has been given out stays; before that, few vertices can go the sure way.
             given_out = self.output.written if hasattr(self, "output") else 0
