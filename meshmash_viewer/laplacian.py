@@ -97,12 +97,11 @@ def cotangent_laplacian(
     vertices, scale = _normalised(vertices)
     if robust:
         edges, areas = _robust_operator(vertices, faces, mollify_factor)
+        masses = np.zeros(mesh.n_vertices)
+        masses[used] = areas * scale**2
     else:
         _refuse_flat_faces(mesh)
-        edges = _cotangent_weights(vertices, faces)
-        areas = _corner_areas(vertices, faces)
-    masses = np.zeros(mesh.n_vertices)
-    masses[used] = areas * scale**2
+        edges, masses = _cotangent_weights(vertices, faces), mesh.vertex_areas.copy()
     return _stiffness(edges, used, mesh.n_vertices), sparse.diags_array(masses)
 
 
@@ -157,12 +156,10 @@ def compute_vertex_areas(
     >>> bool(np.isclose(mv.compute_vertex_areas(ball).sum(), ball.area))
     True
     """
-    mesh = as_mesh(mesh)
-    if robust:
-        _, mass = cotangent_laplacian(mesh, robust=True, mollify_factor=mollify_factor)
-        return np.asarray(mass.diagonal(), dtype=np.float64)
-    vertices, scale = _normalised(mesh.vertices)
-    return _corner_areas(vertices, mesh.faces) * scale**2
+    if not robust:
+        return as_mesh(mesh).vertex_areas.copy()
+    _, mass = cotangent_laplacian(mesh, robust=True, mollify_factor=mollify_factor)
+    return np.asarray(mass.diagonal(), dtype=np.float64)
 
 
 def _referenced_part(mesh: Mesh, along_curve: bool) -> tuple[FloatArray, IntArray, IntArray]:
@@ -192,14 +189,6 @@ def _normalised(vertices: FloatArray) -> tuple[FloatArray, float]:
     extent = float(np.abs(centred).max())
     scale = float(2.0 ** np.floor(np.log2(extent)))
     return centred / scale, scale
-
-
-def _corner_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """A third of the area of the faces around each vertex."""
-    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    thirds = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6.0
-    areas = np.bincount(faces.ravel(), weights=np.repeat(thirds, 3), minlength=len(vertices))
-    return np.asarray(areas, dtype=np.float64)
 
 
 def _refuse_flat_faces(mesh: Mesh) -> None:

@@ -124,6 +124,12 @@ class Mesh:
         """Area of the whole surface, in squared `unit`."""
         return float(self.face_areas.sum())
 
+    @cached_property
+    def vertex_areas(self) -> FloatArray:
+        """A third of the area of the faces around each vertex, shape (n,), in squared `unit`."""
+        thirds = np.repeat(self.face_areas / 3.0, 3)
+        return np.bincount(self.faces.ravel(), thirds, self.n_vertices).astype(np.float64)
+
     def area_sample(self, count: int = 10_000) -> IntArray:
         """Vertices spread over the surface in proportion to its area.
 

@@ -401,9 +401,7 @@ def _kept(mesh: Mesh, name: str) -> WeakKeyDictionary[VertexMap, Any]:
 
 def _mean_over(mesh: Mesh, values: FloatArray) -> float:
     """Mean over the surface where there are values."""
-    from meshmash_viewer.laplacian import compute_vertex_areas  # which loads SciPy
-
-    weights = compute_vertex_areas(mesh) * np.isfinite(values)
+    weights = mesh.vertex_areas * np.isfinite(values)
     total = weights.sum()
     return float(weights @ np.nan_to_num(values) / total) if total > 0.0 else np.nan
 

@@ -112,7 +112,7 @@ class Spectrum:
         """The rows as they are drawn and plotted, shape (>= k, n)."""
         return self.rows if self.shown is None else self.shown
 
-    @cached_property
+    @property
     def vertex_areas(self) -> npt.NDArray[np.float64]:
         """Area of each vertex, shape (n,): `mass`, or before a solve has ended that of the faces.
 
@@ -120,10 +120,8 @@ class Spectrum:
         """
         if self.mass is not None and len(self.mass):
             return self.mass
-        from meshmash_viewer.laplacian import compute_vertex_areas  # which loads SciPy
-
         assert self.mesh is not None
-        return compute_vertex_areas(self.mesh)
+        return self.mesh.vertex_areas
 
     @cached_property
     def n_vertices(self) -> int:

@@ -91,8 +91,7 @@ def preview_eigenpairs(
     """
     if n_cells is None:
         n_cells = min(max(_CELLS_PER_PAIR * n_pairs, _FEWEST), _MOST)
-    thirds = np.repeat(mesh.face_areas / 3.0, 3)
-    areas = np.bincount(mesh.faces.ravel(), thirds, mesh.n_vertices).astype(np.float64)
+    areas = mesh.vertex_areas
     seeds = _spread_seeds(mesh, areas, n_cells, n_pairs)
     _ask(cancel)
     cells = _nearest_seeds(mesh, seeds)
