@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
+
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family
@@ -32,13 +34,7 @@ def n_columns(family: Family, spectrum: Spectrum) -> int:
         here = first.step(spectrum, column)
         return here.step(spectrum, 1) == here
 
-    below, at = -1, 0
-    while not is_last(at) and at < _MOST:
-        below, at = at, 2 * at + 1
-    while at - below > 1:
-        middle = (below + at) // 2
-        below, at = (below, middle) if is_last(middle) else (middle, at)
-    return at + 1
+    return bisect_left(range(_MOST - 1), True, key=is_last) + 1
 
 
 def chosen_columns(text: str, most: int) -> range:
