@@ -292,13 +292,10 @@ def _powers(formula: Formula) -> tuple[int, ...]:
         return float(np.isclose(here, there, rtol=1e-9, atol=1e-300, equal_nan=True).mean())
 
     # of those that are as good, the likeliest
-    likeliest_first = sorted(itertools.product(_POWERS, repeat=len(names)), key=_strangeness)
+    every = itertools.product(_POWERS, repeat=len(names))
+    likeliest_first = sorted(every, key=lambda powers: sum(map(_POWERS.index, powers)))
     best = max(likeliest_first, key=same)
     return best if same(best) >= _MOSTLY else (0,) * len(names)
-
-
-def _strangeness(powers: tuple[int, ...]) -> int:
-    return sum(_POWERS.index(power) for power in powers)
 
 
 @lru_cache(maxsize=64)

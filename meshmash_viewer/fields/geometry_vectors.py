@@ -81,12 +81,10 @@ class GeometryVectors(BankColumns):
         """Eigenvalue in the middle of each band, shape (count,)."""
         return bspline_bank(*self.range(spectrum), self.count).parameters
 
-    def support(self, spectrum: Spectrum) -> tuple[float, float]:
-        """Eigenvalues between which the band is not zero."""
-        return self._support(spectrum, self.column)
-
-    def _support(self, spectrum: Spectrum, band: int) -> tuple[float, float]:
-        """Uniform cubic B-splines: each spans at most four intervals between knots."""
+    def support(self, spectrum: Spectrum, band: int | None = None) -> tuple[float, float]:
+        """Eigenvalues between which the band, or another one, is not zero."""
+        # Uniform cubic B-splines: each spans at most four intervals between knots.
+        band = self.column if band is None else band
         low, high = self.range(spectrum)
         degree = min(3, self.count - 1)
         spans = self.count - degree
@@ -96,7 +94,7 @@ class GeometryVectors(BankColumns):
     def response(self, spectrum: Spectrum, along: FloatArray) -> Response:
         bank = bspline_bank(*self.range(spectrum), self.count)
         assert isinstance(bank.response, SplineResponse)
-        places = [np.linspace(*self._support(spectrum, at), _SAMPLES) for at in range(self.count)]
+        places = [np.linspace(*self.support(spectrum, at), _SAMPLES) for at in range(self.count)]
         curves = tuple(
             (each, spline(each)) for each, spline in zip(places, bank.response.bases, strict=True)
         )

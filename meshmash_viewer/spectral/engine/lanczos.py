@@ -47,8 +47,6 @@ _COARSE = 8.0
 _POLISHES = 3
 #: Once a run has brought nothing, residuals may be this many times as large.
 _LENIENCE = 1e3
-#: Defects that are solved for again then.
-_REFINEMENTS = 1
 #: Rows that gave way by more than this are no longer orthonormal among themselves.
 _SEEN = 1e-7
 #: Products of A with rows that are held at once.
@@ -329,10 +327,9 @@ def _polish(
         given[:, : len(some)] = (rows[some] * (values[some] - factor.shift)[:, None]).T
         better = given.copy()
         factor.solve(better)
-        for _ in range(_REFINEMENTS):
-            defect = given - ordered.multiply(better, exactly=True) + factor.shift * better
-            factor.solve(defect)
-            better += defect
+        defect = given - ordered.multiply(better, exactly=True) + factor.shift * better
+        factor.solve(defect)
+        better += defect
         ordered.remove_null(better)
         candidates = np.ascontiguousarray(better[:, : len(some)].T)
         candidates /= np.linalg.norm(candidates, axis=1)[:, None]
