@@ -15,7 +15,7 @@ a machined part of long thin triangles, and on a boundary, where a surface has m
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -109,7 +109,14 @@ class Remainder:
 
     def bound(self, values: npt.NDArray[np.floating[Any]]) -> FloatArray:
         """What the missing pairs can change at most, shape (n, f); see `estimate`."""
-        return self._bound(self.left, values)
+        supremum = self.tail.supremum(self.known_to)
+        highest = self._divided(self.left[:, np.newaxis] * supremum, self.totals)
+        if not self.normalised:
+            return highest
+        # Between nothing more above and all of it below the line, whichever is further away.
+        more = self.n_left * supremum
+        above = np.abs(values) * self._divided(more, self.totals + more)
+        return np.asarray(np.maximum(highest, above), dtype=np.float64)
 
     def _estimate(self, left: FloatArray, values: npt.NDArray[Any]) -> FloatArray:
         with np.errstate(invalid="ignore"):
@@ -128,16 +135,6 @@ class Remainder:
         # Rounding of the integral's ends is no part of it.
         highest = left[:, np.newaxis] * self.tail.supremum(self.known_to)
         return np.asarray(np.minimum(area, highest))
-
-    def _bound(self, left: FloatArray, values: npt.NDArray[Any]) -> FloatArray:
-        supremum = self.tail.supremum(self.known_to)
-        highest = self._divided(left[:, np.newaxis] * supremum, self.totals)
-        if not self.normalised:
-            return highest
-        # Between nothing more above and all of it below the line, whichever is further away.
-        more = self.n_left * supremum
-        above = np.abs(values) * self._divided(more, self.totals + more)
-        return np.asarray(np.maximum(highest, above), dtype=np.float64)
 
     @staticmethod
     def _divided(missing: FloatArray, totals: FloatArray) -> FloatArray:
@@ -277,9 +274,9 @@ def measure_truncation(
         medians, largest = ([f(e, axis=0) for e in errors] for f in (np.median, np.max))
     else:
         # Both grow with what is left at a vertex, so their order over the vertices is known.
-        places = np.array([np.median(rest), rest.max()])
+        there = replace(remainder, left=np.array([np.median(rest), rest.max()]))
         none = np.zeros((2, 0))
-        both = (remainder._estimate(places, none), remainder._bound(places, none))
+        both = (there.estimate(none), there.bound(none))
         medians, largest = ([error[at] for error in both] for at in (0, 1))
     whole = typical + medians[0]
     shares = [
