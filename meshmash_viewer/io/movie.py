@@ -11,12 +11,11 @@ import shutil
 import struct
 import subprocess
 import tempfile
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
-from typing import IO, Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -168,7 +167,7 @@ def _delays(rate: float, unit: float) -> Iterator[int]:
         before = end
 
 
-def _coded(frame: Frame, form: str, **options: Any) -> bytes:
+def _coded(frame: Frame, form: str, **options: int) -> bytes:
     """One frame as a picture of its own."""
     from PIL import Image
 
@@ -176,7 +175,7 @@ def _coded(frame: Frame, form: str, **options: Any) -> bytes:
     if form == "GIF":
         image = image.quantize(256)
     coded = io.BytesIO()
-    image.save(coded, format=form, **options)
+    image.save(coded, form, **options)
     return coded.getvalue()
 
 
@@ -255,6 +254,9 @@ def _riff(name: bytes, data: bytes) -> bytes:
 @contextmanager
 def _apng(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Iterator[Add]:
     """PNG with a control chunk before the data of each frame."""
+    from PIL import Image
+    from PIL.PngImagePlugin import getchunks, putchunk
+
     delay = (1 / Fraction(rate)).limit_denominator(65_535)
     number = 0
     with part.open("wb") as file:
@@ -262,40 +264,27 @@ def _apng(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Iter
         def control() -> None:
             nonlocal number
             numbers = (number, *size, 0, 0, delay.numerator, delay.denominator, 0, 0)
-            _png(file, b"fcTL", struct.pack(">IIIIIHHBB", *numbers))
+            putchunk(file, b"fcTL", struct.pack(">IIIIIHHBB", *numbers))
             number += 1
 
         def add(frame: Frame) -> None:
             nonlocal number
             first = number == 0
-            for name, data in _png_chunks(_coded(frame, "PNG")):
+            for name, data, _ in getchunks(Image.fromarray(np.ascontiguousarray(frame))):
                 if name == b"IHDR":
                     if first:
                         file.write(b"\x89PNG\r\n\x1a\n")
-                        _png(file, name, data)
-                        _png(file, b"acTL", struct.pack(">II", n_frames, 0))
+                        putchunk(file, name, data)
+                        putchunk(file, b"acTL", struct.pack(">II", n_frames, 0))
                     control()
                 elif name == b"IDAT" and first:
-                    _png(file, name, data)
+                    putchunk(file, name, data)
                 elif name == b"IDAT":
-                    _png(file, b"fdAT", struct.pack(">I", number) + data)
+                    putchunk(file, b"fdAT", struct.pack(">I", number), data)
                     number += 1
 
         yield add
-        _png(file, b"IEND", b"")
-
-
-def _png(file: IO[bytes], name: bytes, data: bytes) -> None:
-    file.write(struct.pack(">I", len(data)) + name + data)
-    file.write(struct.pack(">I", zlib.crc32(name + data)))
-
-
-def _png_chunks(picture: bytes) -> Iterator[tuple[bytes, bytes]]:
-    at = 8
-    while at < len(picture):
-        length, name = struct.unpack_from(">I4s", picture, at)
-        yield name, picture[at + 8 : at + 8 + length]
-        at += 12 + length
+        putchunk(file, b"IEND")
 
 
 # MP4 ------------------------------------------------------------------------------------------
