@@ -1,7 +1,7 @@
-"""Features, eigenpairs, meshes and pictures to files, each with how it was made.
+"""Features, eigenpairs and meshes to files, each with how it was made; and pictures.
 
 Every file is written beside its place and renamed, so a failure leaves an older one whole. NPZ,
-Parquet, VTP, PLY, OBJ, GIFTI and PNG carry their provenance inside; NPY, CSV, STL and GLB have a
+Parquet, VTP, PLY, OBJ and GIFTI carry their provenance inside; NPY, CSV, STL and GLB have a
 ``.json`` beside them, "features.npy.json" for "features.npy", which names the file's SHA-256
 (``table_sha256``).
 """
@@ -257,10 +257,8 @@ def write_mesh(path: str | Path, mesh: Mesh, meta: dict[str, Any] | None = None)
     _write(path, "mesh", table, _made(mesh, {"kind": "mesh"}, meta))
 
 
-def write_picture(
-    path: str | Path, pixels: npt.NDArray[np.uint8], meta: dict[str, Any] | None = None
-) -> None:
-    """Write pixels as PNG, with provenance as text where it is given.
+def write_picture(path: str | Path, pixels: npt.NDArray[np.uint8]) -> None:
+    """Write pixels as PNG.
 
     Parameters
     ----------
@@ -268,8 +266,6 @@ def write_picture(
         Ends in ".png".
     pixels : ndarray of uint8, shape (height, width, 3 or 4)
         RGB or RGBA, first row on top.
-    meta : dict, optional
-        JSON-able; see `provenance`.
 
     Raises
     ------
@@ -284,8 +280,6 @@ def write_picture(
         raise InputError(f"{path} is not the name of a picture; give it the ending .png.")
     about = PngInfo()
     about.add_text("Software", "meshmash-viewer")
-    if meta:
-        about.add_itxt("meshmash-viewer", json.dumps(meta))
     with writing_errors(path), written_whole(path) as part:
         image = Image.fromarray(np.ascontiguousarray(pixels))
         image.save(part, pnginfo=about)

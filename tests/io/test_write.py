@@ -191,20 +191,15 @@ def test_eigenpairs_come_back(
 
 
 @pytest.mark.parametrize("channels", [3, 4])
-def test_picture_comes_back(channels: int, mesh: Mesh, tmp_path: Path) -> None:
+def test_picture_comes_back(channels: int, tmp_path: Path) -> None:
     from PIL import Image
 
     pixels = np.random.default_rng(0).integers(0, 256, (20, 30, channels), dtype=np.uint8)
     path = tmp_path / "picture.png"
-    write_picture(path, pixels, provenance(mesh))
-    with Image.open(path) as image:
-        np.testing.assert_array_equal(np.asarray(image), pixels)
-        about: Any = image.info
-        assert json.loads(about["meshmash-viewer"])["mesh"]["name"] == "ball"
-        assert about["Software"] == "meshmash-viewer"
     write_picture(path, pixels)
     with Image.open(path) as image:
-        assert "meshmash-viewer" not in image.info
+        np.testing.assert_array_equal(np.asarray(image), pixels)
+        assert image.info["Software"] == "meshmash-viewer"
     with pytest.raises(InputError, match=r"\.png"):
         write_picture(tmp_path / "picture.jpg", pixels)
 
