@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.io.spectrum import (
     Eigenpairs,
     damage_remark,
@@ -22,7 +23,7 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.previews import open_preview
-from meshmash_viewer.model.results import SpectrumGrew
+from meshmash_viewer.model.results import NO_ROWS, SpectrumGrew
 from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.alignment import Alignment, align
@@ -174,13 +175,16 @@ class _Growth:
         self._told, self._time = converged, time.monotonic()
         self._channel.send(
             SpectrumGrew(
-                self._stored,
-                self._eigenvalues.copy(),
-                self._residuals.copy(),
-                total=len(self._rows),
-                operator=self._operator,
+                Spectrum(
+                    self._eigenvalues.copy(),
+                    NO_ROWS,
+                    self._residuals.copy(),
+                    total=len(self._rows),
+                    operator=self._operator,
+                    mass=self._mass if first else None,
+                    stored=self._stored,
+                ),
                 alignment=self.align(self._rows, self._eigenvalues),
-                mass=self._mass if first else None,
             )
         )
 
@@ -203,15 +207,15 @@ def _grown(
     known_to: float = 0.0,
 ) -> SpectrumGrew:
     decomposition = found.decomposition
-    return SpectrumGrew(
-        found.stored,
+    told = Spectrum(
         np.array(decomposition.eigenvalues),
+        NO_ROWS,
         np.array(decomposition.residuals),
         total=decomposition.n_components if ended else 0,
         certificate=decomposition.certificate if ended else None,
         operator=operator,
-        alignment=alignment,
         known_to=known_to if ended and decomposition.complete else 0.0,
-        remark=found.remark,
         mass=decomposition.mass if len(decomposition.mass) else None,
+        stored=found.stored,
     )
+    return SpectrumGrew(told, alignment=alignment, remark=found.remark)

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.results import MeshReady, SpectrumGrew
+from meshmash_viewer.model.results import NO_ROWS, MeshReady, SpectrumGrew
 from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Progress
 
@@ -29,7 +30,7 @@ def is_worthwhile(ready: MeshReady) -> bool:
     mesh = ready.mesh
     if mesh.n_vertices < FROM_VERTICES:
         return False
-    known = 0 if ready.known is None else len(ready.known.eigenvalues)
+    known = 0 if ready.known is None else len(ready.known.told)
     return known < ready.health.n_components + _pairs(mesh)
 
 
@@ -81,6 +82,5 @@ def _previewed(
     path: Path, eigenvalues: npt.NDArray[np.float64], error: float, operator: OperatorOptions
 ) -> SpectrumGrew:
     unknown = np.full(len(eigenvalues), np.nan)
-    return SpectrumGrew(
-        None, eigenvalues, unknown, operator=operator, preview_path=path, error=error
-    )
+    told = Spectrum(eigenvalues, NO_ROWS, unknown, preview=True, operator=operator, error=error)
+    return SpectrumGrew(told, preview_path=path)

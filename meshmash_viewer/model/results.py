@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import Health
-from meshmash_viewer.io.stored_spectrum import StoredRows
-from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.alignment import Alignment, ShownRows
-from meshmash_viewer.spectral.certificate import Certificate
 
-__all__ = ["MapGrew", "MeshReady", "SpectrumGrew", "Written"]
+__all__ = ["NO_ROWS", "MapGrew", "MeshReady", "SpectrumGrew", "Written"]
+
+#: Of a spectrum whose rows are in a file that has yet to be opened.
+NO_ROWS = np.empty((0, 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,62 +26,32 @@ class SpectrumGrew:
 
     Parameters
     ----------
-    stored : StoredRows, optional
-        Where the rows are, of which the first k are to be read.
-    eigenvalues, residuals : ndarray of float64, shape (k,)
-        The residuals of approximate ones are NaN.
-    total, certificate, operator, known_to, mass
-        See `Spectrum`.
+    told : Spectrum
+        All of it but the rows, which `Spectrum.stored` names; the residuals of approximate ones
+        are NaN.
     preview_path : Path, optional
         ``.npy`` file with approximate rows, where these pairs are.
-    error : float
-        Expected relative error of the approximate eigenvalues.
     alignment : Alignment, optional
         Signs and rotations of the rows on the render.
     remark : str
         A sentence for the message bar, where there is something to say.
     """
 
-    stored: StoredRows | None
-    eigenvalues: npt.NDArray[np.float64]
-    residuals: npt.NDArray[np.float64]
-    total: int = 0
-    certificate: Certificate | None = None
-    operator: OperatorOptions | None = None
+    told: Spectrum
     preview_path: Path | None = None
-    error: float = 0.0
     alignment: Alignment | None = None
     remark: str = ""
-    known_to: float = 0.0
-    mass: npt.NDArray[np.float64] | None = None
 
     @cached_property
     def spectrum(self) -> Spectrum:
         """The same as the views read it; the first access opens the files."""
-        count, preview, shown = len(self.eigenvalues), self.preview_path is not None, None
-        rows: npt.NDArray[np.floating[Any]]
         if self.preview_path is not None:
-            rows = np.load(self.preview_path, mmap_mode="r")
-        else:
-            assert self.stored is not None
-            rows = self.stored.map(count)
-            if self.alignment is not None:
-                shown = ShownRows(rows, count, None, self.alignment)
-        return Spectrum(
-            self.eigenvalues,
-            rows,
-            self.residuals,
-            total=self.total,
-            certificate=self.certificate,
-            preview=preview,
-            operator=self.operator,
-            n_exact=0 if preview else count,
-            error=self.error,
-            shown=shown,
-            known_to=self.known_to,
-            mass=self.mass,
-            stored=self.stored,
-        )
+            return replace(self.told, rows=np.load(self.preview_path, mmap_mode="r"))
+        count = len(self.told)
+        rows, shown = self.told.stored.map(count), None
+        if self.alignment is not None:
+            shown = ShownRows(rows, count, None, self.alignment)
+        return replace(self.told, rows=rows, shown=shown, n_exact=count)
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,12 +34,12 @@ def opened(qapp: object, sphere: Mesh, tmp_path: Path, monkeypatch) -> Iterator[
     document, parent, said = Document(), QObject(), []
     document.noticed.connect(said.append)
     check = RowCheck(document, parent)
-    assert grew.stored is not None
+    assert grew.told.stored is not None
 
     def open_mesh() -> None:
         document.accept_mesh(InspectJob(sphere).run(listener))
 
-    yield document, said, grew.stored.path, open_mesh, check
+    yield document, said, grew.told.stored.path, open_mesh, check
     check.close()
 
 

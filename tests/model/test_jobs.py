@@ -81,8 +81,8 @@ def test_each_job_looks_for_the_pairs_of_its_own_operator(
     ):
         known = job.run(listener).known
         assert known is not None
-        assert len(known.eigenvalues) == 8
-        assert known.operator == PLAIN
+        assert len(known.told) == 8
+        assert known.told.operator == PLAIN
     for job in (ReadJob(file), InspectJob(sphere), RepairJob(sphere, name)):
         assert job.operator == OperatorOptions()
         assert job.run(listener).known is None
