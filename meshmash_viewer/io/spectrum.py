@@ -368,7 +368,7 @@ class _Keeper:
         """All pairs with their proof, where they are."""
         while (store := self._store) is not None:
             try:
-                store.finish(replace(decomposition, rows=self._there), max_eigenvalue)
+                store.finish(decomposition, max_eigenvalue)
             except StoreUnusable as fault:
                 self._take_next(fault)
                 self._make_room(*self.rows.shape)

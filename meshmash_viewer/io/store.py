@@ -274,7 +274,7 @@ class EigenpairStore:
         Parameters
         ----------
         decomposition : Decomposition
-            What the solver returned; rows of pairs that have not been published are copied.
+            What the solver returned; all of its pairs have been published.
         max_eigenvalue : float, optional
             The threshold asked for, which the next request may ask for again.
 
@@ -284,18 +284,8 @@ class EigenpairStore:
             See `append`.
         """
         k = decomposition.n_components
-        if self._rows is None or len(self._rows) < k:
-            self.allocate(k)
-        assert self._rows is not None
+        assert self._published(k).all(), "append comes before finish"
         try:
-            missing = np.flatnonzero(~self._published(k))
-            for run in np.split(missing, np.flatnonzero(np.diff(missing) > 1) + 1):
-                for i in run:
-                    if not np.shares_memory(decomposition.rows[i], self._rows[i]):
-                        self._rows[i] = decomposition.rows[i]
-                if len(run):
-                    values, residuals = decomposition.eigenvalues, decomposition.residuals
-                    self.append(int(run[0]), values[run], residuals[run])
             mass = np.asarray(decomposition.mass, dtype=np.float64)
             proof = Proof(
                 n_pairs=k,

@@ -56,6 +56,17 @@ def fill(store: EigenpairStore, whole: Decomposition, start: int, stop: int) -> 
     store.append(start, whole.eigenvalues[start:stop], whole.residuals[start:stop])
 
 
+def finish(
+    store: EigenpairStore, whole: Decomposition, max_eigenvalue: float | None = None
+) -> None:
+    """Publish the pairs that have not come yet, and the proof."""
+    stored = store.load()
+    start = 0 if stored is None else stored.n_converged
+    if start < whole.n_components:
+        fill(store, whole, start, whole.n_components)
+    store.finish(whole, max_eigenvalue)
+
+
 @pytest.fixture
 def whole(sphere: Mesh) -> Decomposition:
     return synthetic(sphere.n_vertices, 10)
@@ -130,7 +141,7 @@ def test_asking_for_fewer_is_a_slice_and_for_more_is_more(
     sphere: Mesh, tmp_path: Path, whole: Decomposition
 ) -> None:
     with open_store(sphere, tmp_path) as store:
-        store.finish(whole, max_eigenvalue=9.5)
+        finish(store, whole, max_eigenvalue=9.5)
     found = open_store(sphere, tmp_path).load()
     assert found is not None
     assert found.covers(Target("count", 3)) == 3
@@ -147,7 +158,7 @@ def test_asking_for_fewer_is_a_slice_and_for_more_is_more(
 def test_the_whole_spectrum_answers_everything(sphere: Mesh, tmp_path: Path) -> None:
     n = sphere.n_vertices
     with open_store(sphere, tmp_path) as store:
-        store.finish(synthetic(n, n))
+        finish(store, synthetic(n, n))
     found = open_store(sphere, tmp_path).load()
     assert found is not None
     assert found.covers(Target("count", 10 * n)) == n
@@ -158,7 +169,7 @@ def test_growing_keeps_what_is_proven_and_maps_of_it(sphere: Mesh, tmp_path: Pat
     few, many = synthetic(sphere.n_vertices, 10), synthetic(sphere.n_vertices, 1200)
     np.testing.assert_array_equal(few.rows, many.rows[:10])
     with open_store(sphere, tmp_path) as store:
-        store.finish(few)
+        finish(store, few)
     before = open_store(sphere, tmp_path).load()
     assert before is not None
     with open_store(sphere, tmp_path) as store:
@@ -173,7 +184,7 @@ def test_growing_keeps_what_is_proven_and_maps_of_it(sphere: Mesh, tmp_path: Pat
         assert found.covers(Target("count", 10)) == 10
     with open_store(sphere, tmp_path) as store:
         store.extend(1200, None, np.arange(20))
-        store.finish(many)
+        finish(store, many)
     found = open_store(sphere, tmp_path).load()
     assert found is not None
     assert (found.n_proven, found.damaged_batches()) == (1200, [])
@@ -191,7 +202,7 @@ def test_a_store_is_served_as_far_as_it_is_whole(sphere: Mesh, tmp_path: Path) -
     with open_store(sphere, tmp_path) as store:
         for start in (0, 4, 8):
             fill(store, whole, start, start + 4)
-        store.finish(whole)
+        finish(store, whole)
     flip_bit(store.folder / "pairs-000004-000008.sealed")
     found = open_store(sphere, tmp_path).load()
     assert found is not None
@@ -212,7 +223,7 @@ def test_a_store_is_served_as_far_as_it_is_whole(sphere: Mesh, tmp_path: Path) -
         # Other numbers than those that the proof was made of.
         found = loaded(sphere, tmp_path)
         assert (found.n_proven, found.n_converged, found.faults) == (4, 12, ())
-        store.finish(whole)
+        finish(store, whole)
     assert [path.stat().st_mtime_ns for path in untouched] == written
     found = open_store(sphere, tmp_path).load()
     assert found is not None
@@ -225,7 +236,7 @@ def test_a_batch_that_is_gone_is_named(sphere: Mesh, tmp_path: Path) -> None:
     with open_store(sphere, tmp_path) as store:
         for start in (0, 4, 8):
             fill(store, whole, start, start + 4)
-        store.finish(whole)
+        finish(store, whole)
     (store.folder / "pairs-000008-000012.sealed").unlink()
     found = loaded(sphere, tmp_path)
     assert found.faults == ("eigenpairs 8 to 11",)
@@ -237,7 +248,7 @@ def test_a_file_in_place_of_another_is_none(
 ) -> None:
     with open_store(sphere, tmp_path) as store:
         fill(store, whole, 0, 5)
-        store.finish(whole)
+        finish(store, whole)
     proof, batch = store.folder / "proof.sealed", store.folder / "pairs-000005-000010.sealed"
     content = proof.read_bytes()
     proof.write_bytes(batch.read_bytes())
@@ -252,7 +263,7 @@ def test_rows_are_compared_with_their_checksums_when_asked(
 ) -> None:
     with open_store(sphere, tmp_path) as store:
         fill(store, whole, 0, 5)
-        store.finish(whole)
+        finish(store, whole)
     flip_bit(store.folder / "eigenvectors.f64", 8 * 7 * sphere.n_vertices + 5)
     found = open_store(sphere, tmp_path).load()
     assert found is not None
@@ -291,7 +302,7 @@ def test_a_full_disk_is_said_and_takes_nothing_away(
 ) -> None:
     whole = synthetic(sphere.n_vertices, 10)
     with open_store(sphere, tmp_path) as store:
-        store.finish(whole)
+        finish(store, whole)
 
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC if supported else errno.EOPNOTSUPP, "No space left on device")
@@ -399,7 +410,7 @@ def test_two_processes_never_write_at_once(
     assert other.exitcode == 9
     # A killed process leaves no lock behind.
     with store:
-        store.finish(whole)
+        finish(store, whole)
     assert loaded(sphere, tmp_path).n_proven == 10
 
 
@@ -422,13 +433,13 @@ def test_oldest_goes_when_the_cap_is_reached(
     stores = [open_store(shifted(sphere, i), tmp_path) for i in range(3)]
     for age, store in enumerate(stores[:2]):
         with store:
-            store.finish(whole)
+            finish(store, whole)
         os.utime(store.folder / "problem.json", ns=(0, age))
     one = folder_size(stores[0].folder)
     assert stores[0].load() is not None  # used again: the other is now the oldest
     stores[2] = open_store(shifted(sphere, 2), tmp_path, cap=int(2.5 * one))
     with stores[2]:
-        stores[2].finish(whole)
+        finish(stores[2], whole)
     assert [store.folder.exists() for store in stores] == [True, False, True]
     cache = EigenpairCache(tmp_path)
     assert cache.size() >= 2 * 0.9 * one
