@@ -21,9 +21,6 @@ Ends: TypeAlias = tuple[float, float]
 Values: TypeAlias = npt.NDArray[np.floating]
 Sample: TypeAlias = npt.NDArray[np.int64] | None
 
-#: Values that stand for all others where there is no sample of the surface.
-_SAMPLE = 100_000
-
 
 class LimitPolicy(Protocol):
     """What every policy can do; policies are frozen and compare by value."""
@@ -88,18 +85,13 @@ class MinMaxLimits:
 
 @dataclass(frozen=True)
 class PercentileLimits:
-    """Between two percentiles of the surface: for fields whose tips would take all the colours.
-
-    Without a sample of the surface, of more than `_SAMPLE` values evenly spaced ones are looked
-    at: a percentile of 100 000 values is off by less than 0.1 of a percent of them.
-    """
+    """Between two percentiles of the surface: for fields whose tips would take all the colours."""
 
     low: float = 1.0
     high: float = 99.0
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
-        step = max(len(values) // _SAMPLE, 1)
-        looked_at = _finite(values[::step] if sample is None else values[sample])
+        looked_at = _finite(values if sample is None else values[sample])
         low, high = np.percentile(looked_at, (self.low, self.high))
         return _opened(float(low), float(high))
 
