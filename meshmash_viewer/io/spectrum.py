@@ -303,27 +303,18 @@ class _Keeper:
         """Room for k rows, of which those of the indices `kept` are there."""
         self.eigenvalues, self.residuals = np.full(k, np.nan), np.full(k, np.nan)
         store, known = self._store, self._known
-        if store is not None and known is not None and store.folder == known.path.parent:
+        in_place = known is not None and store is not None and store.folder == known.path.parent
+        if store is not None:
             try:
-                self.rows = self._there = store.extend(k, n, kept)
-                return self.rows
+                self._there = store.extend(k, n, kept if in_place else kept[:0])
             except StoreUnusable as fault:
-                self._take_next(fault)
-        self._make_room(k, n)
+                self._take_next(fault, (k, n))
+                in_place = False
         self.rows = np.empty((k, n)) if self._store is None else self._there
-        for index in kept:
-            assert known is not None
-            self.rows[index] = known.rows[index]
+        if known is not None and not in_place:
+            for index in kept:
+                self.rows[index] = known.rows[index]
         return self.rows
-
-    def _make_room(self, k: int, n: int) -> None:
-        """Have room in the store, or the next one that has it."""
-        while self._store is not None:
-            try:
-                self._there = self._store.allocate(k, n)
-                return
-            except StoreUnusable as fault:
-                self._take_next(fault)
 
     def append(self, start: int, eigenvalues: FloatArray, residuals: FloatArray) -> None:
         """Keep pairs whose rows have become final."""
@@ -340,12 +331,13 @@ class _Keeper:
                 self._store.append(start, self.eigenvalues[start:stop], self.residuals[start:stop])
                 return
             except StoreUnusable as fault:
-                self._take_next(fault)
-                self._make_room(*self.rows.shape)
+                self._take_next(fault, self.rows.shape)
                 start = 0
 
-    def _take_next(self, fault: StoreUnusable | None = None) -> None:
-        """Lock the next store that can be; say why the one before can't be used."""
+    def _take_next(
+        self, fault: StoreUnusable | None = None, room: tuple[int, ...] | None = None
+    ) -> None:
+        """Lock the next store that can be, and has room; say why the one before can't be used."""
         self._store = None
         while True:
             if fault is not None:
@@ -358,6 +350,8 @@ class _Keeper:
             store = self._left.pop(0)
             try:
                 store.lock()
+                if room is not None:
+                    self._there = store.allocate(*room)
             except StoreUnusable as another:
                 fault = another
             else:
@@ -370,8 +364,7 @@ class _Keeper:
             try:
                 store.finish(decomposition, max_eigenvalue)
             except StoreUnusable as fault:
-                self._take_next(fault)
-                self._make_room(*self.rows.shape)
+                self._take_next(fault, self.rows.shape)
                 self._publish(0, len(self.rows))
                 continue
             mapped = store.stored_rows.map(decomposition.n_components)
