@@ -34,17 +34,8 @@ _TYPES = {
     "uint": "u4",
     "float": "f4",
     "double": "f8",
-    "int8": "i1",
-    "uint8": "u1",
-    "int16": "i2",
-    "uint16": "u2",
-    "int32": "i4",
-    "uint32": "u4",
-    "float32": "f4",
-    "float64": "f8",
-    "int64": "i8",
-    "uint64": "u8",
 }
+_TYPES |= {np.dtype(code).name: code for code in (*_TYPES.values(), "i8", "u8")}
 _BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _CORNER_NAMES = ("vertex_indices", "vertex_index")
 #: Properties of a vertex that are no map: coordinates, normal, colour, place in a texture.
