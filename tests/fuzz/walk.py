@@ -101,13 +101,15 @@ _HARMLESS = ("This plugin does not support",)
 class Weight:
     """What the process holds after some actions, with the window as it began.
 
-    `megabytes` is what the system counts, `in_use` what has been allocated and not freed: the
-    difference is what the C library keeps for the next one (see `megabytes_in_use`).
+    `megabytes` is what the system counts, `small` and `large` what has been allocated and not
+    freed (`blocks_in_use`): what leaks piles up in small blocks, large ones come and go with the
+    pictures. The rest is libraries, and what the C library keeps for the next block.
     """
 
     actions: int
     megabytes: float
-    in_use: float
+    small: float
+    large: float
     widgets: int
     objects: int
     files: int
@@ -117,20 +119,21 @@ class Weight:
     @staticmethod
     def header() -> str:
         """Names of the columns that `row` writes."""
-        return "actions       MB   in use   widgets   objects   files   threads   processes"
+        return "actions       MB    small    large   widgets   objects   files  threads  processes"
 
     def row(self) -> str:
         """The figures in one line."""
-        return "{:7d} {:8.1f} {:8.1f} {:9d} {:9d} {:7d} {:9d} {:11d}".format(*astuple(self))
+        return "{:7d} {:8.1f} {:8.1f} {:8.1f} {:9d} {:9d} {:7d} {:8d} {:10d}".format(*astuple(self))
 
 
-def megabytes_in_use() -> float:
-    """What was allocated by malloc and not freed, by all threads; nan where nobody tells (musl)."""
-    if not sys.platform.startswith("linux"):
-        return float("nan")
-    library = ctypes.CDLL(None)
+def blocks_in_use() -> tuple[float, float]:
+    """Megabytes of small blocks, and of those mapped alone, that were allocated and not freed.
+
+    Of all threads; nan where nobody tells (musl, macOS, Windows).
+    """
+    library = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
     if not hasattr(library, "malloc_info"):
-        return float("nan")
+        return float("nan"), float("nan")
     library.fdopen.restype = ctypes.c_void_p
     library.fclose.argtypes = [ctypes.c_void_p]
     library.malloc_info.argtypes = [ctypes.c_int, ctypes.c_void_p]
@@ -142,7 +145,8 @@ def megabytes_in_use() -> float:
         root = ElementTree.fromstring(file.read())
     totals = {total.get("type"): int(total.get("size", 0)) for total in root.findall("total")}
     system = {size.get("type"): int(size.get("size", 0)) for size in root.findall("system")}
-    return (system["current"] - totals["fast"] - totals["rest"] + totals["mmap"]) / 1e6
+    small = system["current"] - totals["fast"] - totals["rest"]
+    return small / 1e6, totals["mmap"] / 1e6
 
 
 def make_files(folder: Path) -> list[Path]:
@@ -304,7 +308,7 @@ class Walk:
         return Weight(
             self.actions,
             self._process.memory_info().rss / 1e6,
-            megabytes_in_use(),
+            *blocks_in_use(),
             len(QApplication.allWidgets()),
             objects,
             self._process.num_fds(),
