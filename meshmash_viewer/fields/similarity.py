@@ -9,7 +9,7 @@ from typing import ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.features.sums import sum_squares
+from meshmash_viewer.features.sums import fill_in_parts, sum_squares
 from meshmash_viewer.fields.family import Answer, Family, Table, parameter
 from meshmash_viewer.fields.schema import MOST_INDEX, whole
 from meshmash_viewer.fields.spectrum import Spectrum, grew
@@ -125,11 +125,15 @@ class SimilarityTable:
         """Distance of every vertex from one, shape (n,), a pure number."""
         here = self.coordinates[:, vertex, None]
         squares = np.empty(self.coordinates.shape[1], dtype=np.float32)
-        for start in range(0, len(squares), _BLOCK):
-            part = slice(start, start + _BLOCK)
-            way = self.coordinates[:, part] - here
-            way *= way
-            way.sum(axis=0, out=squares[part])
+
+        def fill(whole: slice) -> None:
+            for start in range(whole.start, min(whole.stop, len(squares)), _BLOCK):
+                part = slice(start, start + _BLOCK)
+                way = self.coordinates[:, part] - here
+                way *= way
+                way.sum(axis=0, out=squares[part])
+
+        fill_in_parts(len(squares), fill)
         return np.sqrt(squares, out=squares)
 
 
