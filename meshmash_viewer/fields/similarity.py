@@ -124,17 +124,17 @@ class SimilarityTable:
     def from_vertex(self, vertex: int) -> npt.NDArray[np.float32]:
         """Distance of every vertex from one, shape (n,), a pure number."""
         here = self.coordinates[:, vertex, None]
-        squares = np.empty(self.coordinates.shape[1], dtype=np.float32)
+        distances = np.empty(self.coordinates.shape[1], dtype=np.float32)
 
         def fill(whole: slice) -> None:
-            for start in range(whole.start, min(whole.stop, len(squares)), _BLOCK):
+            for start in range(whole.start, min(whole.stop, len(distances)), _BLOCK):
                 part = slice(start, start + _BLOCK)
                 way = self.coordinates[:, part] - here
                 way *= way
-                way.sum(axis=0, out=squares[part])
+                np.sqrt(way.sum(axis=0), out=distances[part])
 
-        fill_in_parts(len(squares), fill)
-        return np.sqrt(squares, out=squares)
+        fill_in_parts(len(distances), fill)
+        return distances
 
 
 def build_similarity_table(
