@@ -6,24 +6,26 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
 import numpy.typing as npt
+import pyvista
 import vtkmodules.vtkRenderingFreeType
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import VTK_FONT_FILE, vtkLookupTable
 from vtkmodules.vtkFiltersSources import vtkRegularPolygonSource
 from vtkmodules.vtkRenderingAnnotation import (
-    vtkAxesActor,
     vtkAxisActor2D,
-    vtkCaptionActor2D,
     vtkScalarBarActor,
 )
 from vtkmodules.vtkRenderingCore import (
+    vtkActor,
     vtkActor2D,
     vtkCoordinate,
+    vtkPolyDataMapper,
     vtkPolyDataMapper2D,
     vtkRenderer,
     vtkTextActor,
@@ -219,10 +221,11 @@ class Annotations:
             text.GetTextProperty().SetVerticalJustificationToTop()
         self._begin_bar()
         self._begin_scale()
-        self._axes = _new_axes()
+        self._axis_labels = [_new_axis_label(axis) for axis in range(3)]
         self.corner.SetLayer(1)
         self.corner.InteractiveOff()
-        self.corner.AddActor(self._axes)
+        for prop in (_new_axes(), *self._axis_labels):
+            self.corner.AddViewProp(prop)
         self.corner.GetActiveCamera().ParallelProjectionOn()
         self.corner.GetActiveCamera().SetParallelScale(1.75)
 
@@ -345,15 +348,10 @@ class Annotations:
             return
         side = _AXES * page.scale
         self.corner.SetViewport(0.0, 0.0, min(side / page.width, 1.0), side / page.height)
-        names = (
-            self._axes.SetXAxisLabelText,
-            self._axes.SetYAxisLabelText,
-            self._axes.SetZAxisLabelText,
-        )
-        for axis, (caption, say) in enumerate(zip(_captions(self._axes), names, strict=True)):
-            _style(caption.GetCaptionTextProperty(), _LABEL, page.theme.ink)
+        for label, across in zip(self._axis_labels, view.axes[:2].T, strict=True):
+            _style(label.GetTextProperty(), _LABEL, page.theme.ink)
             # one that points to the eye would be written over the others
-            say("xyz"[axis] if np.hypot(*view.axes[:2, axis]) > 0.25 else "")
+            label.SetVisibility(bool(np.hypot(*across) > 0.25))
         camera = self.corner.GetActiveCamera()
         camera.SetPosition(*(5.0 * view.axes[2]))
         camera.SetViewUp(*view.axes[1])
@@ -389,35 +387,32 @@ def _set_line(
     actor.SetPosition(round(edge), round(top))
 
 
-def _new_axes() -> vtkAxesActor:
-    axes = vtkAxesActor()
-    axes.SetShaftTypeToCylinder()
-    axes.SetCylinderRadius(0.06)
-    axes.SetConeRadius(0.42)
-    axes.SetNormalizedShaftLength(0.78, 0.78, 0.78)
-    axes.SetNormalizedTipLength(0.22, 0.22, 0.22)
-    axes.SetNormalizedLabelPosition(1.3, 1.3, 1.3)
-    parts = (
-        (axes.GetXAxisShaftProperty(), axes.GetXAxisTipProperty()),
-        (axes.GetYAxisShaftProperty(), axes.GetYAxisTipProperty()),
-        (axes.GetZAxisShaftProperty(), axes.GetZAxisTipProperty()),
-    )
-    for color, properties in zip(_AXIS_COLORS, parts, strict=True):
-        for look in properties:
-            look.SetColor(*rgb(color))
-            look.SetAmbient(0.7)
-            look.SetDiffuse(0.35)
-    for caption in _captions(axes):
-        caption.GetTextActor().SetTextScaleModeToNone()
+def _new_axes() -> vtkActor:
+    """Three arrows in one actor: VTK's own axes are made anew for each frame, for a millisecond."""
+    arrows = []
+    for direction, color in zip(((1, 0, 0), (0, 1, 0), (0, 0, 1)), _AXIS_COLORS, strict=True):
+        arrow = pyvista.Arrow(
+            direction=direction, tip_length=0.22, tip_radius=0.09, shaft_radius=0.045
+        )
+        shade: Any = np.rint(255.0 * np.array(rgb(color))).astype(np.uint8)
+        arrow.point_data.set_scalars(np.tile(shade, (arrow.n_points, 1)), "colors")
+        arrows.append(arrow)
+    mapper, axes = vtkPolyDataMapper(), vtkActor()
+    mapper.SetInputData(arrows[0].append_polydata(*arrows[1:]))
+    axes.SetMapper(mapper)
+    axes.GetProperty().SetAmbient(0.7)
+    axes.GetProperty().SetDiffuse(0.35)
     return axes
 
 
-def _captions(axes: vtkAxesActor) -> tuple[vtkCaptionActor2D, ...]:
-    return (
-        axes.GetXAxisCaptionActor2D(),
-        axes.GetYAxisCaptionActor2D(),
-        axes.GetZAxisCaptionActor2D(),
-    )
+def _new_axis_label(axis: int) -> vtkTextActor:
+    label = vtkTextActor()
+    label.SetInput("xyz"[axis])
+    label.GetTextProperty().SetJustificationToCentered()
+    label.GetTextProperty().SetVerticalJustificationToCentered()
+    label.GetPositionCoordinate().SetCoordinateSystemToWorld()
+    label.GetPositionCoordinate().SetValue(*(1.3 * np.eye(3)[axis]))
+    return label
 
 
 def _pin_actors(pin: Pin, page: Page) -> list[vtkActor2D]:
