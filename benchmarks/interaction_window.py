@@ -391,7 +391,7 @@ class Session:
         self, family: type[Family], parameter: str, value_of: Callable[[int], float], count: int
     ) -> Generator[Any, None, tuple[float, list[tuple[float, float]]]]:
         """What share of the processors was stolen, and seconds in all and in Render of each."""
-        claim_memory(1 << 30)
+        claim_memory(4 * self.order["vertices"])
         frames = []
         stolen, begun = seconds_stolen(), time.perf_counter()
         for i in range(count):

@@ -24,12 +24,12 @@ from meshmash_viewer.progress import CancelCallback
 __all__ = ["MOST_COLUMNS", "PairTable", "build_pair_table", "summed"]
 
 #: Columns of smooth filters, and bends of a broken line.
-_SMOOTH, _BENDS = 12, 32
+_SMOOTH, _BENDS = 12, 40
 #: Columns that are stored.
 MOST_COLUMNS = _SMOOTH + _BENDS
 #: Pairs that are read beside columns, or alone: one, in double precision, is read as long as four
 #: columns are, and all of them together less than a frame at a million vertices.
-_MOST_PAIRS, _MOST_ALONE = 3, 10
+_MOST_PAIRS, _MOST_ALONE = 2, 10
 #: Shares of its sum: that a pair, or all of them that are left of a line, has to be for it to be
 #: seen; that may be left of all; and that below which a column is not read.
 _SEEN, _LEFT, _NOTHING = 5e-4, 2e-3, 5e-5
@@ -176,7 +176,8 @@ def build_pair_table(
     """Compute the columns for a spectrum, or for a map with these coefficients on it."""
     values, count = spectrum.eigenvalues, len(spectrum)
     # close together at the low end, where filters change by the logarithm of λ
-    density = np.log1p(np.arange(count)) / np.log1p(count) + np.arange(count) / count
+    places = np.arange(count)
+    density = 0.6 * np.log1p(places) / np.log1p(count) + places / count
     wanted = np.linspace(0.0, density[-1], _BENDS)
     bends = np.unique(np.searchsorted(density, wanted * (1.0 - 1e-12)))
     # equal eigenvalues bend a line at one place
