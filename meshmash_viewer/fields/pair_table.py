@@ -30,6 +30,8 @@ MOST_COLUMNS = _SMOOTH + _BENDS
 #: Pairs that are read beside columns, or alone: one, in double precision, is read as long as four
 #: columns are, and all of them together less than a frame at a million vertices.
 _MOST_PAIRS, _MOST_ALONE = 2, 10
+#: Vertices that one thread is done with before two have started.
+_FEW = 1 << 18
 #: Shares of its sum: that a pair, or all of them that are left of a line, has to be for it to be
 #: seen; that may be left of all; and that below which a column is not read.
 _SEEN, _LEFT, _NOTHING = 5e-4, 2e-3, 5e-5
@@ -108,7 +110,10 @@ class PairTable:
                 terms = np.array([each[part] for each in pairs], dtype=np.float32)
                 values[part] += rest @ (np.square(terms, out=terms) if squared else terms)
 
-        fill_in_parts(len(values), fill)
+        if len(values) > _FEW:
+            fill_in_parts(len(values), fill)
+        else:
+            fill(slice(None))
         return values
 
     @cached_property
