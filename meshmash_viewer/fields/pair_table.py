@@ -198,7 +198,7 @@ def build_pair_table(
 
 def _smooth_filters(spectrum: Spectrum) -> FloatArray:
     """The functions that span heat kernels of all times, shape (at most 12, k), orthonormal."""
-    values = spectrum.eigenvalues
+    values = np.maximum(spectrum.eigenvalues, 0.0)  # rounding must not grow
     lowest, highest = values[min(first_nonzero(spectrum), len(values) - 1)], values[-1]
     times = 1.0 / np.geomspace(max(lowest / 12.0, 1e-300), max(3.0 * highest, 1e-300), 80)
     kernels = np.exp(-np.outer(np.append(times, 0.0), values))
