@@ -17,8 +17,11 @@ __all__ = ["RowCheck"]
 
 #: Seconds until it begins: the first picture comes first.
 _AFTER = 1.5
-#: Seconds of rest after each row, so that whoever scrolls goes first.
-_REST = 0.004
+#: Seconds of rest after each row, and of the longer one while somebody changes what is drawn: few
+#: frames of a slider meet a row that is read.
+_REST, _REST_IN_USE = 0.004, 0.25
+#: Seconds without a change after which nobody is at it.
+_QUIET = 1.0
 
 
 class RowCheck(QObject):
@@ -32,14 +35,19 @@ class RowCheck(QObject):
         super().__init__(parent)
         self._document = document
         self._wanted: Spectrum | None = None
+        self._used = -_QUIET
         low = QThread.Priority.LowPriority
         self.thread_ = LatestThread(self._check, self._take, _AFTER, self, priority=low)
+        listen(document.display.events, self._note_use)
         listen(document.spectrum_changed, self._refresh)
         self._refresh()
 
     def close(self) -> None:
         """Give up, and wait for the thread."""
         self.thread_.close()
+
+    def _note_use(self) -> None:
+        self._used = time.monotonic()
 
     def _refresh(self) -> None:
         spectrum = self._document.spectrum
@@ -59,11 +67,11 @@ class RowCheck(QObject):
         state = stored.state  # of before, so that nothing is missed
         for index in range(len(spectrum)):
             damaged = stored.damaged([index], cancel)
-            if cancel():
-                raise Cancelled
             if damaged:
                 return index
-            time.sleep(_REST)
+            in_use = time.monotonic() - self._used < _QUIET
+            if not self.thread_.stays(_REST_IN_USE if in_use else _REST):
+                raise Cancelled
         return Compared(stored.checksums[: len(spectrum)], state)
 
     def _take(self, spectrum: Spectrum, found: int | Compared | Exception) -> None:

@@ -54,8 +54,8 @@ SEALED = ".sealed"
 ROWS = "eigenvectors.f64"
 PROOF = f"proof{SEALED}"
 
-#: Threads that compare checksums.
-_THREADS = 2
+#: Threads that compare checksums, and bytes that each has in memory at a time.
+_THREADS, _BLOCK = 2, 1 << 18
 _BATCH = re.compile(r"pairs-(\d{6,})-(\d{6,})\.sealed")
 #: What reading raises of a file that is damaged, or whole but another one.
 _UNUSABLE = (OSError, ValueError, KeyError, TypeError)
@@ -138,13 +138,18 @@ class StoredRows:
         def is_whole(index: int) -> bool:
             if cancel is not None and cancel():
                 return True
+            checksum, block = 0, memoryview(bytearray(_BLOCK))
             try:
                 with self.path.open("rb") as file:
                     file.seek(index * self.row_bytes)
-                    row = file.read(self.row_bytes)
+                    for left in range(self.row_bytes, 0, -_BLOCK):
+                        part = block[:left]
+                        if file.readinto(part) < len(part):
+                            return False
+                        checksum = zlib.crc32(part, checksum)
             except OSError:
                 return False
-            return len(row) == self.row_bytes and zlib.crc32(row) == self.checksums[index]
+            return bool(checksum == self.checksums[index])
 
         indices = list(indices)
         with ThreadPoolExecutor(_THREADS) as threads:  # zlib lets go of the interpreter's lock

@@ -60,6 +60,15 @@ def test_whole_pairs_stay(opened: tuple, qtbot) -> None:
     assert not said
 
 
+def test_it_rests_while_somebody_changes_what_is_drawn(opened: tuple, qtbot, monkeypatch) -> None:
+    document, _, _, open_mesh, check = opened
+    monkeypatch.setattr(row_check, "_REST_IN_USE", 3600.0)
+    open_mesh()
+    document.display.change(Eigenfunctions, index=3)
+    qtbot.wait(500)
+    assert check.thread_.working  # and closing it does not wait for the end of that rest
+
+
 def test_what_was_found_whole_is_read_again_only_once_somebody_has_written_there(
     opened: tuple, sphere: Mesh, tmp_path: Path, qtbot, monkeypatch
 ) -> None:
