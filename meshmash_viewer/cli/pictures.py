@@ -26,7 +26,6 @@ from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
-from meshmash_viewer.fields.maps import CURVATURES, OwnMaps
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.fields.sweep import (
     SWEPT,
@@ -95,8 +94,7 @@ def _write_render(mesh: Mesh, options: Namespace) -> tuple[dict[str, Any], str]:
     if options.field != "none":
         pairs: Decomposition | None = None
         if options.field == "map":
-            family: Family = _chosen_map(mesh, options)
-            mesh = with_maps(mesh, options.map)
+            mesh, family = _chosen_map(mesh, options)
         else:
             pairs = solved(mesh, options, options.target)
             report |= pairs_report(pairs, mesh)
@@ -134,16 +132,14 @@ def _write_render(mesh: Mesh, options: Namespace) -> tuple[dict[str, Any], str]:
     return report, f"{options.output}{reached}"
 
 
-def _chosen_map(mesh: Mesh, options: Namespace) -> OwnMaps:
-    """The map that is named; of others the first, those of files before those of the mesh."""
-    name = options.map_name or ""
-    added = with_maps(mesh, options.map).maps
+def _chosen_map(mesh: Mesh, options: Namespace) -> tuple[Mesh, Family]:
+    """The mesh with the maps of files, and the one that is named; else the first of a file."""
+    own, mesh, name = len(mesh.maps), with_maps(mesh, options.map), options.map_name or ""
     if options.map and not name:
-        name = added[len(mesh.maps)].name
-    names = [*(each.name for each in added), *CURVATURES]
-    if name and name not in names:
-        raise InputError(f"{mesh.name} has no map {name!r}; its maps are {', '.join(names)}.")
-    return OwnMaps(chosen=name)
+        name = mesh.maps[own].name
+    family = FAMILIES["map"].exported(map_name=name)
+    family.check_mesh(mesh)
+    return mesh, family
 
 
 def _chosen_field(pairs: Decomposition, options: Namespace) -> Family:
