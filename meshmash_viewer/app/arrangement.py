@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from PySide6.QtCore import QByteArray, Qt
-from PySide6.QtWidgets import QMainWindow, QTabBar, QTabWidget, QWidget
+from PySide6.QtWidgets import QMainWindow, QTabWidget, QWidget
 
 from meshmash_viewer.app.controls.dock import Dock
 
@@ -86,7 +86,6 @@ class Arrangement:
 
     def fit(self) -> None:
         """Put the plots side by side, or one behind the other where there is no room."""
-        self._name_tabs()
         window, narrow = self._window, self._window.width() < _NARROW
         spectrum, profile = self.docks["spectrum"], self.docks["profile"]
         if narrow == self._narrow or any(
@@ -98,7 +97,6 @@ class Arrangement:
         if narrow:
             window.tabifyDockWidget(spectrum, profile)
             spectrum.raise_()
-            self._name_tabs()
         else:
             # a tab cannot be split off: it has to leave and come back
             window.removeDockWidget(profile)
@@ -111,11 +109,6 @@ class Arrangement:
     def _show(dock: Dock, shown: bool) -> None:
         """Keep Tab from coming to what is behind another panel: Qt takes that to be visible."""
         dock.widget().setEnabled(shown)
-
-    def _name_tabs(self) -> None:
-        direct = Qt.FindChildOption.FindDirectChildrenOnly
-        for bar in self._window.findChildren(QTabBar, options=direct):
-            bar.setElideMode(Qt.TextElideMode.ElideNone)
 
     def save(self) -> tuple[QByteArray, QByteArray]:
         """Geometry and state, for the next time."""

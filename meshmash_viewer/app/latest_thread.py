@@ -109,22 +109,34 @@ class LatestThread(QThread, Generic[Request]):
 
     def run(self) -> None:
         """Wait for requests and work on them."""
-        while (request := self._take()) is not None:
-            answer: Any
-            try:
-                with self._limits():
-                    answer = self._work(request, self._given_up)
-            except Cancelled:
-                continue
-            except Exception as fault:  # noqa: BLE001  whoever takes the answer says it
-                answer = fault
-            self.answered.emit(request, answer)
-            del request, answer  # before waiting: they may hold a file open
+        while self._serve():
+            pass
+
+    def _serve(self) -> bool:
+        """Work on the next request; False at the end.
+
+        What it knows goes with it, however it ends: a request may hold a mesh, or a file open.
+        """
+        request = self._take()
+        if request is None:
+            return False
+        answer: Any
+        try:
+            with self._limits():
+                answer = self._work(request, self._given_up)
+        except Cancelled:
+            return True
+        except Exception as fault:  # noqa: BLE001  whoever takes the answer says it
+            answer = fault
+        self.answered.emit(request, answer)
+        return True
 
     def _take(self) -> Request | None:
+        latest: Request | None
         with self._condition:
             while not self._closing:
                 if self._next is None:
+                    latest = None  # or it would be held while nothing is asked for
                     self._working = False
                     self._condition.wait()
                     continue

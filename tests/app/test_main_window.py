@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import gc
 import json
 import re
 import time
+import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import fields
 from pathlib import Path
@@ -38,6 +40,7 @@ from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.panels.target_box import quarter_steps
 from meshmash_viewer.app.run import application
 from meshmash_viewer.app.view.annotations import text_size
+from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.similarity import Similarity
@@ -911,6 +914,26 @@ def test_a_known_mesh_opens_with_its_last_field(
     qtbot.waitUntil(lambda: source.idle and bool(kinds), timeout=PATIENCE)
     assert display[Eigenfunctions].index == 7
     assert kinds[0] == "hks", "at once: no other field comes first"
+
+
+def test_nothing_of_a_mesh_is_held_once_another_is_open(
+    window: MainWindow, sphere_file: Path, tmp_path: Path
+) -> None:
+    open_file(window, sphere_file)
+    compute(window)
+    document, display = window.document, window.document.display
+    document.toggle_pin(3)
+    for kind in FAMILIES:
+        display.kind = kind
+        wait_for(lambda: window.field_source.idle)
+    wait_for(lambda: window.scene.at_rest)
+    held = weakref.ref(document.mesh), weakref.ref(document.spectrum)
+    mesh, other = shapes.icosphere(2, radius=400.0), tmp_path / "other.npz"
+    np.savez(other, vertices=mesh.vertices, faces=mesh.faces)
+    open_file(window, other)
+    wait_for(lambda: window.scene.at_rest)
+    gc.collect()
+    assert [each() for each in held] == [None, None]
 
 
 def test_a_mesh_that_is_about_to_go_may_still_be_pointed_at(ball: MainWindow) -> None:

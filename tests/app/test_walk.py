@@ -29,6 +29,7 @@ def test_five_hundred_actions(walk: Walk) -> None:
         walk.walk(400)
         after = walk.measure()
     assert not walk.faults, "\n".join(walk.faults)
+    assert after.meshes <= before.meshes
     assert after.widgets <= before.widgets + 20
     assert after.files <= before.files + 10
     assert after.threads <= before.threads + 4

@@ -21,7 +21,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -64,6 +64,7 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.plots.plot import Plot
 from meshmash_viewer.app.view.render_widget import RenderWidget
+from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Notice
 
 __all__ = ["Walk", "Weight", "make_files"]
@@ -110,6 +111,7 @@ class Weight:
     megabytes: float
     small: float
     large: float
+    meshes: int
     widgets: int
     objects: int
     files: int
@@ -119,11 +121,11 @@ class Weight:
     @staticmethod
     def header() -> str:
         """Names of the columns that `row` writes."""
-        return "actions       MB    small    large   widgets   objects   files  threads  processes"
+        return " ".join(f"{each.name:>9}" for each in fields(Weight))
 
     def row(self) -> str:
         """The figures in one line."""
-        return "{:7d} {:8.1f} {:8.1f} {:8.1f} {:9d} {:9d} {:7d} {:8d} {:10d}".format(*astuple(self))
+        return " ".join(f"{round(value, 1):9}" for value in astuple(self))
 
 
 def blocks_in_use() -> tuple[float, float]:
@@ -304,13 +306,14 @@ class Walk:
         gc.collect()
         if sys.platform.startswith("linux"):
             ctypes.CDLL(None).malloc_trim(0)
-        objects = sum(isinstance(each, QObject) for each in gc.get_objects())
+        every = gc.get_objects()
         return Weight(
             self.actions,
             self._process.memory_info().rss / 1e6,
             *blocks_in_use(),
+            sum(isinstance(each, Mesh) for each in every),
             len(QApplication.allWidgets()),
-            objects,
+            sum(isinstance(each, QObject) for each in every),
             self._process.num_fds(),
             self._process.num_threads(),
             len(self._process.children(recursive=True)),

@@ -106,8 +106,8 @@ class FieldPanel(QWidget):
     def _tell(self) -> None:
         field, limits = self._shown
         self.colors.set_field(field, limits)
-        if field is not None:
-            self._pages[field.family.name].show_field(field)
+        for page in self._pages.values():
+            page.show_field(field)
 
     def _choose_kind(self, row: int) -> None:
         self._document.display.kind = list(self._pages)[row]

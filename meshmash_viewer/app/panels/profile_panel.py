@@ -73,7 +73,7 @@ class _ProfileReader(QObject):
         if spectrum is not self._wanted:
             self._wanted, self._asked = spectrum, ()
             self.thread_.drop()
-        if spectrum is None:
+        if spectrum is None or not vertices:
             self._values.clear()
             self._spectrum = None
             return
@@ -259,6 +259,7 @@ class ProfilePanel(PlotPanel):
                 self.plot.removeItem(item)
         self._reader.want(spectrum, tuple(pin.vertex for pin in pins))
         if spectrum is None or not there:
+            self._drawn = self._profile = None  # which hold a mesh that may not be shown any more
             return
         bottom, left, _ = self._family.logarithmic
         self.plot.set_log(bottom, left)

@@ -106,7 +106,10 @@ class FamilyTab(QWidget):
         raise NotImplementedError
 
     def show_field(self, field: Field | None) -> None:
-        """Say what is known of the field on the render, where the family has more to say."""
+        """Say what is known of the field on the render, of whatever family, or that there is none.
+
+        Nothing of an earlier one may be held: it holds its mesh and eigenvectors.
+        """
 
     def _build(self) -> None:
         raise NotImplementedError
