@@ -331,6 +331,9 @@ class Commands:
         """Save the shape on the render as a mesh."""
         from meshmash_viewer.app.shape_source import shape_writer
 
+        if self._document.spectrum is None:  # while the file was chosen, another mesh came
+            self._say("The shape was not saved: its mesh is not open any more.", Severity.WARNING)
+            return
         self._write(path, shape_writer(self._document, path), "Shape")
 
     def save_match(self, path: Path) -> None:

@@ -93,7 +93,7 @@ class ShapeSource(QObject):
         self._field: Field | None = None
         self._latest: _Request | None = None
         self.drawn: DrawnShape | None = None
-        # -- of the thread alone
+        # -- made in the thread
         self._sums: tuple[Spectrum, Reconstruction] | None = None
         self._swings: tuple[Field, FloatArray] | None = None
         # --
@@ -102,6 +102,7 @@ class ShapeSource(QObject):
         self._clock.timeout.connect(self.refresh)
         self._began = 0.0
         events = document.display.events
+        listen(document.mesh_changed, self._forget)
         shown = events.shape, events.vibrating, document.spectrum_changed, document.mesh_changed
         listen(shown, self.refresh)
 
@@ -116,13 +117,17 @@ class ShapeSource(QObject):
         """Whether what is wanted is drawn, with its normals."""
         return not self._thread.working and (self._latest is None or self.drawn is not None)
 
+    def _forget(self) -> None:
+        """Hold nothing of the mesh before."""
+        self._thread.drop()
+        self._latest = self.drawn = self._sums = self._swings = None
+
     def refresh(self) -> None:
         """Ask for the shape that the document wants now."""
         display, spectrum = self._document.display, self._document.spectrum
         if spectrum is None or spectrum.mesh is None:
             self._clock.stop()
-            self._latest = self.drawn = None
-            self._thread.drop()
+            self._forget()
             display.vibrating = False
             return
         request = _Request(spectrum, display.shape)
@@ -162,11 +167,12 @@ class ShapeSource(QObject):
         spectrum, shape = request.spectrum, request.shape
         if not shape.shown or len(spectrum) < FEWEST_PAIRS:
             return None
-        if self._sums is None or self._sums[0] is not spectrum:
+        known = self._sums
+        if known is None or known[0] is not spectrum:
             assert spectrum.mesh is not None
             sums = Reconstruction(spectrum.mesh, spectrum.rows, spectrum.vertex_areas)
-            self._sums = spectrum, sums
-        sums = self._sums[1]
+            known = self._sums = spectrum, sums
+        sums = known[1]
         told = perf_counter()
         for _ in sums.move_to(shape.within(len(spectrum))):
             if cancel():
@@ -191,10 +197,12 @@ class ShapeSource(QObject):
                 points = geometry.points + np.float32(shape.morph) * (points - geometry.points)
             distance, count = shape.morph * sums.rms_distance, sums.count
         if request.field is not None:
-            if self._swings is None or self._swings[0] is not request.field:
-                self._swings = request.field, _along_normals(mesh, request.field.values)
+            swings = self._swings
+            if swings is None or swings[0] is not request.field:
+                swings = request.field, _along_normals(mesh, request.field.values)
+                self._swings = swings
             reach = shape.amplitude * float(np.linalg.norm(np.ptp(geometry.bounds, axis=0)))
-            points = points + np.float32(reach * request.phase) * self._swings[1]
+            points = points + np.float32(reach * request.phase) * swings[1]
         moved = points is not geometry.points
         rests = request.field is None and (sums is None or count == shape.within(len(spectrum)))
         drawn = DrawnShape(spectrum, points if moved else None, None, count, distance, rests)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from closed_form import give, part, rectangle_document
@@ -14,6 +15,7 @@ from PySide6.QtWidgets import (
     QAbstractSpinBox,
     QComboBox,
     QLineEdit,
+    QPushButton,
     QWidget,
 )
 from pytestqt.qtbot import QtBot
@@ -81,6 +83,25 @@ def test_a_small_window_has_room_for_what_matters(
     bar, text = scene.renderer.annotations.bar, scene.renderer.annotations.quantity
     height = bar.GetPositionCoordinate().GetValue()[1] + bar.GetPosition2Coordinate().GetValue()[1]
     assert height < text.GetPosition()[1] - 12, "the colour bar begins below the title"
+
+
+@pytest.mark.parametrize("size", [(900, 600), (1000, 700), (1440, 900)])
+def test_the_first_thing_one_sees_is_not_cut_off(
+    qtbot: QtBot, open_window: Callable[..., MainWindow], size: tuple[int, int]
+) -> None:
+    window = open_window(size=size)
+    window.stage.welcome.set_recent([Path("/data") / ("neuron" * 20) / "864691135.ply"])
+    qtbot.wait(50)
+    assert (window.width(), window.height()) == size
+    for name in ("welcome_open_button", "welcome_sample_button"):
+        button = part(window, name)
+        assert button.visibleRegion().boundingRect() == button.rect(), name
+        assert button.width() >= button.minimumSizeHint().width(), name
+    card = part(window, "welcome_card")
+    middle = card.mapTo(window.stage, card.rect().center()).x()
+    assert abs(middle - window.stage.width() / 2) <= 8  # a scroll bar beside it, at most
+    for link in card.findChildren(QPushButton):
+        assert link.mapTo(window.stage, link.rect().bottomRight()).x() < window.stage.width()
 
 
 def test_texts_that_appear_move_nothing(qtbot: QtBot, window: MainWindow) -> None:

@@ -47,7 +47,7 @@ from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.io.write import WRITERS
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.display import Display
+from meshmash_viewer.model.display import Display, Shape
 from meshmash_viewer.model.document import Notice, Severity
 from meshmash_viewer.model.limits import LockedLimits
 from meshmash_viewer.spectral.weyl import Target, required_eigenvalue, weyl_eigenvalue
@@ -926,7 +926,9 @@ def test_nothing_of_a_mesh_is_held_once_another_is_open(
     for kind in FAMILIES:
         display.kind = kind
         wait_for(lambda: window.field_source.idle)
-    wait_for(lambda: window.scene.at_rest)
+    display.kind, display.shape = "eigenfunction", Shape(shown=True, pairs=9)
+    display.vibrating = True
+    QTest.qWait(200)
     held = weakref.ref(document.mesh), weakref.ref(document.spectrum)
     mesh, other = shapes.icosphere(2, radius=400.0), tmp_path / "other.npz"
     np.savez(other, vertices=mesh.vertices, faces=mesh.faces)
@@ -934,6 +936,14 @@ def test_nothing_of_a_mesh_is_held_once_another_is_open(
     wait_for(lambda: window.scene.at_rest)
     gc.collect()
     assert [each() for each in held] == [None, None]
+
+
+def test_a_shape_whose_mesh_is_gone_is_not_saved(window: MainWindow, tmp_path: Path) -> None:
+    said = list[Notice]()
+    window.document.noticed.connect(said.append)
+    window.shape_panel.save_requested.emit(tmp_path / "shape.ply")
+    assert [each.severity for each in said] == [Severity.WARNING]
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_mesh_that_is_about_to_go_may_still_be_pointed_at(ball: MainWindow) -> None:

@@ -167,6 +167,8 @@ class ShapePanel(QWidget):
             control.setEnabled(usable)
         self.save_button.setEnabled(shown)
         drawn, unit = self._drawn, self._document.unit
+        if drawn is not None and drawn.spectrum.mesh is not self._document.mesh:
+            drawn = self._drawn = None
         current = shown and drawn is not None and drawn.spectrum is spectrum and drawn.count > 0
         told = {}
         if current and drawn is not None:
