@@ -40,10 +40,19 @@ _PARTIAL = 0.06
 _SMALL, _REST = 60_000, 0.15
 
 
+@dataclass(eq=False)
+class _Kept:
+    """What the thread has made of one mesh, for its next request."""
+
+    sums: tuple[Spectrum, Reconstruction] | None = None
+    swings: tuple[Field, FloatArray] | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class _Request:
     spectrum: Spectrum
     shape: Shape
+    kept: _Kept
     #: A field along whose values the vertices swing, and how far, from -1 to 1.
     field: Field | None = None
     phase: float = 0.0
@@ -93,10 +102,7 @@ class ShapeSource(QObject):
         self._field: Field | None = None
         self._latest: _Request | None = None
         self.drawn: DrawnShape | None = None
-        # -- made in the thread
-        self._sums: tuple[Spectrum, Reconstruction] | None = None
-        self._swings: tuple[Field, FloatArray] | None = None
-        # --
+        self._kept = _Kept()
         self._thread = LatestThread(self._answer, self._take, parent=self, one_core=True)
         self._clock = QTimer(self, interval=_SWING)
         self._clock.timeout.connect(self.refresh)
@@ -120,7 +126,8 @@ class ShapeSource(QObject):
     def _forget(self) -> None:
         """Hold nothing of the mesh before."""
         self._thread.drop()
-        self._latest = self.drawn = self._sums = self._swings = None
+        self._latest = self.drawn = None
+        self._kept = _Kept()  # the thread may still write to the one before
 
     def refresh(self) -> None:
         """Ask for the shape that the document wants now."""
@@ -130,7 +137,7 @@ class ShapeSource(QObject):
             self._forget()
             display.vibrating = False
             return
-        request = _Request(spectrum, display.shape)
+        request = _Request(spectrum, display.shape, self._kept)
         if display.vibrating and self._field is not None:
             if not self._clock.isActive():
                 self._began = perf_counter()
@@ -167,11 +174,11 @@ class ShapeSource(QObject):
         spectrum, shape = request.spectrum, request.shape
         if not shape.shown or len(spectrum) < FEWEST_PAIRS:
             return None
-        known = self._sums
+        known = request.kept.sums
         if known is None or known[0] is not spectrum:
             assert spectrum.mesh is not None
             sums = Reconstruction(spectrum.mesh, spectrum.rows, spectrum.vertex_areas)
-            known = self._sums = spectrum, sums
+            known = request.kept.sums = spectrum, sums
         sums = known[1]
         told = perf_counter()
         for _ in sums.move_to(shape.within(len(spectrum))):
@@ -197,10 +204,10 @@ class ShapeSource(QObject):
                 points = geometry.points + np.float32(shape.morph) * (points - geometry.points)
             distance, count = shape.morph * sums.rms_distance, sums.count
         if request.field is not None:
-            swings = self._swings
+            swings = request.kept.swings
             if swings is None or swings[0] is not request.field:
                 swings = request.field, _along_normals(mesh, request.field.values)
-                self._swings = swings
+                request.kept.swings = swings
             reach = shape.amplitude * float(np.linalg.norm(np.ptp(geometry.bounds, axis=0)))
             points = points + np.float32(reach * request.phase) * swings[1]
         moved = points is not geometry.points

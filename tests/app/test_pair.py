@@ -486,10 +486,14 @@ def test_a_closed_second_mesh_is_let_go(
 ) -> None:
     held = weakref.ref(beside(window, folder / "other.npz", monkeypatch).document)
     window.actions_["end_comparison"].trigger()
-    QTest.qWait(100)
-    gc.collect()
-    assert held() is None
     assert window.comparing.beside is None
+
+    def let_go() -> bool:
+        gc.collect()
+        return held() is None
+
+    # an answer of a thread that is on its way holds it until it is there
+    wait_for(let_go)
 
 
 @pytest.mark.parametrize(
