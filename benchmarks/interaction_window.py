@@ -405,9 +405,9 @@ class Session:
             for each in waits:
                 each.canvas.frameSwapped.connect(shown)
             value = value_of(i)
+            QTimer.singleShot(5000, loop.quit)  # which takes half a millisecond
             started = time.perf_counter()
             self.display.change(family, **{parameter: value})
-            QTimer.singleShot(5000, loop.quit)
             loop.exec()
             took = time.perf_counter() - started
             frames.append((took, self.drawing.seconds - drawn_before))

@@ -130,8 +130,7 @@ class SimilarityTable:
             for start in range(whole.start, min(whole.stop, len(distances)), _BLOCK):
                 part = slice(start, start + _BLOCK)
                 way = self.coordinates[:, part] - here
-                way *= way
-                np.sqrt(way.sum(axis=0), out=distances[part])
+                np.sqrt(np.einsum("ij,ij->j", way, way), out=distances[part])
 
         fill_in_parts(len(distances), fill)
         return distances

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,9 @@ import numpy.typing as npt
 import pyvista
 import vtkmodules.vtkRenderingFreeType
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
-from vtkmodules.util.numpy_support import numpy_to_vtk
-from vtkmodules.vtkCommonCore import VTK_FONT_FILE, vtkLookupTable
+from vtkmodules.vtkCommonCore import VTK_FONT_FILE
 from vtkmodules.vtkFiltersSources import vtkRegularPolygonSource
-from vtkmodules.vtkRenderingAnnotation import (
-    vtkAxisActor2D,
-    vtkScalarBarActor,
-)
+from vtkmodules.vtkRenderingAnnotation import vtkAxisActor2D
 from vtkmodules.vtkRenderingCore import (
     vtkActor,
     vtkActor2D,
@@ -55,8 +52,10 @@ __all__ = [
 # `Page.scale` does it for the others.
 #: From the picture's edge to what is written.
 _EDGE = 16
-#: What the colour bar with its labels takes of the right.
-BAR_SPACE = 108
+#: What the colour bar with its labels takes of the right, and where it begins there; how wide it
+#: is, what is between it and labels, and at least between these and the picture's edge.
+BAR_SPACE, _BAR_EDGE, _BAR, _BESIDE, _NEAR = 108, 88, 14, 6, 4
+_MOST_LABELS = 7
 #: Sizes of the title of a field, of its quantity, of the scale bar, and of labels.
 TITLE, QUANTITY, _SCALE, _LABEL = 15, 12, 12, 11
 #: Side of the square that the axes are in.
@@ -206,11 +205,13 @@ class Annotations:
     def __init__(self, renderer: vtkRenderer) -> None:
         self._renderer = renderer
         self.title, self.quantity = vtkTextActor(), vtkTextActor()
-        self.bar, self.scale = vtkScalarBarActor(), vtkAxisActor2D()
+        self.bar, self.no_value, self.scale = _Strip(256), _Strip(1), vtkAxisActor2D()
+        self.bar_title, self.no_value_label = vtkTextActor(), vtkTextActor()
+        #: Kept from one field to the next: VTK's own bar makes them anew, for two milliseconds.
+        self.bar_labels = tuple(vtkTextActor() for _ in range(_MOST_LABELS))
         self.pins: list[vtkActor2D] = []
         #: The axes are seen from where the mesh is, at another place: a renderer of their own.
         self.corner = vtkRenderer()
-        self._colors = vtkLookupTable()
         self._colormap: ColorMap = ""
         self._said: tuple[Page, Caption | None] | None = None
         self._pinned: tuple[Page, Sequence[Pin]] | None = None
@@ -219,7 +220,10 @@ class Annotations:
             renderer.AddViewProp(actor)
         for text in (self.title, self.quantity):
             text.GetTextProperty().SetVerticalJustificationToTop()
-        self._begin_bar()
+        self.no_value.paint(np.array([[*(255.0 * np.array(rgb(NAN_COLOR))), 255]], dtype=np.uint8))
+        self.bar_title.GetTextProperty().SetVerticalJustificationToBottom()
+        for text in (*self.bar_labels, self.no_value_label):
+            text.GetTextProperty().SetVerticalJustificationToCentered()
         self._begin_scale()
         self._axis_labels = [_new_axis_label(axis) for axis in range(3)]
         self.corner.SetLayer(1)
@@ -232,7 +236,12 @@ class Annotations:
     @property
     def actors(self) -> tuple[vtkActor2D, ...]:
         """All that are in the renderer."""
-        return (self.title, self.quantity, self.bar, self.scale, *self.pins)
+        return (self.title, self.quantity, *self._bar_actors, self.scale, *self.pins)
+
+    @property
+    def _bar_actors(self) -> tuple[vtkActor2D, ...]:
+        strips = self.bar.actor, self.no_value.actor
+        return (*strips, self.bar_title, *self.bar_labels, self.no_value_label)
 
     def show(
         self, page: Page, view: View | None, caption: Caption | None, unit: str, pins: Sequence[Pin]
@@ -254,61 +263,49 @@ class Annotations:
 
     def _set_title(self, page: Page, caption: Caption | None) -> None:
         title, quantity = ("", "") if caption is None else (caption.title, caption.quantity)
-        _set_line(self.title, title, TITLE, page, page.theme.ink, bold=True)
+        left, top = _EDGE * page.scale, page.height - _EDGE * page.scale
+        _set_line(self.title, title, TITLE, page, page.theme.ink, (left, top), bold=True)
         if page.height <= 160 * page.scale:
             quantity = ""
-        _set_line(self.quantity, quantity, QUANTITY, page, page.theme.faint_ink, drop=24)
+        at = left, top - 24 * page.scale
+        _set_line(self.quantity, quantity, QUANTITY, page, page.theme.faint_ink, at)
 
     # -- colour bar -------------------------------------------------------------------------
 
-    def _begin_bar(self) -> None:
-        self._colors.SetNanColor(*rgb(NAN_COLOR), 1.0)
-        bar = self.bar
-        bar.SetLookupTable(self._colors)
-        bar.SetMaximumNumberOfColors(256)
-        bar.UnconstrainedFontSizeOn()
-        bar.UseCustomLabelsOn()
-        bar.SetNanAnnotation("no value")
-        bar.SetTextPositionToSucceedScalarBar()
-        for corner in (bar.GetPositionCoordinate(), bar.GetPosition2Coordinate()):
-            corner.SetCoordinateSystemToViewport()
-
     def _set_bar(self, page: Page, caption: Caption | None) -> None:
-        theme, scale, bar = page.theme, page.scale, self.bar
+        theme, scale = page.theme, page.scale
         # below title and quantity, which may be as wide as the picture
         tall = min(300 * scale, 0.5 * page.height, page.height - 150 * scale)
         shown = caption is not None and tall >= 70 * scale and page.width >= 220 * scale
         # labels have no order that a bar could show; their names are in the panel
         shown = shown and caption is not None and isinstance(caption.colormap, str)
-        bar.SetVisibility(shown)
+        for actor in self._bar_actors:
+            actor.SetVisibility(shown)
         if caption is None or not shown:
             return
-        most = min(max(int(tall / (34 * scale)), 2), 7)
-        values, form, exponent = ticks(caption.low, caption.high, most)
         if self._colormap != caption.colormap:
             self._colormap = caption.colormap
-            self._colors.SetTable(numpy_to_vtk(caption.table, deep=True))
-        self._colors.SetRange(caption.low / 10.0**exponent, caption.high / 10.0**exponent)
-        bar.SetCustomLabels(numpy_to_vtk(np.array(values), deep=True))
-        bar.SetLabelFormat(form)
-        bar.SetTitle(" ".join(part for part in (exponent_text(exponent), caption.unit) if part))
-        bar.SetDrawNanAnnotation(caption.missing)
-        whole = tall + 30 * scale
-        below = (page.height - whole) / 2
-        for text, ink, at in (
-            (bar.GetTitleTextProperty(), theme.faint_ink, below + whole - 6 * scale),
-            (bar.GetLabelTextProperty(), theme.ink, below + whole / 2),
-            (bar.GetAnnotationTextProperty(), theme.faint_ink, below),
-        ):
-            _style(text, _LABEL, ink)
-            _stand_on(text, page, at)
-        bar.SetTextPad(round(4 * scale))
-        bar.SetVerticalTitleSeparation(round(8 * scale))
-        wide = 76 * scale
-        bar.SetBarRatio(14 / 76)
-        left = page.width - 12 * scale - wide
-        bar.GetPositionCoordinate().SetValue(round(left), round(below))
-        bar.GetPosition2Coordinate().SetValue(round(wide), round(whole))
+            self.bar.paint(caption.table)
+        left, below = page.width - _BAR_EDGE * scale, (page.height - tall) / 2 - 15 * scale
+        self.bar.place(left, below, _BAR * scale, tall)
+        values, form, exponent = ticks(
+            caption.low, caption.high, min(max(int(tall / (34 * scale)), 2), _MOST_LABELS)
+        )
+        factor = " ".join(part for part in (exponent_text(exponent), caption.unit) if part)
+        above = below + tall + 8 * scale
+        _set_line(self.bar_title, factor, _LABEL, page, theme.faint_ink, (left, above), edge=_NEAR)
+        beside = left + (_BAR + _BESIDE) * scale
+        low, high = (end / 10.0**exponent for end in (caption.low, caption.high))
+        for label, value in zip_longest(self.bar_labels, values):
+            at = below if value is None else below + tall * (value - low) / (high - low)
+            text = "" if value is None else form % value
+            _set_line(label, text, _LABEL, page, theme.ink, (beside, at), edge=_NEAR)
+        self.no_value.actor.SetVisibility(caption.missing)
+        self.no_value.place(left, below - 19 * scale, _BAR * scale, 10 * scale)
+        text, at = "no value" if caption.missing else "", below - 14 * scale
+        _set_line(
+            self.no_value_label, text, _LABEL, page, theme.faint_ink, (beside, at), edge=_NEAR
+        )
 
     # -- scale bar --------------------------------------------------------------------------
 
@@ -367,24 +364,55 @@ class Annotations:
             self._renderer.AddViewProp(actor)
 
 
+class _Strip:
+    """Cells of colour on top of one another, as an actor.
+
+    Parameters
+    ----------
+    count : int
+    """
+
+    def __init__(self, count: int) -> None:
+        self._unit = pyvista.Plane(center=(0.5, 0.5, 0.0), i_resolution=1, j_resolution=count)
+        self._drawn = self._unit.copy()
+        mapper, self.actor = vtkPolyDataMapper2D(), vtkActor2D()
+        mapper.SetInputData(self._drawn)
+        self.actor.SetMapper(mapper)
+
+    def paint(self, colors: npt.NDArray[np.uint8]) -> None:
+        """Take colours from the lowest cell to the highest, shape (count, 4)."""
+        shades: Any = colors  # whole numbers, which the types of pyvista leave out
+        self._drawn.cell_data.set_scalars(shades, "colors")
+
+    def place(self, left: float, below: float, wide: float, tall: float) -> None:
+        """Put it somewhere, in pixels from the lower left of the picture."""
+        self.actor.SetPosition(round(left), round(below))
+        size = np.array([round(wide), round(tall), 0])
+        if not np.array_equal(self._drawn.points.max(axis=0), size):
+            self._drawn.points = self._unit.points * size
+
+
 def _set_line(
     actor: vtkTextActor,
     text: str,
     size: float,
     page: Page,
     ink: str,
+    at: tuple[float, float],
     *,
     bold: bool = False,
-    drop: float = 0.0,
+    edge: float = _EDGE,
 ) -> None:
-    """Write a line into the upper left corner, so many points below its edge; none if empty."""
+    """Write a line from a place on, as far as so many points from the right; none if empty."""
     actor.SetVisibility(bool(text))
-    edge, free = _EDGE * page.scale, page.width / page.scale - 2 * _EDGE
-    top = page.height - edge - drop * page.scale
+    if not text:
+        return
+    left, up = at
+    free = (page.width - left) / page.scale - edge
     actor.SetInput(fitted(text, free, lambda part: text_size(part, size, bold)[0]))
     _style(actor.GetTextProperty(), size, ink, bold)
-    _stand_on(actor.GetTextProperty(), page, top - 6 * page.scale)
-    actor.SetPosition(round(edge), round(top))
+    _stand_on(actor.GetTextProperty(), page, up - 6 * page.scale)
+    actor.SetPosition(round(left), round(up))
 
 
 def _new_axes() -> vtkActor:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from vtkmodules.util.numpy_support import vtk_to_numpy
 
 from meshmash_viewer.app.view.annotations import text_size, title_size
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
@@ -36,12 +35,15 @@ def difference(one: MeshRenderer, other: MeshRenderer, size: tuple[int, int] = S
 def test_labels_of_the_bar_stand_where_their_values_are_and_share_a_power_of_ten(qapp) -> None:
     renderer = shown(limits=(-1.3e-5, 2.6e-5))
     renderer.prepare(*SIZE, 1.0)
-    bar = renderer.annotations.bar
-    assert bar.GetTitle() == "×10⁻⁵ nm⁻¹"
-    assert np.allclose(bar.GetLookupTable().GetRange(), (-1.3, 2.6))
-    labels = vtk_to_numpy(bar.GetCustomLabels()).tolist()
-    assert labels == [-1.0, 0.0, 1.0, 2.0]
-    assert bar.GetLabelFormat() == "%.0f"
+    annotations = renderer.annotations
+    assert annotations.bar_title.GetInput() == "×10⁻⁵ nm⁻¹"
+    labels = [label for label in annotations.bar_labels if label.GetVisibility()]
+    assert [label.GetInput() for label in labels] == ["-1", "0", "1", "2"]
+    low, high = annotations.bar.actor.GetMapper().GetInput().GetBounds()[2:4]
+    below = annotations.bar.actor.GetPosition()[1]
+    for label, value in zip(labels, (-1.0, 0.0, 1.0, 2.0), strict=True):
+        share = (label.GetPosition()[1] - below - low) / (high - low)
+        assert share == pytest.approx((value + 1.3) / 3.9, abs=1.0 / (high - low))
 
 
 def test_the_bar_shows_the_colours_of_the_field(qapp) -> None:
@@ -59,8 +61,10 @@ def test_no_value_is_said_where_there_is_one_without(qapp) -> None:
     complete, missing = shown(), shown(values=np.array([np.nan, 0.0, 0.0, 0.0]))
     complete.prepare(*SIZE, 1.0)
     missing.prepare(*SIZE, 1.0)
-    assert not complete.annotations.bar.GetDrawNanAnnotation()
-    assert missing.annotations.bar.GetDrawNanAnnotation()
+    for drawing, said in ((complete, False), (missing, True)):
+        assert drawing.annotations.no_value.actor.GetVisibility() == said
+        assert drawing.annotations.no_value_label.GetVisibility() == said
+    assert missing.annotations.no_value_label.GetInput() == "no value"
 
 
 @pytest.mark.parametrize("size", [(1000, 750), (2000, 1500), (1000, 1200)])
