@@ -265,18 +265,18 @@ def claim_memory(upload: int, count: int = 300) -> None:
     The no-op driver takes new memory for each upload and gives none back, which no other driver
     does: the system would have to clear it page by page, 2 ms for a million values, and the host
     of a virtual machine to give it first, sixteen microseconds a page. So blocks of that size are
-    taken, written to and given back to `malloc`, from which the driver takes its own; a last small
-    one in front of them keeps `malloc` from giving them back to the system.
+    taken, written to and given back to `malloc`, from which the driver takes its own; the highest
+    one is kept, or `malloc` would give those below it back to the system.
     """
     library = ctypes.CDLL(None)
     library.malloc.restype = ctypes.c_void_p
     library.malloc.argtypes = [ctypes.c_size_t]
     library.free.argtypes = [ctypes.c_void_p]
-    blocks = [library.malloc(upload) for _ in range(count)]
+    library.free(library.malloc(upload))  # from now on, blocks of that size are of the heap
+    blocks = sorted(library.malloc(upload) for _ in range(count))
     for block in blocks:
         ctypes.memset(block, 1, upload)
-    library.malloc(1 << 18)
-    for block in blocks:
+    for block in blocks[:-1]:
         library.free(block)
 
 
