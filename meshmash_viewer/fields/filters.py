@@ -6,6 +6,7 @@ import html
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -51,6 +52,9 @@ READY: dict[str, str] = {
     "Gaussian": "exp(-s*x)",
     "Wave kernel": "exp(-log(x/c)**2 / (2*w**2))",
 }
+
+#: Many filters are made of one text while it is dragged.
+_formula = lru_cache(maxsize=64)(Formula)
 
 #: Samples of a profile's curve, and steps of the arrow keys from one end of the range to the other.
 _FINE, _STEPS = 64, 32
@@ -118,7 +122,7 @@ class Filters(Family):
     @property
     def formula(self) -> Formula:
         """The filter."""
-        return Formula(self.text)
+        return _formula(self.text)
 
     @property
     def first(self) -> str:

@@ -375,6 +375,7 @@ class _Strip:
     def __init__(self, count: int) -> None:
         self._unit = pyvista.Plane(center=(0.5, 0.5, 0.0), i_resolution=1, j_resolution=count)
         self._drawn = self._unit.copy()
+        self._size = 1, 1, 0
         mapper, self.actor = vtkPolyDataMapper2D(), vtkActor2D()
         mapper.SetInputData(self._drawn)
         self.actor.SetMapper(mapper)
@@ -387,8 +388,9 @@ class _Strip:
     def place(self, left: float, below: float, wide: float, tall: float) -> None:
         """Put it somewhere, in pixels from the lower left of the picture."""
         self.actor.SetPosition(round(left), round(below))
-        size = np.array([round(wide), round(tall), 0])
-        if not np.array_equal(self._drawn.points.max(axis=0), size):
+        size = round(wide), round(tall), 0
+        if size != self._size:
+            self._size = size
             self._drawn.points = self._unit.points * size
 
 
