@@ -297,6 +297,7 @@ class Tour:
             self.settle()
             self.shoot("compare")
             window.comparing.end()
+            display.nodal_lines = False
         docks["mesh"].raise_()
         self.settle()
 

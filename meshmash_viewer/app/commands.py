@@ -24,6 +24,7 @@ from meshmash_viewer.io.session import SESSION_ENDING
 from meshmash_viewer.model import cost, stepping
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.failure import Failure
+from meshmash_viewer.model.field import request_of
 from meshmash_viewer.model.pair import Pair
 
 if TYPE_CHECKING:
@@ -132,9 +133,13 @@ class Commands:
         actions["undo"].setText(f"Undo {document.last_change}".rstrip())
         actions["clear_pins"].setEnabled(bool(document.pins))
         actions["similar"].setEnabled(bool(document.pins) and document.spectrum is not None)
-        if not display.family.signed:
+        # resolved on the mesh: whether a map has a sign is the map's own
+        request = request_of(document)
+        family = display.family if request is None else request.family
+        if family.turned() == family:
             actions["flip"].setEnabled(False)
-            actions["nodal_lines"].setEnabled(display.family.contoured and display.family.usable)
+        if not family.signed and not family.contoured:
+            actions["nodal_lines"].setEnabled(False)
         actions["nodal_lines"].setChecked(display.nodal_lines)
         actions["play"].setChecked(display.playing)
         for mode in theme.Mode:
@@ -413,8 +418,7 @@ class Commands:
 
     def flip(self) -> None:
         """Flip the sign of what is on the render, if it has one that is free."""
-        if self._document.display.family.signed:
-            self._document.flip()
+        self._document.flip()
 
     def choose_theme(self, mode: theme.Mode) -> None:
         """Light, dark, or as the system is; kept for the next time."""

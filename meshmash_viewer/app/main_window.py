@@ -347,6 +347,8 @@ class MainWindow(QMainWindow):
             return
         limits, colormap = field.colors(display)
         limits = self.comparing.common_limits or limits
+        if self._drawn is None or self._drawn[0].signed != field.signed:
+            later(self._refresh_actions)
         self._drawn = field, limits
         self.scene.set_field(field, limits, colormap)
         self.field_panel.set_field(field, limits)

@@ -619,6 +619,28 @@ def test_the_theme_is_switched_from_the_menu(window: MainWindow) -> None:
     assert ticked() == ["light"]
 
 
+def test_lines_can_be_left_out_wherever_they_are_drawn(
+    window: MainWindow, sphere_file: Path, tmp_path: Path
+) -> None:
+    open_file(window, sphere_file)
+    compute(window)
+    document, drawing = window.document, window.scene.renderer
+    lines, flip = (window.actions_[name] for name in ("nodal_lines", "flip"))
+    heights = document.mesh.vertices[:, 2]
+    for name, values, signed in (("height.npy", heights, True), ("up.npy", heights + 500.0, False)):
+        np.save(tmp_path / name, values)
+        document.open_maps([tmp_path / name])
+        wait_for(lambda name=name: drawing.caption.title == name)
+        assert lines.isEnabled() is signed
+        assert not flip.isEnabled(), "the sign of a map is not free"
+        lines.trigger()
+        wait_for(lambda on=signed: (drawing.caption.lines == 0.0) is on)
+    document.display.kind = "eigenfunction"
+    wait_for(lambda: window.field_source.idle)
+    assert lines.isEnabled()
+    assert flip.isEnabled()
+
+
 def test_what_is_on_is_ticked_and_called_the_same_everywhere(ball: MainWindow) -> None:
     tick = ball.actions_["nodal_lines"]
     for on in (True, False):
