@@ -23,7 +23,7 @@ _VARIANCE = 4e-6
 #: How many spreads from the median a vertex may be before its length stops to count.
 _FAR = 3.0
 #: Vertices at a time, whose differences stay in the processor's cache.
-_BLOCK = 1 << 14
+_BLOCK = 1 << 15
 
 
 @dataclass(frozen=True)

@@ -172,7 +172,9 @@ def _style(properties: vtkTextProperty, size: float, color: str, bold: bool = Fa
 
 def _stand_on(properties: vtkTextProperty, page: Page, height: float) -> None:
     """Put a plate behind a text: in the colour of the background there, seen over the mesh only."""
-    properties.SetBackgroundColor(*page.theme.ground(height / page.height))
+    # in steps of two levels, which nobody sees: VTK opens the font again for each colour beyond 30
+    share = round(8.0 * height / page.height) / 8.0
+    properties.SetBackgroundColor(*page.theme.ground(share))
     properties.SetBackgroundOpacity(0.6 if page.plates else 0.0)
 
 
