@@ -133,12 +133,11 @@ class Commands:
         actions["undo"].setText(f"Undo {document.last_change}".rstrip())
         actions["clear_pins"].setEnabled(bool(document.pins))
         actions["similar"].setEnabled(bool(document.pins) and document.spectrum is not None)
+        if display.family.turned() == display.family:
+            actions["flip"].setEnabled(False)
         # resolved on the mesh: whether a map has a sign is the map's own
         request = request_of(document)
-        family = display.family if request is None else request.family
-        if family.turned() == family:
-            actions["flip"].setEnabled(False)
-        if not family.signed and not family.contoured:
+        if request is not None and not request.family.signed and not request.family.contoured:
             actions["nodal_lines"].setEnabled(False)
         actions["nodal_lines"].setChecked(display.nodal_lines)
         actions["play"].setChecked(display.playing)

@@ -53,7 +53,7 @@ READY: dict[str, str] = {
     "Wave kernel": "exp(-log(x/c)**2 / (2*w**2))",
 }
 
-#: Many filters are made of one text while it is dragged.
+#: A formula is parsed once, however many filters are made of it while a parameter is dragged.
 _formula = lru_cache(maxsize=64)(Formula)
 
 #: Samples of a profile's curve, and steps of the arrow keys from one end of the range to the other.

@@ -639,6 +639,10 @@ def test_lines_can_be_left_out_wherever_they_are_drawn(
     wait_for(lambda: window.field_source.idle)
     assert lines.isEnabled()
     assert flip.isEnabled()
+    document.display.kind = "similarity"  # without a vertex the eigenfunction stays
+    catch_up()
+    assert lines.isEnabled()
+    assert not flip.isEnabled()
 
 
 def test_what_is_on_is_ticked_and_called_the_same_everywhere(ball: MainWindow) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -178,7 +178,7 @@ def _stand_on(properties: vtkTextProperty, page: Page, height: float) -> None:
     properties.SetBackgroundOpacity(0.6 if page.plates else 0.0)
 
 
-@cache
+@lru_cache(maxsize=1024)
 def text_size(text: str, size: float, bold: bool) -> tuple[int, int]:
     """Width and height of a line of text in pixels where one of them is a point."""
     properties, box = vtkTextProperty(), [0, 0, 0, 0]

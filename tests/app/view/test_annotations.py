@@ -52,9 +52,13 @@ def test_the_bar_shows_the_colours_of_the_field(qapp) -> None:
     from meshmash_viewer.app.view.annotations import BAR_SPACE
 
     picture = draw_picture(shown(), SIZE)[:, SIZE[0] - BAR_SPACE :, :3].astype(int)
+    rows = []
     for share in (0.02, 0.5, 0.98):
         wanted = np.array(colormaps["viridis"](share, bytes=True)[:3])
-        assert np.abs(picture - wanted).max(axis=2).min() <= 6
+        away = np.abs(picture - wanted).max(axis=2)
+        assert away.min() <= 6
+        rows.append(int(np.argmin(away.min(axis=1))))
+    assert rows == sorted(rows, reverse=True), "the highest value is on top"
 
 
 def test_no_value_is_said_where_there_is_one_without(qapp) -> None:
