@@ -1,0 +1,321 @@
+"""Set-up, tests and builds of a clone, on Linux, macOS and Windows.
+
+    python dev.py run [MESH]           open the window on MESH, or on the sample dendrite
+    python dev.py test [PYTEST ARGS]   ruff, mypy and the tests, with real windows
+    python dev.py test --all           the tests, the pages and the bundle
+    python dev.py bench [NAME] [ARGS]  benchmarks/NAME.py: eigensolver (the default), stores, ...
+    python dev.py shots [DIR]          pictures of a tour of the window and of each algorithm
+    python dev.py docs [DIR]           the pages in DIR (build/site); warnings are errors
+    python dev.py bundle [DIR]         a program that needs no Python in DIR (build/bundle), tried
+
+Every command first makes .venv and installs what is missing. On Linux and macOS ``./dev`` finds a
+Python of version 3.11 or newer and calls this file with it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+import time
+import venv
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+VENV = HERE / ".venv"
+PYTHON = VENV / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+STAMP = VENV / "installed-from"
+LINUX = sys.platform.startswith("linux")
+
+#: Libraries that Qt and VTK load on Linux, with the Debian package of each. They are looked up by
+#: file, because other releases have other names for the packages.
+SYSTEM_LIBRARIES = {
+    "libGL.so.1": "libgl1",
+    "libEGL.so.1": "libegl1",
+    "libxkbcommon.so.0": "libxkbcommon0",
+    "libglib-2.0.so.0": "libglib2.0-0",
+    "libfontconfig.so.1": "libfontconfig1",
+    "libdbus-1.so.3": "libdbus-1-3",
+    "libxcb-cursor.so.0": "libxcb-cursor0",
+    "libxcb-icccm.so.4": "libxcb-icccm4",
+    "libxcb-keysyms.so.1": "libxcb-keysyms1",
+    "libxcb-shape.so.0": "libxcb-shape0",
+    "libxcb-xkb.so.1": "libxcb-xkb1",
+    "libxkbcommon-x11.so.0": "libxkbcommon-x11-0",
+}
+#: Programs of the virtual screen; PyInstaller needs objdump.
+SYSTEM_PROGRAMS = {"Xvfb": "xvfb", "xauth": "xauth", "objdump": "binutils"}
+
+#: Benchmarks that open windows.
+WITH_WINDOWS = ("walk", "progress")
+
+
+def say(message: str) -> None:
+    """Print a message of this script to stderr."""
+    bold, plain = ("\033[1m", "\033[0m") if sys.stderr.isatty() else ("", "")
+    print(f"{bold}dev: {message}{plain}", file=sys.stderr, flush=True)
+
+
+def fail(message: str) -> SystemExit:
+    """Return the exit of this script with a message."""
+    return SystemExit(f"dev: {message}")
+
+
+def call(*command: str | Path, **environment: str) -> int:
+    """Run a command in the clone and return its exit status."""
+    words = [str(word) for word in command]
+    return subprocess.run(
+        words, cwd=HERE, env={**os.environ, **environment}, check=False
+    ).returncode
+
+
+def must(*command: str | Path, **environment: str) -> None:
+    """Run a command in the clone; end with its exit status if it fails."""
+    if status := call(*command, **environment):
+        raise SystemExit(status)
+
+
+# -------------------------------------------------------------------------------- environment
+
+
+def install_system_libraries() -> None:
+    """Install by apt, where that is allowed, what Qt, VTK and the virtual screen need on Linux."""
+    if not LINUX or not (ldconfig := shutil.which("ldconfig", path=_with_sbin())):
+        return
+    known = subprocess.run([ldconfig, "-p"], capture_output=True, text=True, check=False).stdout
+    missing = [package for file, package in SYSTEM_LIBRARIES.items() if f"{file} " not in known]
+    missing += [package for name, package in SYSTEM_PROGRAMS.items() if not shutil.which(name)]
+    if not missing:
+        return
+    if not shutil.which("apt-get"):
+        say(f"missing system libraries; install what your system calls: {' '.join(missing)}")
+        return
+    root = os.geteuid() == 0
+    line = f"sudo apt-get update && sudo apt-get install -y {' '.join(missing)}"
+    if not root and call("sudo", "-n", "true") != 0:
+        say(f"missing system libraries; run this line, then ./dev again:\n    {line}")
+        return
+    say(f"installing system libraries: {' '.join(missing)}")
+    apt = ("apt-get",) if root else ("sudo", "-n", "DEBIAN_FRONTEND=noninteractive", "apt-get")
+    install = (*apt, "install", "-y", "-qq", "--no-install-recommends", *missing)
+    updated = call(*apt, "update", "-qq") == 0
+    if not updated or call(*install, DEBIAN_FRONTEND="noninteractive") != 0:
+        say(f"apt could not install them; run this line, then ./dev again:\n    {line}")
+
+
+def _with_sbin() -> str:
+    return os.pathsep.join([os.environ.get("PATH", ""), "/sbin", "/usr/sbin"])
+
+
+def fingerprint() -> str:
+    """Return a digest of what the environment is made from: requirements, versions, this folder."""
+    files = (HERE / name for name in ("pyproject.toml", "constraints.txt"))
+    digest = hashlib.sha256(str(HERE).encode())
+    for file in files:
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+def install(extras: str) -> None:
+    """Install the package with extras into .venv, under constraints.txt."""
+    pip = (PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-input")
+    must(*pip, "--constraint", "constraints.txt", "--editable", f".[{extras}]")
+
+
+def make_environment() -> None:
+    """Make .venv and install the package in it, unless that has been done."""
+    if PYTHON.exists() and STAMP.exists() and STAMP.read_text() == fingerprint():
+        return
+    if not PYTHON.exists() or call(PYTHON, "-m", "pip", "--version") != 0:
+        say(f"making .venv with {sys.executable} ({sys.version.split()[0]})")
+        try:
+            venv.create(VENV, with_pip=True, clear=True, symlinks=os.name != "nt")
+        except (OSError, subprocess.CalledProcessError) as fault:
+            shutil.rmtree(VENV, ignore_errors=True)
+            remedy = ": sudo apt-get install -y python3-venv" if LINUX else ""
+            raise fail(f"this Python cannot make a virtual environment ({fault}){remedy}") from None
+    say("installing the package and what it needs")
+    STAMP.unlink(missing_ok=True)
+    install("test")
+    STAMP.write_text(fingerprint())
+
+
+def install_if_missing(modules: str, extras: str) -> None:
+    """Install extras whose modules cannot be imported yet."""
+    if call(PYTHON, "-c", f"import {modules}", PYTHONWARNINGS="ignore") != 0:
+        install(extras)
+
+
+def has_display() -> bool:
+    """Whether a window can be shown here."""
+    return not LINUX or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def with_windows(*command: str | Path) -> int:
+    """Run a command that opens windows; on Linux on a virtual screen, for which xvfb is needed."""
+    if not LINUX:
+        return call(*command)
+    if not shutil.which("xvfb-run"):
+        raise fail("xvfb-run is missing: sudo apt-get install -y xvfb xauth")
+    screen = "-screen 0 1920x1200x24 +extension GLX -nolisten tcp"
+    virtual = ("xvfb-run", "--auto-servernum", f"--server-args={screen}")
+    return call(*virtual, *command, QT_QPA_PLATFORM="xcb", WAYLAND_DISPLAY="")
+
+
+def one_thread_each() -> None:
+    """Let every process compute with one thread, so that processes do not compete."""
+    for library in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "NUMBA"):
+        os.environ[f"{library}_NUM_THREADS"] = "1"
+    os.environ["VECLIB_MAXIMUM_THREADS"] = "1"
+
+
+def folder(arguments: list[str], default: str) -> Path:
+    """Return the folder named first, from where the caller stands, or the default in the clone."""
+    return Path(arguments[0]).absolute() if arguments else HERE / default
+
+
+# ----------------------------------------------------------------------------------- commands
+
+
+def run(arguments: list[str]) -> int:
+    """Open the window; without a display, compute features and a picture of the mesh."""
+    make_environment()
+    install_system_libraries()
+    if arguments:
+        mesh = str(Path(arguments[0]).absolute())
+    else:
+        code = "from meshmash_viewer.samples import sample_path; print(sample_path())"
+        found = subprocess.run([PYTHON, "-c", code], capture_output=True, text=True, check=True)
+        mesh = found.stdout.strip()
+    if has_display():
+        return call(PYTHON, "-m", "meshmash_viewer", mesh)
+    out = HERE / "shots" / "without-display"
+    say("no display here: computing features and a picture with the command line")
+    out.mkdir(parents=True, exist_ok=True)
+    viewer = (PYTHON, "-m", "meshmash_viewer")
+    features, picture = out / "hks.npz", out / "picture.png"
+    must(*viewer, "features", mesh, "--kind", "hks", "--count", "100", "-o", features)
+    render = (*viewer, "render", mesh, "--count", "100", "-o", picture)
+    if status := with_windows(*render) if shutil.which("xvfb-run") else call(*render):
+        return status
+    print(
+        f"\nheat kernel signature of 100 eigenpairs: {features}\na picture of the mesh: {picture}"
+    )
+    return 0
+
+
+def test(arguments: list[str]) -> int:
+    """Run ruff, mypy and pytest, all of them even if one fails; pages and bundle with --all."""
+    make_environment()
+    install_system_libraries()
+    one_thread_each()
+    everything = "--all" in arguments[:1]
+    given = arguments[1:] if everything else arguments
+    pytest = (PYTHON, "-m", "pytest")
+    parallel = ("-n", "logical", "--maxprocesses", "4", "--dist", "worksteal")
+    steps = {
+        "ruff check": lambda: call(PYTHON, "-m", "ruff", "check", "."),
+        "ruff format": lambda: call(PYTHON, "-m", "ruff", "format", "--check", "--quiet", "."),
+        "mypy": lambda: call(PYTHON, "-m", "mypy"),
+    }
+    if given:
+        steps[f"pytest {' '.join(given)}"] = lambda: with_windows(*pytest, *given)
+    else:
+        no_windows = (*pytest, *parallel, "--ignore", "tests/app")
+        steps["pytest, without windows"] = lambda: with_windows(*no_windows)
+        # One window at a time: two would take the focus from each other.
+        steps["pytest, real windows"] = lambda: with_windows(*pytest, "tests/app")
+    if everything:
+        steps |= {"docs": lambda: docs([]), "bundle": lambda: bundle([])}
+    results = []
+    for name, step in steps.items():
+        say(name)
+        began = time.monotonic()
+        status = step()
+        word = "FAILED" if status else "passed"
+        results.append(f"{word}  {name} ({time.monotonic() - began:.0f} s)")
+    print("", *results, sep="\n", flush=True)
+    return int(any(line.startswith("FAILED") for line in results))
+
+
+def bench(arguments: list[str]) -> int:
+    """Run a benchmark, that of the eigensolver unless the first word names another."""
+    name = "eigensolver"
+    if arguments and (HERE / "benchmarks" / f"{arguments[0]}.py").exists():
+        name, *arguments = arguments
+    make_environment()
+    command = (PYTHON, HERE / "benchmarks" / f"{name}.py", *arguments)
+    if name not in WITH_WINDOWS:
+        return call(*command)
+    install_system_libraries()
+    one_thread_each()
+    return with_windows(*command)
+
+
+def shots(arguments: list[str]) -> int:
+    """Take the pictures of the tour and of the algorithms."""
+    out = folder(arguments, "shots")
+    make_environment()
+    install_system_libraries()
+    one_thread_each()
+    status = with_windows(PYTHON, "assets/tour.py", out) or with_windows(
+        PYTHON, "assets/algorithms.py", out / "algorithms"
+    )
+    say(f"pictures are in {out}")
+    return status
+
+
+def docs(arguments: list[str]) -> int:
+    """Build the pages."""
+    out = folder(arguments, "build/site")
+    make_environment()
+    install_if_missing("material, mkdocstrings", "test,docs")
+    build = (PYTHON, "-m", "mkdocs", "build", "--strict", "--site-dir", out)
+    status = call(*build, NO_MKDOCS_2_WARNING="1")
+    say(f"pages are in {out}")
+    return status
+
+
+def bundle(arguments: list[str]) -> int:
+    """Build the program that needs no Python, and try it."""
+    out = folder(arguments, "build/bundle")
+    make_environment()
+    install_system_libraries()
+    install_if_missing("PyInstaller", "test,bundle")
+    must(
+        *(PYTHON, "-m", "PyInstaller", "--noconfirm", "--log-level", "ERROR", "--distpath", out),
+        *("--workpath", "build/pyinstaller", "packaging/meshmash-viewer.spec"),
+    )
+    program = out / "meshmash-viewer"
+    if LINUX:
+        for ending in ("desktop", "xml"):
+            shutil.copy(HERE / "packaging" / f"meshmash-viewer.{ending}", program)
+        icon = HERE / "meshmash_viewer" / "app" / "icon.png"
+        shutil.copy(icon, program / "meshmash-viewer.png")
+    one_thread_each()
+    sample = HERE / "meshmash_viewer" / "samples" / "dendrite.npz"
+    status = with_windows(PYTHON, "packaging/check.py", program, sample)
+    say(f"the program is in {program}")
+    return status
+
+
+COMMANDS = {each.__name__: each for each in (run, test, bench, shots, docs, bundle)}
+
+
+def main(arguments: list[str]) -> int:
+    """Run the command named first."""
+    if sys.version_info < (3, 11):  # noqa: UP036  (any Python can call this file)
+        raise fail("Python 3.11 or newer is needed: /path/to/python3.11 dev.py ...")
+    if not arguments or arguments[0] in ("help", "-h", "--help"):
+        print(__doc__)
+        return 0
+    if arguments[0] not in COMMANDS:
+        print(__doc__, file=sys.stderr)
+        return 2
+    return COMMANDS[arguments[0]](arguments[1:])
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

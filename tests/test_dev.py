@@ -1,0 +1,65 @@
+"""The script of a clone: its commands, and that it asks for Linux's things on Linux alone."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+SCRIPT = Path(__file__).resolve().parent.parent / "dev.py"
+
+
+@pytest.fixture
+def dev() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("dev", SCRIPT)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(("words", "status"), [(["help"], 0), ([], 0), (["tset"], 2)])
+def test_help_lists_every_command(dev: ModuleType, words: list[str], status: int) -> None:
+    run = subprocess.run([sys.executable, SCRIPT, *words], capture_output=True, text=True)
+    assert run.returncode == status
+    shown = run.stderr if status else run.stdout
+    assert all(f"dev.py {name} " in shown for name in dev.COMMANDS)
+
+
+@pytest.mark.parametrize("arguments", [[], ["tests/test_units.py"]])
+def test_no_virtual_screen_is_asked_for_elsewhere(
+    dev: ModuleType, arguments: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[list[str]] = []
+
+    def run(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
+        calls.append([str(word) for word in command])
+        return subprocess.CompletedProcess(command, 0)
+
+    monkeypatch.setattr(dev, "LINUX", False)
+    monkeypatch.setattr(dev, "STAMP", SCRIPT.parent / "none")
+    monkeypatch.setattr(dev, "make_environment", lambda: None)
+    monkeypatch.setattr(dev, "one_thread_each", lambda: None)
+    monkeypatch.setattr(dev.subprocess, "run", run)
+    assert dev.main(["test", *arguments]) == 0
+    assert {command[0] for command in calls} == {str(dev.PYTHON)}
+    assert any("pytest" in command for command in calls)
+
+
+def test_one_failed_step_fails_the_test_and_ends_no_other(
+    dev: ModuleType, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(dev, "make_environment", lambda: None)
+    monkeypatch.setattr(dev, "install_system_libraries", lambda: None)
+    monkeypatch.setattr(dev, "one_thread_each", lambda: None)
+    monkeypatch.setattr(dev, "with_windows", lambda *command: 0)
+    monkeypatch.setattr(dev, "call", lambda *command: int("mypy" in command))
+    assert dev.main(["test"]) == 1
+    printed = capfd.readouterr().out
+    assert "FAILED  mypy" in printed
+    assert printed.count("passed") == 4
