@@ -327,15 +327,14 @@ def test_the_window_gives_its_plotter_and_what_it_shows(qtbot: QtBot) -> None:
     window.close()
 
 
-def test_the_script_of_the_readme(
+def test_the_script_of_the_notebook_page(
     qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It adds an actor, steps, takes pictures, and exports a scene for other programs."""
-    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-    scripts = [part.split("```")[0] for part in text.split("```python\n")[1:]]
-    (script,) = (part for part in scripts if "block=False" in part)
+    page = Path(__file__).parents[2] / "docs" / "how_to" / "notebook.md"
+    script = page.read_text(encoding="utf-8").split("```py\n")[1].split("```")[0]
     monkeypatch.chdir(tmp_path)
-    exec(compile(script, "README.md", "exec"), {})
+    exec(compile(script, page.name, "exec"), {})
     pictures = [pyvista.read(tmp_path / f"eigenfunction_{i}.png") for i in (2, 3, 4)]
     assert all(np.ptp(picture.active_scalars) > 100 for picture in pictures)
     assert len({picture.active_scalars.tobytes() for picture in pictures}) == 3
