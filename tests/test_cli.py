@@ -823,16 +823,3 @@ def test_distances_that_cannot_be_had_are_one_line(
     status, text, err = run(capsys, "features", ball, *chosen, "-o", out)
     assert (status, text, err.count("\n"), out.exists()) == (2, "", 1, False)
     assert clause in err
-
-
-def test_distances_without_their_package_say_what_to_install(
-    capsys: pytest.CaptureFixture[str],
-    ball: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(sys.modules, "potpourri3d", None)
-    out = tmp_path / "out.npz"
-    status, _, err = run(capsys, "features", ball, "--kind", "distance", "--vertex", 4, "-o", out)
-    assert (status, err.count("\n"), out.exists()) == (2, 1, False)
-    assert 'pip install "meshmash-viewer[geodesic]"' in err

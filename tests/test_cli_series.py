@@ -124,7 +124,6 @@ def test_what_a_kind_is_asked_for_is_what_its_gallery_shows(
 def test_what_no_eigenpairs_make_asks_for_none(
     capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
 ) -> None:
-    pytest.importorskip("potpourri3d")
     out = tmp_path / "sheet.png"
     _, report = gallery(capsys, ball, out, "--kind", "distance", "--vertex", 3, "--vertex", 8)
     assert report["columns"] == [0, 1]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 import pytest
 import shapes
@@ -152,12 +150,6 @@ def test_a_vertex_that_does_not_exist_is_one_sentence(vertex: int) -> None:
         geodesic_distance(mesh, vertex)
     with pytest.raises(InputError, match=f"There is no vertex {vertex}"):
         biharmonic_distance([0.0, 1.0], np.ones((162, 2)), vertex)
-
-
-def test_without_the_package_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "potpourri3d", None)
-    with pytest.raises(InputError, match=r"pip install \"meshmash-viewer\[geodesic\]\""):
-        geodesic_distance(shapes.icosphere(1), 0)
 
 
 def test_times_and_shapes_are_checked() -> None:

@@ -66,7 +66,7 @@ def run(folder: Path, blocked: str, *command: str) -> subprocess.CompletedProces
         (
             "potpourri3d",
             (*FEATURES, "out.npz", "--kind", "distance", "--vertex", "0"),
-            'pip install "meshmash-viewer[geodesic]"',
+            "pip install potpourri3d",
         ),
         ("robust_laplacian", (*FEATURES, "out.npz"), "pip install robust_laplacian"),
         ("PySide6", ("ball.off",), "pip install PySide6-Essentials"),
@@ -90,7 +90,6 @@ def test_what_is_missing_is_one_line(
 @pytest.mark.parametrize(
     ("blocked", "call", "remedy"),
     [
-        ("potpourri3d", "mv.geodesic_distance(mesh, 0)", 'pip install "meshmash-viewer[geodesic]"'),
         ("nibabel", "mv.read_mesh('ball.gii')", "pip install nibabel"),
         ("pyarrow", "mv.read_maps('values.csv', mesh)", "pip install pyarrow"),
         ("numba", "mv.decompose_mesh(mesh, 4)", "pip install numba"),

@@ -234,11 +234,6 @@ class GeodesicSolver:
     mesh : Mesh
         Non-manifold and in several components, if need be.
 
-    Raises
-    ------
-    InputError
-        If potpourri3d, which computes it, is not installed.
-
     References
     ----------
     .. [1] Crane, K., Weischedel, C. and Wardetzky, M. (2013). "Geodesics in Heat." ACM
@@ -255,13 +250,8 @@ class GeodesicSolver:
     """
 
     def __init__(self, mesh: Mesh) -> None:
-        try:
-            from potpourri3d import MeshHeatMethodDistanceSolver
-        except ImportError:
-            raise InputError(
-                "Distances along the surface need potpourri3d, which is not installed: pip install"
-                ' "meshmash-viewer[geodesic]", or choose another distance.'
-            ) from None
+        from potpourri3d import MeshHeatMethodDistanceSolver
+
         self.mesh = mesh
         self._number = np.cumsum(mesh.referenced) - 1
         # about its middle and of size 1: numbers of any unit are as good
@@ -363,9 +353,8 @@ def distance_features(
     Raises
     ------
     InputError
-        If a vertex does not exist, belongs to no face or is named twice, if the measure needs
-        eigenpairs or a time that are not given, or if potpourri3d is not installed, which geodesic
-        distances need.
+        If a vertex does not exist, belongs to no face or is named twice, or if the measure needs
+        eigenpairs or a time that are not given.
 
     Examples
     --------

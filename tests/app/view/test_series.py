@@ -165,7 +165,6 @@ def test_each_map_has_the_colours_that_suit_it(plate: Mesh) -> None:
 
 
 def test_lines_of_a_distance_are_said_on_its_picture(plate: Mesh) -> None:
-    pytest.importorskip("potpourri3d")
     bare = Spectrum.without_pairs(plate)
     far = FAMILIES["distance"].exported(vertex=[7])
     shots = shots_of([far], bare, plate, plate.area_sample(), {})
