@@ -5,6 +5,7 @@ from __future__ import annotations
 __all__ = [
     "ConstantFeaturesWarning",
     "InputError",
+    "MeshWarning",
     "TruncationWarning",
     "UnprovenError",
     "UnprovenWarning",
@@ -35,6 +36,14 @@ class InputError(ValueError):
 
 class UnprovenError(InputError):
     """The eigenpairs of this matrix cannot be found, or not proven, in floating-point numbers."""
+
+
+class MeshWarning(UserWarning):
+    """A mesh is not all that its file holds, or has a fault that a result depends on.
+
+    `read_mesh` warns of what it left out of a file, such as the lines and points of a scene, and
+    `mean_curvature` of faces that do not agree on which side is outside.
+    """
 
 
 class UnprovenWarning(UserWarning):

@@ -1,4 +1,4 @@
-"""What the readers of mesh files share: rows of numbers, polygons to triangles, merging."""
+"""What the readers of mesh files share: rows of numbers, polygons to triangles."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
-from meshmash_viewer.mesh import FloatArray, IntArray, MeshLike, as_mesh, first_equal
+from meshmash_viewer.mesh import FloatArray, IntArray, MeshLike, as_mesh
 from meshmash_viewer.vertex_map import Label
 
 __all__ = [
@@ -20,18 +20,12 @@ __all__ = [
     "RawMap",
     "RawMesh",
     "fan_triangles",
-    "merge_equal_vertices",
     "parse_rows",
     "raw_mesh",
     "strip_triangles",
 ]
 
 
-#: Residues come in twos and threes; where one stray coordinate makes all places the same, the
-#: pairs to be joined would fill the memory. So many vertices are asked, and that many may answer.
-_SAMPLE, _MOST_NEIGHBOURS = 256, 64.0
-#: Beyond it squared distances are no numbers any more.
-_LARGEST = 1e150
 #: Maps that are taken of one file.
 MOST_MAPS = 64
 
@@ -70,12 +64,16 @@ class RawMesh:
         The unit the format or the file states; None where it states none.
     maps : tuple of RawMap
         What it has at each vertex besides.
+    remarks : tuple of str
+        What was left out of the file, as clauses that follow its name: "holds 12 lines, which are
+        left out".
     """
 
     vertices: FloatArray
     faces: IntArray
     unit: str | None = None
     maps: tuple[RawMap, ...] = ()
+    remarks: tuple[str, ...] = ()
 
 
 def raw_mesh(given: RawMesh | MeshLike) -> RawMesh:
@@ -203,76 +201,3 @@ def strip_triangles(indices: IntArray, counts: IntArray) -> IntArray:
     a, b, c = indices[first + odd], indices[first + 1 - odd], indices[first + 2]
     kept = (a != b) & (b != c) & (a != c)
     return np.column_stack([a[kept], b[kept], c[kept]]).astype(np.int64)
-
-
-def merge_equal_vertices(
-    vertices: FloatArray, faces: IntArray
-) -> tuple[FloatArray, IntArray, IntArray]:
-    """Join vertices at the same place, and drop the triangles that collapse by it.
-
-    The same place means closer than a quarter of a float32 step of the largest coordinate.
-    Exporters leave residues such as 1e-17 for 0, while two float32 coordinates that differ at
-    the far end of the mesh are at least half such a step apart and stay two.
-    Merged vertices keep the order of their first appearance.
-
-    Parameters
-    ----------
-    vertices : ndarray of float64, shape (n, 3)
-    faces : ndarray of int64, shape (m, 3)
-        Indices within range.
-
-    Returns
-    -------
-    vertices : ndarray of float64, shape (n', 3)
-    faces : ndarray of int64, shape (m', 3)
-    kept : ndarray of int64, shape (n',)
-        Which vertices are left.
-
-    Raises
-    ------
-    InputError
-        If a coordinate is not finite, or so large that there would be no end of vertices to join.
-    """
-    if not len(vertices):
-        return vertices, faces, np.arange(0)
-    if not np.isfinite(vertices).all():
-        raise InputError("has a vertex with a coordinate that is not finite")
-    points = vertices + 0.0  # -0.0 and 0.0 are the same place
-    representative = first_equal(points)
-    # Joining exact copies first leaves the slower search for near copies a sixth of the points.
-    distinct = np.unique(representative)
-    representative = _join_near(points, distinct)[np.searchsorted(distinct, representative)]
-    kept = np.unique(representative)
-    faces = np.searchsorted(kept, representative[faces])
-    a, b, c = faces.T
-    return vertices[kept], faces[(a != b) & (b != c) & (a != c)], kept
-
-
-def _join_near(points: FloatArray, distinct: IntArray) -> IntArray:
-    """For each of the `distinct` rows of `points`, the first row at its place."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    largest = float(np.abs(points).max())
-    tolerance = largest * 2.0**-25
-    tree = cKDTree(points[distinct])
-    sample = tree.data[:: len(distinct) // _SAMPLE + 1]
-    if (
-        largest > _LARGEST
-        or tree.query_ball_point(sample, tolerance, return_length=True).mean() > _MOST_NEIGHBOURS
-    ):
-        raise InputError(
-            f"has a coordinate as large as {largest:.3g}, beside which the others are so small that"
-            " float32 cannot tell them apart"
-        )
-    pairs = tree.query_pairs(tolerance, output_type="ndarray")
-    if not len(pairs):
-        return distinct
-    links = coo_array(
-        (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(distinct), len(distinct))
-    )
-    _, labels = connected_components(links, directed=False)
-    _, first = np.unique(labels, return_index=True)
-    joined: IntArray = distinct[first[labels]]
-    return joined

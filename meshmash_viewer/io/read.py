@@ -13,7 +13,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.errors import InputError, MeshWarning, printable
 from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
 from meshmash_viewer.io.formats.gltf import read_gltf
 from meshmash_viewer.io.formats.neuroimaging import (
@@ -104,6 +104,11 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
         If there is no such file or it holds no usable mesh; one sentence that names the file,
         the fault and the way out.
 
+    Warns
+    -----
+    MeshWarning
+        For each kind of thing that the file holds and the mesh lacks.
+
     Examples
     --------
     >>> from meshmash_viewer.samples import sample_path
@@ -124,7 +129,7 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
             raw = read_guarded(reader, plain, limits) if guarded else raw_mesh(reader(plain))
             _check_content(raw)
             stated = raw.unit or ""
-            return Mesh(
+            mesh = Mesh(
                 raw.vertices * voxel if voxel != NO_VOXEL else raw.vertices,
                 raw.faces,
                 unit=stated if given_unit is None else given_unit,
@@ -145,6 +150,9 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
         ) from fault
     except Exception as fault:  # whatever a library raises on a broken file, it is the file's
         raise InputError(f"{path} {_way_out(str(unreadable(fault)), ending)}") from fault
+    for remark in raw.remarks:
+        warnings.warn(f"{path} {remark}.", MeshWarning, stacklevel=2)
+    return mesh
 
 
 def _own_maps(raw: RawMesh) -> Iterator[VertexMap]:

@@ -8,10 +8,12 @@ without harm.
 from __future__ import annotations
 
 import time
+import warnings
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar, Protocol
 
+from meshmash_viewer.errors import MeshWarning
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.export import ExportJob
@@ -70,8 +72,17 @@ class ReadJob:
         from meshmash_viewer.io.read import read_mesh
 
         channel.report(Progress("reading", message=f"Reading {self.path.name}"))
-        mesh = read_mesh(self.path, self.unit or None)
-        return _inspect(mesh, self.operator, channel, path=self.path)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", MeshWarning)
+            mesh = read_mesh(self.path, self.unit or None)
+        ready = _inspect(mesh, self.operator, channel, path=self.path)
+        remarks = []
+        for each in caught:
+            if each.category is MeshWarning:
+                remarks.append(str(each.message))
+            else:
+                warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
+        return replace(ready, remark=" ".join(filter(None, [*remarks, ready.remark])))
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.guarded import ReadLimits, read_guarded
-from meshmash_viewer.io.polygons import MOST_MAPS, RawMap, RawMesh, merge_equal_vertices
+from meshmash_viewer.io.joining import join_vertices
+from meshmash_viewer.io.polygons import MOST_MAPS, RawMap, RawMesh
 
 __all__ = ["gltf_mesh", "read_gltf"]
 
@@ -74,7 +75,7 @@ def gltf_mesh(path: Path) -> RawMesh:
         offset += len(placed)
     if not vertices:
         raise InputError("holds no triangle mesh")
-    merged, corners, kept = merge_equal_vertices(np.concatenate(vertices), np.concatenate(faces))
+    merged, corners, kept = join_vertices(np.concatenate(vertices), np.concatenate(faces))
     maps = []
     for attribute, parts in list(attributes.items())[:MOST_MAPS]:
         whole = np.full(offset, np.nan)  # where a mesh of the scene has not got it

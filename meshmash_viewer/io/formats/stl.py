@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.polygons import RawMesh, merge_equal_vertices, parse_rows
+from meshmash_viewer.io.joining import join_vertices
+from meshmash_viewer.io.polygons import RawMesh, parse_rows
 from meshmash_viewer.mesh import FloatArray
 
 __all__ = ["read_stl"]
@@ -44,7 +45,7 @@ def read_stl(path: Path) -> RawMesh:
         records = np.frombuffer(data, _RECORD, count, _HEADER_BYTES)
         corners = records["corners"].reshape(-1, 3).astype(np.float64)
     faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
-    vertices, merged, _ = merge_equal_vertices(corners, faces)
+    vertices, merged, _ = join_vertices(corners, faces)
     if len(faces) and not len(merged):
         raise InputError("has no triangle left after equal vertices were merged")
     return RawMesh(vertices, merged)
