@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import copy
 import hashlib
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import PurePath
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +38,9 @@ _LARGEST = 1e75
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """A triangle mesh; neither array is changed after construction.
+
+    It unpacks and indexes like the pair ``(vertices, faces)``. Two meshes are equal if vertices,
+    faces and unit are: name, maps and what a file's numbers were multiplied by do not matter.
 
     Parameters
     ----------
@@ -69,6 +73,9 @@ class Mesh:
     >>> mesh = mv.Mesh([[0, 0, 0], [4, 0, 0], [0, 3, 0]], [[0, 1, 2]], unit="nm")
     >>> mesh.n_vertices, mesh.area
     (3, 6.0)
+    >>> vertices, faces = mesh
+    >>> mesh == mv.Mesh(vertices, faces, unit="nm"), mesh[1].tolist()
+    (True, [[0, 1, 2]])
     """
 
     vertices: FloatArray
@@ -98,6 +105,35 @@ class Mesh:
                 "The faces have no area: all their vertices coincide or lie on lines. "
                 "Check that the coordinates are those of a surface."
             )
+
+    def __iter__(self) -> Iterator[npt.NDArray[Any]]:
+        """Vertices, then faces."""
+        return iter((self.vertices, self.faces))
+
+    @overload
+    def __getitem__(self, index: int) -> npt.NDArray[Any]: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[npt.NDArray[Any], ...]: ...
+    def __getitem__(self, index: int | slice) -> npt.NDArray[Any] | tuple[npt.NDArray[Any], ...]:
+        """Vertices for 0, faces for 1, as of the pair."""
+        return (self.vertices, self.faces)[index]
+
+    def __len__(self) -> int:
+        """2, as of the pair."""
+        return 2
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Mesh):
+            return NotImplemented
+        return self.unit == other.unit and all(
+            mine is theirs or np.array_equal(mine, theirs)
+            for mine, theirs in zip(self, other, strict=True)
+        )
+
+    def __hash__(self) -> int:
+        # sums, because -0.0 and 0.0 are equal and their bytes are not
+        sums = float(self.vertices.sum()), int(self.faces.sum())
+        return hash((self.unit, self.vertices.shape, self.faces.shape, sums))
 
     @property
     def n_vertices(self) -> int:

@@ -471,3 +471,14 @@ def test_the_time_told_lies_within_the_time_taken() -> None:
     told = solve(*random_mesh(3), 10).timings
     assert 0.0 < told["total"] <= time.perf_counter() - began
     assert all(seconds >= 0.0 for seconds in told.values())
+
+
+def test_eigenpairs_unpack_and_index_like_their_pair() -> None:
+    pairs = solve(*torus(6, 5, 1.0, 1.0)[0], 10)
+    eigenvalues, eigenvectors = pairs
+    assert eigenvalues is pairs[0] is pairs.eigenvalues
+    np.testing.assert_array_equal(eigenvectors, pairs.rows.T)
+    np.testing.assert_array_equal(pairs[-1], eigenvectors)
+    assert (len(pairs), len(pairs[:1])) == (2, 1)
+    with pytest.raises(IndexError):
+        pairs[2]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -17,6 +18,12 @@ from meshmash_viewer.spectral.eigensolver import solve
 @pytest.fixture(scope="module")
 def decomposition(sphere):
     return solve(*cotangent_laplacian(sphere), 40)
+
+
+@pytest.fixture
+def features(decomposition) -> Features:
+    bank = heat_kernel_bank([0.5, 1.0, 2.0])
+    return compute_features(decomposition, bank, unit="nm", warn=False)
 
 
 @pytest.mark.parametrize(("k", "n"), [(1, 5), (31, 100), (33, 16385), (70, 40000)])
@@ -106,3 +113,54 @@ def test_a_filter_that_lets_no_pair_through_keeps_what_has_no_value() -> None:
     rows = np.array([[1.0, np.nan, 2.0], [3.0, np.nan, 4.0]])
     sums = accumulate_features(rows, np.zeros((1, 2)))
     np.testing.assert_array_equal(sums, [[0.0], [np.nan], [0.0]])
+
+
+def test_features_are_taken_as_arrays(features: Features) -> None:
+    values = features.values
+    assert np.asarray(features) is values
+    assert np.asarray(features, np.float32).dtype == np.float32
+    assert not np.shares_memory(np.array(features), values)
+    np.testing.assert_array_equal(np.log(features), np.log(values))
+    np.testing.assert_array_equal(np.column_stack([features, features[:, 0]])[:, :-1], values)
+    np.testing.assert_array_equal(np.mean(features, axis=0), values.mean(axis=0))
+    assert (features.shape, features.ndim, features.dtype) == (values.shape, 2, np.float64)
+    assert len(features) == len([*features]) == len(values)
+    for index in (3, slice(2, 9), (slice(None), -1), values[:, 0] > 0.3, [4, 1], (..., 0), (2, 1)):
+        np.testing.assert_array_equal(features[index], values[index])
+    for place, name in enumerate(features.columns):
+        np.testing.assert_array_equal(features[name], values[:, place])
+    with pytest.raises(KeyError, match="they are hks_t=5"):
+        features["hks"]
+
+
+def test_features_are_a_frame_with_names(features: Features) -> None:
+    pandas = pytest.importorskip("pandas")
+    frame = features.to_frame()
+    assert tuple(frame.columns) == features.columns
+    np.testing.assert_array_equal(frame.to_numpy(), features.values)
+    assert frame.attrs == {"unit": features.unit, "kind": "hks"}
+    frame.iloc[0, 0] = -1.0
+    assert features.values[0, 0] > 0.0
+    named = pandas.DataFrame(features, columns=features.columns)
+    np.testing.assert_array_equal(named[features.columns[1]], features.values[:, 1])
+
+
+def test_without_pandas_a_frame_says_what_to_install(
+    features: Features, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(InputError, match="pip install pandas"):
+        features.to_frame()
+
+
+def test_scikit_learn_takes_features(features: Features) -> None:
+    pytest.importorskip("sklearn")
+    from sklearn.cluster import KMeans
+    from sklearn.model_selection import train_test_split
+    from sklearn.neighbors import NearestNeighbors
+
+    nearest = NearestNeighbors(n_neighbors=1).fit(features).kneighbors(features)[0]
+    np.testing.assert_allclose(nearest, 0.0, atol=1e-6)
+    assert KMeans(2, n_init=1, random_state=0).fit_predict(features).shape == (len(features),)
+    train, test = train_test_split(features, random_state=0)
+    assert len(train) + len(test) == len(features)

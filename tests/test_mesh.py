@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import pickle
 from pathlib import Path
 from types import SimpleNamespace
@@ -239,3 +240,44 @@ def test_maps_that_there_are_are_named_where_another_is_asked_for(sphere: Mesh) 
         mesh.map_named("height")
     with pytest.raises(InputError, match="none"):
         sphere.map_named("height")
+
+
+def test_a_mesh_unpacks_and_indexes_like_its_pair():
+    mesh = shapes.icosphere(1)
+    vertices, faces = mesh
+    assert vertices is mesh[0] is mesh[-2] is mesh.vertices
+    assert faces is mesh[1] is mesh[-1] is mesh.faces
+    assert (len(mesh), len(mesh[0]), [*mesh[::-1]][0] is faces) == (2, 42, True)
+    with pytest.raises(IndexError):
+        mesh[2]
+
+
+def test_equal_meshes_are_equal_and_have_one_hash():
+    mesh = shapes.icosphere(1, unit="nm")
+    vertices, faces = mesh
+    others = [
+        Mesh(vertices.tolist(), faces.astype(np.int32), "nm", "another name"),
+        Mesh(np.asfortranarray(vertices), faces, "nm"),
+        Mesh(np.where(vertices == 0.0, -0.0, vertices), faces, "nm"),
+        mesh.with_maps(VertexMap("height", vertices[:, 2])),
+        mesh.in_unit("mm").in_unit("nm"),
+        pickle.loads(pickle.dumps(mesh)),
+        copy.deepcopy(mesh),
+    ]
+    for other in others:
+        assert mesh == other
+        assert hash(mesh) == hash(other)
+    assert {mesh, *others} == {mesh}
+    moved = vertices.copy()
+    moved[7, 1] = np.nextafter(moved[7, 1], np.inf)
+    unlike = [
+        mesh.in_unit("µm"),
+        Mesh(moved, faces, "nm"),
+        Mesh(vertices, faces[:, [1, 2, 0]], "nm"),
+        Mesh(vertices, faces[::-1], "nm"),
+        Mesh(vertices, faces[1:], "nm"),
+        Mesh(np.append(vertices, [[0.0, 0.0, 9.0]], axis=0), faces, "nm"),
+        (vertices, faces),
+        None,
+    ]
+    assert mesh not in unlike

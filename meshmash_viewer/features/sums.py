@@ -7,7 +7,7 @@ sign of an eigenvector, nor, summed over a multiple eigenvalue, on the choice of
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError, TruncationWarning
+from meshmash_viewer.errors import InputError, TruncationWarning, not_installed
 from meshmash_viewer.features.truncation import Truncation, measure_truncation, missing_sentence
 from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.spectral.alignment import ShownRows
@@ -47,6 +47,9 @@ _NEGLIGIBLE = 1e-13
 class Features:
     """Named columns of numbers, one row a vertex.
 
+    NumPy, pandas and scikit-learn take it as its values; an index gives those of rows and columns,
+    the name of a column that column.
+
     Parameters
     ----------
     values : ndarray, shape (n, f)
@@ -72,6 +75,8 @@ class Features:
     >>> hks = mv.compute_features(pairs, mv.heat_kernel_bank([0.5, 1.0]), unit="mm")
     >>> hks.columns, hks.unit, hks.values.shape
     (('hks_t=5.00e-01', 'hks_t=1.00e+00'), 'mm⁻²', (642, 2))
+    >>> np.log(hks).shape, hks[:10, 0].shape, hks["hks_t=1.00e+00"].shape
+    ((642, 2), (10,), (642,))
     """
 
     values: npt.NDArray[np.floating[Any]]
@@ -87,6 +92,67 @@ class Features:
                 f"Features of shape {self.values.shape} do not go with {len(self.columns)} column "
                 "names: give one name a column."
             )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Of the values: (n, f)."""
+        n, f = self.values.shape
+        return n, f
+
+    @property
+    def ndim(self) -> int:
+        """Of the values: 2."""
+        return self.values.ndim
+
+    @property
+    def dtype(self) -> np.dtype[np.floating[Any]]:
+        """Of the values."""
+        return self.values.dtype
+
+    def __len__(self) -> int:
+        """Number of rows, one a vertex."""
+        return len(self.values)
+
+    def __iter__(self) -> Iterator[npt.NDArray[Any]]:
+        """The rows."""
+        return iter(self.values)
+
+    def __getitem__(self, index: Any) -> Any:
+        """Values by rows and columns as of an array, or of the column with a name.
+
+        Raises
+        ------
+        KeyError
+            If no column has the name.
+        """
+        if not isinstance(index, str):
+            return self.values[index]
+        if index not in self.columns:
+            raise KeyError(f"{index!r} is no column: they are {', '.join(self.columns)}")
+        return self.values[:, self.columns.index(index)]
+
+    def __array__(
+        self, dtype: npt.DTypeLike | None = None, copy: bool | None = None
+    ) -> npt.NDArray[Any]:
+        return np.array(self.values, dtype=dtype, copy=copy)
+
+    def to_frame(self) -> Any:
+        """Make a pandas ``DataFrame`` of the values, one row a vertex.
+
+        Unit and kind are in its `attrs`.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
+        try:
+            import pandas
+        except ModuleNotFoundError:
+            raise InputError(f"A DataFrame is of {not_installed('pandas')}.") from None
+        frame = pandas.DataFrame(self.values.copy(), columns=list(self.columns))
+        frame.attrs.update(unit=self.unit, kind=self.kind)
+        return frame
 
     @property
     def missing(self) -> str:

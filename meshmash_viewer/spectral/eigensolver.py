@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,8 @@ FloatArray: TypeAlias = npt.NDArray[np.floating[Any]]
 @dataclass(frozen=True, eq=False)
 class Decomposition:
     """Eigenpairs of L φ = λ M φ in ascending order, with the proof of their quality.
+
+    It unpacks and indexes like the pair ``(eigenvalues, eigenvectors)``.
 
     Parameters
     ----------
@@ -59,6 +61,9 @@ class Decomposition:
     array([0., 2., 2., 2.])
     >>> pairs.certificate.complete, bool(pairs.residuals.max() < 1e-9)
     (True, True)
+    >>> eigenvalues, eigenvectors = pairs
+    >>> eigenvalues.shape, eigenvectors.shape
+    ((16,), (642, 16))
     """
 
     eigenvalues: npt.NDArray[np.float64]
@@ -67,6 +72,22 @@ class Decomposition:
     certificate: Certificate
     timings: dict[str, float] = field(default_factory=dict)
     mass: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+
+    def __iter__(self) -> Iterator[FloatArray]:
+        """Eigenvalues, shape (k,), then eigenvectors as columns, shape (n, k)."""
+        return iter((self.eigenvalues, self.eigenvectors))
+
+    @overload
+    def __getitem__(self, index: int) -> FloatArray: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[FloatArray, ...]: ...
+    def __getitem__(self, index: int | slice) -> FloatArray | tuple[FloatArray, ...]:
+        """Eigenvalues for 0, eigenvectors for 1, as of the pair."""
+        return (self.eigenvalues, self.eigenvectors)[index]
+
+    def __len__(self) -> int:
+        """2, as of the pair; `n_components` is the number of eigenpairs."""
+        return 2
 
     @property
     def eigenvectors(self) -> FloatArray:
