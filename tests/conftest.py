@@ -42,7 +42,8 @@ def neuron() -> Mesh:
 
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Keep the user's stored eigenpairs out of the tests, those of child processes included."""
+    """Keep the user's folders out of the tests, those of child processes included."""
     folder = tmp_path_factory.mktemp("cache")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    monkeypatch.setenv("MESHMASH_CACHE", str(folder))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))  # of Mesa, and of numba, on Linux
     return folder

@@ -69,11 +69,11 @@ def _pid_after(seconds: float) -> int:
 class DyingJob:
     """Takes its process along."""
 
-    signal_number: int = signal.SIGKILL
+    signal_name: str = "SIGKILL"
     label: str = "Dying"
 
     def run(self, channel: Channel) -> None:
-        os.kill(os.getpid(), self.signal_number)
+        os.kill(os.getpid(), getattr(signal, self.signal_name, signal.SIGTERM))
         time.sleep(60)
 
 

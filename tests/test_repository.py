@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -75,3 +77,59 @@ def test_the_page_on_the_architecture_names_files_that_exist() -> None:
         name for name in named if not any((place / name).exists() for place in (package, ROOT))
     }
     assert not missing
+
+
+#: What only POSIX has; a test file that names one while it is imported cannot be collected elsewhere.
+_POSIX = {
+    "os": {"fork", "geteuid", "getpgid", "killpg", "mkfifo", "seteuid", "uname"},
+    "signal": {"SIGALRM", "SIGHUP", "SIGKILL", "SIGPROF", "SIGUSR1", "setitimer"},
+}
+_POSIX_MODULES = {"fcntl", "grp", "pty", "pwd", "resource", "termios", "tty"}
+#: Imported by tests of Linux alone, after they have been skipped elsewhere.
+_OF_LINUX = {"tests/fuzz/trials.py"}
+
+
+def at_import(node: ast.AST) -> Iterator[ast.AST]:
+    """What is evaluated when a module is imported: all but the bodies of functions."""
+    for child in ast.iter_child_nodes(node):
+        yield child
+        if isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef):
+            for part in (*child.decorator_list, child.args):
+                yield part
+                yield from at_import(part)
+        elif not isinstance(child, ast.Lambda):
+            yield from at_import(child)
+
+
+def posix_only(node: ast.AST) -> str:
+    """What a node names that only POSIX has; empty for all others."""
+    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+        if node.attr in _POSIX.get(node.value.id, ()):
+            return f"{node.value.id}.{node.attr}"
+    elif isinstance(node, ast.Import):
+        return ", ".join({alias.name for alias in node.names} & _POSIX_MODULES)
+    elif isinstance(node, ast.ImportFrom) and node.module in _POSIX_MODULES:
+        return str(node.module)
+    elif isinstance(node, ast.Constant) and node.value in ("bash", "sh"):
+        return str(node.value)
+    return ""
+
+
+def test_test_files_can_be_imported_on_windows() -> None:
+    found = [
+        f"{path.relative_to(ROOT).as_posix()}:{node.lineno}: {name}"
+        for path in (ROOT / "tests").rglob("*.py")
+        for node in at_import(ast.parse(path.read_text(encoding="utf-8")))
+        if (name := posix_only(node)) and path.relative_to(ROOT).as_posix() not in _OF_LINUX
+    ]
+    assert found == []
+
+
+def test_no_test_needs_a_shell() -> None:
+    shells = [
+        f"{path.relative_to(ROOT).as_posix()}:{node.lineno}"
+        for path in (ROOT / "tests").rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.List) and node.elts and posix_only(node.elts[0]) in ("bash", "sh")
+    ]
+    assert shells == []

@@ -20,6 +20,7 @@ else:
     import fcntl
 
 __all__ = [
+    "CACHE_VARIABLE",
     "DEFAULT_CAP",
     "FORMAT",
     "PROBLEM",
@@ -28,6 +29,9 @@ __all__ = [
     "default_cache_folder",
     "folder_size",
 ]
+
+#: The environment variable that names the folder to keep spectra in, on every operating system.
+CACHE_VARIABLE = "MESHMASH_CACHE"
 
 #: Raised whenever the files of a store change their meaning, so that old ones are not found.
 FORMAT = 4
@@ -44,9 +48,16 @@ _FORGOTTEN = 7 * 86_400.0
 
 
 def default_cache_folder() -> Path:
-    """The user's cache folder for this program, as the operating system has it."""
+    """The user's folder of stored spectra.
+
+    It is in the folder that the environment variable `CACHE_VARIABLE` names, or else in the cache
+    folder that the operating system has for this program.
+    """
     import platformdirs
 
+    named = os.environ.get(CACHE_VARIABLE, "").strip()
+    if named:
+        return Path(named).expanduser().absolute() / "eigenpairs"
     return Path(platformdirs.user_cache_dir("meshmash-viewer", appauthor=False)) / "eigenpairs"
 
 

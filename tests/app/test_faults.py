@@ -49,7 +49,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MainWindow]:
     """One window on a sphere of 642 vertices and 20 eigenpairs."""
     run.application()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("MESHMASH_CACHE", str(tmp_path_factory.mktemp("cache")))
         window = MainWindow(fresh=True)
         window.show()
         path = save(tmp_path_factory.mktemp("meshes") / "ball.npz", shapes.icosphere(3))

@@ -113,7 +113,7 @@ def cache_home(tmp_path_factory: pytest.TempPathFactory) -> str:
 def one_ball(sphere_file: Path, cache_home: str) -> Iterator[MainWindow]:
     application()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", cache_home)
+        patch.setenv("MESHMASH_CACHE", cache_home)
         yield from _one_ball(sphere_file)
 
 
@@ -787,7 +787,7 @@ def test_a_session_comes_back(
     cache_home: str,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", cache_home)
+    monkeypatch.setenv("MESHMASH_CACHE", cache_home)
     document = ball.document
     for vertex in (3, 17, 42, 3):
         document.toggle_pin(vertex)

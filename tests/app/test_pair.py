@@ -106,7 +106,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def one_window(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[MainWindow]:
     application()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("MESHMASH_CACHE", str(tmp_path_factory.mktemp("cache")))
         window = MainWindow(fresh=True)
         window.resize(1300, 850)
         window.show()

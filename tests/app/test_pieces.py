@@ -44,7 +44,7 @@ def one_window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MainWindow]
     folder = tmp_path_factory.mktemp("mesh")
     np.savez(folder / "ball.npz", vertices=MESH.vertices, faces=MESH.faces)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("MESHMASH_CACHE", str(tmp_path_factory.mktemp("cache")))
         window = MainWindow(fresh=True)
         window.show()
         window.activateWindow()

@@ -292,7 +292,7 @@ def test_in_somebody_elses_application_nothing_outside_the_window_changes(tmp_pa
         text=True,
         timeout=120,
         check=False,
-        env={**os.environ, "XDG_CACHE_HOME": str(tmp_path)},
+        env={**os.environ, "MESHMASH_CACHE": str(tmp_path)},
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == ["[] True", "[] True", "True"]

@@ -78,7 +78,7 @@ def one_window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MainWindow]
     mesh = bumpy()
     np.savez(folder / "ball.npz", vertices=mesh.vertices, faces=mesh.faces)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("MESHMASH_CACHE", str(tmp_path_factory.mktemp("cache")))
         window = MainWindow(fresh=True)
         window.show()
         window.activateWindow()

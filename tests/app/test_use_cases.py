@@ -120,7 +120,7 @@ def window(file: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Mai
     """With a mesh that was dropped on it, and its eigenpairs."""
     application()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("MESHMASH_CACHE", str(tmp_path_factory.mktemp("cache")))
         opened = MainWindow(fresh=True)
         opened.show()
         opened.activateWindow()

@@ -229,7 +229,7 @@ def _see_that_nothing_is_lost(
     for path, (written, _) in published.items():
         assert path.stat().st_mtime_ns == written, f"{what}: {path.name} was written again"
     np.testing.assert_array_equal(pairs.rows[: len(before)], before, err_msg=what)
-    root = cache / "meshmash-viewer"
+    root = cache
     odd = [
         str(path.relative_to(root))
         for path in root.rglob("*")
@@ -243,7 +243,7 @@ def _see_that_nothing_is_lost(
 @contextmanager
 def cache_at(folder: Path) -> Iterator[None]:
     """Let this process have its cache in a folder."""
-    with mock.patch.dict(os.environ, {"XDG_CACHE_HOME": str(folder)}):
+    with mock.patch.dict(os.environ, {"MESHMASH_CACHE": str(folder)}):
         yield
 
 
@@ -252,7 +252,7 @@ def _running(kind: str, mesh: Mesh, path: Path, folder: Path) -> Iterator[subpro
     """A process that computes the pairs: a command line, a window, or the worker of one."""
     (folder / "tmp").mkdir(parents=True)
     environment = os.environ | {
-        "XDG_CACHE_HOME": str(folder / "cache"),
+        "MESHMASH_CACHE": str(folder / "cache"),
         "TMPDIR": str(folder / "tmp"),
     }
     if kind != "worker":
@@ -339,9 +339,9 @@ def fill_once(undisturbed: Undisturbed, folder: Path, rng: np.random.Generator) 
     subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(disk)], check=True)
     try:
         environment, path, from_proven = dict(os.environ), undisturbed.path, False
-        environment["XDG_CACHE_HOME"] = str(folder / "cache")
+        environment["MESHMASH_CACHE"] = str(folder / "cache")
         if what == "cache":
-            environment["XDG_CACHE_HOME"] = str(disk)
+            environment["MESHMASH_CACHE"] = str(disk)
             from_proven = bool(rng.integers(2)) and size > 0.5 * needed
             if from_proven:
                 shutil.copytree(undisturbed.proven, disk, dirs_exist_ok=True)

@@ -494,7 +494,7 @@ def test_what_the_disk_has_room_for_to_the_byte_is_taken(
 def test_what_is_stored_is_read_while_another_process_may_write(
     sphere: Mesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("MESHMASH_CACHE", str(tmp_path))
     target = Target("count", 12)
     computed = obtain_eigenpairs(sphere, OPERATOR, target).decomposition
 

@@ -208,7 +208,7 @@ def test_without_a_cache_the_session_has_a_store(
     sphere: Mesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").touch()
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.setenv("MESHMASH_CACHE", str(tmp_path / "file"))
     listener = Listener(tmp_path)
     grew = decompose(sphere, OPERATOR, Target("count", 8), listener)
     assert grew.told.stored is not None

@@ -1,0 +1,82 @@
+"""Where eigenpairs are kept: the same variable moves them on every operating system."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import platformdirs
+import platformdirs.macos
+import platformdirs.unix
+import platformdirs.windows
+import pytest
+
+from meshmash_viewer.io.cache import EigenpairCache, default_cache_folder
+
+SYSTEMS = {
+    "Linux": platformdirs.unix.Unix,
+    "macOS": platformdirs.macos.MacOS,
+    "Windows": platformdirs.windows.Windows,
+}
+
+
+@pytest.fixture(params=SYSTEMS)
+def system(
+    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> str:
+    """As platformdirs answers on an operating system, for a user whose folder is `tmp_path`."""
+    system = SYSTEMS[request.param]
+    by_variables = platformdirs.windows.get_win_folder_from_env_vars  # it reads no registry here
+    monkeypatch.setattr(platformdirs.windows, "get_win_folder", by_variables)
+    for name in ("HOME", "USERPROFILE", "LOCALAPPDATA", "APPDATA"):
+        monkeypatch.setenv(name, str(tmp_path / "user"))
+    monkeypatch.setattr(
+        platformdirs, "user_cache_dir", lambda *a, **k: system(*a, **k).user_cache_dir
+    )
+    return str(request.param)
+
+
+def test_the_variable_moves_it_everywhere(
+    system: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MESHMASH_CACHE", str(tmp_path / "mine"))
+    assert default_cache_folder() == tmp_path / "mine" / "eigenpairs"
+    assert EigenpairCache().root == tmp_path / "mine" / "eigenpairs"
+
+
+@pytest.mark.parametrize("empty", [None, "", "  "])
+def test_without_it_the_system_says_where(
+    system: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty: str | None
+) -> None:
+    monkeypatch.delenv("MESHMASH_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    if empty is not None:
+        monkeypatch.setenv("MESHMASH_CACHE", empty)
+    folder = default_cache_folder()
+    assert folder.name == "eigenpairs"
+    assert folder.is_absolute()
+    assert "meshmash-viewer" in folder.parts
+    # the reason for a variable of our own: Windows knows no XDG_CACHE_HOME
+    assert folder.is_relative_to(tmp_path / ("user" if system == "Windows" else ""))
+    assert folder.is_relative_to(tmp_path / "xdg") <= (system != "Windows")
+
+
+@pytest.mark.parametrize(
+    ("given", "place"),
+    [("~/pairs", "user/pairs"), ("here/below", "here/below"), (" spaced ", "spaced")],
+)
+def test_a_home_and_a_relative_folder_are_followed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, place: str
+) -> None:
+    for name in ("HOME", "USERPROFILE"):
+        monkeypatch.setenv(name, str(tmp_path / "user"))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MESHMASH_CACHE", given)
+    assert default_cache_folder() == tmp_path / place / "eigenpairs"
+
+
+def test_child_processes_of_the_tests_have_a_folder_of_the_test(own_cache: Path) -> None:
+    code = "from meshmash_viewer.io.cache import default_cache_folder as f; print(f())"
+    said = subprocess.check_output([sys.executable, "-c", code], text=True)
+    assert Path(said.strip()) == own_cache / "eigenpairs"
