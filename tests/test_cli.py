@@ -503,6 +503,7 @@ def test_window_gets_its_arguments(
 
 
 @pytest.mark.parametrize("field", ["hks", "eigenfunction", "band", "none"])
+@pytest.mark.pixels
 def test_render_draws(
     capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path, field: str
 ) -> None:

@@ -79,7 +79,7 @@ def test_the_page_on_the_architecture_names_files_that_exist() -> None:
     assert not missing
 
 
-#: What only POSIX has; a test file that names one while it is imported cannot be collected elsewhere.
+#: What only POSIX has: a test file that names one while it is imported is of no use elsewhere.
 _POSIX = {
     "os": {"fork", "geteuid", "getpgid", "killpg", "mkfifo", "seteuid", "uname"},
     "signal": {"SIGALRM", "SIGHUP", "SIGKILL", "SIGPROF", "SIGUSR1", "setitimer"},

@@ -86,6 +86,7 @@ def test_a_click_on_a_thumbnail_goes_there(qtbot: QtBot, window: MainWindow) -> 
     assert display.fields["band"].index == 2
 
 
+@pytest.mark.pixels
 def test_thumbnails_of_a_large_mesh_are_drawn_of_a_small_one(
     qtbot: QtBot, window: MainWindow, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -106,6 +107,7 @@ def thumbnails(dialog: QDialog) -> list[np.ndarray]:
     return [picture(found, at).astype(float) for at in range(found.count())]
 
 
+@pytest.mark.pixels
 def test_a_range_is_chosen_and_saved(qtbot: QtBot, window: MainWindow, tmp_path: Path) -> None:
     dialog = opened(qtbot, window)
     found = dialog.findChild(QListWidget, "gallery_list")

@@ -759,6 +759,7 @@ def test_the_export_dialog_says_what_the_file_will_contain(
     dialog.deleteLater()
 
 
+@pytest.mark.pixels
 def test_a_picture_is_saved_at_any_size(qtbot: QtBot, ball: MainWindow, tmp_path: Path) -> None:
     from PIL import Image
 
@@ -867,6 +868,7 @@ def test_a_report_on_the_machine_is_copied(request: pytest.FixtureRequest, opene
     assert "paste it" in window.stage.message_bar.notice.text
 
 
+@pytest.mark.pixels
 def test_a_picture_is_copied(ball: MainWindow) -> None:
     ball.actions_["copy_picture"].trigger()
     image = QGuiApplication.clipboard().image()

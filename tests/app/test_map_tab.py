@@ -223,6 +223,7 @@ def test_coefficients_are_saved_from_the_tab(
     assert "were not saved" in window.stage.message_bar.notice.text
 
 
+@pytest.mark.pixels
 def test_labels_have_their_colors_on_the_render(window: MainWindow, folder: Path) -> None:
     drop(window, folder / "lh.sides.annot")
     listed = part(window, QListWidget, "map_label_list")

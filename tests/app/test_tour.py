@@ -16,6 +16,8 @@ import numpy.typing as npt
 import pytest
 from PIL import Image
 
+pytestmark = pytest.mark.pixels
+
 ROOT = Path(__file__).resolve().parents[2]
 BASELINES = Path(__file__).parent / "tour"
 STOPS = [

@@ -22,9 +22,7 @@ SYSTEMS = {
 
 
 @pytest.fixture(params=SYSTEMS)
-def system(
-    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> str:
+def system(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """As platformdirs answers on an operating system, for a user whose folder is `tmp_path`."""
     system = SYSTEMS[request.param]
     by_variables = platformdirs.windows.get_win_folder_from_env_vars  # it reads no registry here

@@ -10,6 +10,8 @@ from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture
 from meshmash_viewer.mesh import Mesh
 
+pytestmark = pytest.mark.pixels
+
 SIZE = (800, 600)
 #: A millimetre square, so that the picture's scale is known without asking the viewer.
 CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])

@@ -13,6 +13,8 @@ from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture
 from meshmash_viewer.mesh import Mesh
 
+pytestmark = pytest.mark.pixels
+
 
 @pytest.mark.parametrize(("dark", "theme"), [(False, LIGHT), (True, DARK)])
 def test_the_ground_fades_without_bands(qapp, dark: bool, theme: RenderTheme) -> None:

@@ -77,6 +77,7 @@ def on_canvas(scene: MeshView, vertex: int) -> QPoint:
     return scene.plotter.mapFrom(scene, scene.display_point(vertex))
 
 
+@pytest.mark.pixels
 def test_an_empty_scene_draws_and_answers(scene: MeshView, qtbot) -> None:
     assert scene.mesh is None
     assert scene.vertex_at(100, 100) == -1
@@ -218,6 +219,7 @@ def test_no_value_is_said_only_where_it_can_be_seen(scene: MeshView, neuron: Mes
     assert scene.renderer.caption.missing
 
 
+@pytest.mark.pixels
 def test_a_field_changes_the_picture_and_none_takes_it_away(
     scene: MeshView, sphere: Mesh, qtbot
 ) -> None:
@@ -267,6 +269,7 @@ def apart(ones: np.ndarray, others: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0**-100])
+@pytest.mark.pixels
 def test_nodal_lines_are_where_the_field_is_zero(scene: MeshView, qtbot, scale: float) -> None:
     """Where zeros are at vertices, too: some edges of this sphere lie in the three planes."""
     mesh, size = show(scene, shapes.icosphere(5), qtbot), (640, 480)
@@ -277,6 +280,7 @@ def test_nodal_lines_are_where_the_field_is_zero(scene: MeshView, qtbot, scale: 
         assert apart(found, line[towards > -0.1]) < 1.5, "two pixels wide"
 
 
+@pytest.mark.pixels
 def test_lines_at_round_values_are_at_all_of_them(scene: MeshView, qtbot) -> None:
     mesh, size = show(scene, shapes.icosphere(5), qtbot), (640, 480)
     shown = field(mesh.vertices[:, 1])
@@ -289,6 +293,7 @@ def test_lines_at_round_values_are_at_all_of_them(scene: MeshView, qtbot) -> Non
     assert apart(found, seen) < 3.0, "none below zero, and none at zero"
 
 
+@pytest.mark.pixels
 def test_no_lines_where_there_is_no_value_or_nothing_but_zero(scene: MeshView, qtbot) -> None:
     mesh, size = show(scene, shapes.icosphere(5), qtbot), (640, 480)
     assert not len(darkened(scene, field(np.zeros(mesh.n_vertices)), size))
@@ -300,6 +305,7 @@ def test_no_lines_where_there_is_no_value_or_nothing_but_zero(scene: MeshView, q
     assert apart(found, line[(towards > -0.1) & (points[:, 1] > -0.05)]) < 1.5
 
 
+@pytest.mark.pixels
 def test_pins_are_drawn_in_their_colours(scene: MeshView, sphere: Mesh, qtbot) -> None:
     mesh = show(scene, sphere, qtbot)
     vertex = int(facing(scene, mesh)[20])
@@ -324,6 +330,7 @@ def test_the_camera_goes_through_json_and_back(scene: MeshView, sphere: Mesh, qt
         scene.set_camera({"focus": [0, 0, 0]})
 
 
+@pytest.mark.pixels
 def test_pictures_of_any_size_and_without_background(scene: MeshView, sphere: Mesh, qtbot) -> None:
     show(scene, sphere, qtbot)
     assert scene.picture().shape == (scene.height(), scene.width(), 4)
@@ -357,6 +364,7 @@ def test_slow_frames_get_a_stand_in_while_something_moves(
     assert drawing.surface.actor.GetVisibility()
 
 
+@pytest.mark.pixels
 def test_a_large_mesh_is_seen_before_its_stand_in_is_there(
     scene: MeshView, qtbot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -390,6 +398,7 @@ def test_a_large_mesh_is_seen_before_its_stand_in_is_there(
     qtbot.waitUntil(lambda: scene.at_rest, timeout=10_000)
 
 
+@pytest.mark.pixels
 def test_one_mesh_after_another(scene: MeshView, sphere: Mesh, neuron: Mesh, qtbot) -> None:
     show(scene, sphere, qtbot)
     scene.set_field(field(sphere.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
@@ -421,6 +430,7 @@ def centre_of(pixels: np.ndarray, color: tuple[int, int, int]) -> np.ndarray:
 
 
 @pytest.mark.parametrize("shift", [0.0, 1e6])
+@pytest.mark.pixels
 def test_what_others_add_is_at_its_place_and_stays(
     scene: MeshView, sphere: Mesh, qtbot, shift: float
 ) -> None:
@@ -454,6 +464,7 @@ def test_what_others_add_is_at_its_place_and_stays(
     assert np.abs(seen[320] - seen[5]).max() > 30, "the mesh stays, where the ground was"
 
 
+@pytest.mark.pixels
 def test_what_is_far_from_the_mesh_is_drawn_whole(scene: MeshView, sphere: Mesh, qtbot) -> None:
     show(scene, sphere, qtbot)
     towards = np.array(scene.camera()["axes"])[2]
@@ -466,6 +477,7 @@ def test_what_is_far_from_the_mesh_is_drawn_whole(scene: MeshView, sphere: Mesh,
         scene.plotter.clear_actors()
 
 
+@pytest.mark.pixels
 def test_the_camera_of_the_plotter_is_that_of_the_view(
     scene: MeshView, sphere: Mesh, qtbot
 ) -> None:
@@ -495,6 +507,7 @@ def test_what_is_shown_goes_to_pyvista(scene: MeshView, sphere: Mesh, qtbot) -> 
     assert surface.user_dict["unit"] == "nm⁻¹"
 
 
+@pytest.mark.pixels
 def test_a_screen_of_another_scale_gets_a_frame_of_its_size(
     scene: MeshView, sphere: Mesh, qtbot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -532,6 +545,7 @@ def tube(radius: float, length: float = 1.0) -> Mesh:
 
 
 @pytest.mark.parametrize(("radius", "thin"), [(0.005, True), (0.06, False)])
+@pytest.mark.pixels
 def test_a_thin_branch_shows_its_colours_and_a_thick_one_its_rim_and_lines(
     scene: MeshView, qtbot, radius: float, thin: bool
 ) -> None:

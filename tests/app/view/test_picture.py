@@ -13,6 +13,8 @@ from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture, render_picture
 from meshmash_viewer.mesh import Mesh
 
+pytestmark = pytest.mark.pixels
+
 
 def drawn(mesh: Mesh, values: np.ndarray | None, **options: object) -> np.ndarray:
     drawing = MeshRenderer()

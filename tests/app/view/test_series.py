@@ -29,6 +29,8 @@ from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.field import FieldRequest, LiveFeatures
 from meshmash_viewer.vertex_map import Label, VertexMap
 
+pytestmark = pytest.mark.pixels
+
 SIZE = (320, 240)
 
 
