@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import IntArray, Mesh, MeshLike, as_mesh, first_equal
+from meshmash_viewer.numbering import FileNumbering
 from meshmash_viewer.vertex_map import VertexMap
 
 __all__ = [
@@ -206,17 +207,29 @@ def _with_faces(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> Mesh:
     return replace(mesh, faces=mesh.faces[kept])
 
 
-def _without_vertices(mesh: Mesh, kept: npt.NDArray[np.bool_], faces: IntArray) -> Mesh:
+def _without_vertices(mesh: Mesh, onto: IntArray, faces: IntArray) -> Mesh:
+    """A mesh of fewer vertices, in the same order.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    onto : ndarray of int64, shape (n,)
+        For each vertex itself, the one that it is merged into, or -1 where it is left out.
+    faces : ndarray of int64, shape (m, 3)
+        By the vertices before.
+    """
+    kept = onto == np.arange(mesh.n_vertices)
+    if kept.all():
+        return replace(mesh, faces=faces)
     number = np.cumsum(kept) - 1
-    before = np.ones(mesh.n_vertices, dtype=np.bool_) if mesh.kept is None else mesh.kept
-    since = before.copy()
-    since[before] = kept
+    here = np.where(onto >= 0, number[onto], -1)
+    numbering = FileNumbering(here) if mesh.numbering is None else mesh.numbering.then(here)
     return replace(
         mesh,
         vertices=mesh.vertices[kept],
-        faces=number[faces],
+        faces=here[faces],
         maps=tuple(_maps_left(mesh, kept)),
-        kept=since,
+        numbering=numbering,
     )
 
 
@@ -228,21 +241,24 @@ def _maps_left(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> Iterator[VertexMap]:
 
 
 def _merge_coincident_vertices(mesh: Mesh) -> Mesh:
-    first = _first_at_place(mesh)
-    kept = first == np.arange(mesh.n_vertices)
-    return _without_vertices(mesh, kept, first[mesh.faces])
+    return _without_vertices(mesh, _first_at_place(mesh), mesh.faces)
 
 
 def _drop_unreferenced_vertices(mesh: Mesh) -> Mesh:
     # Faces with a corner twice are no triangles, and may use vertices that nothing else does.
-    return _without_vertices(mesh, mesh.referenced, mesh.faces[mesh.distinct_corners])
+    return _keep(mesh, mesh.referenced, mesh.faces[mesh.distinct_corners])
 
 
 def _keep_largest_component(mesh: Mesh) -> Mesh:
     sizes = np.bincount(mesh.component_labels[mesh.referenced])
     kept = mesh.component_labels == int(sizes.argmax())
     faces = mesh.faces[mesh.distinct_corners]
-    return _without_vertices(mesh, kept, faces[kept[faces[:, 0]]])
+    return _keep(mesh, kept, faces[kept[faces[:, 0]]])
+
+
+def _keep(mesh: Mesh, kept: npt.NDArray[np.bool_], faces: IntArray) -> Mesh:
+    """The vertices of a mask, with faces that use no others."""
+    return _without_vertices(mesh, np.where(kept, np.arange(mesh.n_vertices), -1), faces)
 
 
 #: The repairs by name, in the order in which they are best applied.

@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.units import LENGTH_UNITS, NO_VOXEL, Voxel, is_voxel
+from meshmash_viewer.numbering import FileNumbering
+from meshmash_viewer.units import LENGTH_UNITS, NO_VOXEL, Voxel, is_voxel, named_vertex
 from meshmash_viewer.vertex_map import VertexMap, named_apart
 
 __all__ = ["Mesh", "MeshLike", "as_mesh", "first_equal", "mesh_to_poly"]
@@ -58,8 +59,9 @@ class Mesh:
     maps : tuple of VertexMap
         Values per vertex that came with it or were added, see `with_maps`. They make no other mesh
         of it: `content_hash` does not know them.
-    kept : ndarray of bool, shape (n_read,), optional
-        Which vertices of the mesh as it was read are left, where a repair has left some out.
+    numbering : FileNumbering, optional
+        What the vertices of its file have become, where a repair has left some out or merged some;
+        None where both have the same. See `file_index`.
 
     Raises
     ------
@@ -84,7 +86,7 @@ class Mesh:
     name: str = ""
     voxel: Voxel = NO_VOXEL
     maps: tuple[VertexMap, ...] = ()
-    kept: npt.NDArray[np.bool_] | None = None
+    numbering: FileNumbering | None = None
 
     def __post_init__(self) -> None:
         vertices = _checked_vertices(self.vertices)
@@ -319,12 +321,69 @@ class Mesh:
         """A map of these vertices, of one of these or of all that were read."""
         if given.n_vertices == self.n_vertices:
             return given
-        if self.kept is not None and given.n_vertices == len(self.kept):
-            return given.at(self.kept)
+        if self.numbering is not None and given.n_vertices == self.n_file_vertices:
+            return given.at(self.numbering.in_file)
         raise InputError(
             f"Map {given.name!r} has {given.n_vertices:,} values and the mesh"
             f" {self.n_vertices:,} vertices: give the one that was made for this surface."
         )
+
+    # -- the file's numbers ------------------------------------------------------------------
+
+    @property
+    def n_file_vertices(self) -> int:
+        """Number of vertices of the mesh as it was read, before any repair."""
+        return self.n_vertices if self.numbering is None else self.numbering.n_file
+
+    @property
+    def file_indices(self) -> IntArray:
+        """For each vertex its index in the file, whatever was repaired since, shape (n,)."""
+        return np.arange(self.n_vertices) if self.numbering is None else self.numbering.in_file
+
+    def file_index(self, vertex: int) -> int:
+        """The index in the file of one vertex: what is shown and exported of it."""
+        return int(vertex if self.numbering is None else self.numbering.in_file[vertex])
+
+    def vertex_of(self, file_index: int) -> int:
+        """The vertex that one of the file is here, itself or the one that it was merged into.
+
+        Raises
+        ------
+        InputError
+            If the file has no such vertex, or a repair has left it out.
+
+        Examples
+        --------
+        >>> corners = [[9, 9, 9], [0, 0, 0], [1, 0, 0], [0, 1, 0]]
+        >>> mesh = mv.repair_mesh((corners, [[1, 2, 3]]), "drop_unreferenced_vertices")
+        >>> mesh.file_index(0), mesh.vertex_of(3)
+        (1, 2)
+        """
+        if not 0 <= file_index < self.n_file_vertices:
+            raise InputError(
+                f"There is no vertex {file_index}: they are counted from 0 to"
+                f" {self.n_file_vertices - 1}."
+            )
+        here = file_index if self.numbering is None else int(self.numbering.here[file_index])
+        if here < 0:
+            raise InputError(
+                f"Vertex {file_index} has been left out by a repair: choose another, or leave the"
+                " repair."
+            )
+        return here
+
+    def named_vertex(self, vertex: int) -> str:
+        """Write which vertex one is, by its index in the file: "vertex 22,351"."""
+        return named_vertex(self.file_index(vertex))
+
+    def on_file(self, values: npt.ArrayLike) -> npt.NDArray[Any]:
+        """Values of shape (n, ...) at all vertices of the file, shape (n_file, ...).
+
+        NaN where a repair has left a vertex out; a vertex that was merged into another has the
+        value of that one.
+        """
+        values = np.asarray(values)
+        return values if self.numbering is None else self.numbering.whole(values)
 
     def _but(self, **attributes: Any) -> Mesh:
         """Another one with some attributes that nothing is derived from."""
@@ -336,7 +395,7 @@ class Mesh:
         """The mesh of the same file whose voxels are of another size, given in `unit`."""
         # divided first: the numbers of the file come back, and with them what is stored for them
         vertices = self.vertices / self.voxel * voxel
-        return Mesh(vertices, self.faces, unit, self.name, voxel, self.maps, self.kept)
+        return Mesh(vertices, self.faces, unit, self.name, voxel, self.maps, self.numbering)
 
     def __getstate__(self) -> dict[str, Any]:
         """What goes to another process: derived arrays that are large are derived there."""

@@ -347,7 +347,8 @@ def distance_features(
     Returns
     -------
     Features
-        Values of shape (n, f), NaN in other components; ``missing_shares`` in its `meta` is what
+        Values of shape (n, f), NaN in other components. Columns are named by the indices of the
+        vertices in the file, see `Mesh.file_index`; ``missing_shares`` in its `meta` is what
         Weyl's law expects to be missing of a typical distance for want of eigenpairs.
 
     Raises
@@ -373,7 +374,8 @@ def distance_features(
     if not chosen or len(set(chosen)) < len(chosen):
         raise InputError("A distance is from a vertex: give one or more, and each once.")
     check_vertices(surface, chosen)
-    meta: dict[str, Any] = {"measure": measure, "vertices": chosen}
+    named = [surface.file_index(vertex) for vertex in chosen]
+    meta: dict[str, Any] = {"measure": measure, "vertices": named}
     if measure == "geodesic":
         solver = GeodesicSolver(surface)
         values = np.stack([solver.from_vertex(vertex) for vertex in chosen], axis=1)
@@ -393,7 +395,7 @@ def distance_features(
         meta["missing_shares"] = shares.tolist()
     power = MEASURES[measure][1]
     unit = power_unit(surface.unit, power) if power else ""
-    return Features(values, distance_columns(measure, chosen), unit, "distance", meta)
+    return Features(values, distance_columns(measure, named), unit, "distance", meta)
 
 
 def _from_pairs(

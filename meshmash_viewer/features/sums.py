@@ -185,6 +185,20 @@ class Features:
         values = self.values[:, : len(self.truncation.columns)]
         return remainder.estimate(values), remainder.bound(values)
 
+    def on_file(self, mesh: Mesh) -> Features:
+        """The same at all vertices of the file of a repaired mesh, as `Mesh.on_file`.
+
+        Parameters
+        ----------
+        mesh : Mesh
+            The mesh of these n vertices.
+        """
+        truncation = self.truncation
+        if truncation is not None:
+            left = mesh.on_file(truncation.remainder.left)
+            truncation = replace(truncation, remainder=replace(truncation.remainder, left=left))
+        return replace(self, values=mesh.on_file(self.values), truncation=truncation)
+
     def with_components(self, mesh: Mesh) -> Features:
         """The same with a last column "component": the connected component of each vertex.
 

@@ -21,7 +21,7 @@ from meshmash_viewer.io.formats.neuroimaging import (
 )
 from meshmash_viewer.io.formats.npz import holds_a_mesh, npz_maps
 from meshmash_viewer.io.guarded import LimitExceeded, read_guarded
-from meshmash_viewer.io.polygons import MOST_MAPS, RawMap, RawMesh
+from meshmash_viewer.io.polygons import MOST_MAPS, RawMap, RawMesh, are_ascending_indices
 from meshmash_viewer.io.read import READERS, Reader, check_file, vertex_map
 from meshmash_viewer.mesh import MeshLike, as_mesh
 from meshmash_viewer.vertex_map import VertexMap
@@ -188,8 +188,8 @@ def _fitting(maps: Iterable[RawMap], mesh: Any, path: Path) -> Iterator[VertexMa
     """Those of as many numbers as the mesh has vertices, or had when it was read."""
     all_of_them = tuple(maps)
     known = [each for each in all_of_them if each.values.dtype.kind in "fiubc"] or all_of_them
-    lengths = {mesh.n_vertices, mesh.n_vertices if mesh.kept is None else len(mesh.kept)}
-    fitting = [each for each in known if each.indices or len(each.values) in lengths]
+    lengths = {mesh.n_vertices, mesh.n_file_vertices}
+    fitting = [each for each in known if each.last >= 0 or len(each.values) in lengths]
     for each in fitting or known:
         named = replace(each, name=each.name or path.name)
         found = vertex_map(named, max(lengths), str(path))
@@ -214,10 +214,15 @@ def _table(table: pyarrow.Table) -> RawMesh:
     rows = columns.pop("vertex", None)
     if rows is not None:
         order = np.argsort(rows, kind="stable")
-        if not np.array_equal(rows[order], np.arange(len(rows))):
-            raise InputError("has a column vertex that has not each index from 0 once")
+        rows = rows[order]
         columns = {name: values[order] for name, values in columns.items()}
-    return _only(RawMap(name, np.ascontiguousarray(each)) for name, each in columns.items())
+        if not are_ascending_indices(rows):
+            raise InputError("has a column vertex that is not an index from 0 in each row, once")
+        all_of_them = not len(rows) or rows[-1] < len(rows)
+        rows = None if all_of_them else rows.astype(np.int64)
+    return _only(
+        RawMap(name, np.ascontiguousarray(each), rows=rows) for name, each in columns.items()
+    )
 
 
 def _only(maps: Iterable[RawMap]) -> RawMesh:

@@ -19,6 +19,7 @@ __all__ = [
     "NotANumber",
     "RawMap",
     "RawMesh",
+    "are_ascending_indices",
     "fan_triangles",
     "parse_rows",
     "raw_mesh",
@@ -42,12 +43,29 @@ class RawMap:
     labels : tuple of Label
     indices : bool
         Whether the values are the indices of the vertices that are in a label.
+    rows : ndarray of int64, shape (n,), optional
+        The vertices of the mesh's file that the values are of, ascending; None for all of them.
     """
 
     name: str
     values: npt.NDArray[Any]
     labels: tuple[Label, ...] = ()
     indices: bool = False
+    rows: IntArray | None = None
+
+    @property
+    def last(self) -> int:
+        """The last vertex that it names; -1 where it names none."""
+        named = self.values if self.indices else self.rows
+        return -1 if named is None else int(named.max())
+
+
+def are_ascending_indices(values: npt.NDArray[Any]) -> bool:
+    """Whether an array holds whole numbers from 0, each larger than the one before."""
+    if values.ndim != 1 or values.dtype.kind not in "fiu":
+        return False
+    whole = np.isfinite(values).all() and np.array_equal(values, np.floor(values))
+    return bool(whole and (values[:1] >= 0).all() and (values[1:] > values[:-1]).all())
 
 
 @dataclass(frozen=True)

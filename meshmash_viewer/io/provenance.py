@@ -36,7 +36,8 @@ def provenance(mesh: Mesh, options: dict[str, Any] | None = None) -> dict[str, A
     -------
     dict
         JSON-able: ``program``, ``created`` (ISO 8601, UTC), ``mesh`` (name, SHA-256 of its
-        content, unit, voxel, counts), ``options``, ``versions``.
+        content, unit, voxel, counts; of a repaired one the number of vertices of its file),
+        ``options``, ``versions``.
     """
     versions = {package: metadata.version(package) for package in _PACKAGES}
     return {
@@ -49,6 +50,7 @@ def provenance(mesh: Mesh, options: dict[str, Any] | None = None) -> dict[str, A
             "voxel": mesh.voxel,
             "n_vertices": mesh.n_vertices,
             "n_faces": mesh.n_faces,
+            **({} if mesh.numbering is None else {"n_file_vertices": mesh.n_file_vertices}),
         },
         "options": dict(options or {}),
         "versions": {"python": platform.python_version(), **versions},

@@ -172,14 +172,17 @@ def vertex_map(raw: RawMap, n_vertices: int, path: str = "") -> VertexMap:
     InputError
         See `VertexMap`, or if a label names a vertex that is not there.
     """
+    if raw.last >= n_vertices:
+        raise InputError(
+            f"Map {raw.name!r} names vertex {raw.last:,}, and the mesh has {n_vertices:,} vertices:"
+            " give the one that was made for this surface."
+        )
+    if raw.rows is not None:
+        values = np.full(n_vertices, np.nan)
+        values[raw.rows] = raw.values
+        return VertexMap(raw.name, values, path=path)
     if not raw.indices:
         return VertexMap(raw.name, raw.values, raw.labels, path=path)
-    last = int(raw.values.max())
-    if last >= n_vertices:
-        raise InputError(
-            f"Map {raw.name!r} names vertex {last:,}, and the mesh has {n_vertices:,} vertices:"
-            " give the label of this surface."
-        )
     inside = np.zeros(n_vertices, dtype=np.int64)
     inside[raw.values] = 1
     return VertexMap(raw.name, inside, (Label(1, raw.name, _INSIDE),), path=path)

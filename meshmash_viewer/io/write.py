@@ -56,6 +56,8 @@ __all__ = [
     "write_picture",
 ]
 
+#: Formats without a column for the index of each vertex: it is in the provenance, in ranges.
+_WITHOUT_INDEX = (".npy", ".gii", ".obj", ".stl", ".glb")
 #: Of scenes, which pyvista writes from the render.
 SCENE_ENDINGS = (".gltf", ".html")
 
@@ -286,7 +288,9 @@ def write_picture(path: str | Path, pixels: npt.NDArray[np.uint8]) -> None:
 
 
 def _geometry(mesh: Mesh) -> dict[str, npt.NDArray[Any]]:
-    return {"vertices": mesh.vertices, "faces": mesh.faces}
+    """The mesh, and after repairs which vertices of its file it has."""
+    arrays: dict[str, npt.NDArray[Any]] = {"vertices": mesh.vertices, "faces": mesh.faces}
+    return arrays if mesh.numbering is None else {**arrays, "vertex": mesh.file_indices}
 
 
 def _write(path: str | Path, kind: str, table: FeatureTable, made: dict[str, Any]) -> None:
@@ -295,6 +299,8 @@ def _write(path: str | Path, kind: str, table: FeatureTable, made: dict[str, Any
     Nothing can replace two files at once, so the note names the checksum of its table.
     """
     path = Path(path)
+    if table.repaired and path.name.lower().endswith(_WITHOUT_INDEX):
+        made["rows"] = _ranges(table.rows)
     writer, table = _writer(kind, path), replace(table, meta=json.dumps(made))
     with writing_errors(path):
         if path.suffix.lower() not in WITHOUT_PROVENANCE:
@@ -306,6 +312,13 @@ def _write(path: str | Path, kind: str, table: FeatureTable, made: dict[str, Any
             with part.open("rb") as file:
                 made["table_sha256"] = hashlib.file_digest(file, "sha256").hexdigest()
             note.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
+
+
+def _ranges(indices: npt.NDArray[np.int64]) -> list[list[int]]:
+    """Ascending indices as ranges, each its first and the one after its last."""
+    starts = np.flatnonzero(np.diff(indices, prepend=-2) > 1)
+    ends = np.append(starts[1:], len(indices)) - 1
+    return np.stack([indices[starts], indices[ends] + 1], axis=1).tolist()  # type: ignore[no-any-return]
 
 
 def _made(mesh: Mesh, said: dict[str, Any], meta: dict[str, Any] | None) -> dict[str, Any]:

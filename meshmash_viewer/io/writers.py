@@ -58,6 +58,18 @@ class FeatureTable:
     beside: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
     index: str = "vertex"
 
+    @property
+    def rows(self) -> npt.NDArray[np.int64]:
+        """What each row is of, by its index in the file of the mesh, shape (n,)."""
+        if self.index == "vertex":
+            return self.mesh.file_indices
+        return np.arange(len(self.values))
+
+    @property
+    def repaired(self) -> bool:
+        """Whether the vertices have other indices in the file of the mesh than in its arrays."""
+        return self.mesh.numbering is not None and self.index == "vertex"
+
 
 Writer: TypeAlias = Callable[[Path, FeatureTable], None]
 
@@ -77,7 +89,7 @@ def _arrow_table(table: FeatureTable) -> Any:
     import pyarrow
 
     names = [table.index, *table.columns]
-    arrays = [pyarrow.array(np.arange(len(table.values)))]
+    arrays = [pyarrow.array(table.rows)]
     arrays += [pyarrow.array(np.ascontiguousarray(column)) for column in table.values.T]
     return pyarrow.table(arrays, names=names)
 
@@ -102,6 +114,8 @@ def _vtp(path: Path, table: FeatureTable) -> None:
     poly = mesh_to_poly(table.mesh)
     for name, column in zip(table.columns, table.values.T, strict=True):
         poly.point_data.set_array(np.ascontiguousarray(column), name)
+    if table.repaired:
+        poly.point_data.set_array(table.rows, table.index)
     if table.columns:
         poly.point_data.active_scalars_name = table.columns[0]
     for name, values in table.beside.items():
@@ -119,8 +133,11 @@ def _vtp(path: Path, table: FeatureTable) -> None:
 
 def _ply(path: Path, table: FeatureTable) -> None:
     names = _property_names(table.columns)
-    vertex = np.dtype([(axis, "<f8") for axis in "xyz"] + [(name, "<f4") for name in names])
-    records = np.empty(len(table.values), dtype=vertex)
+    index = [table.index] if table.repaired else []
+    kinds = [*((axis, "<f8") for axis in "xyz"), *((name, "<i4") for name in index)]
+    records = np.empty(len(table.values), dtype=[*kinds, *((name, "<f4") for name in names)])
+    for name in index:
+        records[name] = table.rows
     for axis, coordinates in zip("xyz", table.mesh.vertices.T, strict=True):
         records[axis] = coordinates
     for name, column in zip(names, table.values.T, strict=True):
@@ -134,6 +151,7 @@ def _ply(path: Path, table: FeatureTable) -> None:
         f"comment meshmash-viewer {table.meta}",
         f"element vertex {len(records)}",
         *(f"property double {axis}" for axis in "xyz"),
+        *(f"property int {name}" for name in index),
         *(f"property float {name}" for name in names),
         f"element face {len(triangles)}",
         "property list uchar int vertex_indices",
@@ -151,7 +169,7 @@ def _property_names(columns: tuple[str, ...]) -> list[str]:
     for column in columns:
         name = re.sub(r"[^!-~]", "_", column.replace("λ", "lambda")) or "feature"
         free, number = name, len(names)
-        while free in names or free in ("x", "y", "z"):
+        while free in names or free in ("x", "y", "z", "vertex"):
             free, number = f"{name}_{number}", number + 1
         names.append(free)
     return names

@@ -11,8 +11,8 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import dataclass, field
-from typing import Any, TypeAlias, overload
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, TypeAlias, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,9 @@ from meshmash_viewer.spectral.engine.output import Allocate, Extend, PairsCallba
 from meshmash_viewer.spectral.engine.request import Request
 from meshmash_viewer.spectral.engine.run import Run
 from meshmash_viewer.spectral.verification import verify_pairs
+
+if TYPE_CHECKING:
+    from meshmash_viewer.mesh import Mesh
 
 __all__ = ["Batch", "Decomposition", "PairsCallback", "estimate_memory", "iterate", "solve"]
 
@@ -118,6 +121,20 @@ class Decomposition:
             Length unit of the mesh, for the eigenvalue that the count goes to.
         """
         return self.certificate.sentence(self.n_components, unit)
+
+    def on_file(self, mesh: Mesh) -> Decomposition:
+        """The same at all vertices of the file of a repaired mesh, as `Mesh.on_file`.
+
+        Of vertices that were merged one has the mass, the others none.
+
+        Parameters
+        ----------
+        mesh : Mesh
+            The mesh of these n vertices.
+        """
+        mass = np.zeros(mesh.n_file_vertices)
+        mass[mesh.file_indices] = self.mass
+        return replace(self, rows=mesh.on_file(self.rows.T).T, mass=mass)
 
     def verify(self, stiffness: Any, mass: Any) -> Certificate:
         """Recompute the certificate independently of the solver.

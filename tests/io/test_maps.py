@@ -226,7 +226,7 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
     "words.csv": (lambda path: path.write_text("a\n" + "b\n" * N), r"no column of numbers"),
     "twice.csv": (
         lambda path: path.write_text("vertex,a\n" + "3,1\n" * N),
-        r"column vertex that has not each index",
+        r"column vertex that is not an index",
     ),
     "empty.csv": (lambda path: path.write_text(""), r"is empty"),
     "lh.other.label": (labels_beyond, r"names vertex 42, and the mesh has 42 vertices"),

@@ -12,8 +12,15 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.guarded import ReadLimits, read_guarded
-from meshmash_viewer.io.polygons import MOST_MAPS, RawMap, RawMesh, fan_triangles
+from meshmash_viewer.io.polygons import (
+    MOST_MAPS,
+    RawMap,
+    RawMesh,
+    are_ascending_indices,
+    fan_triangles,
+)
 from meshmash_viewer.io.provenance import stated_unit
+from meshmash_viewer.mesh import IntArray
 
 __all__ = ["holds_a_mesh", "npz_maps", "npz_mesh", "read_npz"]
 
@@ -82,24 +89,38 @@ def holds_a_mesh(path: Path) -> bool:
 
 
 def _maps(archive: Any, n_vertices: int | None = None) -> Iterator[RawMap]:
-    """Arrays of any length, or of n vertices, one column at a time."""
+    """Arrays of any length, or of n vertices, one column at a time.
+
+    The array ``vertex`` of our own exports after a repair says which vertices of the file they are
+    of, for who reads maps alone.
+    """
+    rows = _rows(archive)
+    passed = ["vertices", "faces", "meta", "columns", *([] if rows is None else ["vertex"])]
+    rows = rows if n_vertices is None else None
     for name in archive.files:
-        if f"{name}.npy" in _NOT_READ or name in ("vertices", "faces", "meta", "columns"):
+        if f"{name}.npy" in _NOT_READ or name in passed:
             continue
         try:
             values = _array(archive, name)
         except InputError:  # the others are whole without it
             continue
         fits = values.ndim in (1, 2) and len(values) == (n_vertices or len(values)) > 0
+        fits &= rows is None or len(values) == len(rows)
         if fits and values.ndim == 1:
-            yield RawMap(name, values)
+            yield RawMap(name, values, rows=rows)
         elif fits and values.shape[1] <= MOST_MAPS:
             own = name == "features" and "columns" in archive.files
             names = np.ravel(_array(archive, "columns")).tolist() if own else []
             if len(names) != values.shape[1]:
                 names = [f"{name} {at}" for at in range(values.shape[1])]
             for column, each in zip(names, values.T, strict=True):
-                yield RawMap(str(column), np.ascontiguousarray(each))
+                yield RawMap(str(column), np.ascontiguousarray(each), rows=rows)
+
+
+def _rows(archive: Any) -> IntArray | None:
+    """Which vertices of the file the other arrays are of, where the archive says so."""
+    values = _array(archive, "vertex") if "vertex" in archive.files else np.zeros(0)
+    return values.astype(np.int64) if len(values) and are_ascending_indices(values) else None
 
 
 def _archive(path: Path) -> Any:
