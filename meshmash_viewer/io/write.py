@@ -301,7 +301,8 @@ def _write(path: str | Path, kind: str, table: FeatureTable, made: dict[str, Any
     path = Path(path)
     if table.repaired and path.name.lower().endswith(_WITHOUT_INDEX):
         made["rows"] = _ranges(table.rows)
-    writer, table = _writer(kind, path), replace(table, meta=json.dumps(made))
+    meta = json.dumps(made, separators=(",", ":"))
+    writer, table = _writer(kind, path), replace(table, meta=meta)
     with writing_errors(path):
         if path.suffix.lower() not in WITHOUT_PROVENANCE:
             with written_whole(path) as part:

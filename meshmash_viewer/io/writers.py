@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.io.comments import comment_lines, property_names
 from meshmash_viewer.mesh import mesh_to_poly
 from meshmash_viewer.plug_ins import plug_ins
 
@@ -132,7 +132,7 @@ def _vtp(path: Path, table: FeatureTable) -> None:
 
 
 def _ply(path: Path, table: FeatureTable) -> None:
-    names = _property_names(table.columns)
+    names = property_names(table.columns)
     index = [table.index] if table.repaired else []
     kinds = [*((axis, "<f8") for axis in "xyz"), *((name, "<i4") for name in index)]
     records = np.empty(len(table.values), dtype=[*kinds, *((name, "<f4") for name in names)])
@@ -148,7 +148,7 @@ def _ply(path: Path, table: FeatureTable) -> None:
     header = [
         "ply",
         "format binary_little_endian 1.0",
-        f"comment meshmash-viewer {table.meta}",
+        *comment_lines(table.meta, "comment"),
         f"element vertex {len(records)}",
         *(f"property double {axis}" for axis in "xyz"),
         *(f"property int {name}" for name in index),
@@ -161,18 +161,6 @@ def _ply(path: Path, table: FeatureTable) -> None:
         file.write(("\n".join(header) + "\n").encode("ascii"))
         file.write(records.tobytes())
         file.write(triangles.tobytes())
-
-
-def _property_names(columns: tuple[str, ...]) -> list[str]:
-    """PLY names are ASCII without white space, and none may come twice."""
-    names: list[str] = []
-    for column in columns:
-        name = re.sub(r"[^!-~]", "_", column.replace("λ", "lambda")) or "feature"
-        free, number = name, len(names)
-        while free in names or free in ("x", "y", "z", "vertex"):
-            free, number = f"{name}_{number}", number + 1
-        names.append(free)
-    return names
 
 
 def _gifti(path: Path, table: FeatureTable) -> None:
@@ -194,7 +182,7 @@ def _gifti(path: Path, table: FeatureTable) -> None:
 
 def _obj(path: Path, table: FeatureTable) -> None:
     with path.open("w", encoding="ascii", newline="\n") as file:
-        file.write(f"# meshmash-viewer {table.meta}\n")
+        file.writelines(f"{line}\n" for line in comment_lines(table.meta, "#"))
         np.savetxt(file, table.mesh.vertices, "v %.17g %.17g %.17g")
         np.savetxt(file, table.mesh.faces + 1, "f %d %d %d")
 

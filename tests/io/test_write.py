@@ -83,8 +83,8 @@ def read_back(path: Path) -> tuple[np.ndarray, list[str], dict[str, Any]]:
             return np.column_stack([poly.point_data[name] for name in names]), names, meta
         case ".ply":
             header = path.read_bytes().split(b"end_header")[0].decode().splitlines()
-            made = next(line for line in header if line.startswith("comment meshmash-viewer "))
-            meta = json.loads(made.removeprefix("comment meshmash-viewer "))
+            made = [line for line in header if line.startswith("comment meshmash-viewer")]
+            meta = json.loads("".join(line.split(" ", 2)[2] for line in made))
             import trimesh
 
             raw = trimesh.load(path, process=False).metadata["_ply_raw"]["vertex"]["data"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -11,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.io.comments import names_of_properties, stated_comment
 from meshmash_viewer.io.polygons import (
     MOST_MAPS,
     NotANumber,
@@ -79,6 +81,8 @@ def read_ply(path: Path) -> RawMesh:
             body, _ = parse_rows(data[start:], np.float64)
         except NotANumber as fault:
             raise fault.in_line(data.count(b"\n", 0, start) + fault.line + 1) from None
+    said = stated_comment(_comments(data[:start]))
+    names = names_of_properties(said)
     vertices = None
     maps: tuple[RawMap, ...] = ()
     faces: list[IntArray] = []
@@ -94,7 +98,7 @@ def read_ply(path: Path) -> RawMesh:
                 raise InputError("has vertices without x, y and z")
             vertices = np.column_stack(axes).astype(np.float64)
             maps = tuple(
-                RawMap(name, values)
+                RawMap(names.get(name, name), values)
                 for name, values in columns.items()
                 if not _NO_MAPS.fullmatch(name) and not isinstance(values, tuple)
             )[:MOST_MAPS]
@@ -110,7 +114,7 @@ def read_ply(path: Path) -> RawMesh:
     if vertices is None:
         raise InputError("has no vertices")
     corners_of_all = np.concatenate(faces) if faces else np.empty((0, 3), dtype=np.int64)
-    return RawMesh(vertices, corners_of_all, _unit_in_comments(data[:start]), maps)
+    return RawMesh(vertices, corners_of_all, stated_unit(said), maps)
 
 
 def _without_breaks(indices: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:
@@ -120,11 +124,10 @@ def _without_breaks(indices: IntArray, counts: IntArray) -> tuple[IntArray, IntA
     return indices[~is_break], np.bincount(strip[~is_break])
 
 
-def _unit_in_comments(header: bytes) -> str | None:
-    for line in header.splitlines():
-        if line.startswith(b"comment meshmash-viewer "):
-            return stated_unit(line.split(b" ", 2)[2].decode("latin-1"))
-    return None
+def _comments(header: bytes) -> Iterator[str]:
+    for line in header.decode("latin-1").splitlines():
+        if line.startswith("comment "):
+            yield line.removeprefix("comment ")
 
 
 def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
