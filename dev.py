@@ -1,8 +1,8 @@
 """Set-up, tests and builds of a clone, on Linux, macOS and Windows.
 
     python dev.py run [MESH]           open the window on MESH, or on the sample dendrite
-    python dev.py test [PYTEST ARGS]   ruff, mypy and the tests, with real windows
-    python dev.py test --all           the tests, the pages and the bundle
+    python dev.py test [PYTEST ARGS]   ruff, mypy and the quick tests, with real windows
+    python dev.py test --all           the slow tests, the pages and the bundle as well
     python dev.py bench [NAME] [ARGS]  benchmarks/NAME.py: eigensolver (the default), stores, ...
     python dev.py shots [DIR]          pictures of a tour of the window and of each algorithm
     python dev.py docs [DIR]           the pages in DIR (build/site); warnings are errors
@@ -207,26 +207,24 @@ def run(arguments: list[str]) -> int:
 
 
 def test(arguments: list[str]) -> int:
-    """Run ruff, mypy and pytest, all of them even if one fails; pages and bundle with --all."""
+    """Run ruff, mypy and the quick tests, all of them even if one fails.
+
+    With --all, run the slow tests, build the pages and build and try the bundle as well.
+    """
     make_environment()
     install_system_libraries()
     one_thread_each()
     everything = "--all" in arguments[:1]
     given = arguments[1:] if everything else arguments
-    pytest = (PYTHON, "-m", "pytest")
-    parallel = ("-n", "logical", "--maxprocesses", "4", "--dist", "worksteal")
+    tests = given or ["-n", "logical", "--maxprocesses", "4", "--dist", "worksteal"]
+    if not given and not everything:
+        tests += ["-m", "not slow"]
     steps = {
         "ruff check": lambda: call(PYTHON, "-m", "ruff", "check", "."),
         "ruff format": lambda: call(PYTHON, "-m", "ruff", "format", "--check", "--quiet", "."),
         "mypy": lambda: call(PYTHON, "-m", "mypy"),
+        f"pytest {' '.join(tests)}": lambda: with_windows(PYTHON, "-m", "pytest", *tests),
     }
-    if given:
-        steps[f"pytest {' '.join(given)}"] = lambda: with_windows(*pytest, *given)
-    else:
-        no_windows = (*pytest, *parallel, "--ignore", "tests/app")
-        steps["pytest, without windows"] = lambda: with_windows(*no_windows)
-        # One window at a time: two would take the focus from each other.
-        steps["pytest, real windows"] = lambda: with_windows(*pytest, "tests/app")
     if everything:
         steps |= {"docs": lambda: docs([]), "bundle": lambda: bundle([])}
     results = []

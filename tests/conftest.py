@@ -1,7 +1,11 @@
-"""Shapes that many tests share."""
+"""A screen for each process of a parallel run, and shapes that many tests share."""
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +13,32 @@ import pytest
 import shapes
 
 from meshmash_viewer.mesh import Mesh
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Give each process of a parallel run a virtual screen of its own, on Linux.
+
+    Windows on one screen would take the focus from each other.
+    """
+    if not hasattr(config, "workerinput") or not sys.platform.startswith("linux"):
+        return
+    if not shutil.which("Xvfb"):
+        return
+    answer, number = os.pipe()
+    screen = subprocess.Popen(
+        ["Xvfb", "-displayfd", str(number), "-screen", "0", "1920x1200x24", "-nolisten", "tcp"],
+        pass_fds=[number],
+        stderr=subprocess.DEVNULL,
+    )
+    os.close(number)
+    with os.fdopen(answer) as file:
+        os.environ["DISPLAY"] = f":{file.readline().strip()}"
+
+    def end() -> None:
+        screen.terminate()
+        screen.wait()
+
+    config.add_cleanup(end)
 
 
 @pytest.fixture

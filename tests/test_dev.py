@@ -62,4 +62,4 @@ def test_one_failed_step_fails_the_test_and_ends_no_other(
     assert dev.main(["test"]) == 1
     printed = capfd.readouterr().out
     assert "FAILED  mypy" in printed
-    assert printed.count("passed") == 4
+    assert printed.count("passed") == 3

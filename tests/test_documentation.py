@@ -37,6 +37,7 @@ COMMANDS = sorted({
 })  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", BLOCKS)
 @pytest.mark.filterwarnings("default::meshmash_viewer.TruncationWarning")
 def test_python_of_a_page_runs(block: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -57,6 +58,7 @@ def test_the_reference_names_all_that_is_public() -> None:
     assert named == set(mv.__all__) - {"__version__"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(set(mv.__all__) - {"__version__"}))
 def test_every_public_name_has_an_example_that_runs(name: str) -> None:
     assumed = {"np": np, "mv": mv}  # as the reference says
@@ -87,6 +89,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.filterwarnings("default::meshmash_viewer.TruncationWarning")
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_commands_of_pages_run(
     command: str, files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -25,7 +25,8 @@ from shapes import icosphere
 
 from meshmash_viewer.spectral.eigensolver import Decomposition, solve
 
-_PROBLEMS, _CHUNK = 300, 10
+#: The first so many problems are solved at every change, all of them in the whole run.
+_QUICK, _PROBLEMS, _CHUNK = 50, 300, 10
 #: Of a longer series of examples, each third is enough here.
 _MANY = 20
 
@@ -38,7 +39,13 @@ def complaint(verdict: Verdict) -> str:
     return f"{name}{verdict.problem.note}: {verdict.request}: {verdict.state}: {verdict.sentence}"
 
 
-@pytest.mark.parametrize("first", range(0, _PROBLEMS, _CHUNK))
+@pytest.mark.parametrize(
+    "first",
+    [
+        pytest.param(first, marks=pytest.mark.slow if first >= _QUICK else ())
+        for first in range(0, _PROBLEMS, _CHUNK)
+    ],
+)
 def test_problems_from_seeds(first: int) -> None:
     complaints = [complaint(judge_seed(seed)) for seed in range(first, first + _CHUNK)]
     assert not list(filter(None, complaints))
@@ -64,6 +71,7 @@ def test_seeds_that_once_went_wrong(seed: int) -> None:
     assert not complaint(judge_seed(seed))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_example(name: str) -> None:
     asked = list(EXAMPLES[name]())

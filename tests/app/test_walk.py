@@ -19,6 +19,7 @@ def walk(qapp: QApplication, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     walk.close()
 
 
+@pytest.mark.slow
 # pytest-qt would catch exceptions before the walk does
 @pytest.mark.qt_no_exception_capture
 def test_five_hundred_actions(walk: Walk) -> None:
