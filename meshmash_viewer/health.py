@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.mesh import IntArray, Mesh, MeshLike, as_mesh, first_equal
+from meshmash_viewer.mesh import FloatArray, IntArray, Mesh, MeshLike, as_mesh, first_equal
 from meshmash_viewer.numbering import FileNumbering
 from meshmash_viewer.vertex_map import VertexMap
 
@@ -24,6 +24,9 @@ __all__ = [
     "mesh_health",
     "repair_mesh",
 ]
+
+#: Angle below which two faces leave an edge in one direction, above the rounding of coordinates.
+_SAME_DIRECTION = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +45,10 @@ class Health:
         Edges of one face only.
     nonmanifold_edges : int
         Edges of more than two faces.
+    ambiguous_edges : int
+        Those of them at which two faces leave in one direction, as duplicates do and faces folded
+        flat onto others, or one has no area: the robust Laplacian depends on the order of the
+        faces there.
     degenerate_faces : int
         Faces with a corner twice, or without area but for rounding.
     duplicate_faces : int
@@ -60,6 +67,7 @@ class Health:
     largest_component: int
     boundary_edges: int
     nonmanifold_edges: int
+    ambiguous_edges: int
     degenerate_faces: int
     duplicate_faces: int
     unreferenced_vertices: int
@@ -114,7 +122,7 @@ def mesh_health(mesh: MeshLike) -> Health:
     ends = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     # One integer an edge sorts several times faster than pairs; it cannot overflow below 3e9.
     keys = ends[:, 0] * np.int64(mesh.n_vertices) + ends[:, 1]
-    _, faces_of_edge = np.unique(keys, return_counts=True)
+    edges, faces_of_edge = np.unique(keys, return_counts=True)
     sizes = np.bincount(mesh.component_labels[mesh.referenced])
     return Health(
         n_vertices=mesh.n_vertices,
@@ -123,6 +131,7 @@ def mesh_health(mesh: MeshLike) -> Health:
         largest_component=int(sizes.max(initial=0)),
         boundary_edges=int((faces_of_edge == 1).sum()),
         nonmanifold_edges=int((faces_of_edge > 2).sum()),
+        ambiguous_edges=_ambiguous_edges(mesh.vertices, faces, keys, edges[faces_of_edge > 2]),
         degenerate_faces=int(mesh.degenerate_faces.sum()),
         duplicate_faces=int(duplicate_faces(mesh).sum()),
         unreferenced_vertices=len(mesh.unreferenced),
@@ -194,6 +203,40 @@ def duplicate_faces(mesh: Mesh) -> npt.NDArray[np.bool_]:
     """Tell which faces join the same three vertices as an earlier face, shape (m,)."""
     first = first_equal(np.sort(mesh.faces, axis=1))
     return np.asarray(first != np.arange(mesh.n_faces))
+
+
+def _ambiguous_edges(vertices: FloatArray, faces: IntArray, keys: IntArray, edges: IntArray) -> int:
+    """Count those of some edges around which the faces have no order but that of the list.
+
+    `keys` names the edge of each side of each face, sides 01, 12 and 20 one after the other;
+    `edges`, sorted, are those to look at.
+    """
+    sides = np.flatnonzero(np.isin(keys, edges))
+    face, side = np.divmod(sides, 3)
+    tail, tip = np.divmod(keys[sides], np.int64(len(vertices)))
+    along = _unit(vertices[tip] - vertices[tail])
+    # perpendicular to the edge: the axis that is least along it, and the third direction
+    least = np.eye(3)[np.abs(along).argmin(axis=1)]
+    first = _unit(np.cross(along, least))
+    second = np.cross(along, first)
+    out = _unit(vertices[faces[face, (side + 2) % 3]] - vertices[tail])
+    x, y = (np.einsum("ij,ij->i", out, axis) for axis in (first, second))
+    angle = np.arctan2(y, x)
+    order = np.lexsort((angle, keys[sides]))
+    edge, angle = np.searchsorted(edges, keys[sides][order]), angle[order]
+    starts = np.flatnonzero(np.diff(edge, prepend=-1))
+    following = np.arange(1, len(edge) + 1)
+    following[np.append(starts[1:], len(edge))[: len(starts)] - 1] = starts
+    gap = (angle[following] - angle) % (2.0 * np.pi)
+    equal = np.minimum(gap, 2.0 * np.pi - gap) < _SAME_DIRECTION
+    flat = np.hypot(x, y)[order] < _SAME_DIRECTION
+    return len(np.unique(edge[equal | flat]))
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    """Vectors of length one; those of length zero as they are."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(np.divide(vectors, length, out=vectors, where=length > 0.0))
 
 
 def _first_at_place(mesh: Mesh) -> IntArray:

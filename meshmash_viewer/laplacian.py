@@ -15,7 +15,6 @@ from scipy import sparse
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import FloatArray, IntArray, Mesh, MeshLike, as_mesh
-from meshmash_viewer.surface.space_curve import curve_order
 
 __all__ = ["OperatorOptions", "area_matrix", "compute_vertex_areas", "cotangent_laplacian"]
 
@@ -75,8 +74,10 @@ def cotangent_laplacian(
 
     Notes
     -----
-    Both are computed on the mesh moved to its centre and scaled by a power of two, so that
-    neither the unit nor the origin changes a decision taken on the way.
+    With `robust`, L and M are those of ``robust_laplacian.mesh_laplacian(vertices, faces,
+    mollify_factor)``, whose faces keep their order: where faces are duplicated the operator
+    depends on it (see `mesh_health`). That function sets a diagonal entry for vertices that no
+    face uses; here they have none, nor do faces that have a corner twice and use such a vertex.
 
     References
     ----------
@@ -93,14 +94,16 @@ def cotangent_laplacian(
     2.0
     """
     mesh = as_mesh(mesh)
-    vertices, faces, used = _referenced_part(mesh, along_curve=robust)
-    vertices, scale = _normalised(vertices)
+    used = np.flatnonzero(mesh.referenced)
+    vertices, scale = _scaled(mesh.vertices[used])
     if robust:
+        faces = _renumbered(mesh, mesh.referenced[mesh.faces].all(axis=1))
         edges, areas = _robust_operator(vertices, faces, mollify_factor)
         masses = np.zeros(mesh.n_vertices)
         masses[used] = areas * scale**2
     else:
         _refuse_flat_faces(mesh)
+        faces = _renumbered(mesh, mesh.distinct_corners)
         edges, masses = _cotangent_weights(vertices, faces), mesh.vertex_areas.copy()
     return _stiffness(edges, used, mesh.n_vertices), sparse.diags_array(masses)
 
@@ -162,33 +165,21 @@ def compute_vertex_areas(
     return np.asarray(mass.diagonal(), dtype=np.float64)
 
 
-def _referenced_part(mesh: Mesh, along_curve: bool) -> tuple[FloatArray, IntArray, IntArray]:
-    """Vertices in use, faces with three corners that name them, and their indices in the mesh.
+def _renumbered(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> IntArray:
+    """Faces that are kept, in their order, by the numbers of their vertices among those in use."""
+    number = np.cumsum(mesh.referenced) - 1
+    return np.asarray(number[mesh.faces[kept]], dtype=np.int64)
 
-    Along a curve that fills space neighbours are near in memory too, which is worth a factor of two
-    to whoever walks from edge to edge.
+
+def _scaled(vertices: FloatArray) -> tuple[FloatArray, float]:
+    """Scale to an extent of 1 to 2; return the scale to multiply back.
+
+    A power of two changes no digit of any result, and keeps fourth powers of lengths in range. The
+    origin stays where it is: only differences of coordinates are used from here on.
     """
-    used = np.flatnonzero(mesh.referenced)
-    if along_curve:
-        used = used[np.argsort(curve_order(mesh.vertices[used]), kind="stable")]
-    number = np.full(mesh.n_vertices, -1, dtype=np.int64)
-    number[used] = np.arange(len(used))
-    faces = number[mesh.faces[mesh.distinct_corners]]
-    if along_curve:
-        faces = faces[np.argsort(faces.min(axis=1), kind="stable")]
-    return mesh.vertices[used], faces, used
-
-
-def _normalised(vertices: FloatArray) -> tuple[FloatArray, float]:
-    """Move to the centre and scale to a size of 1 to 2; return the scale to multiply back.
-
-    A power of two changes no digit; with any other, a mesh in nm and the same one in m would
-    differ by rounding already here.
-    """
-    centred = vertices - 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-    extent = float(np.abs(centred).max())
+    extent = float(np.ptp(vertices, axis=0).max())
     scale = float(2.0 ** np.floor(np.log2(extent)))
-    return centred / scale, scale
+    return vertices / scale, scale
 
 
 def _refuse_flat_faces(mesh: Mesh) -> None:

@@ -25,6 +25,7 @@ from meshmash_viewer.samples import sample_path
 FAULTS = (
     "boundary_edges",
     "nonmanifold_edges",
+    "ambiguous_edges",
     "degenerate_faces",
     "duplicate_faces",
     "unreferenced_vertices",
@@ -66,6 +67,51 @@ def test_edges_agree_with_counting_by_hand(neuron):
     health = mesh_health(neuron)
     assert health.boundary_edges == (counts == 1).sum()
     assert health.nonmanifold_edges == (counts > 2).sum()
+
+
+def _spread(mesh, rng):
+    """Largest change of L, relative to its largest entry, when faces are put into other orders."""
+    stiffness, _ = cotangent_laplacian(mesh, robust=True)
+    orders = (Mesh(mesh.vertices, rng.permutation(mesh.faces)) for _ in range(8))
+    others = (cotangent_laplacian(other, robust=True)[0] for other in orders)
+    return max(abs(other - stiffness).max() for other in others) / abs(stiffness).max()
+
+
+#: Faces around the edge 01: their third corners.
+_AROUND = {
+    "three directions": ([2, 3, 4], 0),
+    "two opposite directions": ([2, 3, 5], 0),
+    "a duplicate": ([2, 3, 3], 1),
+    "one folded onto another": ([2, 3, 6], 1),
+    "one without area": ([2, 3, 7], 1),
+    "a duplicate and no third direction": ([2, 2], 0),
+}
+
+
+@pytest.mark.parametrize(("corners", "count"), _AROUND.values(), ids=_AROUND)
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 3e5])
+def test_edges_whose_faces_have_no_order_of_their_own_are_counted(corners, count, scale):
+    vertices = np.array(
+        [[0, 0, 0], [1, 0, 0], [0.3, 1, 0], [0.4, -0.5, 1], [0.2, -0.5, -1], [0.6, -1, 0],
+         [0.1, -0.9, 1.8], [0.5, 0, 0]]
+    )  # fmt: skip
+    turn = np.linalg.qr(vertices[:3] + np.eye(3))[0]
+    faces = [[0, 1, corner] if at % 2 else [1, 0, corner] for at, corner in enumerate(corners)]
+    mesh = Mesh(scale * (vertices @ turn + 0.7), faces)
+    health = mesh_health(mesh)
+    assert (health.ambiguous_edges, health.nonmanifold_edges) == (count, int(len(corners) > 2))
+
+
+def test_only_where_edges_are_ambiguous_does_the_robust_operator_depend_on_the_order(rng):
+    found = set()
+    for grid in (False, True) * 20:
+        vertices = rng.integers(0, 3, (9, 3)) if grid else rng.normal(size=(9, 3))
+        faces = np.array([rng.permutation(9)[:3] for _ in range(12)])
+        mesh = Mesh(vertices, faces)
+        ambiguous, spread = mesh_health(mesh).ambiguous_edges > 0, _spread(mesh, rng)
+        assert ambiguous or spread < 1e-9
+        found.add((ambiguous, spread > 1e-3))
+    assert found >= {(True, True), (False, False)}
 
 
 def test_triangle_soup_is_counted_and_merged(sphere):

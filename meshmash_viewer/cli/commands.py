@@ -119,6 +119,7 @@ def _described_facts(about: dict[str, Any]) -> str:
         ("components", f"{about['n_components']:,} (largest {about['largest_component']:,})"),
         ("boundary edges", f"{about['boundary_edges']:,}"),
         ("non-manifold edges", f"{about['nonmanifold_edges']:,}"),
+        ("ambiguous edges", _ambiguous(about)),
         ("degenerate triangles", f"{about['degenerate_faces']:,}"),
         ("duplicate triangles", f"{about['duplicate_faces']:,}"),
         ("unreferenced vertices", f"{about['unreferenced_vertices']:,}"),
@@ -129,6 +130,15 @@ def _described_facts(about: dict[str, Any]) -> str:
         ("  down to wavelength", signs["wavelength"] + format_quantity(weyl["wavelength"], unit)),
     ]
     return titled_rows(f"{about['name']} ({unit or 'no unit stated'})", rows)
+
+
+def _ambiguous(about: dict[str, Any]) -> str:
+    """Count of these edges, and what follows from it."""
+    count, duplicates = about["ambiguous_edges"], about["duplicate_faces"]
+    if not count:
+        return "0"
+    remedy = "; the repair drop_duplicate_faces removes most of them" if duplicates else ""
+    return f"{count:,} (the robust Laplacian depends on the order of faces there{remedy})"
 
 
 # features -------------------------------------------------------------------------------------

@@ -33,8 +33,9 @@ __all__ = [
 #: The environment variable that names the folder to keep spectra in, on every operating system.
 CACHE_VARIABLE = "MESHMASH_CACHE"
 
-#: Raised whenever the files of a store change their meaning, so that old ones are not found.
-FORMAT = 4
+#: Raised whenever the files of a store or the operator change their meaning, so that old ones are
+#: not found.
+FORMAT = 5
 #: File of a store that says what it is of; its time of change is the time of last use.
 PROBLEM = "problem.json"
 

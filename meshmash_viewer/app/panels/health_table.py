@@ -42,12 +42,18 @@ _ROWS = (
         tooltip="Edges of more than two faces; the robust Laplacian takes them as they are",
     ),
     _Row(
+        "ambiguous_edges", "Ambiguous edges",
+        tooltip="Non-manifold edges where two faces lie in one direction, as duplicates do: the "
+        "robust Laplacian depends on the order of faces there. Dropping duplicates removes most",
+    ),
+    _Row(
         "degenerate_faces", "Degenerate faces", "Drop", "drop_degenerate_faces",
         tooltip="Faces without area; the robust Laplacian takes them as they are",
     ),
     _Row(
         "duplicate_faces", "Duplicate faces", "Drop", "drop_duplicate_faces",
-        tooltip="Faces with the same three vertices as another",
+        tooltip="Faces with the same three vertices as another; the robust Laplacian depends on "
+        "their order",
     ),
     _Row(
         "unreferenced_vertices", "Unreferenced vertices", "Drop", "drop_unreferenced_vertices",
