@@ -43,6 +43,16 @@ class MeshWarning(UserWarning):
 
     `read_mesh` warns of what it left out of a file, such as the lines and points of a scene, and
     `mean_curvature` of faces that do not agree on which side is outside.
+
+    Examples
+    --------
+    In a script it can be made a fault:
+
+    >>> import warnings
+    >>> from meshmash_viewer.samples import sample_path
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("error", mv.MeshWarning)
+    ...     mesh = mv.read_mesh(sample_path("dendrite"))
     """
 
 

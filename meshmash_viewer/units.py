@@ -147,7 +147,7 @@ def round_length(longest: float) -> float:
 
 def counted(number: int, noun: str) -> str:
     """Write how many there are of something: "1 pair", "22,351 vertices"."""
-    plural = "vertices" if noun == "vertex" else f"{noun}s"
+    plural = {"vertex": "vertices", "mesh": "meshes"}.get(noun, f"{noun}s")
     return f"{number:,} {noun if number == 1 else plural}"
 
 

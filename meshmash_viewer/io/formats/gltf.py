@@ -1,11 +1,10 @@
-"""glTF and GLB scenes, by trimesh in a process of its own."""
+"""glTF and GLB scenes: all their triangles, placed as the scene says, as one mesh."""
 
 from __future__ import annotations
 
-import binascii
-import json
-import struct
-import urllib.parse
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,111 +12,364 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.io.formats.gltf_file import DRACO, INSTANCING, Entry, GltfFile, scaled
 from meshmash_viewer.io.guarded import ReadLimits, read_guarded
 from meshmash_viewer.io.joining import join_vertices
-from meshmash_viewer.io.polygons import MOST_MAPS, RawMap, RawMesh
+from meshmash_viewer.io.polygons import MOST_MAPS, RawMap, RawMesh, strip_triangles
+from meshmash_viewer.mesh import FloatArray, IntArray
+from meshmash_viewer.units import counted
 
 __all__ = ["gltf_mesh", "read_gltf"]
+
+_POINTS, _LINES = (0,), (1, 2, 3)
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+#: Attributes that give the joints of a vertex and how far each moves it, four in a set.
+_SKIN = "JOINTS_", "WEIGHTS_"
+#: What can be left out: a noun, and which of them.
+_LEFT_OUT = {
+    "points": ("primitive", "of points"),
+    "lines": ("primitive", "of lines"),
+    "unplaced": ("primitive", "without positions"),
+    "incomplete": ("incomplete triangle", "at the end of a primitive"),
+    "vanishing": ("mesh", "scaled to nothing"),
+    "elsewhere": ("mesh", "that its scene does not show"),
+    "maps": ("column", f"of values beyond the first {MOST_MAPS}"),
+}
 
 
 def read_gltf(path: Path) -> RawMesh:
     """Read all triangle meshes of a scene, placed by its transforms, as one mesh.
 
     The format repeats a vertex wherever its normal, texture coordinate or material changes;
-    vertices with exactly equal coordinates are therefore merged, as for STL.
+    vertices of one mesh at the same place are therefore joined, before it is placed.
 
     Raises
     ------
     InputError
-        If the file is no glTF, or its scene holds no triangle mesh.
+        If the file is no glTF, requires what is not understood, or shows no triangle.
     """
-    scene = _scene_description(path)
     try:
-        size = path.stat().st_size + _check_files(scene, path.parent)
+        file = GltfFile(path)
+        limits = ReadLimits.of(file.size, unpacked=file.unpacked_size)
     except (TypeError, AttributeError) as fault:
         raise InputError(f"has a scene that is not glTF ({printable(fault, 80)})") from fault
     # One array can be named by a thousand meshes, and one mesh placed by a thousand nodes.
-    return read_guarded(gltf_mesh, path, ReadLimits.of(size))
+    return read_guarded(gltf_mesh, path, limits)
 
 
 def gltf_mesh(path: Path) -> RawMesh:
     """Read a scene, however large its meshes become; only `read_guarded` calls this."""
-    import trimesh
-
-    options: dict[str, Any] = {"process": False, "skip_materials": True}
     try:
-        scene = trimesh.load_scene(path, file_type=path.suffix[1:].lower(), **options)
-    except (AssertionError, binascii.Error) as fault:
-        raise InputError("has a buffer that is shorter than its parts, or damaged") from fault
-    vertices, faces, offset = [], [], 0
-    attributes: dict[str, list[tuple[int, npt.NDArray[Any]]]] = {}
-    for node in scene.graph.nodes_geometry:
-        transform, name = scene.graph[node]
-        geometry = scene.geometry[name]
-        if not isinstance(geometry, trimesh.Trimesh):
-            continue
-        placed = np.asarray(geometry.vertices, dtype=np.float64)
-        if placed.ndim != 2 or placed.shape[1] != 3:
-            raise InputError("has vertices without three coordinates each")
-        if not np.array_equal(transform, np.eye(4)):
-            placed = placed @ transform[:3, :3].T + transform[:3, 3]
-        corners = np.asarray(geometry.faces, dtype=np.int64)
-        if np.linalg.det(transform[:3, :3]) < 0:
-            corners = corners[:, ::-1]  # a mirror turns triangles inside out
-        if len(corners) and not 0 <= corners.min() <= corners.max() < len(placed):
-            raise InputError("has a face whose vertex index is out of range")
-        vertices.append(placed)
-        faces.append(corners + offset)
-        for attribute, values in geometry.vertex_attributes.items():
-            # those of the format's own have other names: a map's begins with an underscore
-            if attribute.startswith("_") and np.size(values) == len(placed):
-                attributes.setdefault(attribute[1:], []).append((offset, np.ravel(values)))
-        offset += len(placed)
-    if not vertices:
-        raise InputError("holds no triangle mesh")
-    merged, corners, kept = join_vertices(np.concatenate(vertices), np.concatenate(faces))
-    maps = []
-    for attribute, parts in list(attributes.items())[:MOST_MAPS]:
-        whole = np.full(offset, np.nan)  # where a mesh of the scene has not got it
-        for start, values in parts:
-            whole[start : start + len(values)] = values
-        maps.append(RawMap(attribute, whole[kept]))
-    return RawMesh(merged, corners, maps=tuple(maps))
+        return _Scene(GltfFile(path)).mesh()
+    except (TypeError, AttributeError, KeyError) as fault:
+        raise InputError(f"has a scene that is not glTF ({printable(fault, 80)})") from fault
 
 
-def _scene_description(path: Path) -> dict[str, Any]:
-    """The JSON that a scene begins with, alone in a .gltf and as the first chunk of a .glb."""
-    with path.open("rb") as file:
-        if path.suffix.lower() == ".glb":
-            head = file.read(20)
-            if len(head) < 20 or not head.startswith(b"glTF"):
-                raise InputError('does not begin with "glTF"')
-            version, _, length, kind = struct.unpack("<4xIII4s", head)
-            if version != 2:
-                raise InputError(f"is of version {version}, of which only 2 can be read")
-            if kind != b"JSON":
-                raise InputError("does not begin with the description of a scene")
-            text = file.read(min(length, path.stat().st_size))  # asking for 4 GB takes them
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """The triangles of a primitive, or of a mesh, in its own coordinates."""
+
+    vertices: FloatArray
+    faces: IntArray
+    #: Values of its attributes, shape (n, width) each.
+    values: dict[str, npt.NDArray[Any]]
+
+
+class _Scene:
+    """The nodes that a file shows, and what is left out of it on the way."""
+
+    def __init__(self, file: GltfFile) -> None:
+        self._file = file
+        self._parts: dict[tuple[object, ...], _Part] = {}
+        self._shown: set[object] = set()
+        #: By the keys of `_LEFT_OUT`.
+        self._left_out: Counter[str] = Counter()
+        self._matrices: dict[int, FloatArray] = {}
+
+    def mesh(self) -> RawMesh:
+        """All that is shown, as one mesh."""
+        for index, node, matrix in self._nodes():
+            self._matrices[index] = matrix
+            if "mesh" in node:
+                self._shown.add(node["mesh"])
+        placed = [each for each in self._placed() if len(each.faces)]
+        unseen = len(self._file.description.get("meshes") or []) - len(self._shown)
+        self._left_out["elsewhere"] = unseen
+        if not placed:
+            raise InputError(self._nothing())
+        starts = np.cumsum([0, *(len(each.vertices) for each in placed)])
+        maps = [RawMap(name, values) for name, values in _columns(placed, starts.tolist()).items()]
+        self._left_out["maps"] = max(len(maps) - MOST_MAPS, 0)
+        return RawMesh(
+            np.concatenate([each.vertices for each in placed]),
+            np.concatenate(
+                [each.faces + start for each, start in zip(placed, starts, strict=False)]
+            ),
+            maps=tuple(maps[:MOST_MAPS]),
+            remarks=tuple(self._remarks()),
+        )
+
+    def _remarks(self) -> Iterator[str]:
+        for key, count in self._left_out.items():
+            if count:
+                noun, which = _LEFT_OUT[key]
+                verb = "is" if count == 1 else "are"
+                yield f"holds {counted(count, noun)} {which}, which {verb} left out"
+
+    def _nothing(self) -> str:
+        """What a file without triangles is."""
+        kinds = {key for key, count in self._left_out.items() if count}
+        if kinds == {"points"}:
+            return "holds nothing but points, so it is a point cloud"
+        if kinds and kinds <= {"points", "lines"}:
+            return f"holds nothing but {' and '.join(sorted(kinds))}, and no triangle"
+        remarks = "; it ".join(self._remarks())
+        return f"shows no triangle mesh{f': it {remarks}' if remarks else ''}"
+
+    # -- nodes --------------------------------------------------------------------------------
+
+    def _nodes(self) -> Iterator[tuple[int, Entry, FloatArray]]:
+        """Nodes of the scene, with their index and what takes them to its coordinates."""
+        seen: set[object] = set()
+        left = [(root, np.eye(4)) for root in reversed(self._roots())]
+        while left:
+            index, above = left.pop()
+            if index in seen:
+                raise InputError(f"names its node {printable(index, 20)} twice, so it has no place")
+            seen.add(index)
+            node = self._file.entry("nodes", index)
+            matrix = above @ _matrix(node)
+            yield index, node, matrix
+            left += [(child, matrix) for child in reversed(node.get("children") or [])]
+
+    def _roots(self) -> list[Any]:
+        """Nodes that the scene names; of a file without scenes, all that are under no other."""
+        description = self._file.description
+        nodes = description.setdefault("nodes", [])
+        if not nodes:  # a library of meshes
+            nodes += [{"mesh": at} for at in range(len(description.get("meshes") or []))]
+            return list(range(len(nodes)))
+        if description.get("scenes"):
+            roots = self._file.entry("scenes", description.get("scene", 0)).get("nodes")
+            return list(roots or [])
+        under = {child for node in nodes for child in node.get("children") or []}
+        return [at for at in range(len(nodes)) if at not in under]
+
+    def _placed(self) -> Iterator[_Part]:
+        for index, matrix in self._matrices.items():
+            node = self._file.entry("nodes", index)
+            if "mesh" not in node:
+                continue
+            mesh = self._file.entry("meshes", node["mesh"])
+            part = self._part(node["mesh"], node.get("weights", mesh.get("weights")) or [])
+            if "skin" in node and any(name.startswith(_SKIN[0]) for name in part.values):
+                yield self._posed(part, node["skin"])
+                continue
+            instances, values = self._instances(node)
+            matrices = matrix @ instances
+            sized = np.any(matrices[:, :3, :3] != 0.0, axis=(1, 2))
+            self._left_out["vanishing"] += int((~sized).sum())
+            if sized.any():
+                values = {name: each[sized] for name, each in values.items()}
+                yield _copies(part, matrices[sized], values)
+
+    def _instances(self, node: Entry) -> tuple[FloatArray, dict[str, npt.NDArray[Any]]]:
+        """What places each copy of a node's mesh, shape (k, 4, 4), and values that each has."""
+        extension = (node.get("extensions") or {}).get(INSTANCING)
+        if not extension:
+            return np.eye(4)[None], {}
+        arrays = {
+            name: self._file.array(index)
+            for name, index in (extension.get("attributes") or {}).items()
+        }
+        if len({len(each) for each in arrays.values()}) != 1:
+            raise InputError(f"has instances whose attributes ({INSTANCING}) differ in number")
+        values = {name: each for name, each in arrays.items() if name.startswith("_")}
+        return _placements(arrays), values
+
+    def _posed(self, part: _Part, index: object) -> _Part:
+        """A mesh whose vertices follow the joints of a skin, in the pose that the nodes have."""
+        skin = self._file.entry("skins", index)
+        joints = skin["joints"]
+        if any(joint not in self._matrices for joint in joints):
+            raise InputError("has a skin whose joints are not in its scene")
+        moves = np.array([self._matrices[joint] for joint in joints])
+        if "inverseBindMatrices" in skin:
+            inverse = self._file.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4)
+            moves = moves @ inverse[: len(moves)].transpose(0, 2, 1).astype(np.float64)
+        sets = [name.removeprefix(_SKIN[0]) for name in part.values if name.startswith(_SKIN[0])]
+        which = np.hstack([part.values[_SKIN[0] + each] for each in sets]).astype(np.int64)
+        weights = np.hstack([part.values[_SKIN[1] + each] for each in sets]).astype(np.float64)
+        if which.max(initial=0) >= len(moves):
+            raise InputError("has a vertex with a joint that its skin does not have")
+        blended = np.einsum("nk,nkij->nij", weights, moves[which])
+        vertices = np.einsum("nij,nj->ni", blended[:, :3, :3], part.vertices) + blended[:, :3, 3]
+        mirrored = np.median(np.linalg.det(blended[:, :3, :3])) < 0.0
+        return _Part(vertices, part.faces[:, ::-1] if mirrored else part.faces, part.values)
+
+    # -- meshes -------------------------------------------------------------------------------
+
+    def _part(self, index: object, weights: list[float]) -> _Part:
+        """A mesh with its vertices joined, in its own coordinates, however often it is placed."""
+        key = (index, *weights)
+        if key not in self._parts:
+            primitives = self._file.entry("meshes", index)["primitives"]
+            found = [self._primitive(each, weights) for each in primitives]
+            parts = [each for each in found if each is not None]
+            self._parts[key] = _joined(parts)
+        return self._parts[key]
+
+    def _primitive(self, primitive: Entry, weights: list[float]) -> _Part | None:
+        mode = primitive.get("mode", _TRIANGLES)
+        attributes = primitive.get("attributes") or {}
+        if mode in (*_POINTS, *_LINES) or "POSITION" not in attributes:
+            kinds = {**dict.fromkeys(_POINTS, "points"), **dict.fromkeys(_LINES, "lines")}
+            self._left_out[kinds.get(mode, "unplaced")] += 1
+            return None
+        wanted = {
+            name: index
+            for name, index in attributes.items()
+            if name == "POSITION" or name.startswith(("_", *_SKIN))
+        }
+        packed = (primitive.get("extensions") or {}).get(DRACO)
+        if packed and not self._file.has_data(attributes["POSITION"]):
+            arrays, faces = self._unpacked(packed, wanted)
         else:
-            text = file.read()
-    try:
-        scene = json.loads(text)
-    except (ValueError, RecursionError):
-        scene = None
-    if not isinstance(scene, dict):
-        raise InputError("does not hold the JSON that a glTF scene begins with")
-    return scene
+            arrays = {name: self._file.array(index) for name, index in wanted.items()}
+            faces = self._triangles(mode, primitive.get("indices"), len(arrays["POSITION"]))
+        places = arrays.pop("POSITION").astype(np.float64)
+        for weight, target in zip(weights, primitive.get("targets") or [], strict=False):
+            if weight and "POSITION" in target:
+                places += weight * self._file.array(target["POSITION"])
+        if places.shape[1] != 3:
+            raise InputError("has vertices without three coordinates each")
+        if any(len(each) != len(places) for each in arrays.values()):
+            raise InputError("has an attribute that has not one value for each vertex")
+        if len(faces) and not 0 <= faces.min() <= faces.max() < len(places):
+            raise InputError("has a face whose vertex index is out of range")
+        return _Part(places, faces, arrays)
 
+    def _triangles(self, mode: object, indices: object, n_vertices: int) -> IntArray:
+        """Corners of the triangles of a primitive, shape (m, 3)."""
+        corners = np.arange(n_vertices)
+        if indices is not None:
+            found = self._file.array(indices)
+            if found.dtype.kind not in "iu" or found.shape[1] != 1:
+                raise InputError("has faces whose vertex indices are no whole numbers")
+            corners = found[:, 0].astype(np.int64)
+        if mode == _TRIANGLES:
+            over = len(corners) % 3
+            self._left_out["incomplete"] += over > 0
+            return corners[: len(corners) - over].reshape(-1, 3)
+        if mode == _STRIP:
+            return strip_triangles(corners, np.array([len(corners)]))
+        if mode == _FAN:
+            first = np.repeat(corners[:1], max(len(corners) - 2, 0))
+            return np.column_stack([corners[1:-1], corners[2:], first]).reshape(-1, 3)
+        raise InputError(f"has a primitive of mode {printable(mode, 20)}, which glTF does not have")
 
-def _check_files(scene: dict[str, Any], folder: Path) -> int:
-    """Refuse files that are not there, or no files; the bytes of those that are."""
-    size = 0
-    for buffer in scene.get("buffers", []):
-        uri = buffer.get("uri", "data:")
-        if not uri.startswith("data:"):
-            names = (folder / uri, folder / urllib.parse.unquote(uri))
-            found = next((name for name in names if name.is_file()), None)
+    def _unpacked(
+        self, packed: Entry, wanted: Entry
+    ) -> tuple[dict[str, npt.NDArray[Any]], IntArray]:
+        """Attributes and triangles of a primitive that is packed by Draco."""
+        try:
+            import DracoPy
+        except ImportError:
+            raise InputError(
+                f"has meshes packed by {DRACO}, which DracoPy reads; it is not installed: pip"
+                ' install "meshmash-viewer[draco]"'
+            ) from None
+        try:
+            content = DracoPy.decode(bytes(self._file.view(packed["bufferView"])))
+        except (ValueError, DracoPy.FileTypeException) as fault:
+            if isinstance(fault, InputError):
+                raise
+            raise InputError(f"has a mesh packed by {DRACO} that is damaged") from fault
+        arrays = {}
+        for name, index in wanted.items():
+            found = content.get_attribute_by_unique_id(packed["attributes"][name])
             if found is None:
-                raise InputError(f"refers to a file {printable(uri, 60)} that is not beside it")
-            size += found.stat().st_size
-    return size
+                raise InputError(f"has a mesh packed by {DRACO} that lacks its {name}")
+            values = np.asarray(found["data"]).reshape(-1, int(found["num_components"]))
+            arrays[name] = scaled(values) if self._file.is_normalized(index) else values
+        faces = getattr(content, "faces", np.zeros((0, 3)))
+        return arrays, np.asarray(faces).astype(np.int64).reshape(-1, 3)
+
+
+def _joined(parts: list[_Part]) -> _Part:
+    """The primitives of a mesh as one, its vertices joined."""
+    if not parts:
+        return _Part(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), {})
+    starts = np.cumsum([0, *(len(each.vertices) for each in parts)])
+    values: dict[str, npt.NDArray[Any]] = {}
+    for part, start in zip(parts, starts.tolist(), strict=False):
+        for name, each in part.values.items():
+            width = each.shape[1]
+            missing = 0.0 if name.startswith(_SKIN) else np.nan
+            whole = values.setdefault(name, np.full((starts[-1], width), missing))
+            if whole.shape[1] != width:
+                raise InputError(f"has an attribute {printable(name, 40)} of two widths")
+            whole[start : start + len(each)] = each
+    vertices, faces, kept = join_vertices(
+        np.concatenate([each.vertices for each in parts]),
+        np.concatenate([each.faces + at for each, at in zip(parts, starts, strict=False)]),
+    )
+    return _Part(vertices, faces, {name: each[kept] for name, each in values.items()})
+
+
+def _copies(part: _Part, matrices: FloatArray, values: dict[str, npt.NDArray[Any]]) -> _Part:
+    """A mesh placed by each of some matrices, shape (k, 4, 4), with values that each copy has."""
+    linear, shift = matrices[:, :3, :3], matrices[:, :3, 3]
+    vertices = part.vertices @ linear.transpose(0, 2, 1) + shift[:, None]
+    faces = np.repeat(part.faces[None], len(matrices), axis=0)
+    mirrored = np.linalg.det(linear) < 0.0  # a mirror turns triangles inside out
+    faces[mirrored] = faces[mirrored][:, :, ::-1]
+    count = len(part.vertices)
+    faces += (np.arange(len(matrices)) * count)[:, None, None]
+    own = {name: np.tile(each, (len(matrices), 1)) for name, each in part.values.items()}
+    shared = {name: np.repeat(each, count, axis=0) for name, each in values.items()}
+    return _Part(vertices.reshape(-1, 3), faces.reshape(-1, 3), shared | own)
+
+
+def _columns(parts: list[_Part], starts: list[int]) -> dict[str, FloatArray]:
+    """Values of the file's own attributes at all vertices, NaN where a mesh lacks one."""
+    # those of the format's own have other names: a map's begins with an underscore
+    columns: dict[str, FloatArray] = {}
+    for part, start in zip(parts, starts, strict=False):
+        for attribute, values in part.values.items():
+            if not attribute.startswith("_"):
+                continue
+            name, width = attribute[1:], values.shape[1]
+            for at, column in enumerate(values.T):
+                each = name if width == 1 else f"{name} {at}"
+                whole = columns.setdefault(each, np.full(starts[-1], np.nan))
+                whole[start : start + len(column)] = column
+    return columns
+
+
+def _matrix(node: Entry) -> FloatArray:
+    """What takes the coordinates of a node to those above it, shape (4, 4)."""
+    if "matrix" in node:
+        columns: FloatArray = np.array(node["matrix"], dtype=np.float64).reshape(4, 4)
+        return np.asarray(columns.T)
+    keys = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
+    given = {name: np.array([node[key]]) for name, key in keys.items() if key in node}
+    return np.asarray(_placements(given or {"SCALE": np.ones((1, 3))})[0])
+
+
+def _placements(arrays: dict[str, npt.NDArray[Any]]) -> FloatArray:
+    """Matrices of translations, rotations (quaternions, w last) and scales, shape (k, 4, 4)."""
+    count = len(next(iter(arrays.values())))
+    matrices = np.tile(np.eye(4), (count, 1, 1))
+    if "ROTATION" in arrays:
+        from scipy.spatial.transform import Rotation
+
+        turns = arrays["ROTATION"].astype(np.float64)
+        still = ~np.any(turns, axis=1)
+        turns[still] = 0.0, 0.0, 0.0, 1.0
+        matrices[:, :3, :3] = Rotation.from_quat(turns).as_matrix()
+    if "SCALE" in arrays:
+        matrices[:, :3, :3] *= arrays["SCALE"].astype(np.float64)[:, None, :]
+    if "TRANSLATION" in arrays:
+        matrices[:, :3, 3] = arrays["TRANSLATION"]
+    return matrices

@@ -1,0 +1,312 @@
+"""The parts of a glTF file: its description, its buffers, and the arrays in them."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import os
+import struct
+import urllib.parse
+import urllib.request
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError, printable
+
+__all__ = ["DRACO", "INSTANCING", "Entry", "GltfFile", "scaled"]
+
+#: One object of the description, such as a node.
+Entry: TypeAlias = dict[str, Any]
+
+DRACO = "KHR_draco_mesh_compression"
+INSTANCING = "EXT_mesh_gpu_instancing"
+#: Extensions that a reader has to understand to read a surface, and this one does.
+_UNDERSTOOD = (DRACO, INSTANCING, "KHR_mesh_quantization", "KHR_accessor_float64")
+#: How the names of those begin that only change how a surface looks.
+_APPEARANCE = (
+    *("KHR_materials_", "EXT_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_"),
+    *("KHR_lights_", "EXT_lights_", "KHR_animation_", "KHR_xmp", "KHR_techniques_webgl"),
+)
+#: They pack a part of a buffer; what is in its place is to be ignored.
+_PACKED_VIEWS = ("EXT_meshopt_compression", "KHR_meshopt_compression")
+
+_COMPONENTS = {
+    5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5124: "<i4", 5125: "<u4",
+    5126: "<f4", 5130: "<f8",
+}  # fmt: skip
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+_JSON, _BIN = b"JSON", b"BIN\0"
+
+
+class GltfFile:
+    """What a ``.gltf`` or ``.glb`` file holds.
+
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    InputError
+        If it is no glTF 2.0, requires an extension that is not understood, or names a file that
+        does not exist.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        text, self._own = _content(path)
+        self.description = _description(text)
+        self._loaded: dict[int, bytes | memoryview] = {}
+        self._check_version()
+        _refuse(
+            [
+                printable(each, 60)
+                for each in self.description.get("extensionsRequired") or []
+                if each not in _UNDERSTOOD and not str(each).startswith(_APPEARANCE)
+            ]
+        )
+
+    def _check_version(self) -> None:
+        asset = self.description.get("asset")
+        version = str(asset.get("version", "2.0")) if isinstance(asset, dict) else "2.0"
+        if version.split(".")[0] != "2":
+            raise InputError(f"is of version {printable(version, 20)}, of which only 2 can be read")
+
+    @cached_property
+    def size(self) -> int:
+        """Bytes of the file and of all that it names."""
+        named = [self._file_of(each) for each in self.description.get("buffers") or []]
+        return self._path.stat().st_size + sum(each.stat().st_size for each in named if each)
+
+    @cached_property
+    def unpacked_size(self) -> int:
+        """Bytes of all its arrays, which may be packed in its buffers."""
+        return sum(8 * _whole(each, "count", 0) for each in self.description.get("accessors") or [])
+
+    def entry(self, kind: str, index: object) -> Entry:
+        """An object of one of the lists of the description.
+
+        Raises
+        ------
+        InputError
+            If there is none of this index.
+        """
+        entries = self.description.get(kind) or []
+        if not isinstance(index, int) or not 0 <= index < len(entries):
+            raise InputError(
+                f"names number {printable(index, 20)} of its {kind}, of which it has"
+                f" {len(entries)}, counted from 0"
+            )
+        found: Entry = entries[index]
+        return found
+
+    def has_data(self, accessor: object) -> bool:
+        """Whether the values of an array are in a buffer as they are."""
+        entry = self.entry("accessors", accessor)
+        return "bufferView" in entry or "sparse" in entry
+
+    def array(self, accessor: object) -> npt.NDArray[Any]:
+        """Values of an array, shape (count, width); integers in units of their range are float64.
+
+        Raises
+        ------
+        InputError
+            If it is not an array, or is not within its buffer.
+        """
+        entry = self.entry("accessors", accessor)
+        dtype, width = _layout(entry)
+        count = _whole(entry, "count")
+        if "bufferView" in entry:
+            offset = _whole(entry, "byteOffset", 0)
+            values = self._rows(entry["bufferView"], offset, count, width, dtype)
+        else:
+            values = np.zeros((count, width), dtype)  # as the format says
+        if "sparse" in entry:
+            values = self._replaced(values, entry["sparse"])
+        return scaled(values) if entry.get("normalized") else values
+
+    def is_normalized(self, accessor: object) -> bool:
+        """Whether integers of an array are in units of their range."""
+        return bool(self.entry("accessors", accessor).get("normalized"))
+
+    def view(self, index: object) -> memoryview:
+        """The bytes of a part of a buffer.
+
+        Raises
+        ------
+        InputError
+            If the buffer is shorter, or the part is packed in a way that is not understood.
+        """
+        entry = self.entry("bufferViews", index)
+        start, length = _whole(entry, "byteOffset", 0), _whole(entry, "byteLength")
+        data = self._buffer(_whole(entry, "buffer"), entry)
+        if start + length > len(data):
+            raise _shorter()
+        return memoryview(data)[start : start + length]
+
+    # -- arrays -------------------------------------------------------------------------------
+
+    def _rows(
+        self, view: object, offset: int, count: int, width: int, dtype: np.dtype[Any]
+    ) -> npt.NDArray[Any]:
+        data, row = self.view(view), width * dtype.itemsize
+        stride = _whole(self.entry("bufferViews", view), "byteStride", 0) or row
+        if count and offset + (count - 1) * stride + row > len(data):
+            raise _shorter()
+        strides = stride, dtype.itemsize
+        return np.ndarray((count, width), dtype, data, offset if count else 0, strides)
+
+    def _replaced(self, values: npt.NDArray[Any], sparse: Entry) -> npt.NDArray[Any]:
+        """The same with the rows that a sparse array gives."""
+        count, indices, given = _whole(sparse, "count"), sparse["indices"], sparse["values"]
+        kind, width = _dtype(indices), values.shape[1]
+        at = self._rows(indices["bufferView"], _whole(indices, "byteOffset", 0), count, 1, kind)
+        offset = _whole(given, "byteOffset", 0)
+        new = self._rows(given["bufferView"], offset, count, width, values.dtype)
+        if kind.kind not in "iu" or (count and not 0 <= int(at.min()) <= at.max() < len(values)):
+            raise InputError("has a sparse array whose indices are out of range")
+        values = values.copy()
+        values[at[:, 0]] = new
+        return values
+
+    # -- buffers ------------------------------------------------------------------------------
+
+    def _buffer(self, index: int, view: Entry) -> bytes | memoryview:
+        if index not in self._loaded:
+            entry = self.entry("buffers", index)
+            uri, file = entry.get("uri"), self._file_of(entry)
+            if file is not None:
+                data: bytes | memoryview = file.read_bytes()
+            elif uri is not None:
+                data = _data_of(uri)
+            elif index == 0 and self._own is not None:
+                data = self._own_data(*self._own)
+            else:
+                _refuse([each for each in _PACKED_VIEWS if each in view.get("extensions", {})])
+                raise InputError(f"has no data for its buffer {index}")
+            if len(data) < _whole(entry, "byteLength", 0):
+                raise _shorter()
+            self._loaded[index] = data
+        return self._loaded[index]
+
+    def _own_data(self, start: int, length: int) -> bytes:
+        with self._path.open("rb") as file:
+            file.seek(start)
+            return file.read(min(length, self._path.stat().st_size))
+
+    def _file_of(self, buffer: Entry) -> Path | None:
+        """The file of a buffer; None where its data is in the description or the GLB."""
+        uri = buffer.get("uri", "data:")
+        if uri[:5].lower() == "data:":
+            return None
+        plain = urllib.parse.unquote(uri)
+        names: list[str] = [uri, plain, plain.replace("\\", "/")]
+        if uri[:5].lower() == "file:":
+            names = [urllib.request.url2pathname(urllib.parse.urlsplit(uri).path)]
+        for each in names:
+            if self._is_file(each):
+                return self._path.parent / each
+        raise InputError(f"refers to a file {printable(uri, 60)} that is not next to it")
+
+    def _is_file(self, name: str) -> bool:
+        try:
+            return os.path.isfile(self._path.parent / name)
+        except ValueError:  # a null character
+            return False
+
+
+def scaled(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Integers as shares of the largest of their type, from -1 where they have a sign to 1."""
+    if values.dtype.kind not in "iu":
+        return values
+    largest = float(np.iinfo(values.dtype).max)
+    return np.asarray(np.maximum(values / largest, -1.0))
+
+
+def _refuse(extensions: list[str]) -> None:
+    if extensions:
+        names = ", ".join(dict.fromkeys(extensions))
+        raise InputError(
+            f"requires {names}, which {'is' if len(extensions) == 1 else 'are'} not understood:"
+            f" export it without {'it' if len(extensions) == 1 else 'them'}."
+        )
+
+
+def _shorter() -> InputError:
+    return InputError("has a buffer that is shorter than its parts, or damaged")
+
+
+def _whole(entry: Entry, key: str, default: int | None = None) -> int:
+    """A number of bytes, rows or of an entry."""
+    value = entry.get(key, default)
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise InputError(f"has an entry whose {key} is {printable(value, 30)}, not a whole number")
+    return value
+
+
+def _dtype(entry: Entry) -> np.dtype[Any]:
+    kind = entry.get("componentType")
+    if kind not in _COMPONENTS:
+        raise InputError(f"has an array of numbers of type {printable(kind, 20)}")
+    return np.dtype(_COMPONENTS[kind])
+
+
+def _layout(entry: Entry) -> tuple[np.dtype[Any], int]:
+    kind = entry.get("type")
+    if kind not in _WIDTHS:
+        raise InputError(f"has an array of type {printable(kind, 20)} where numbers should be")
+    return _dtype(entry), _WIDTHS[kind]
+
+
+def _content(path: Path) -> tuple[bytes, tuple[int, int] | None]:
+    """The text of the description, and where in a GLB its own buffer is: start and length."""
+    with path.open("rb") as file:
+        begin = file.read(4)
+        if begin != b"glTF":
+            if path.suffix.lower() == ".glb":
+                raise InputError('does not begin with "glTF"')
+            return begin + file.read(), None
+        head = file.read(8)
+        if len(head) < 8:
+            raise InputError('does not begin with "glTF" and the length of its parts')
+        version, _ = struct.unpack("<II", head)
+        if version != 2:
+            raise InputError(f"is of version {version}, of which only 2 can be read")
+        length, kind = struct.unpack("<I4s", file.read(8).ljust(8, b"\0"))
+        if kind != _JSON:
+            raise InputError("does not begin with the description of a scene")
+        text = file.read(min(length, path.stat().st_size))  # asking for 4 GB takes them
+        while len(head := file.read(8)) == 8:
+            length, kind = struct.unpack("<I4s", head)
+            if kind == _BIN:
+                return text, (file.tell(), length)
+            file.seek(length, os.SEEK_CUR)
+        return text, None
+
+
+def _description(text: bytes) -> Entry:
+    """The JSON that a scene begins with, alone in a .gltf and as the first chunk of a .glb."""
+    try:
+        scene = json.loads(text)
+    except (ValueError, RecursionError):
+        scene = None
+    if not isinstance(scene, dict):
+        raise InputError("does not hold the JSON that a glTF scene begins with")
+    return scene
+
+
+def _data_of(uri: str) -> bytes:
+    """What a data URI holds, in base64 or with percent signs."""
+    head, _, body = uri.partition(",")
+    data = urllib.parse.unquote_to_bytes(body) if "%" in body else body.encode()
+    if not head.lower().rstrip().endswith(";base64"):
+        return data
+    try:
+        return base64.b64decode(data + b"=" * (-len(data.rstrip(b"=")) % 4))
+    except binascii.Error as fault:
+        raise _shorter() from fault
