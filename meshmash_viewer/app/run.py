@@ -24,6 +24,8 @@ from PySide6.QtWidgets import QApplication
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.latest_thread import LatestThread
+from meshmash_viewer.app.screen import check_opengl, open_display
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.progress import CancelCallback
 
 if TYPE_CHECKING:
@@ -53,13 +55,13 @@ _windows: dict[int, MainWindow] = {}
 
 
 def application() -> QApplication:
-    """The application of this process, made and dressed if there is none."""
+    """The application of this process, made and dressed if there is none.
+
+    `InputError` is raised if there is no display.
+    """
     existing = QApplication.instance()
     if isinstance(existing, QApplication):
         return existing
-    if sys.platform.startswith("linux") and os.environ.get("DISPLAY"):
-        # VTK draws into windows of X11 alone; desktops with Wayland bring both.
-        os.environ.setdefault("QT_QPA_PLATFORM", "xcb")
     _draw_without_a_full_disk()
     # what VTK draws with, in every part of the window: parts share what the card holds
     core = QSurfaceFormat()
@@ -67,7 +69,8 @@ def application() -> QApplication:
     core.setVersion(3, 2)
     QSurfaceFormat.setDefaultFormat(core)
     _give_memory_back()
-    made = QApplication(sys.argv[:1] or ["meshmash-viewer"])
+    with open_display():
+        made = QApplication(sys.argv[:1] or ["meshmash-viewer"])
     made.setApplicationName("meshmash-viewer")
     made.setApplicationDisplayName("")
     made.setDesktopFileName("meshmash-viewer")
@@ -176,6 +179,11 @@ def view(
         ``pyvista.Plotter`` in the mesh's coordinates, and `to_pyvista` gives what it shows.
         In somebody else's application nothing outside the window is changed.
 
+    Raises
+    ------
+    InputError
+        If it is no mesh, or there is no display or no OpenGL to show it with.
+
     Examples
     --------
     >>> window = mv.view((vertices, faces), unit="um")  # doctest: +SKIP
@@ -192,6 +200,7 @@ def view(
         taken = replace(taken, name=name)
     guest = QApplication.instance() is not None
     application()
+    check_opengl()
 
     from meshmash_viewer.app.faults import FaultBoundary
     from meshmash_viewer.app.main_window import MainWindow
@@ -256,7 +265,15 @@ class _Loader(QObject):
         self._window = window
         self._thread: LatestThread[tuple[str, str]] = LatestThread(self._import, self._go_on)
         # the first picture of the window goes first
-        QTimer.singleShot(0, self, lambda: self._go_on(None, None))
+        QTimer.singleShot(0, self, self._begin)
+
+    def _begin(self) -> None:
+        try:
+            check_opengl()
+        except InputError as fault:
+            self._go_on(None, fault)
+        else:
+            self._go_on(None, None)
 
     def wait(self) -> None:
         """Return when nothing is imported any more: a thread must not tell what has gone."""

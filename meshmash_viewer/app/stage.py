@@ -7,6 +7,7 @@ from PySide6.QtOpenGLWidgets import QOpenGLWidget
 from PySide6.QtWidgets import QSplitter, QStackedLayout, QWidget
 
 from meshmash_viewer.app.controls.message_bar import MessageBar
+from meshmash_viewer.app.screen import has_opengl
 from meshmash_viewer.app.welcome import Welcome
 
 __all__ = ["Stage"]
@@ -19,8 +20,10 @@ class Stage(QWidget):
         super().__init__(parent)
         self.setObjectName("stage")
         self.setMinimumSize(280, 240)
-        # A window without anything of OpenGL would be made again, and blink, when the render comes.
-        QOpenGLWidget(self).hide()
+        # A window without anything of OpenGL would be made again, and blink, when the render comes;
+        # one with it stays black where there is none.
+        if has_opengl():
+            QOpenGLWidget(self).hide()
         self._pages = QStackedLayout(self)
         self.welcome = Welcome()
         self._pages.addWidget(self.welcome)

@@ -88,12 +88,6 @@ def _open_window(options: Namespace) -> int:
             f"There is neither a command nor a file {first}; the commands are"
             f" {', '.join(COMMANDS[:-1])} and {COMMANDS[-1]}."
         )
-    displays = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
-    if sys.platform.startswith("linux") and not any(map(os.environ.get, displays)):
-        raise InputError(
-            "There is no display to open a window on; use the commands that need none (see"
-            " --help), or run it under xvfb-run."
-        )
     from meshmash_viewer.app.run import run_app
 
     if options.map and not first:
