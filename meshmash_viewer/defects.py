@@ -9,7 +9,8 @@ import platform
 import sys
 import traceback
 from importlib import metadata
-from pathlib import Path
+
+from meshmash_viewer.folders import log_folder
 
 __all__ = ["report_defect", "versions"]
 
@@ -24,12 +25,10 @@ def report_defect(fault: BaseException) -> str:
     str
         The end of a sentence: "a defect of the program (KeyError: 3); details are in …".
     """
-    import platformdirs
-
     what = " ".join(f"{type(fault).__name__}: {fault}".split())[:200].rstrip(": ")
     moment = datetime.datetime.now().strftime("%Y%m%d-%H%M%S-%f")
     with contextlib.suppress(OSError):  # a full disk must not hide the defect
-        folder = Path(platformdirs.user_log_path("meshmash-viewer", appauthor=False))
+        folder = log_folder()
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"defect-{moment}-{os.getpid()}.txt"
         details = [" ".join(sys.argv), versions(), "", *traceback.format_exception(fault)]

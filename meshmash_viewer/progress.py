@@ -73,6 +73,7 @@ class ProgressBar:
             total=1.0,
             leave=leave,
             file=sys.stderr,
+            disable=sys.stderr is None,  # a program without a console
             bar_format=_FORMAT,
             dynamic_ncols=True,
         )

@@ -344,7 +344,7 @@ def test_no_fault_ends_a_batch(
     status: int,
     clause: str,
 ) -> None:
-    monkeypatch.setattr("platformdirs.user_log_path", lambda *_, **__: tmp_path / "log")
+    monkeypatch.setenv("MESHMASH_CACHE", str(tmp_path))
 
     def failing(*arguments: object, **options: object) -> object:
         if arguments[0].shape == (642, 642):  # type: ignore[attr-defined]
@@ -372,7 +372,7 @@ def test_a_defect_is_said_where_its_details_cannot_be_kept(
     capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "log").touch()
-    monkeypatch.setattr("platformdirs.user_log_path", lambda *_, **__: tmp_path / "log")
+    monkeypatch.setenv("MESHMASH_CACHE", str(tmp_path))
 
     def failing(*_: object) -> None:
         raise KeyError("lost")

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import platformdirs
 from PySide6.QtCore import QEventLoop, QObject, QThread, QTimer
 from PySide6.QtGui import QFont, QSurfaceFormat
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QMessageBox
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import icons
@@ -153,6 +153,12 @@ def run_app(
     loader.wait()
     pulse.stop()
     return status
+
+
+def show_message(text: str) -> None:
+    """Show why there is no window, in a box, to a user without a console."""
+    application()
+    QMessageBox.critical(None, "MeshMash Viewer", text)
 
 
 def view(

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, TypeVar
 
+from meshmash_viewer.cli.streams import PROGRAM
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.units import UNIT_FORMS, parse_unit
 
@@ -18,17 +18,14 @@ if TYPE_CHECKING:
 __all__ = [
     "COMMANDS",
     "FAULT",
-    "PROGRAM",
     "chosen_family",
     "chosen_operator",
     "command_parser",
-    "say",
     "window_parser",
 ]
 
 _T = TypeVar("_T")
 
-PROGRAM = "meshmash-viewer"
 #: Exit status for what the user can mend.
 FAULT = 2
 #: What can be done without a window: how it is called, and what comes of it.
@@ -45,11 +42,6 @@ COMMANDS = tuple(_COMMANDS)
 _DEFAULT_COUNT = 200
 _FIELDS = ("hks", "eigenfunction", "band", "map", "none")
 _FORMATS = ("npz", "npy", "csv", "parquet", "vtp", "ply", "func.gii")
-
-
-def say(sentence: str) -> None:
-    """Say something beside the results."""
-    print(f"{PROGRAM}: {' '.join(sentence.split())}", file=sys.stderr)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -71,7 +63,7 @@ def window_parser() -> argparse.ArgumentParser:
         epilog="commands without a window (each has its own --help):\n"
         + "\n".join(f"  {call:<43}{about}" for call, about in calls.items()),
     )
-    parser.add_argument("mesh", nargs="*", help="mesh file or session")
+    parser.add_argument("mesh", nargs="*", type=Path, help="mesh file or session")
     _add_unit(parser)
     _add_maps(parser)
     parser.add_argument("--fresh", action="store_true", help="ignore stored settings")
@@ -93,18 +85,25 @@ def command_parser() -> argparse.ArgumentParser:
     parser = _Parser(prog=PROGRAM)
     commands = parser.add_subparsers(dest="command", required=True, parser_class=_Parser)
 
-    def command(name: str, about: str, meshes: int | str = 1) -> argparse.ArgumentParser:
+    def command(name: str, about: str, n_meshes: int | None = 1) -> argparse.ArgumentParser:
         made = commands.add_parser(name, help=about)
-        made.add_argument("mesh", nargs=meshes, type=Path)
+        made.add_argument(
+            "mesh",
+            nargs=1 if n_meshes == 1 else "+",
+            type=Path,
+            help='mesh file, or a pattern such as "*.ply"',
+        )
+        # counted when patterns are expanded
+        made.set_defaults(n_meshes=n_meshes)
         _add_preparation(made)
         _add_target(made, automatic=name == "features")
         if name != "info":
             _add_solver(made)
         return made
 
-    command("info", "say what a mesh is like", "+")
+    command("info", "say what a mesh is like", None)
 
-    features = command("features", "compute features of meshes", "+")
+    features = command("features", "compute features of meshes", None)
     features.add_argument("--kind", choices=tuple(EXPORTS), default="hks", help="default: hks")
     _add_columns(features, "number of columns, default 32; 1 of --kind filter")
     _add_families(features, EXPORTS)

@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from meshmash_viewer.cli.arguments import FAULT, chosen_operator, say
+from meshmash_viewer.cli.arguments import FAULT, chosen_operator
+from meshmash_viewer.cli.streams import answer, say
 from meshmash_viewer.health import repair_mesh
 from meshmash_viewer.io.maps import read_maps
 from meshmash_viewer.io.read import read_mesh
@@ -69,7 +70,7 @@ def tell(options: Namespace, subject: Path, report: dict[str, Any], said: str) -
     """Print what became of a mesh, for people or as JSON."""
     for remark in report.get("remarks", ()):
         say(f"{subject}: {remark}")
-    print(json.dumps(report) if options.json else said, flush=True)
+    answer(json.dumps(report) if options.json else said)
 
 
 def titled_rows(title: str, rows: Sequence[tuple[str, str]]) -> str:

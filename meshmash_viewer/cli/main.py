@@ -7,6 +7,7 @@ details. Neither holds up the other meshes of a batch.
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 import warnings
@@ -14,12 +15,15 @@ from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
-from meshmash_viewer.cli.arguments import COMMANDS, command_parser, say, window_parser
+from meshmash_viewer.cli.arguments import COMMANDS, FAULT, command_parser, window_parser
+from meshmash_viewer.cli.patterns import expanded
+from meshmash_viewer.cli.streams import PROGRAM, answer, drop, prepare_streams, say
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.pipes import closed_pipe_errors
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.engine.compiler import check_compiler
 
-__all__ = ["main"]
+__all__ = ["main", "open_window"]
 
 _INTERRUPTED = 130
 
@@ -38,29 +42,69 @@ def main(argv: Sequence[str] | None = None) -> int:
         Exit status: 0 well, 1 a defect of the program, 2 something the user can mend, 130
         interrupted.
     """
-    arguments = list(sys.argv[1:] if argv is None else argv)
+    prepare_streams()
+    try:
+        with closed_pipe_errors():
+            try:
+                return _run(list(sys.argv[1:] if argv is None else argv))
+            finally:
+                sys.stdout.flush()
+    except BrokenPipeError:  # what reads our output has seen enough
+        drop(sys.stdout)
+        return 0
+    except OSError as fault:
+        drop(sys.stdout)
+        say(f"The output cannot be written ({fault.strerror or fault}).")
+        return FAULT
+
+
+def open_window() -> int:
+    """Open the window by a program without a console, for a desktop; the exit status.
+
+    What the command line says of wrong arguments is shown in a box.
+    """
+    said = io.StringIO()
+    if sys.stderr is None:
+        sys.stderr = said
+    try:
+        status = main()
+    except SystemExit as end:  # the parser of arguments has said why
+        status = end.code if isinstance(end.code, int) else int(end.code is not None)
+    if status and (text := said.getvalue()):
+        from meshmash_viewer.app.run import show_message
+
+        show_message(text.replace(f"{PROGRAM}: ", "").strip())
+    return status
+
+
+def _run(arguments: list[str]) -> int:
+    """Do what the arguments ask for, and say what went wrong; the exit status."""
     warnings.showwarning = lambda message, *_: say(str(message))
     from meshmash_viewer.cli.batch import say_fault  # now that a plug-in can complain in a line
 
     try:
         if arguments and arguments[0] in COMMANDS:
-            run, options = _run, command_parser().parse_args(arguments)
+            run, options = _run_command, command_parser().parse_args(arguments)
         else:
             run, options = _open_window, window_parser().parse_args(arguments)
+        options.mesh = expanded(options.mesh)
+        options.map = expanded(getattr(options, "map", ()))
         check_compiler()
         return run(options)
     except (KeyboardInterrupt, Cancelled):
         say("interrupted")
         return _INTERRUPTED
     except BrokenPipeError:
-        # The reader of our output has left; Python would complain once more while closing it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        raise
     except Exception as fault:  # noqa: BLE001  nobody is shown a traceback
         return say_fault(fault)
 
 
-def _run(options: Namespace) -> int:
+def _run_command(options: Namespace) -> int:
+    if options.n_meshes not in (None, len(options.mesh)):
+        takes = "one mesh" if options.n_meshes == 1 else "two meshes"
+        files = ", ".join(map(str, options.mesh[:3])) + (", …" if len(options.mesh) > 3 else "")
+        raise InputError(f"{options.command} takes {takes}, not {len(options.mesh)}: {files}.")
     from meshmash_viewer.cli import commands, pictures
 
     named = {
@@ -80,9 +124,9 @@ def _open_window(options: Namespace) -> int:
         from meshmash_viewer.app.view.graphics import asked_graphics
         from meshmash_viewer.model.system_report import system_report
 
-        print(system_report(asked_graphics()))
+        answer(system_report(asked_graphics()))
         return 0
-    first = options.mesh[0] if options.mesh else ""
+    first = str(options.mesh[0]) if options.mesh else ""
     if first.isidentifier() and not os.path.lexists(first):
         raise InputError(
             f"There is neither a command nor a file {first}; the commands are"
@@ -92,5 +136,9 @@ def _open_window(options: Namespace) -> int:
 
     if options.map and not first:
         raise InputError("--map is of a mesh: name the mesh file before it.")
+    if others := ", ".join(map(str, options.mesh[1:])):
+        say(
+            f"The window opens {first} alone, not {others}: File > Compare with opens a second one."
+        )
     path = Path(first) if first else None
     return run_app(path, options.unit or "", options.map, fresh=options.fresh)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from itertools import chain, islice
 from typing import TYPE_CHECKING, Any
 
-from meshmash_viewer.cli.arguments import chosen_family, chosen_operator, say
+from meshmash_viewer.cli.arguments import chosen_family, chosen_operator
 from meshmash_viewer.cli.batch import (
     for_each,
     pairs_report,
@@ -18,6 +18,7 @@ from meshmash_viewer.cli.batch import (
     with_maps,
 )
 from meshmash_viewer.cli.commands import more_pairs
+from meshmash_viewer.cli.streams import say
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import heat_kernel_bank
 from meshmash_viewer.features.sums import truncated_features

@@ -11,6 +11,7 @@ import sys
 import time
 from pathlib import Path
 
+from meshmash_viewer.folders import cache_folder
 from meshmash_viewer.io.atomic import LEFT_OVER
 from meshmash_viewer.io.stored_spectrum import ROWS, SEALED, published_pairs
 
@@ -20,7 +21,6 @@ else:
     import fcntl
 
 __all__ = [
-    "CACHE_VARIABLE",
     "DEFAULT_CAP",
     "FORMAT",
     "PROBLEM",
@@ -29,9 +29,6 @@ __all__ = [
     "default_cache_folder",
     "folder_size",
 ]
-
-#: The environment variable that names the folder to keep spectra in, on every operating system.
-CACHE_VARIABLE = "MESHMASH_CACHE"
 
 #: Raised whenever the files of a store or the operator change their meaning, so that old ones are
 #: not found.
@@ -49,17 +46,8 @@ _FORGOTTEN = 7 * 86_400.0
 
 
 def default_cache_folder() -> Path:
-    """The user's folder of stored spectra.
-
-    It is in the folder that the environment variable `CACHE_VARIABLE` names, or else in the cache
-    folder that the operating system has for this program.
-    """
-    import platformdirs
-
-    named = os.environ.get(CACHE_VARIABLE, "").strip()
-    if named:
-        return Path(named).expanduser().absolute() / "eigenpairs"
-    return Path(platformdirs.user_cache_dir("meshmash-viewer", appauthor=False)) / "eigenpairs"
+    """The user's folder of stored spectra."""
+    return cache_folder() / "eigenpairs"
 
 
 def folder_size(folder: Path) -> int:

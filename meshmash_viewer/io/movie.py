@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_whole
+from meshmash_viewer.io.pipes import closed_pipe_errors
 
 __all__ = [
     "MOVIE_ENDINGS",
@@ -333,14 +334,16 @@ def _mp4(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Itera
 
         def add(frame: Frame) -> None:
             try:
-                pipe.write(frame.tobytes())
+                with closed_pipe_errors():
+                    pipe.write(frame.tobytes())
             except BrokenPipeError:
                 raise fault() from None
 
         try:
             yield add
             try:
-                pipe.close()
+                with closed_pipe_errors():
+                    pipe.close()
             except BrokenPipeError:
                 raise fault() from None
             if process.wait():
@@ -348,7 +351,7 @@ def _mp4(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Itera
         finally:
             process.kill()
             process.wait()
-            with suppress(BrokenPipeError):  # what was left in it is not wanted
+            with suppress(OSError):  # what was left in it is not wanted
                 pipe.close()
 
 

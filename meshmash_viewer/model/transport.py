@@ -7,6 +7,7 @@ memory instead; it is written to a file and read back into fresh memory with the
 
 from __future__ import annotations
 
+import contextlib
 import pickle
 import threading
 import uuid
@@ -16,6 +17,7 @@ from typing import BinaryIO, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.io.pipes import closed_pipe_errors
 from meshmash_viewer.progress import Progress
 
 __all__ = ["Channel", "Wire"]
@@ -63,7 +65,15 @@ class Wire:
         self._lock = threading.Lock()
 
     def send(self, message: object) -> None:
-        """Send a picklable object, from any thread; `OSError` if the end is gone or a disk full."""
+        """Send a picklable object, from any thread.
+
+        Raises
+        ------
+        BrokenPipeError
+            If the other end is gone.
+        OSError
+            If the disk is full.
+        """
         files: list[tuple[str, int]] = []
 
         def keep_in_band(buffer: pickle.PickleBuffer) -> bool:
@@ -82,7 +92,7 @@ class Wire:
         try:
             payload = pickle.dumps(message, protocol=5, buffer_callback=keep_in_band)
             frame = pickle.dumps((files, payload), protocol=5)
-            with self._lock:
+            with self._lock, closed_pipe_errors():
                 self._sink.write(len(frame).to_bytes(8, "little"))
                 self._sink.write(frame)
                 self._sink.flush()
@@ -92,22 +102,27 @@ class Wire:
             raise
 
     def receive(self) -> object:
-        """Wait for the next object, in one thread only; `EOFError` if the other end is gone."""
+        """Wait for the next object, in one thread only.
+
+        Raises
+        ------
+        EOFError, BrokenPipeError
+            If the other end is gone.
+        """
         length = int.from_bytes(self._read(8), "little")
         files, payload = pickle.loads(self._read(length))
         buffers = [self._take(name, size) for name, size in files]
         return pickle.loads(payload, buffers=buffers)
 
     def close(self) -> None:
-        """Close both streams, which tells the other end."""
+        """Close both streams, which the other end reads as its end."""
         for stream in (self._sink, self._source):
-            try:
+            with contextlib.suppress(OSError):  # unsent bytes of a dead connection: nothing is lost
                 stream.close()
-            except BrokenPipeError:  # unsent bytes of a dead connection: nothing is lost
-                continue
 
     def _read(self, count: int) -> bytes:
-        data = self._source.read(count)
+        with closed_pipe_errors():
+            data = self._source.read(count)
         if len(data) < count:
             raise EOFError("the other end of the connection is gone")
         return data

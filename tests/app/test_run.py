@@ -14,7 +14,7 @@ import pyvista
 import shapes
 import trimesh
 from PySide6.QtCore import QTimer
-from PySide6.QtWidgets import QApplication, QWidget
+from PySide6.QtWidgets import QApplication, QMessageBox, QWidget
 from pytestqt.qtbot import QtBot
 
 import meshmash_viewer
@@ -140,6 +140,23 @@ for _ in range(20):
 blocks.clear()
 print((psutil.Process().memory_info().rss - before) / 1e6)
 """
+
+
+def test_without_a_console_a_box_says_why_there_is_no_window(qtbot: QtBot) -> None:
+    seen: list[str] = []
+
+    def look() -> None:
+        box = QApplication.activeModalWidget()
+        if isinstance(box, QMessageBox):
+            seen.append(box.text())
+            box.accept()
+
+    timer = QTimer(interval=5)
+    timer.timeout.connect(look)
+    timer.start()
+    run.show_message("No file matches *.ply.")
+    timer.stop()
+    assert seen == ["No file matches *.ply."]
 
 
 @pytest.mark.skipif(

@@ -12,6 +12,7 @@ import platformdirs.unix
 import platformdirs.windows
 import pytest
 
+from meshmash_viewer.defects import report_defect
 from meshmash_viewer.io.cache import EigenpairCache, default_cache_folder
 
 SYSTEMS = {
@@ -72,6 +73,11 @@ def test_a_home_and_a_relative_folder_are_followed(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MESHMASH_CACHE", given)
     assert default_cache_folder() == tmp_path / place / "eigenpairs"
+
+
+def test_the_log_of_defects_goes_along(own_cache: Path) -> None:
+    assert str(own_cache / "log") in report_defect(KeyError("lost"))
+    assert len(list((own_cache / "log").glob("defect-*.txt"))) == 1
 
 
 def test_child_processes_of_the_tests_have_a_folder_of_the_test(own_cache: Path) -> None:

@@ -1,0 +1,327 @@
+"""Output in every encoding, through pipes that close, and without streams at all."""
+
+from __future__ import annotations
+
+import errno
+import io
+import json
+import os
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapes
+
+from meshmash_viewer.cli import main as cli
+from meshmash_viewer.cli.arguments import COMMANDS
+from meshmash_viewer.cli.streams import SPELLED, answer, prepare_streams, say
+from meshmash_viewer.progress import Progress, ProgressBar
+
+#: Of terminals and redirected output: POSIX, DOS, Windows in several countries, mainframes.
+ENCODINGS = (
+    *("ascii", "cp437", "cp850", "cp1252", "latin-1", "iso8859-15", "utf-8", "utf-16", "cp1250"),
+    *("cp1251", "cp1253", "koi8-r", "cp932", "gbk", "cp949", "big5", "iso2022_jp", "mac_roman"),
+    "cp037",
+)
+
+
+@pytest.fixture
+def ball(tmp_path: Path) -> Path:
+    mesh = shapes.icosphere(2)
+    path = tmp_path / "Kügelchen λ.npz"
+    np.savez(path, vertices=mesh.vertices, faces=mesh.faces)
+    return path
+
+
+def redirected(
+    monkeypatch: pytest.MonkeyPatch, encoding: str, *arguments: object
+) -> tuple[int, str, str]:
+    """Status, output and messages of a command whose streams have an encoding, as Python's own."""
+    streams = {}
+    for name, errors in (("stdout", "strict"), ("stderr", "backslashreplace")):
+        streams[name] = io.TextIOWrapper(io.BytesIO(), encoding, errors)
+        monkeypatch.setattr(sys, name, streams[name])
+    try:
+        status = cli.main([str(each) for each in arguments])
+    except SystemExit as end:
+        status = int(end.code or 0)
+    said = []
+    for stream in streams.values():
+        stream.flush()
+        said.append(stream.buffer.getvalue().decode(encoding))
+    return status, said[0], said[1]
+
+
+def spelled(text: str, encoding: str = "ascii") -> str:
+    return text.encode(encoding, SPELLED).decode(encoding, "surrogateescape")
+
+
+@pytest.mark.parametrize(
+    ("text", "ascii_text"),
+    [
+        ("≈ 201 µm⁻²", "~ 201 um^-2"),
+        ("up to λ = 3 nm²", "up to lambda = 3 nm^2"),
+        ("λ₁₀ ≤ 1 × 10⁻³ …", "lambda_10 <= 1 x 10^-3 ..."),
+        ("e^(−λt)/(4πt)", "e^(-lambda t)/(4 pi t)"),
+        ("Φᵀ M f", "Phi^T M f"),
+        ("Σ_k φ_k(v)² · √t", "Sigma_k phi_k(v)^2 - sqrt t"),
+        ("‖Lφ−λMφ‖", "||L phi-lambda M phi||"),
+        ("½ “a” – ’b’ → ∞ ± 2°", "1/2 \"a\" - 'b' -> inf +- 2 deg"),
+        ("Café, Straße, Dvořák, Ø", "Cafe, Strasse, Dvorak, O"),
+        ("cafe\N{COMBINING ACUTE ACCENT}", "cafe"),  # as macOS writes the names of files
+        ("12\N{NARROW NO-BREAK SPACE}345", "12 345"),
+        ("神経 κάτω", r"\u795e\u7d4c \u03ba\u03ac\u03c4\u03c9"),
+        ("🙂 \ud800", r"\U0001f642 \ud800"),
+        ("µm and μm", "um and um"),
+        ("", ""),
+    ],
+)
+def test_what_an_encoding_lacks_is_spelled(text: str, ascii_text: str) -> None:
+    assert spelled(text) == ascii_text
+    assert "?" not in ascii_text
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_what_an_encoding_has_is_left(encoding: str) -> None:
+    for text in ("plain text: 1/2 * [3]", "λ", "µ", "²", "é", "神"):
+        try:
+            text.encode(encoding)
+        except UnicodeEncodeError:
+            continue
+        assert spelled(text, encoding) == text
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "cp437", "ascii", "latin-1"])
+def test_an_exponent_is_whole_though_some_digits_have_a_character(encoding: str) -> None:
+    assert spelled("nm⁻²", encoding) == "nm^-2"
+
+
+def test_a_name_that_is_no_text_goes_out_as_it_came() -> None:
+    name = os.fsdecode(b"caf\xe9 \xce\xbb.ply")
+    assert f"{name} λ".encode("utf-8", SPELLED) == b"caf\xe9 \xce\xbb.ply \xce\xbb"
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_commands_end_well_in_every_encoding(
+    encoding: str, ball: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    status, out, err = redirected(monkeypatch, encoding, "info", ball, "--unit", "um")
+    assert (status, err) == (0, "")
+    assert "vertices               162" in out
+    assert "?" not in out
+    chosen = ("--kind", "hks", "--count", 20, "--t-min", 0.01, "-o", tmp_path / "λ.npz")
+    status, out, err = redirected(monkeypatch, encoding, "features", ball, *chosen)
+    assert (status, "?" in out + err) == (0, False), err
+    assert "20 pairs" in out
+    assert err.startswith("meshmash-viewer: "), "a remark on truncation"
+    status, out, err = redirected(monkeypatch, encoding, "info", tmp_path / "π.ply", "--json")
+    assert (status, out) == (2, "")
+    assert "does not exist" in err
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "cp437", "cp1252", "latin-1"])
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_help_is_readable_in_every_encoding(
+    encoding: str, command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = (command, "--help") if command else ("--help",)
+    status, out, err = redirected(monkeypatch, encoding, *arguments)
+    assert (status, err) == (0, "")
+    assert out.startswith("usage: meshmash-viewer")
+    assert "?" not in out.replace('"*.ply"', "")
+    wrong = redirected(monkeypatch, encoding, *filter(None, (command,)), "--größer")
+    assert wrong[0] == 2
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_json_is_the_same_in_every_encoding(
+    encoding: str, ball: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    status, out, _ = redirected(monkeypatch, encoding, "info", ball, "--json", "--unit", "um")
+    assert status == 0
+    assert out.isascii()
+    assert json.loads(out)["name"] == ball.stem
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "cp437", "cp1252", "latin-1", "utf-8"])
+def test_bars_and_warnings_are_readable(encoding: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    held = io.TextIOWrapper(io.BytesIO(), encoding, "strict")
+    monkeypatch.setattr(sys, "stderr", held)
+    prepare_streams()
+    with ProgressBar("Kügelchen λ", leave=True) as bar:
+        bar(Progress("eigenpairs", 0.5, message="λ ≈ 3"))
+    say("µ → λ")
+    held.flush()
+    said = held.buffer.getvalue().decode(encoding)
+    assert "?" not in said
+    assert "50%" in said
+    assert said.endswith(f"meshmash-viewer: {spelled('µ → λ', encoding)}\n")
+
+
+def test_a_real_process_with_redirected_output(ball: Path) -> None:
+    """Where Python itself chooses the error handlers of the streams."""
+    environment = {name: text for name, text in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    done = subprocess.run(
+        [sys.executable, "-m", "meshmash_viewer", "info", str(ball), str(ball.with_name("π.ply"))],
+        capture_output=True,
+        check=False,
+        env=environment | {"PYTHONIOENCODING": "cp1252", "PYTHONUTF8": "0"},
+    )
+    assert done.returncode == 2
+    assert "~" in done.stdout.decode("cp1252")
+    assert b"pi.ply does not exist" in done.stderr
+
+
+# Streams that are not there, or go -----------------------------------------------------------
+
+
+@pytest.mark.parametrize("missing", [("stdout",), ("stderr",), ("stdout", "stderr")])
+def test_without_streams_the_work_is_done(
+    missing: tuple[str, ...], ball: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As ``pythonw`` has it, which starts programs without a console."""
+    for name in missing:
+        monkeypatch.setattr(sys, name, None)
+    out = tmp_path / "out.npz"
+    assert cli.main(["features", str(ball), "--count", "20", "-o", str(out)]) == 0
+    opened = [getattr(sys, name) for name in missing]
+    assert out.exists()
+    assert cli.main(["info", str(tmp_path / "none.ply")]) == 2
+    with pytest.raises(SystemExit) as end:
+        cli.main(["info", "--help"])
+    assert end.value.code == 0
+    with ProgressBar("bar") as bar:
+        bar(Progress("eigenpairs", 0.5))
+    warnings.showwarning("a warning", UserWarning, "", 0)
+    for stream in opened:
+        stream.close()
+
+
+def test_a_bar_without_a_stream_draws_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stderr", None)
+    reports: list[Progress] = []
+    with ProgressBar("bar", reports.append) as bar:
+        bar(Progress("eigenpairs", 0.5))
+    assert reports == [Progress("eigenpairs", 0.5)]
+
+
+class Gone(io.StringIO):
+    """A stream into a pipe that nothing reads any more, as an operating system puts it."""
+
+    def __init__(self, number: int, at: str) -> None:
+        super().__init__()
+        self._number, self._at = number, at
+
+    def write(self, text: str) -> int:
+        self._fail("write")
+        return super().write(text)
+
+    def flush(self) -> None:
+        self._fail("flush")
+
+    def _fail(self, at: str) -> None:
+        if at == self._at and (at == "write" or self.getvalue()):
+            raise OSError(self._number, os.strerror(self._number))
+
+
+@pytest.mark.parametrize("at", ["write", "flush"])
+@pytest.mark.parametrize("number", [errno.EPIPE, errno.EINVAL])
+def test_a_closed_pipe_is_no_fault(
+    number: int, at: str, ball: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.setattr(sys, "stdout", Gone(number, at))
+    assert cli.main(["info", str(ball), str(ball)]) == 0
+    assert capsys.readouterr().err == ""
+    with pytest.raises(BrokenPipeError):
+        answer("a result")
+
+
+@pytest.mark.parametrize("number", [errno.EPIPE, errno.EINVAL, errno.ENOSPC])
+def test_messages_that_cannot_be_written_stop_nothing(
+    number: int, ball: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stderr", Gone(number, "write"))
+    out = tmp_path / "out.npz"
+    arguments = ["features", str(ball), str(ball.with_name("none.ply")), "--count", "20"]
+    assert cli.main([*arguments, "-o", str(tmp_path / "{name}.npz")]) == 2
+    assert (tmp_path / "none.npz").exists() is out.exists() is False
+    assert (tmp_path / f"{ball.stem}.npz").exists()
+
+
+def test_a_full_disk_is_said(
+    ball: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stdout", Gone(errno.ENOSPC, "flush"))
+    assert cli.main(["info", str(ball)]) == 2
+    assert "No space left on device" in capsys.readouterr().err
+
+
+def test_invalid_names_are_no_closed_pipe(
+    ball: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Windows answers EINVAL to ``a|b.ply`` as well; only without a name is it of a pipe."""
+
+    def refuse(path: Path, *_: object) -> None:
+        raise OSError(errno.EINVAL, os.strerror(errno.EINVAL), str(path))
+
+    monkeypatch.setattr("meshmash_viewer.cli.batch.read_mesh", refuse)
+    assert cli.main(["info", str(ball)]) == 2
+    assert "Invalid argument" in capsys.readouterr().err
+
+
+def test_a_reader_that_has_seen_enough(ball: Path) -> None:
+    """Help, which is still in the buffer when the program ends."""
+    environment = {name: text for name, text in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    command = [sys.executable, "-m", "meshmash_viewer", "--help"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == b""
+    assert process.returncode == 0
+
+
+@pytest.mark.skipif(os.name != "posix", reason="closes streams by their numbers")
+@pytest.mark.parametrize("closed", [(1,), (0, 1, 2)])
+def test_streams_closed_by_the_shell(closed: tuple[int, ...], ball: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.npz"
+    code = f"import os, sys\nfor n in {closed}: os.close(n)\nos.execv(sys.executable, sys.argv[1:])"
+    command = [sys.executable, "-m", "meshmash_viewer", "features", str(ball), "--count", "20"]
+    done = subprocess.run(
+        [sys.executable, "-c", code, *command, "-o", str(out)], capture_output=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    with np.load(out) as written:  # nothing that was printed has gone into it
+        assert written["features"].shape == (162, 32)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "said"),
+    [
+        (["nowhere"], 2, "There is neither a command nor a file nowhere; the commands are"),
+        (["*.nothing"], 2, "No file matches *.nothing"),
+        (["--size"], 2, "unrecognized arguments: --size"),
+        (["info", "nowhere.ply"], 2, "nowhere.ply does not exist"),
+        (["--help"], 0, ""),
+    ],
+)
+def test_without_a_console_faults_are_in_a_box(
+    arguments: list[str], status: int, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[str] = []
+    monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen")
+    monkeypatch.setattr("meshmash_viewer.app.run.show_message", shown.append)
+    monkeypatch.setattr(sys, "argv", ["meshmash-viewer-window", *arguments])
+    with open(os.devnull, "w", encoding="utf-8") as nothing:
+        monkeypatch.setattr(sys, "stdout", nothing)
+        monkeypatch.setattr(sys, "stderr", None)
+        assert cli.open_window() == status
+    assert len(shown) == bool(said)
+    assert all(text.startswith(said) and "\n" not in text for text in shown)
