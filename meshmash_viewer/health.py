@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +20,7 @@ __all__ = [
     "Repair",
     "duplicate_faces",
     "largest_component",
+    "listed_repairs",
     "median_edge_length",
     "mesh_health",
     "repair_mesh",
@@ -138,6 +139,11 @@ def mesh_health(mesh: MeshLike) -> Health:
         coincident_vertices=int((_first_at_place(mesh) != np.arange(mesh.n_vertices)).sum()),
         area=mesh.area,
     )
+
+
+def listed_repairs(names: Sequence[str]) -> str:
+    """What repairs of these names are called: "Merge coincident vertices, Drop …"."""
+    return ", ".join(REPAIRS[name].label if name in REPAIRS else name for name in names)
 
 
 def repair_mesh(mesh: MeshLike, *names: str) -> Mesh:

@@ -393,6 +393,8 @@ class Mesh:
 
     def in_voxels(self, voxel: Voxel, unit: str) -> Mesh:
         """The mesh of the same file whose voxels are of another size, given in `unit`."""
+        if voxel == self.voxel:
+            return self.in_unit(unit)
         # divided first: the numbers of the file come back, and with them what is stored for them
         vertices = self.vertices / self.voxel * voxel
         return Mesh(vertices, self.faces, unit, self.name, voxel, self.maps, self.numbering)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
@@ -10,6 +10,7 @@ from PySide6.QtCore import QObject, Signal
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.beside import Beside
 from meshmash_viewer.app.field_source import FieldSource
+from meshmash_viewer.app.last_look import LastLook
 from meshmash_viewer.app.sessions import Restoration
 from meshmash_viewer.app.stage import Stage
 from meshmash_viewer.app.view.mesh_view import MeshView
@@ -33,8 +34,8 @@ class Comparing(QObject):
     stage : Stage
     scene : MeshView
     source : FieldSource
-    unit : callable
-        The unit in which a mesh file was looked at last, "" for that of the file.
+    last_look : LastLook
+        How mesh files were left.
 
     Attributes
     ----------
@@ -50,12 +51,12 @@ class Comparing(QObject):
         stage: Stage,
         scene: MeshView,
         source: FieldSource,
-        unit: Callable[[Path], str],
+        last_look: LastLook,
         parent: QObject | None = None,
     ) -> None:
         super().__init__(parent)
         self._document, self._stage, self._scene = document, stage, scene
-        self._source, self._unit = source, unit
+        self._source, self._last_look = source, last_look
         self._restoration: Restoration | None = None
         self.beside: Beside | None = None
 
@@ -76,10 +77,10 @@ class Comparing(QObject):
     def open(self, path: Path, unit: str = "", maps: Sequence[Path] = ()) -> None:
         """Read a mesh beside the first, with files of maps; one that is there stays if that fails.
 
-        It is in the unit that it was looked at last, unless another is given.
+        It is as it was left, in the unit that it was given last unless another is given.
         """
-        beside = self._put_beside(LINKS)
-        beside.document.open_mesh(path, unit or self._unit(path), maps=maps)
+        beside, state = self._put_beside(LINKS), self._last_look.state(path)
+        beside.document.open_mesh(path, **{**state, "unit": unit or state["unit"]}, maps=maps)
 
     def restore(self, session: Session) -> None:
         """Read a mesh beside the first, repaired as it was, with its maps and links."""
@@ -95,6 +96,7 @@ class Comparing(QObject):
             self.beside.close_requested.connect(self.end)
             self.beside.unread.connect(self.end)
             self.beside.shown.connect(self.shown)
+            self._last_look.watch(self.beside.document, self.beside)
             self._stage.put_beside(self.beside)
             self.changed.emit(self.beside.pair)
         for name in LINKS:

@@ -1,11 +1,11 @@
-"""Where each mesh was left: it opens in the unit, and if its eigenpairs are stored with the field,
-that it had last."""
+"""Where each mesh was left: it opens in the unit, with the repairs, and if its eigenpairs are
+stored with the field, that it had last."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from PySide6.QtCore import QObject
 
@@ -14,56 +14,88 @@ from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 
-__all__ = ["LastLook"]
+__all__ = ["LastLook", "LastState"]
+
+#: What is known of each mesh file, by its path.
+Looks: TypeAlias = dict[str, dict[str, Any]]
+
+
+def _key(path: Path) -> str:
+    return str(path.absolute())
+
+
+class LastState(QObject):
+    """Notes the unit and the repairs of a document's mesh file.
+
+    The unit is noted once it is given by a person: until then it is what the file says.
+    """
+
+    def __init__(self, document: Document, looks: Looks, parent: QObject) -> None:
+        super().__init__(parent)
+        self._document, self._looks = document, looks
+        self._before: tuple[str | None, str] = (None, "")
+        listen(document.mesh_changed, self._note)
+
+    @property
+    def key(self) -> str | None:
+        """Under what the mesh file is noted; None for a mesh in memory."""
+        path = self._document.path
+        return None if path is None else _key(path)
+
+    def keep(self, **known: Any) -> None:
+        """Note something of the mesh file."""
+        if self.key is not None:
+            self._looks[self.key] = self._looks.pop(self.key, {}) | known  # the newest is last
+
+    def _note(self) -> None:
+        ready, key, unit = self._document.ready, self.key, self._document.unit_text
+        if key is None or ready is None:
+            return
+        if ready.asked_unit or (key == self._before[0] and unit != self._before[1]):
+            self.keep(unit=unit)
+        self._before = key, unit
+        if ready.repairs or self._looks.get(key, {}).get("repairs"):
+            self.keep(repairs=list(ready.repairs), source=ready.source)
 
 
 class LastLook(QObject):
-    """Notes what is on the render of a mesh file, and puts it there again when it is reopened.
-
-    The unit is noted once it is given by hand: until then it is what the file says.
-    """
+    """Notes what is on the render of a mesh file, and puts it there again when it is reopened."""
 
     def __init__(self, document: Document, settings: Settings, parent: QObject) -> None:
         super().__init__(parent)
         self._document = document
         self._settings = settings
         self._mesh: Mesh | None = None
-        self._looks: dict[str, dict[str, Any]] = settings.looks
-        self._unit: tuple[str | None, str] = (None, "")
-        listen(document.mesh_changed, self._note_unit)
+        self._looks: Looks = settings.looks
+        self._state = LastState(document, self._looks, self)
         # later than `restore`: a mesh that has just come still shows what every mesh begins with
         follow(document.display.events, self._note)
 
-    def _key(self) -> str | None:
-        path = self._document.path
-        return None if path is None else str(path.absolute())
+    def watch(self, document: Document, parent: QObject) -> None:
+        """Note unit and repairs of another document, too, as long as `parent` lives."""
+        LastState(document, self._looks, parent)
 
     def _note(self) -> None:
-        key, spectrum, display = self._key(), self._document.spectrum, self._document.display
-        if key is None or spectrum is None or not display.family.position:
-            return
-        self._keep(
-            key,
-            kind=display.kind,
-            fields={
-                name: {each: getattr(family, each) for each in family.position}
-                for name, family in display.fields.items()
-            },
-        )
+        spectrum, display = self._document.spectrum, self._document.display
+        if spectrum is not None and display.family.position:
+            self._state.keep(
+                kind=display.kind,
+                fields={
+                    name: {each: getattr(family, each) for each in family.position}
+                    for name, family in display.fields.items()
+                },
+            )
 
-    def _keep(self, key: str, **known: Any) -> None:
-        self._looks[key] = self._looks.pop(key, {}) | known  # the newest is last
-
-    def _note_unit(self) -> None:
-        key, unit = self._key(), self._document.unit_text
-        if key is not None and key == self._unit[0] and unit != self._unit[1]:
-            self._keep(key, unit=unit)
-        self._unit = key, unit
-
-    def unit(self, path: Path) -> str:
-        """The unit that a mesh file was given by hand; empty if there is none."""
-        look = self._looks.get(str(path.absolute()), {})
-        return str(look.get("unit", ""))
+    def state(self, path: Path) -> dict[str, Any]:
+        """How a mesh file was left, as `Document.open_mesh` takes it: unit and repairs."""
+        look = self._looks.get(_key(path), {})
+        unit, source, names = (look.get(name) for name in ("unit", "source", "repairs"))
+        repairs = names if isinstance(names, list) and source else []
+        return {
+            "unit": str(unit or ""),
+            "repairs": tuple(str(name) for name in repairs),
+            "source": str(source or ""),
+        }
 
     def restore(self) -> None:
         """Show what was shown last, as far as the stored eigenpairs reach."""
@@ -71,7 +103,7 @@ class LastLook(QObject):
         if before is not None and self._mesh and before.vertices is self._mesh.vertices:
             return  # only its unit is another one
         spectrum, display = self._document.spectrum, self._document.display
-        look = self._looks.get(self._key() or "")
+        look = self._looks.get(self._state.key or "")
         if look is None or spectrum is None or not len(spectrum):
             return
         for name, place in look.get("fields", {}).items():

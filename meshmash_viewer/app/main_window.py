@@ -46,7 +46,7 @@ from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.jobs import ReadJob
 from meshmash_viewer.plug_ins import known_plug_ins
-from meshmash_viewer.units import counted, format_quantity, named_vertex
+from meshmash_viewer.units import counted, format_quantity
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.shape_source import DrawnShape
@@ -199,7 +199,7 @@ class MainWindow(QMainWindow):
         self.shape_source.failed.connect(self.commands.say_failed)
         self.shape_panel.save_requested.connect(self.commands.save_shape)
         self.comparing = Comparing(
-            self.document, self.stage, self.scene, self.field_source, self.last_look.unit, self
+            self.document, self.stage, self.scene, self.field_source, self.last_look, self
         )
         self.commands.comparing = self.comparing
         self.comparing.changed.connect(self._on_pair_changed)
@@ -288,15 +288,20 @@ class MainWindow(QMainWindow):
         follow(document.mesh_changed, self._show_stage)
 
     def open_mesh(self, path: str | Path, unit: str = "", maps: Sequence[Path] = ()) -> None:
-        """Read a mesh file, with files of maps, and show it; the open one stays if that fails."""
-        self.document.open_mesh(path, unit or self.last_look.unit(Path(path)), maps=maps)
+        """Read a mesh file as it was left, with files of maps, and show it.
+
+        It is in the unit that it was given last, unless another is given. The open one stays if
+        that fails.
+        """
+        state = self.last_look.state(Path(path))
+        self.document.open_mesh(path, **{**state, "unit": unit or state["unit"]}, maps=maps)
 
     def _on_mesh_changed(self) -> None:
         ready = self.document.ready
         self.stage.message_bar.forget_past()
         name = f"{ready.mesh.name or 'Mesh in memory'} – " if ready else ""
         self.setWindowTitle(f"{name}MeshMash Viewer")
-        if ready is not None and ready.path is not None and not ready.repairs:
+        if ready is not None and ready.path is not None and not ready.derived:
             self.settings.add_recent(ready.path)
             self.last_look.restore()
         self.hover_label.setText(self._mesh_summary())
@@ -393,7 +398,7 @@ class MainWindow(QMainWindow):
             return
         unit = ready.mesh.unit
         place = ", ".join(f"{x:.6g}" for x in ready.mesh.vertices[vertex])
-        parts = [named_vertex(vertex).capitalize()]
+        parts = [ready.mesh.named_vertex(vertex).capitalize()]
         field = self.field_source.field
         if field is not None and vertex < len(field.values):
             value = float(field.values[vertex])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display_json import (
     display_from_json,
     display_to_json,
-    drop_vertices,
+    place_vertices,
     read_display,
 )
 from meshmash_viewer.model.document import Document, Notice, Severity
@@ -56,11 +57,11 @@ def store_session(
         unit=document.unit_text,
         repairs=list(document.repairs),
         mesh_hash=mesh.content_hash,
-        n_vertices=mesh.n_vertices,
+        n_vertices=mesh.n_file_vertices,
         operator=asdict(document.operator),
         target={"kind": document.target.kind, "value": document.target.value},
-        display=display_to_json(document.display),
-        pins=[pin.vertex for pin in document.pins],
+        display=display_to_json(document.display, mesh.file_index),
+        pins=[mesh.file_index(pin.vertex) for pin in document.pins],
         pin_numbers=[pin.number for pin in document.pins],
         camera=camera,
         second_path=str(second.path) if second is not None else "",
@@ -115,7 +116,6 @@ class Restoration:
         self._target = Target(**session.target)
         self._document, self._session, self._path = document, session, path
         self._mesh_path = Path(session.mesh_path)
-        self._repairs = list(session.repairs)
         self._before = document.ready
         self._started = False
         #: Whether the mesh is there, with all that is not the window's.
@@ -124,7 +124,9 @@ class Restoration:
     def begin(self) -> None:
         """Ask for the mesh."""
         self._document.job_changed.connect(self._advance)
-        self._document.open_mesh(self._mesh_path, self._session.unit, self._operator)
+        self._document.open_mesh(
+            self._mesh_path, self._session.unit, self._operator, repairs=self._session.repairs
+        )
 
     def stop(self) -> None:
         """Leave it at what has been restored so far."""
@@ -132,7 +134,7 @@ class Restoration:
         self._before = None  # a mesh with its eigenpairs
 
     def _advance(self) -> None:
-        """Repair what was repaired once the mesh has been read, then restore the rest."""
+        """Restore the rest once the mesh has been read, and repaired as it was."""
         document = self._document
         if document.job is not None:
             job = document.job.job
@@ -148,11 +150,8 @@ class Restoration:
             document.operator = self._operator
             if self._session.target:
                 document.target = self._target
-            if self._repairs:
-                document.repair(self._repairs.pop(0))
-            else:
-                self.stop()
-                self._restore()
+            self.stop()
+            self._restore()
 
     def _restore(self) -> None:
         document, session = self._document, self._session
@@ -163,25 +162,37 @@ class Restoration:
                 f"{document.path} has changed since {self._path.name} was saved: "
                 "pins and field may not be where they were."
             )
-        pins = [vertex for vertex in session.pins if vertex < mesh.n_vertices]
+        numbers = dict(zip(session.pins, session.pin_numbers, strict=False))
+        pins = {self._place(index): numbers.get(index, 0) for index in reversed(session.pins)}
+        pins.pop(None, None)
         if len(pins) < len(session.pins):
             self._warn(
                 f"{self._path.name} has pins at vertices that {document.path} does not have: "
                 f"{len(session.pins) - len(pins):,} of {len(session.pins):,} are left out."
             )
-        numbers = dict(zip(session.pins, session.pin_numbers, strict=False))
-        for vertex in pins:
-            document.toggle_pin(vertex, numbers.get(vertex, 0))
+        for vertex, number in reversed(pins.items()):
+            if vertex is not None:
+                document.toggle_pin(vertex, number)
         display = self._display
-        for place, vertex in drop_vertices(display, mesh.n_vertices):
+        for place, index in place_vertices(display, self._place):
             self._warn(
-                f"{self._path.name} has display.{place} = {vertex}, which {document.path}"
+                f"{self._path.name} has display.{place} = {index}, which {document.path}"
                 " does not have: it is left out."
             )
         display_from_json(document.display, display)
         document.open_maps([Path(each) for each in session.maps], shown=False)
         self.done = True
         self.restored.emit()
+
+    def _place(self, index: int) -> int | None:
+        """The vertex of the mesh that the session means by an index; None if there is none."""
+        mesh = self._document.mesh
+        assert mesh is not None
+        if not self._session.file_indices:
+            return index if index < mesh.n_vertices else None
+        with contextlib.suppress(InputError):
+            return mesh.vertex_of(index)
+        return None
 
     @property
     def second(self) -> Session | None:

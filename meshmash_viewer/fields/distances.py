@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -26,7 +26,7 @@ from meshmash_viewer.fields.heat_table import build_heat_table
 from meshmash_viewer.fields.schema import MOST_INDEX, choice, number, whole
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, same_pairs
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.units import counted, format_quantity, named_vertex, power_unit
+from meshmash_viewer.units import counted, format_quantity, power_unit
 
 if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
@@ -102,6 +102,10 @@ class Distances(Family):
     def for_other_mesh(self, n_components: int) -> Self:
         return replace(self, vertex=None, time=None, vertices=())
 
+    def _vertices(self, vertex: Callable[[int], int | None]) -> dict[str, Any]:
+        moved = tuple(at for each in self.vertices if (at := vertex(each)) is not None)
+        return {**super()._vertices(vertex), "vertices": moved}
+
     def behind(self, chosen: Mapping[str, Family]) -> Family:
         """A distance has no filters of its own: the first family's are shown."""
         return next(iter(chosen.values()))
@@ -134,7 +138,7 @@ class Distances(Family):
     def quantity(self, spectrum: Spectrum, unit: str) -> str:
         if self.vertex is None:
             return ""
-        told = f"from {named_vertex(self.vertex)}"
+        told = f"from {spectrum.named_vertex(self.vertex)}"
         if self.timed:
             time = self.time_in(spectrum)
             told += f", t = {format_quantity(time, unit, 2)}"
@@ -259,7 +263,7 @@ class Distances(Family):
         return distance_features(mesh, self._origins, self.measure, pairs, time)
 
     def column_names(self, spectrum: Spectrum) -> tuple[str, ...]:
-        return distance_columns(self.measure, self._origins)
+        return distance_columns(self.measure, [spectrum.file_index(at) for at in self._origins])
 
     def contents(self, spectrum: Spectrum, unit: str) -> str:
         told = f"{self.title()} from {counted(len(self._origins), 'vertex')}"
@@ -270,7 +274,9 @@ class Distances(Family):
     def script(self, spectrum: Spectrum) -> list[str]:
         pairs = f", {self.measure!r}, decomposition" if self.needs_pairs else ""
         time = f", time={self.time_in(spectrum)!r}" if self.timed else ""
+        assert self.vertex is not None, "it is shown"
+        origin = spectrum.vertex_script(self.vertex)
         return [
-            f"features = mv.distance_features(mesh, {self.vertex}{pairs}{time})",
+            f"features = mv.distance_features(mesh, {origin}{pairs}{time})",
             "values = features.values[:, 0]",
         ]

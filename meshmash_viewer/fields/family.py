@@ -8,7 +8,7 @@ fills these in from a spectrum, and leaves out what makes no difference to the v
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import Field, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
 
 import numpy as np
@@ -36,6 +36,7 @@ __all__ = [
     "Response",
     "Samples",
     "Table",
+    "is_vertex",
     "parameter",
 ]
 
@@ -63,6 +64,11 @@ def parameter(default: Any, check: Check | None, *, power: int = 0, vertex: bool
     """
     check = none_or(check) if check and default is None else check
     return field(default=default, metadata={"check": check, "power": power, "vertex": vertex})
+
+
+def is_vertex(parameter: Field[Any]) -> bool:
+    """Whether a parameter of a family is a vertex of the mesh."""
+    return bool(parameter.metadata.get("vertex"))
 
 
 @dataclass(frozen=True)
@@ -294,6 +300,20 @@ class Family:
     def for_other_mesh(self, n_components: int) -> Self:
         """What of it carries over to another mesh, which has so many connected components."""
         return self
+
+    def for_repaired(self, n_components: int, vertex: Callable[[int], int | None]) -> Self:
+        """The same on the repaired mesh, of which a function gives the same vertices, or None."""
+        moved = self.for_other_mesh(n_components)
+        return replace(moved, **self._vertices(vertex))
+
+    def at_vertices(self, vertex: Callable[[int], int | None]) -> Self:
+        """The same at the vertices that a function gives for those that it has."""
+        return replace(self, **self._vertices(vertex))
+
+    def _vertices(self, vertex: Callable[[int], int | None]) -> dict[str, Any]:
+        """Parameters that are vertices, changed by a function."""
+        chosen = {each.name: getattr(self, each.name) for each in fields(self) if is_vertex(each)}
+        return {name: None if at is None else vertex(at) for name, at in chosen.items()}
 
     def carried(self, to: Correspondence) -> Self:
         """The same on another shape: what are lengths grows with it, vertices are the same ones."""

@@ -14,7 +14,6 @@ from meshmash_viewer.fields.family import Answer, Family, Table, parameter
 from meshmash_viewer.fields.schema import MOST_INDEX, whole
 from meshmash_viewer.fields.spectrum import Spectrum, grew
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.units import named_vertex
 
 __all__ = ["Similarity", "SimilarityTable", "build_similarity_table"]
 
@@ -70,7 +69,7 @@ class Similarity(Family):
         return f"Distance in {self._features().label.lower()}"
 
     def quantity(self, spectrum: Spectrum, unit: str) -> str:
-        return "" if self.vertex is None else f"from {named_vertex(self.vertex)}"
+        return "" if self.vertex is None else f"from {spectrum.named_vertex(self.vertex)}"
 
     def unit(self, length: str) -> str:
         """A pure number: each column is in units of its spread."""
@@ -99,10 +98,11 @@ class Similarity(Family):
         return self.prepared(spectrum, table) or grew(table.spectrum, spectrum)
 
     def script(self, spectrum: Spectrum) -> list[str]:
+        assert self.vertex is not None, "it is shown"
         bank = self._features().bank_script()
         return [
             f"features = mv.compute_features(decomposition, {bank}, unit=mesh.unit)",
-            f"values = mv.feature_distance(features, {self.vertex})",
+            f"values = mv.feature_distance(features, {spectrum.vertex_script(self.vertex)})",
         ]
 
     def _features(self) -> Family:

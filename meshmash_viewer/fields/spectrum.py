@@ -12,6 +12,7 @@ import numpy.typing as npt
 from meshmash_viewer.features.filter_parameters import count_zeros, hks_time_range
 from meshmash_viewer.features.truncation import mean_shares
 from meshmash_viewer.spectral.alignment import Alignment, ShownRows, close_neighbours
+from meshmash_viewer.units import named_vertex
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.filters import FilterBank
@@ -96,6 +97,20 @@ class Spectrum:
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
+
+    def file_index(self, vertex: int) -> int:
+        """What a vertex is called: its index in the file of the mesh, see `Mesh.file_index`."""
+        return vertex if self.mesh is None else self.mesh.file_index(vertex)
+
+    def named_vertex(self, vertex: int) -> str:
+        """Which vertex one is: "vertex 22,351"."""
+        return named_vertex(self.file_index(vertex))
+
+    def vertex_script(self, vertex: int) -> str:
+        """The expression of a script for a vertex of its ``mesh``."""
+        if self.mesh is None or self.mesh.numbering is None:
+            return str(vertex)
+        return f"mesh.vertex_of({self.file_index(vertex)})"
 
     @property
     def complete(self) -> bool:

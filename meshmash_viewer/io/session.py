@@ -32,7 +32,9 @@ __all__ = ["SESSION_ENDING", "Session", "read_session", "write_session"]
 SESSION_ENDING = ".meshmash.json"
 
 _FORMAT = "meshmash-viewer session"
-_VERSION = 2
+#: From version 3 on vertices are those of the file; that differs only where repairs were made, and
+#: sessions without them stay readable for the programs before.
+_VERSION, _WITHOUT_REPAIRS = 3, 2
 #: Bytes that a session may have: thousands of pins take a hundredth of it.
 _LARGEST = 16_000_000
 
@@ -57,7 +59,7 @@ class Session:
         Content hash of the repaired mesh, to tell whether the file has changed since; "" if not
         known.
     n_vertices : int
-        Number of its vertices; 0 if not known.
+        Number of vertices that `pins` are of; 0 if not known.
     operator : dict
         Fields of `OperatorOptions`.
     target : dict
@@ -65,7 +67,11 @@ class Session:
     display : dict
         The displayed field with its limits and colours, as the model writes it.
     pins, pin_numbers : list of int
-        Pinned vertices, and the numbers of their pins, which decide their colours.
+        Pinned vertices, by their index in the file, and the numbers of their pins, which decide
+        their colours.
+    file_indices : bool
+        False for a session written before this was so: its pins, and the vertices of its display,
+        are those of the repaired mesh.
     camera : dict
         Position, focal point and so on in the mesh's coordinates; empty for the default view.
     second_path, second_unit : str
@@ -87,6 +93,7 @@ class Session:
     display: dict[str, Any] = field(default_factory=dict)
     pins: list[int] = field(default_factory=list)
     pin_numbers: list[int] = field(default_factory=list)
+    file_indices: bool = True
     camera: dict[str, Any] = field(default_factory=dict)
     second_path: str = ""
     second_unit: str = ""
@@ -156,7 +163,9 @@ def write_session(path: str | Path, session: Session) -> None:
             content[name] = _relative(content[name], folder)
     for name in ("maps", "second_maps"):
         content[name] = [_relative(each, folder) for each in content[name]]
-    text = json.dumps({"format": _FORMAT, "version": _VERSION, **content}, indent=1)
+    del content["file_indices"]  # the version says so
+    version = _VERSION if session.repairs else _WITHOUT_REPAIRS
+    text = json.dumps({"format": _FORMAT, "version": version, **content}, indent=1)
     with writing_errors(path), written_whole(path) as part:
         part.write_text(text + "\n", encoding="utf-8")
 
@@ -189,7 +198,7 @@ def read_session(path: str | Path) -> Session:
     if not isinstance(content, dict) or content.pop("format", None) != _FORMAT:
         raise InputError(f"{path} is not a session of this program; open another file.")
     version = content.pop("version", None)
-    if version != _VERSION:
+    if version not in (_VERSION, _WITHOUT_REPAIRS):
         raise InputError(
             f"{path} is a session of version {version}, and this program knows {_VERSION};"
             " open it with the program that wrote it."
@@ -200,6 +209,7 @@ def read_session(path: str | Path) -> Session:
         if name in content
     }
     session["display"] = content.get("display", {})
+    session["file_indices"] = version == _VERSION or not session.get("repairs")
     beyond = [pin for pin in session.get("pins", []) if pin >= session.get("n_vertices", 0)]
     if session.get("n_vertices") and beyond:
         raise InputError(

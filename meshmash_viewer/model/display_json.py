@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import Field, asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
 from meshmash_viewer.fields import FAMILIES, FEATURES
-from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.family import Family, is_vertex
 from meshmash_viewer.fields.schema import (
     Check,
     Refused,
@@ -27,7 +27,7 @@ from meshmash_viewer.model.limits import (
     SymmetricLimits,
 )
 
-__all__ = ["display_from_json", "display_to_json", "drop_vertices", "read_display"]
+__all__ = ["display_from_json", "display_to_json", "place_vertices", "read_display"]
 
 _POLICIES: dict[str, Any] = {
     policy.__name__: policy
@@ -37,12 +37,12 @@ _POLICIES: dict[str, Any] = {
 _PLAIN = ("kind", "nodal_lines", "diverging_colormap", "sequential_colormap")
 
 
-def display_to_json(display: Display) -> dict[str, Any]:
-    """The display as plain JSON."""
-    families = {
-        name: {each.name: _plain(getattr(family, each.name)) for each in _kept(family)}
-        for name, family in display.fields.items()
-    }
+def display_to_json(display: Display, index: Callable[[int], int] = int) -> dict[str, Any]:
+    """The display as plain JSON, vertices by the index that a function gives for each."""
+    families = {}
+    for name, family in display.fields.items():
+        found = family.at_vertices(index)
+        families[name] = {each.name: _plain(getattr(found, each.name)) for each in _kept(family)}
     policies = {
         name: {"policy": type(policy).__name__, **vars(policy)}
         for name, policy in display.policies.items()
@@ -77,17 +77,22 @@ def display_from_json(display: Display, content: dict[str, Any]) -> None:
             setattr(display, name, value)
 
 
-def drop_vertices(content: dict[str, Any], n_vertices: int) -> Iterator[tuple[str, int]]:
-    """Leave out of what `read_display` has read the vertices that a mesh does not have.
+def place_vertices(
+    content: dict[str, Any], vertex: Callable[[int], int | None]
+) -> Iterator[tuple[str, int]]:
+    """Take for each index that `read_display` has read the vertex that a function gives for it.
 
-    Yields where each was in the display, and its index.
+    Those for which there is none are left out; yields where each was in the display, and its index.
     """
     for family, chosen in content.get("fields", {}).items():
         for each in _kept(FAMILIES[family]):
-            vertex = chosen.get(each.name)
-            if each.metadata["vertex"] and vertex is not None and vertex >= n_vertices:
+            index = chosen.get(each.name)
+            if not is_vertex(each) or index is None:
+                continue
+            chosen[each.name] = vertex(index)
+            if chosen[each.name] is None:
                 del chosen[each.name]
-                yield f"fields.{family}.{each.name}", vertex
+                yield f"fields.{family}.{each.name}", index
 
 
 def _kept(family: Family | type[Family | Shape]) -> list[Field[Any]]:

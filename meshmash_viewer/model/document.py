@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from itertools import count
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ from psygnal import Signal
 from meshmash_viewer.features.truncation import sufficient_target
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
+from meshmash_viewer.health import listed_repairs
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.cost import decomposition_seconds, measured_rate
@@ -33,6 +34,7 @@ from meshmash_viewer.model.jobs import (
     ScaleJob,
 )
 from meshmash_viewer.model.pieces import PiecesJob
+from meshmash_viewer.model.pins import PIN_COLORS, Pin, followed_pins, free_number, same_vertex
 from meshmash_viewer.model.results import MapGrew
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.weyl import Target, Translation
@@ -43,13 +45,6 @@ if TYPE_CHECKING:
     from meshmash_viewer.io.stored_spectrum import Compared
 
 __all__ = ["PIN_COLORS", "Document", "Notice", "Pin", "Severity"]
-
-#: Colours of the pins in the order of their numbers: Okabe & Ito 2008, told apart by every kind of
-#: colour vision, then those farthest from them in CIELAB, seen with and without all cones.
-PIN_COLORS = (
-    "#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#D55E00", "#0072B2", "#F0E442",
-    "#6611FF", "#BB0033", "#CCCC88", "#6677FF", "#006666",
-)  # fmt: skip
 
 #: What is computed before anyone has asked for more or less.
 _DEFAULT_TARGET = Target("count", 100)
@@ -73,17 +68,18 @@ class Notice:
     undo: Callable[[], None] | None = None
 
 
-@dataclass(frozen=True)
-class Pin:
-    """A vertex whose profile is compared; its number, from 1, decides its colour."""
+@dataclass(frozen=True, eq=False)
+class _Before:
+    """A mesh before a repair, and what there was on it.
 
-    vertex: int
-    number: int
+    Of one that was repaired as soon as it had been read only the mesh is known.
+    """
 
-    @property
-    def color(self) -> str:
-        """Its colour; after the last one they come round again."""
-        return PIN_COLORS[(self.number - 1) % len(PIN_COLORS)]
+    mesh: Mesh
+    repairs: tuple[str, ...]
+    ready: MeshReady | None = None
+    spectrum: Spectrum | None = None
+    pins: tuple[Pin, ...] = ()
 
 
 class Document:
@@ -119,7 +115,7 @@ class Document:
         self.compared: Compared | None = None
         #: Seconds a vertex and pair of the last decomposition on this machine, if any.
         self.seconds_rate: float | None = None
-        self._undo: list[tuple[MeshReady, Spectrum | None]] = []
+        self._undo: list[_Before] = []
         #: Units before each change of it since the last repair, as `set_unit` takes them.
         self._units: list[str] = []
         #: The map that is being computed, and the family that was on the render before.
@@ -133,6 +129,10 @@ class Document:
     def mesh(self) -> Mesh | None:
         """The open mesh."""
         return self.ready.mesh if self.ready else None
+
+    def named_vertex(self, vertex: int) -> str:
+        """Which vertex of the open mesh one is, see `Mesh.named_vertex`."""
+        return "a vertex" if self.mesh is None else self.mesh.named_vertex(vertex)
 
     @property
     def unit(self) -> str:
@@ -179,14 +179,18 @@ class Document:
         unit: str = "",
         operator: OperatorOptions | None = None,
         maps: Sequence[Path] = (),
+        repairs: Sequence[str] = (),
+        source: str = "",
     ) -> None:
         """Ask for a mesh file to be read; the open mesh stays until that has succeeded.
 
         `operator` is the Laplacian whose stored eigenpairs are looked for, that in force unless
-        given; `maps` are files that are to be added to it (`open_maps`).
+        given; `maps` are files that are to be added to it (`open_maps`). `repairs` are made on it
+        in this order, and `source` is the content that they were made for, see `ReadJob`.
         """
         self._maps_of = (Path(path), tuple(maps)) if maps else None
-        self._request(ReadJob(Path(path), unit, operator or self.operator))
+        operator = operator or self.operator
+        self._request(ReadJob(Path(path), unit, operator, tuple(repairs), source))
 
     def take_mesh(self, mesh: Mesh) -> None:
         """Ask for a mesh in memory to be shown."""
@@ -220,7 +224,7 @@ class Document:
             self.spectrum_changed.emit()
             self._announce_unit(before, "the coordinates keep their numbers")
         else:
-            self._rescale(self.ready, voxel, unit)
+            self._rescale(self.ready.mesh, self.repairs, voxel, unit)
 
     @property
     def unit_text(self) -> str:
@@ -241,9 +245,8 @@ class Document:
             taken_back = not self._units or self._units[-1] != before
             self.notify(Notice(text, undo=None if taken_back else self.undo))
 
-    def _rescale(self, ready: MeshReady, voxel: Voxel, unit: str) -> None:
-        job = ScaleJob(ready.mesh, voxel, unit, ready.path, self.operator, ready.repairs)
-        self._request(job)
+    def _rescale(self, mesh: Mesh, repairs: tuple[str, ...], voxel: Voxel, unit: str) -> None:
+        self._request(ScaleJob(mesh, voxel, unit, self.path, self.operator, repairs))
 
     # -- maps -------------------------------------------------------------------------------
 
@@ -335,40 +338,72 @@ class Document:
         """Go back to the mesh before the last repair, in the unit that has been given since."""
         if not self._undo or self.mesh is None:
             return
-        (before, spectrum), now = self._undo[-1], self.mesh
-        if before.mesh.voxel == now.voxel:
-            self._undo.pop()
-            self._units.clear()
-            self._show(_in_unit(before, now.unit), spectrum, self._pins_kept_on(before.mesh))
-            self.open_maps(self._maps_lost(now), shown=False)
+        before, now = self._undo[-1], self.mesh
+        if before.ready is not None and before.mesh.voxel == now.voxel:
+            self._go_back(_in_unit(before.ready, now.unit), before.spectrum)
         else:
-            self._rescale(before, now.voxel, now.unit)
+            self._rescale(before.mesh, before.repairs, now.voxel, now.unit)
+
+    def _go_back(self, ready: MeshReady, spectrum: Spectrum | None) -> None:
+        """Take the mesh before the last repair, with the pins that were on it."""
+        before, now = self._undo.pop(), self.mesh
+        assert now is not None
+        self._units.clear()
+        self._show(ready, spectrum, followed_pins(self.pins, now, ready.mesh, before.pins), now)
+        self.open_maps(self._maps_lost(now), shown=False)
 
     @property
     def can_undo_repair(self) -> bool:
         """Whether a repair can be undone."""
         return bool(self._undo)
 
+    @property
+    def file_mesh(self) -> Mesh | None:
+        """The mesh as it was read, before all repairs; maybe in another unit than the open one."""
+        if len(self._undo) < len(self.repairs):
+            return None
+        return self._undo[0].mesh if self._undo else self.mesh
+
     def accept_mesh(self, ready: MeshReady) -> None:
         """Take a mesh that was read or repaired, with the spectrum that was stored."""
-        if self.ready is not None and len(ready.repairs) > len(self.repairs):
-            self._undo.append((self.ready, self.spectrum))
-        del self._undo[len(ready.repairs) :]
         if self._target.kind != "count" and not self._measures_as(ready):
             # a length or an eigenvalue says nothing about a mesh of another size
             self.target = _DEFAULT_TARGET
-        pins = self._pins_kept_on(ready.mesh) if ready.derived else ()
-        before = self.unit_text if ready.derived else ""
-        if not ready.derived or ready.repairs != self.repairs:
-            self._units.clear()
+        spectrum = ready.known.spectrum if ready.known is not None else None
+        if ready.derived and self.ready is not None:
+            ready = replace(ready, source=self.ready.source)
+            self._accept_derived(ready, spectrum)
         else:
-            self._remember_unit(before, written_unit(ready.mesh.unit, ready.mesh.voxel))
-        self._show(ready, ready.known.spectrum if ready.known is not None else None, pins)
+            self._units.clear()
+            self._undo = [_Before(mesh, ready.repairs[:at]) for at, mesh in enumerate(ready.before)]
+            self._show(ready, spectrum)
+            if ready.before:
+                text = f"Repaired as before: {listed_repairs(ready.repairs)}."
+                self.notify(Notice(text, undo=self.undo))
         if self._maps_of is not None and self._maps_of[0] == ready.path:
             (_, files), self._maps_of = self._maps_of, None
             self.open_maps(files)
-        if before:
-            self._announce_unit(before, "lengths are scaled, and eigenpairs are other ones")
+
+    def _accept_derived(self, ready: MeshReady, spectrum: Spectrum | None) -> None:
+        """Take the open mesh with one repair more or less, or with other voxels."""
+        before, pins, unit = self.mesh, self.pins, self.unit_text
+        assert before is not None and self.ready is not None  # noqa: PT018  it is derived from it
+        if len(ready.repairs) < len(self.repairs) and self._undo:
+            self._go_back(ready, spectrum)
+            return
+        if ready.repairs == self.repairs:
+            self._remember_unit(unit, written_unit(ready.mesh.unit, ready.mesh.voxel))
+        else:
+            self._undo.append(_Before(before, self.repairs, self.ready, self.spectrum, pins))
+            self._units.clear()
+        self._show(ready, spectrum, followed_pins(pins, before, ready.mesh), before)
+        self._announce_unit(unit, "lengths are scaled, and eigenpairs are other ones")
+        if lost := len(pins) - len(self.pins):
+            text = (
+                f"{counted(lost, 'pin')} went with the vertices that the repair left out or merged:"
+                " to undo it brings them back."
+            )
+            self.notify(Notice(text, undo=self.undo))
 
     def _measures_as(self, ready: MeshReady) -> bool:
         """Whether a length means the same on a mesh as on this: repaired, or read again."""
@@ -378,14 +413,26 @@ class Document:
         return again and ready.mesh.voxel == self.mesh.voxel
 
     def _show(
-        self, ready: MeshReady, spectrum: Spectrum | None, pins: tuple[Pin, ...] = ()
+        self,
+        ready: MeshReady,
+        spectrum: Spectrum | None,
+        pins: tuple[Pin, ...] = (),
+        before: Mesh | None = None,
     ) -> None:
+        """Show a mesh; fields stay at the vertices of the one before, if it is of the same file."""
         self._take(ready, spectrum)
         self._preview = None
         self.pins = pins
         n_components = ready.health.n_components
         display = self.display
-        display.put(*(each.for_other_mesh(n_components) for each in display.fields.values()))
+        display.put(
+            *(
+                each.for_other_mesh(n_components)
+                if before is None
+                else each.for_repaired(n_components, partial(same_vertex, before, ready.mesh))
+                for each in display.fields.values()
+            )
+        )
         if spectrum is not None and spectrum.complete:
             self._go_within(spectrum)
         if not display.family.usable:
@@ -520,32 +567,13 @@ class Document:
         if any(pin.vertex == vertex for pin in self.pins):
             self.pins = tuple(pin for pin in self.pins if pin.vertex != vertex)
         else:
-            taken = {pin.number for pin in self.pins}
-            if number < 1 or number in taken:
-                number = next(free for free in count(1) if free not in taken)
-            self.pins = (*self.pins, Pin(int(vertex), number))
+            self.pins = (*self.pins, Pin(int(vertex), free_number(self.pins, number)))
         self.pins_changed.emit()
 
-    def _pins_kept_on(self, mesh: Mesh) -> tuple[Pin, ...]:
-        """Those whose vertex is where it was in the file, under the number that it had."""
-        before = self.mesh
-        if before is None:
-            return ()
-        return tuple(
-            pin
-            for pin in self.pins
-            if pin.vertex < mesh.n_vertices
-            and np.allclose(
-                mesh.vertices[pin.vertex] / mesh.voxel,
-                before.vertices[pin.vertex] / before.voxel,
-                rtol=1e-9,
-                atol=0.0,
-            )
-        )
-
     def clear_pins(self) -> None:
-        """Take all pins away."""
+        """Take all pins away, those that went with a repair, too."""
         self.pins = ()
+        self._undo = [replace(each, pins=()) for each in self._undo]
         self.pins_changed.emit()
 
     def flip(self) -> None:

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import time
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar, Protocol
 
-from meshmash_viewer.errors import MeshWarning
+from meshmash_viewer.errors import InputError, MeshWarning
+from meshmash_viewer.health import REPAIRS, listed_repairs, mesh_health, repair_mesh
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.export import ExportJob
@@ -21,7 +23,7 @@ from meshmash_viewer.model.results import MeshReady, SpectrumGrew, Written
 from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.weyl import Target
-from meshmash_viewer.units import Voxel
+from meshmash_viewer.units import NO_VOXEL, Voxel, parse_unit
 
 __all__ = [
     "Channel",
@@ -57,26 +59,44 @@ class Job(Protocol):
 class ReadJob:
     """Read a mesh file; returns `MeshReady`, with the stored eigenpairs of the operator.
 
-    `unit` is as `units.parse_unit` takes it; empty for what the format states.
+    `unit` is as `units.parse_unit` takes it; empty for what the format states. `repairs` are made
+    in this order; where `source`, the hash of the numbers that they were made on, is another than
+    that of the file, they are not, and the remark says so.
     """
 
     path: Path
     unit: str = ""
     operator: OperatorOptions = field(default_factory=OperatorOptions)
+    repairs: tuple[str, ...] = ()
+    source: str = ""
 
     @property
     def label(self) -> str:
         return f"Reading {self.path.name}"
 
     def run(self, channel: Channel) -> MeshReady:
-        from meshmash_viewer.io.read import read_mesh
-
         channel.report(Progress("reading", message=f"Reading {self.path.name}"))
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", MeshWarning)
-            mesh = read_mesh(self.path, self.unit or None)
-        ready = _inspect(mesh, self.operator, channel, path=self.path)
-        remarks = []
+            mesh, source = _read(self.path, self.unit)
+        series, remark = [mesh], ""
+        if self.repairs and self.source in ("", source):
+            channel.report(Progress("repairing", message="Repairing as before"))
+            series, remark = _repaired(mesh, self.repairs)
+        elif self.repairs:
+            remark = (
+                f"{self.path.name} has changed since it was repaired, so it is as it was read;"
+                f" the repairs were: {listed_repairs(self.repairs)}."
+            )
+        *before, mesh = series
+        ready = replace(
+            _inspect(mesh, self.operator, channel, path=self.path),
+            repairs=self.repairs[: len(before)],
+            before=tuple(before),
+            source=source,
+            asked_unit=self.unit,
+        )
+        remarks = [remark]
         for each in caught:
             if each.category is MeshWarning:
                 remarks.append(str(each.message))
@@ -142,8 +162,6 @@ class RepairJob(_OnMesh):
     doing: ClassVar[str] = "Repairing"
 
     def run(self, channel: Channel) -> MeshReady:
-        from meshmash_viewer.health import REPAIRS
-
         repair = REPAIRS[self.repair]
         channel.report(Progress("repairing", message=repair.label))
         mesh = repair.apply(self.mesh)
@@ -198,6 +216,29 @@ class JobState:
         return replace(self, progress=progress)
 
 
+def _read(path: Path, unit: str) -> tuple[Mesh, str]:
+    """A mesh, and the hash of the numbers in its file, whatever they are multiplied by."""
+    from meshmash_viewer.io.read import read_mesh
+
+    voxel, name = parse_unit(unit)
+    if voxel == NO_VOXEL:
+        mesh = read_mesh(path, unit or None)
+        return mesh, mesh.content_hash
+    numbers = read_mesh(path, "none")
+    return numbers.in_voxels(voxel, name), numbers.content_hash
+
+
+def _repaired(mesh: Mesh, names: Sequence[str]) -> tuple[list[Mesh], str]:
+    """A mesh before the first repair and after each, and why there are no more of them."""
+    series = [mesh]
+    for name in names:
+        try:
+            series.append(repair_mesh(series[-1], name))
+        except InputError as fault:
+            return series, f"{listed_repairs([name])} was not made again. {fault}"
+    return series, ""
+
+
 def _inspect(
     mesh: Mesh,
     operator: OperatorOptions,
@@ -206,7 +247,6 @@ def _inspect(
     path: Path | None = None,
 ) -> MeshReady:
     """Measure a mesh, and look for its eigenpairs in the store."""
-    from meshmash_viewer.health import mesh_health
     from meshmash_viewer.model.decomposition import find_known
 
     channel.report(Progress("inspecting", message="Looking for faults of the mesh"))

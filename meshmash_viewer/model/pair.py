@@ -8,6 +8,7 @@ otherwise by what vertices look like.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -132,7 +133,8 @@ class Pair:
         self._asked: tuple[Any, Any] = None, None
         #: Families of the first that the second was last told of.
         self._told: dict[str, Family] = {}
-        #: Vertices of the second that were pinned themselves, by the number of their pin.
+        #: Vertices of the second that were pinned themselves, by their index in its file, under
+        #: the number of their pin.
         self._pinned: dict[int, int] = {}
         events = first.display.events
         self._heard = [
@@ -189,12 +191,14 @@ class Pair:
             self.first.toggle_pin(taken.vertex)
         elif match >= 0:
             mine = {pin.vertex: pin.number for pin in self.first.pins}
+            assert self.second.mesh is not None
+            index = self.second.mesh.file_index(vertex)
             if match in mine:
-                self._pinned[mine[match]] = vertex
+                self._pinned[mine[match]] = index
                 self._follow_pins()
             else:
                 number = 1 + max((pin.number for pin in self.first.pins), default=0)
-                self._pinned[number] = vertex
+                self._pinned[number] = index
                 self.first.toggle_pin(match, number)
 
     def in_step(self, first: Field, second: Field) -> tuple[Field, tuple[float, float]] | None:
@@ -391,11 +395,17 @@ class Pair:
         """Pin the best match of each pin, under its number."""
         numbers = {pin.number for pin in self.first.pins}
         self._pinned = {number: at for number, at in self._pinned.items() if number in numbers}
-        to = self.correspondence
-        found = ((pin.number, self._pinned.get(pin.number, to.vertex(pin.vertex)))
-                 for pin in self.first.pins)  # fmt: skip
+        found = ((pin.number, self._place_of(pin)) for pin in self.first.pins)
         pins = tuple(Pin(vertex, number) for number, vertex in found if vertex is not None)
         if pins != self.second.pins:
             self.second.pins = pins
             self.second.pins_changed.emit()
             self.changed.emit()
+
+    def _place_of(self, pin: Pin) -> int | None:
+        """The vertex of the second for a pin: what was pinned there itself, or the best match."""
+        index, mesh = self._pinned.get(pin.number), self.second.mesh
+        if index is not None and mesh is not None:
+            with contextlib.suppress(InputError):  # a repair has left it out
+                return mesh.vertex_of(index)
+        return self.correspondence.vertex(pin.vertex)

@@ -73,6 +73,12 @@ class MeshReady:
         A sentence for the message bar, where there is something to say.
     derived : bool
         Whether it was made from the mesh shown before, by a repair or other voxels.
+    before : tuple of Mesh
+        What it was before each of its repairs, of one that was repaired as soon as it was read.
+    source : str
+        Hash of the numbers in its file, for which repairs are made again when it is opened.
+    asked_unit : str
+        The unit that its file was read in; "" for what that states.
     sample : ndarray of int64, optional
         `Mesh.area_sample`, for the limits of colours.
     """
@@ -86,6 +92,9 @@ class MeshReady:
     remark: str = ""
     derived: bool = False
     sample: npt.NDArray[np.int64] | None = None
+    before: tuple[Mesh, ...] = ()
+    source: str = ""
+    asked_unit: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.display_json import (
     display_from_json,
     display_to_json,
-    drop_vertices,
+    place_vertices,
     read_display,
 )
 from meshmash_viewer.model.limits import (
@@ -141,11 +141,22 @@ def test_one_scale_is_enough() -> None:
 
 def test_a_vertex_that_the_mesh_has_not_is_left_out() -> None:
     content = read_display(CONTENT, PATH)
-    assert list(drop_vertices(content, 18)) == []
-    assert list(drop_vertices(content, 17)) == [("fields.similarity.vertex", 17)]
+    assert list(place_vertices(content, {17: 4}.get)) == []
+    assert content["fields"]["similarity"]["vertex"] == 4
+    content = read_display(CONTENT, PATH)
+    assert list(place_vertices(content, {16: 4}.get)) == [("fields.similarity.vertex", 17)]
     display = Display()
     display_from_json(display, content)
     assert display[Similarity].vertex is None
+
+
+def test_vertices_are_written_by_the_index_that_is_asked_for() -> None:
+    display = Display()
+    display.change(Similarity, vertex=17)
+    content = display_to_json(display, {17: 2100}.__getitem__)
+    assert content["fields"]["similarity"]["vertex"] == 2100
+    assert content["fields"]["distance"]["vertex"] is None
+    assert display_to_json(display)["fields"]["similarity"]["vertex"] == 17
 
 
 def test_entries_of_later_programs_are_passed_over() -> None:

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapes
 from solved import spectrum_of
 
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.similarity import Similarity
-from meshmash_viewer.health import mesh_health
+from meshmash_viewer.health import mesh_health, repair_mesh
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import PIN_COLORS, Document, Notice
@@ -180,16 +181,145 @@ def test_undo_after_other_voxels_asks_for_the_mesh_before_in_those(
     assert not document.can_undo_repair
 
 
-def test_pins_stay_where_a_repair_left_their_vertex(document: Document, sphere: Mesh) -> None:
-    for vertex in (3, 100, 641):
-        document.toggle_pin(vertex)
-    moved = sphere.vertices.copy()
-    moved[100] *= 1.01
-    kept = moved[:641], sphere.faces[(sphere.faces < 641).all(axis=1)]
-    document.accept_mesh(ready(Mesh(*kept), "one", derived=True))
-    assert [pin.vertex for pin in document.pins] == [3]
-    document.accept_mesh(ready(Mesh(*kept)))  # opened, not repaired
-    assert document.pins == ()
+LARGEST, MERGE = "keep_largest_component", "merge_coincident_vertices"
+
+
+def halves() -> Mesh:
+    """A small sphere, and a larger one whose upper half has vertices of its own along the seam."""
+    small, large = shapes.icosphere(1), shapes.icosphere(2)
+    faces = large.faces + small.n_vertices
+    upper = large.vertices[large.faces].mean(axis=1)[:, 2] > 0.0
+    faces[upper] += large.n_vertices
+    vertices = [small.vertices + 9.0, large.vertices, large.vertices]
+    return Mesh(np.concatenate(vertices), np.concatenate([small.faces, faces]))
+
+
+def repair(document: Document, *names: str) -> None:
+    """Make repairs as the worker does."""
+    for name in names:
+        assert document.mesh is not None
+        mesh, names_before = repair_mesh(document.mesh, name), document.repairs
+        document.accept_mesh(ready(mesh, *names_before, name, derived=True))
+
+
+def pinned(document: Document) -> dict[int, int]:
+    """The pins: of each number the index in the file."""
+    assert document.mesh is not None
+    return {pin.number: document.mesh.file_index(pin.vertex) for pin in document.pins}
+
+
+@pytest.fixture
+def split(document: Document) -> Document:
+    document.accept_mesh(ready(halves()))
+    return document
+
+
+def test_pins_follow_to_the_vertex_of_their_index_and_come_back(split: Document) -> None:
+    mesh = split.mesh
+    assert mesh is not None
+    one, other = mesh.referenced[42:204], mesh.referenced[204:]
+    lower, seam, upper = (
+        42 + int(np.flatnonzero(which)[0]) for which in (one & ~other, one & other, other & ~one)
+    )
+    for vertex in (3, lower, seam, seam + 162, upper + 162):
+        split.toggle_pin(vertex)
+    split.display.change(Similarity, vertex=lower)
+    everything = pinned(split)
+    assert list(everything) == [1, 2, 3, 4, 5]
+    notices: list[Notice] = []
+    split.noticed.connect(notices.append)
+
+    repair(split, MERGE)
+    # the two of the seam are one now, and the last is called as the one that it became
+    assert pinned(split) == {1: 3, 2: lower, 3: seam, 5: upper}
+    assert notices[-1].text.startswith("1 pin went with the vertices")
+    repair(split, LARGEST)
+    assert 1 not in pinned(split), "the small sphere is left out"
+    assert pinned(split)[2] == lower
+    assert split.mesh is not None
+    assert split.mesh.file_index(split.display[Similarity].vertex) == lower
+    assert notices[-1].undo is not None
+
+    notices[-1].undo()
+    assert pinned(split)[1] == 3
+    split.undo_repair()
+    assert pinned(split) == everything
+    assert split.display[Similarity].vertex == lower
+    repair(split, LARGEST)
+    split.toggle_pin(5)
+    split.accept_mesh(ready(halves()))  # opened, not repaired
+    assert split.pins == ()
+
+
+def test_what_is_pinned_and_taken_away_after_a_repair_stays_so(split: Document) -> None:
+    mesh = split.mesh
+    assert mesh is not None
+    kept = int(np.flatnonzero(mesh.component_labels == 1)[5])
+    for vertex in (3, kept):
+        split.toggle_pin(vertex)
+    repair(split, LARGEST)
+    assert pinned(split) == {2: kept}
+    split.toggle_pin(split.mesh.vertex_of(kept))
+    split.toggle_pin(0)
+    new = split.mesh.file_index(0)
+    assert pinned(split) == {1: new}
+    split.undo_repair()
+    # the one that went comes back, under a number that is free
+    assert pinned(split) == {1: 3, 2: new}
+    repair(split, LARGEST)
+    split.clear_pins()
+    split.undo_repair()
+    assert split.pins == ()
+
+
+def test_pins_stay_through_voxels_between_a_repair_and_its_undo(
+    split: Document, requested: list[Job]
+) -> None:
+    mesh = split.mesh
+    assert mesh is not None
+    kept = int(np.flatnonzero(mesh.component_labels == 1)[5])
+    for vertex in (3, kept):
+        split.toggle_pin(vertex)
+    repair(split, LARGEST)
+    split.set_unit("8 nm")
+    scaled = requested.pop()
+    split.accept_mesh(
+        ready(scaled.mesh.in_voxels(scaled.voxel, scaled.unit), LARGEST, derived=True)
+    )
+    assert pinned(split) == {2: kept}
+    split.undo_repair()
+    undone = requested.pop()
+    split.accept_mesh(ready(undone.mesh.in_voxels(undone.voxel, undone.unit), derived=True))
+    assert pinned(split) == {1: 3, 2: kept}
+    assert not split.can_undo_repair
+
+
+def test_a_mesh_repaired_as_it_is_read_can_be_undone_step_by_step(
+    document: Document, requested: list[Job]
+) -> None:
+    notices: list[Notice] = []
+    document.noticed.connect(notices.append)
+    raw = halves()
+    merged = repair_mesh(raw, MERGE)
+    largest = repair_mesh(merged, LARGEST)
+    document.accept_mesh(replace(ready(largest, MERGE, LARGEST), before=(raw, merged), source="a"))
+    assert notices[-1].text == (
+        "Repaired as before: Merge coincident vertices, Keep the largest component."
+    )
+    assert document.file_mesh is raw
+    document.toggle_pin(7)
+    index = largest.file_index(7)
+    for repairs, mesh in (((MERGE,), merged), ((), raw)):
+        document.undo_repair()
+        job = requested.pop()
+        assert isinstance(job, ScaleJob)
+        assert (job.repairs, job.mesh) == (repairs, mesh)
+        document.accept_mesh(ready(job.mesh.in_voxels(job.voxel, job.unit), *repairs, derived=True))
+        assert document.mesh.content_hash == mesh.content_hash
+        assert pinned(document) == {1: index}
+        assert document.ready.source == "a"
+        assert document.file_mesh is raw or document.file_mesh.content_hash == raw.content_hash
+    assert not document.can_undo_repair
 
 
 def test_an_index_beyond_a_finished_spectrum_comes_back_to_its_end(

@@ -29,7 +29,7 @@ from meshmash_viewer.features.comparison import comparison_remarks
 from meshmash_viewer.io.write import WRITERS
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pair import LINKS, MATCHED_IN, Pair
-from meshmash_viewer.units import format_number, named_vertex
+from meshmash_viewer.units import format_number
 
 __all__ = ["PairPanel"]
 
@@ -278,7 +278,9 @@ class PairPanel(QWidget):
         """The matches of the pin that was set last."""
         pin = pair.first.pins[-1]
         found = pair.best_matches(pin.vertex)
-        return [f"{named_vertex(vertex)} · {score:.3g}" for vertex, score in found] or [""]
+        mesh = pair.second.mesh
+        assert mesh is not None or not found
+        return [f"{mesh.named_vertex(at)} · {score:.3g}" for at, score in found if mesh] or [""]
 
     def _dress(self) -> None:
         self.plot.dress()

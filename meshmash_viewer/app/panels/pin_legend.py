@@ -11,7 +11,6 @@ from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.app.controls.layout import row as side_by_side
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.model.document import Document, Pin
-from meshmash_viewer.units import named_vertex
 
 __all__ = ["PinLegend"]
 
@@ -39,42 +38,44 @@ class PinLegend(QScrollArea):
         self._column = column(None, spacing=0, margins=(theme.GAP, 0, 0, 0))
         content.setLayout(self._column)
         self.setWidget(content)
-        self._rows: dict[Pin, QWidget] = {}
+        #: By pin, and what its vertex is called: after a repair another may have its index.
+        self._rows: dict[tuple[Pin, str], QWidget] = {}
         follow(document.pins_changed, self._refresh)
         self._refresh()
 
     def _refresh(self) -> None:
         pins = sorted(self._document.pins, key=lambda pin: pin.number)
-        for pin in [pin for pin in self._rows if pin not in pins]:
-            row = self._rows.pop(pin)
+        lines = [(pin, self._document.named_vertex(pin.vertex)) for pin in pins]
+        for line in [line for line in self._rows if line not in lines]:
+            row = self._rows.pop(line)
             if row.property("role") == "pointed":
                 self.pointed.emit(-1)
             self._column.removeWidget(row)
             row.hide()
             row.deleteLater()
-        for place, pin in enumerate(pins):
-            if pin not in self._rows:
-                self._rows[pin] = self._row(pin)
-                self._column.insertWidget(place, self._rows[pin])
+        for place, line in enumerate(lines):
+            if line not in self._rows:
+                self._rows[line] = self._row(*line)
+                self._column.insertWidget(place, self._rows[line])
         widest = max((row.sizeHint().width() for row in self._rows.values()), default=0)
         bar = self.verticalScrollBar().sizeHint().width()
         self.setFixedWidth(widest + theme.GAP + bar)
 
     def point_at(self, vertex: int) -> None:
         """Mark the line of a pin, or none."""
-        for pin, row in self._rows.items():
+        for (pin, _), row in self._rows.items():
             theme.change_role(row, "pointed" if pin.vertex == vertex else "")
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Tell which line is pointed at."""
         if event.type() in (QEvent.Type.Enter, QEvent.Type.Leave):
             entered = event.type() == QEvent.Type.Enter
-            for pin, row in self._rows.items():
+            for (pin, _), row in self._rows.items():
                 if row is watched:
                     self.pointed.emit(pin.vertex if entered else -1)
         return super().eventFilter(watched, event)
 
-    def _row(self, pin: Pin) -> QWidget:
+    def _row(self, pin: Pin, vertex: str) -> QWidget:
         row = theme.named(QWidget(), f"pin_row_{pin.vertex}")
         row.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         row.installEventFilter(self)
@@ -82,7 +83,6 @@ class PinLegend(QScrollArea):
         swatch.setFixedSize(12, 12)
         swatch.setStyleSheet(f"background: {pin.color}; border-radius: 6px;")
         number = make.label(f"pin_number_{pin.vertex}", text=f"<b>{pin.number}</b>")
-        vertex = named_vertex(pin.vertex)
         name = make.label(f"pin_label_{pin.vertex}", text=vertex.capitalize())
         take = f"Take the pin of {vertex} away"
         cross = make.icon_button(

@@ -21,7 +21,6 @@ from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.document import Document, Pin
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.stepping import advance
-from meshmash_viewer.units import named_vertex
 
 __all__ = [
     "ColumnStepper",
@@ -299,17 +298,17 @@ class PinChooser(FieldStepper):
         """Measure from the newest pin; from the last one left where its pin was taken away."""
         pins = self._document.pins
         vertex: int | None = getattr(self._document.display[self.family], "vertex")  # noqa: B009
-        before = {pin.vertex for pin in self._pins}
+        before = {pin.number for pin in self._pins}
         self._pins = pins
         vertices = [pin.vertex for pin in pins]
-        if vertices and (vertices[-1] not in before or vertex not in vertices):
+        if vertices and (pins[-1].number not in before or vertex not in vertices):
             self._change(vertex=vertices[-1])
         elif not vertices:
             self._change(vertex=None)
         with QSignalBlocker(self.combo):
             self.combo.clear()
             for pin in pins:
-                text = f"{pin.number} · {named_vertex(pin.vertex).capitalize()}"
+                text = f"{pin.number} · {self._document.named_vertex(pin.vertex).capitalize()}"
                 self.combo.addItem(make.dot(pin.color), text)
         self.refresh()
 
@@ -320,4 +319,4 @@ class PinChooser(FieldStepper):
         self.combo.setCurrentIndex(row)
         self.combo.setEnabled(bool(pins))
         show_note(self.hint, "" if pins else "Click a vertex on the render to pin it.")
-        return "a vertex" if vertex is None or row < 0 else named_vertex(vertex)
+        return "a vertex" if vertex is None or row < 0 else self._document.named_vertex(vertex)
