@@ -123,6 +123,7 @@ def command_parser() -> argparse.ArgumentParser:
         metavar="N",
         help="compute in about N overlapping pieces, for a mesh too large to be solved whole",
     )
+    _add_whole(features)
     _add_maps(features)
     features.add_argument(
         "--maps",
@@ -152,6 +153,8 @@ def command_parser() -> argparse.ArgumentParser:
     _add_output(
         compare, "OUT", "file for the matches, one row for each vertex of the first mesh", False
     )
+
+    _add_whole(compare)
 
     rebuilt = command(
         "reconstruct", "rebuild a mesh from its lowest eigenfunctions: a smoothed shape"
@@ -298,6 +301,14 @@ def _add_preparation(parser: argparse.ArgumentParser) -> None:
         action="append_const",
         const="keep_largest_component",
         help="leave out all but the largest connected component",
+    )
+
+
+def _add_whole(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--whole-mesh",
+        action="store_true",
+        help="after repairs: write results at all vertices of the file, NaN where one is left out",
     )
 
 

@@ -31,6 +31,7 @@ __all__ = [
     "finite",
     "for_each",
     "pairs_report",
+    "prepared",
     "progress_bar",
     "reach",
     "read",
@@ -106,12 +107,16 @@ def finite(value: float) -> float | None:
 # Meshes ---------------------------------------------------------------------------------------
 
 
-def for_each(options: Namespace, work: Work) -> int:
-    """Do the work for every mesh; one that cannot be done does not hold up the others."""
+def for_each(options: Namespace, work: Work, *, repaired: bool = True) -> int:
+    """Do the work for every mesh; one that cannot be done does not hold up the others.
+
+    It gets the mesh repaired as asked for, or as it was read.
+    """
     status = 0
     for index, path in enumerate(options.mesh):
         try:
-            tell(options, path, *work(read(path, options), index))
+            mesh = read(path, options)
+            tell(options, path, *work(prepared(mesh, options) if repaired else mesh, index))
         except (Cancelled, BrokenPipeError):  # meant for all of them
             raise
         except Exception as fault:  # noqa: BLE001  it is said, and the next mesh has its turn
@@ -120,8 +125,13 @@ def for_each(options: Namespace, work: Work) -> int:
 
 
 def read(path: Path, options: Namespace) -> Mesh:
-    """A mesh as it is asked for."""
-    return repair_mesh(read_mesh(path, options.unit), *options.repair)
+    """A mesh in the unit that is asked for."""
+    return read_mesh(path, options.unit)
+
+
+def prepared(mesh: Mesh, options: Namespace) -> Mesh:
+    """A mesh that was read, with the repairs that are asked for."""
+    return repair_mesh(mesh, *options.repair)
 
 
 def with_maps(mesh: Mesh, paths: Sequence[Path]) -> Mesh:

@@ -16,6 +16,7 @@ from meshmash_viewer.cli.batch import (
     finite,
     for_each,
     pairs_report,
+    prepared,
     progress_bar,
     reach,
     read,
@@ -162,7 +163,11 @@ def features(options: Namespace) -> int:
     with made_folder(folder) if folder else contextlib.nullcontext():
         for path in outputs:
             check_output(path, "features" if family.makes_features() else "eigenpairs")
-        return for_each(options, lambda mesh, at: write(mesh, outputs[at], family, options))
+        return for_each(
+            options,
+            lambda mesh, at: write(mesh, outputs[at], family, options),
+            repaired=False,  # both are needed to write results at all vertices
+        )
 
 
 def _is_folder(output: str) -> bool:
@@ -234,8 +239,9 @@ def _check_pieces(options: Namespace) -> None:
 
 
 def _write_in_pieces(
-    mesh: Mesh, path: Path, family: Family, options: Namespace
+    raw: Mesh, path: Path, family: Family, options: Namespace
 ) -> tuple[dict[str, Any], str]:
+    mesh = prepared(raw, options)
     with progress_bar(mesh) as bar, until_interrupted() as cancel:
         report = write_in_pieces(
             mesh,
@@ -244,6 +250,8 @@ def _write_in_pieces(
             options.pieces,
             options.target,
             chosen_operator(options),
+            repairs=options.repair,
+            file_mesh=raw if options.whole_mesh else None,
             n_jobs=options.jobs,
             progress=bar,
             cancel=cancel,
@@ -252,10 +260,11 @@ def _write_in_pieces(
 
 
 def _write_whole(
-    mesh: Mesh, path: Path, family: Family, options: Namespace
+    raw: Mesh, path: Path, family: Family, options: Namespace
 ) -> tuple[dict[str, Any], str]:
     """Compute one kind of features, or the eigenpairs, and write them."""
     began = time.perf_counter()
+    mesh, whole = prepared(raw, options), options.whole_mesh
     kind, t_min, target = family.export, getattr(family, "t_min", None), options.target
     n, edge = mesh.n_vertices - len(mesh.unreferenced), median_edge_length(mesh)
     remarks: list[str] = []
@@ -268,6 +277,7 @@ def _write_whole(
         for each in mesh.maps:
             mesh = mesh.without_map(each.name)
     mesh = with_maps(mesh, options.map)
+    family = family.at_vertices(mesh.vertex_of)
     family.check_mesh(mesh)
     shortest = t_min if target is None else None
     if shortest is not None:
@@ -285,7 +295,7 @@ def _write_whole(
         "mesh": mesh.name,
         "output": str(path),
         "kind": kind,
-        "n_vertices": mesh.n_vertices,
+        "n_vertices": mesh.n_file_vertices if whole else mesh.n_vertices,
         "remarks": remarks,
     }
     if pairs is not None:
@@ -297,7 +307,9 @@ def _write_whole(
             "seconds_eigenpairs": round(seconds, 3),
         }
     proof = report.get("proof", "")
-    made = export_options(kind, chosen_operator(options), target, proof, options.repair)
+    made = export_options(
+        kind, chosen_operator(options), target, proof, options.repair, whole_mesh=whole
+    )
     wanted = target.n_components
     if shortest is not None:
         if wavelength(required_eigenvalue(shortest)) < 2.0 * edge:
@@ -333,10 +345,12 @@ def _write_whole(
             found = found.with_components(mesh)
         report["n_features"] = len(found.columns)
         values = None if pairs is None else pairs.eigenvalues
-        write_features(path, found, mesh, eigenvalues=values, meta=made)
+        found = found.on_file(mesh) if whole else found
+        write_features(path, found, raw if whole else mesh, eigenvalues=values, meta=made)
     else:
         assert pairs is not None
-        write_eigenpairs(path, pairs, mesh, made)
+        pairs = pairs.on_file(mesh) if whole else pairs
+        write_eigenpairs(path, pairs, raw if whole else mesh, made)
     report["seconds"] = round(time.perf_counter() - began, 3)
     if pairs is None:
         return report, f"{path}: {counted(report['n_features'], 'column')}"
@@ -359,7 +373,8 @@ def compare(options: Namespace) -> int:
         check_output(options.output, "features")
     began, target = time.perf_counter(), options.target
     family = EXPORTS[options.kind].exported(options.n_components)
-    meshes = [read(path, options) for path in options.mesh]
+    read_as = [read(path, options) for path in options.mesh]
+    meshes = [prepared(mesh, options) for mesh in read_as]
     first = solved(meshes[0], options, target)
     # as far up the spectrum of the second, where it has one that far
     top = matched_top(first, meshes[1].area)
@@ -393,9 +408,12 @@ def compare(options: Namespace) -> int:
     }
     if options.output is not None:
         proof = f"{first.proof(meshes[0].unit)}; {second.proof(meshes[1].unit)}"
-        made = export_options("match", chosen_operator(options), target, proof)
+        whole, operator = options.whole_mesh, chosen_operator(options)
+        made = export_options("match", operator, target, proof, options.repair, whole_mesh=whole)
         made["matched_in"] = family.export
-        write_features(options.output, found.match_table(meshes[1].name), meshes[0], meta=made)
+        table = found.match_table(meshes[1].name, meshes[1])
+        table = table.on_file(meshes[0]) if whole else table
+        write_features(options.output, table, read_as[0] if whole else meshes[0], meta=made)
     report["seconds"] = round(time.perf_counter() - began, 3)
     tell(options, options.mesh[0], report, _described_comparison(report))
     return 0

@@ -192,6 +192,7 @@ def _write_gallery(mesh: Mesh, family: Family, options: Namespace) -> tuple[dict
     from meshmash_viewer.app.view.series import aspect, draw_series, series_view, shots_of
 
     mesh = with_maps(mesh, options.map)
+    family = family.at_vertices(mesh.vertex_of)
     spectrum, report = _solved(mesh, family, options)
     most = n_columns(family, spectrum)
     chosen = (
@@ -247,6 +248,7 @@ def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> tuple[dict[s
     )
 
     mesh, path, size = with_maps(mesh, options.map), options.output, options.size
+    family = family.at_vertices(mesh.vertex_of)
     spectrum, report = _solved(mesh, family, options)
     most = n_columns(family, spectrum)
     drawing, display = _drawing(mesh, options), _display(options, family)

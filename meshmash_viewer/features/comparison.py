@@ -161,9 +161,15 @@ class Comparison:
         """Share of the vertices of the first with features that find themselves again."""
         return float(self.mutual.sum() / max(np.count_nonzero(self.forth.indices >= 0), 1))
 
-    def match_table(self, second_name: str) -> Features:
-        """For each vertex of the first its match, the score, and whether it is mutual, (n, 3)."""
-        columns = self.forth.indices, self.forth.scores, self.mutual
+    def match_table(self, second_name: str, second: Mesh | None = None) -> Features:
+        """For each vertex of the first its match, the score, and whether it is mutual, (n, 3).
+
+        Matches are by their index in the file of `second`, where that is given.
+        """
+        matches = self.forth.indices
+        if second is not None:
+            matches = np.where(matches >= 0, second.file_indices[matches], -1)
+        columns = matches, self.forth.scores, self.mutual
         values = np.stack([np.asarray(each, dtype=np.float64) for each in columns], axis=1)
         names = (f"vertex_of_{second_name or 'second'}", "score", "mutual")
         return Features(values, names, kind="match")

@@ -314,8 +314,8 @@ def check_vertices(mesh: Mesh, vertices: npt.ArrayLike) -> None:
         _check_vertex(vertex, mesh.n_vertices)
         if not mesh.referenced[vertex]:
             raise InputError(
-                f"Vertex {vertex} belongs to no face, so nothing is at a distance from it: choose"
-                " another."
+                f"Vertex {mesh.file_index(vertex)} belongs to no face, so nothing is at a distance"
+                " from it: choose another."
             )
 
 

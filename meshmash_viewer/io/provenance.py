@@ -63,6 +63,8 @@ def export_options(
     target: Target,
     proof: str,
     repairs: Sequence[str] = (),
+    *,
+    whole_mesh: bool = False,
 ) -> dict[str, Any]:
     """The choices that led to exported features or eigenpairs, for `provenance`.
 
@@ -78,17 +80,20 @@ def export_options(
         What the eigenpairs have been shown to be; "" where none took part.
     repairs : sequence of str
         What had been done to the mesh.
+    whole_mesh : bool
+        Whether the results are written at all vertices of the mesh before the repairs.
 
     Returns
     -------
     dict
-        JSON-able: ``kind``, ``repairs``, and of eigenpairs ``operator``, ``target``, ``proof``.
+        JSON-able: ``kind``, ``repairs``, ``whole_mesh`` where there are some, and of eigenpairs
+        ``operator``, ``target``, ``proof``.
     """
     options: dict[str, Any] = {"kind": kind}
     if proof:
         options |= {"operator": asdict(operator), "target": asdict(target), "proof": proof}
     if repairs:
-        options["repairs"] = list(repairs)
+        options |= {"repairs": list(repairs), "whole_mesh": whole_mesh}
     return options
 
 

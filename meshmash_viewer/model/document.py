@@ -377,7 +377,7 @@ class Document:
             self._units.clear()
             self._undo = [_Before(mesh, ready.repairs[:at]) for at, mesh in enumerate(ready.before)]
             self._show(ready, spectrum)
-            if ready.before:
+            if ready.unasked:
                 text = f"Repaired as before: {listed_repairs(ready.repairs)}."
                 self.notify(Notice(text, undo=self.undo))
         if self._maps_of is not None and self._maps_of[0] == ready.path:

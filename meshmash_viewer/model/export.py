@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family
+from meshmash_viewer.health import listed_repairs
 from meshmash_viewer.laplacian import OperatorOptions, compute_vertex_areas
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.results import Written
@@ -46,6 +47,9 @@ class ExportJob:
         Whether the maps of the mesh are more columns of features.
     compared : Compared, optional
         Stored rows that have been found whole already.
+    file_mesh : Mesh, optional
+        The mesh before its repairs, to write the results at all its vertices, NaN at those that
+        were left out.
     """
 
     mesh: Mesh
@@ -57,6 +61,7 @@ class ExportJob:
     repairs: tuple[str, ...] = ()
     maps: bool = False
     compared: Compared | None = None
+    file_mesh: Mesh | None = None
 
     @property
     def label(self) -> str:
@@ -86,12 +91,15 @@ class ExportJob:
             self.target or Target("count", self.n_pairs),
             proof,
             self.repairs,
+            whole_mesh=self.file_mesh is not None,
         )
         if not self.family.makes_features():
             assert pairs is not None
             channel.report(Progress("writing", message=self.label))
-            write_eigenpairs(self.path, pairs, self.mesh, meta)
-            return Written(self.path, counted(self.n_pairs, "eigenpair"))
+            if self.file_mesh is not None:
+                pairs = pairs.on_file(self.mesh)
+            write_eigenpairs(self.path, pairs, self._written_mesh(), meta)
+            return Written(self.path, f"{counted(self.n_pairs, 'eigenpair')}{self._told()}")
         channel.report(Progress("features", message="Computing features"))
         features = self.family.compute_features(pairs, self.mesh, known_to=known_to)
         if channel.cancelled():
@@ -100,12 +108,28 @@ class ExportJob:
             features = features.with_maps(self.mesh)
         channel.report(Progress("writing", message=self.label))
         values = None if pairs is None else pairs.eigenvalues
-        write_features(self.path, features, self.mesh, eigenvalues=values, meta=meta)
-        return Written(
-            self.path,
-            f"{self.family.label}, {counted(len(features.columns), 'column')},",
-            features.missing,
-        )
+        if self.file_mesh is not None:
+            features = features.on_file(self.mesh)
+        mesh = self._written_mesh()
+        write_features(self.path, features, mesh, eigenvalues=values, meta=meta)
+        columns = counted(len(features.columns), "column")
+        description = f"{self.family.label}, {columns}{self._told() or ','}"
+        return Written(self.path, description, features.missing)
+
+    def _written_mesh(self) -> Mesh:
+        """The mesh that the file is of."""
+        if self.file_mesh is None:
+            return self.mesh
+        return self.file_mesh.in_voxels(self.mesh.voxel, self.mesh.unit)
+
+    def _told(self) -> str:
+        """What has been repaired, and which vertices are in the file."""
+        if not self.repairs:
+            return ""
+        rows = ""
+        if self.file_mesh is not None:
+            rows = f" at all {counted(self.file_mesh.n_vertices, 'vertex')} of the mesh file"
+        return f",{rows} after {listed_repairs(self.repairs)},"
 
     def _pairs(self, channel: Channel) -> tuple[Decomposition, float | None]:
         """The leading eigenpairs, and up to where they are known to be all there are."""

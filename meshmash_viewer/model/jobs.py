@@ -94,6 +94,7 @@ class ReadJob:
             repairs=self.repairs[: len(before)],
             before=tuple(before),
             source=source,
+            unasked=bool(before and self.source),
             asked_unit=self.unit,
         )
         remarks = [remark]

@@ -285,9 +285,15 @@ class Pair:
             if each.certificate is not None and each.mesh is not None
         )
         operator = first.operator or self.first.operator
-        options = export_options("match", operator, self.first.target, "; ".join(proofs))
+        options = export_options(
+            "match", operator, self.first.target, "; ".join(proofs), self.first.repairs
+        )
+        if self.second.repairs:
+            options["second_repairs"] = list(self.second.repairs)
         options["matched_in"] = MATCHED_IN[request.matched_in].export
-        write_features(path, found.match_table(second.mesh.name), first.mesh, meta=options)
+        write_features(
+            path, found.match_table(second.mesh.name, second.mesh), first.mesh, meta=options
+        )
 
     def best_matches(self, vertex: int, count: int = 4) -> tuple[tuple[int, float], ...]:
         """Vertices of the second that look most like one of the first, and no neighbours.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -65,6 +65,8 @@ def write_in_pieces(
     target: Target,
     operator: OperatorOptions,
     *,
+    repairs: Sequence[str] = (),
+    file_mesh: Mesh | None = None,
     n_jobs: int | None = None,
     done: Callable[[npt.NDArray[np.int64], npt.NDArray[np.float64]], None] | None = None,
     progress: ProgressCallback | None = None,
@@ -84,6 +86,10 @@ def write_in_pieces(
     target : Target
         How far up its spectrum the whole is asked for; the pieces go as far.
     operator : OperatorOptions
+    repairs : sequence of str
+        What has been done to the mesh.
+    file_mesh : Mesh, optional
+        The mesh before that, to write the results at all its vertices.
     n_jobs : int, optional
         Processes; None for one a core.
     done : callable, optional
@@ -122,7 +128,14 @@ def write_in_pieces(
     task = _Task(operator, top, bank)
     results = stitcher.apply(task, stitch=False, done=done, progress=progress, cancel=cancel)
     seams = stitcher.seams(results)
-    options = export_options(family.export, operator, target, "each piece complete")
+    options = export_options(
+        family.export,
+        operator,
+        target,
+        "each piece complete",
+        repairs,
+        whole_mesh=file_mesh is not None,
+    )
     told = {
         "pieces": len(stitcher.pieces),
         "largest_piece": max(len(piece) for piece in stitcher.pieces),
@@ -133,12 +146,13 @@ def write_in_pieces(
     features = Features(
         stitcher.stitched(results), bank.columns, power_unit(mesh.unit, -2), family.export
     )
-    write_features(path, features, mesh, meta={**options, **told})
+    features = features if file_mesh is None else features.on_file(mesh)
+    write_features(path, features, file_mesh or mesh, meta={**options, **told})
     return {
         "mesh": mesh.name,
         "output": str(path),
         "kind": family.export,
-        "n_vertices": mesh.n_vertices,
+        "n_vertices": len(features.values),
         "max_eigenvalue": top,
         **told,
         "columns": list(bank.columns),
@@ -172,6 +186,7 @@ class PiecesJob:
     count: int
     target: Target
     operator: OperatorOptions
+    repairs: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -191,7 +206,7 @@ class PiecesJob:
         try:
             report = write_in_pieces(
                 self.mesh, self.path, self.family, self.count, self.target, self.operator,
-                done=done, progress=channel.report, cancel=channel.cancelled,
+                repairs=self.repairs, done=done, progress=channel.report, cancel=channel.cancelled,
             )  # fmt: skip
         finally:
             # those that worked on pieces would wait for more for minutes, with their memory

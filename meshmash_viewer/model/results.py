@@ -77,6 +77,8 @@ class MeshReady:
         What it was before each of its repairs, of one that was repaired as soon as it was read.
     source : str
         Hash of the numbers in its file, for which repairs are made again when it is opened.
+    unasked : bool
+        Whether its repairs were made again because they had been made last time.
     asked_unit : str
         The unit that its file was read in; "" for what that states.
     sample : ndarray of int64, optional
@@ -94,6 +96,7 @@ class MeshReady:
     sample: npt.NDArray[np.int64] | None = None
     before: tuple[Mesh, ...] = ()
     source: str = ""
+    unasked: bool = False
     asked_unit: str = ""
 
 

@@ -42,8 +42,8 @@ def _reading(document: Document, name: str = "mesh") -> list[str]:
         read = f"mv.read_mesh({str(path.absolute())!r}, unit={document.unit_text!r})"
         lines = ["", f"{name} = {read}"]
     if document.repairs:
-        lines.insert(0, "from meshmash_viewer.health import REPAIRS")
-        lines += [f"{name} = REPAIRS[{each!r}].apply({name})" for each in document.repairs]
+        repairs = ", ".join(map(repr, document.repairs))
+        lines += [f"{name} = mv.repair_mesh({name}, {repairs})"]
     added = dict.fromkeys(each.path for each in document.mesh.maps if each.path)
     lines += [f"{name} = {name}.with_maps(*mv.read_maps({each!r}, {name}))" for each in added]
     return lines
@@ -106,4 +106,7 @@ def _writing(document: Document, request: FieldRequest) -> list[str]:
     if request.family.makes_features():
         told = ", eigenvalues=decomposition.eigenvalues" if request.family.of_pairs else ""
         return [f"mv.write_features({f'{stem}.npz'!r}, features, mesh{told})"]
-    return [f"np.save({f'{stem}.npy'!r}, values)"]
+    values = "values"
+    if document.mesh is not None and document.mesh.numbering is not None:
+        values = "mesh.on_file(values)"  # so that a row is a vertex of the file
+    return [f"np.save({f'{stem}.npy'!r}, {values})"]

@@ -302,7 +302,9 @@ def test_a_mesh_repaired_as_it_is_read_can_be_undone_step_by_step(
     raw = halves()
     merged = repair_mesh(raw, MERGE)
     largest = repair_mesh(merged, LARGEST)
-    document.accept_mesh(replace(ready(largest, MERGE, LARGEST), before=(raw, merged), source="a"))
+    document.accept_mesh(
+        replace(ready(largest, MERGE, LARGEST), before=(raw, merged), source="a", unasked=True)
+    )
     assert notices[-1].text == (
         "Repaired as before: Merge coincident vertices, Keep the largest component."
     )

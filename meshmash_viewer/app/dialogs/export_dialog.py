@@ -20,13 +20,14 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import reserved_note, show_quietly
 from meshmash_viewer.app.controls.file_row import FileRow
-from meshmash_viewer.app.controls.layout import grid, row
+from meshmash_viewer.app.controls.layout import column, grid, row
 from meshmash_viewer.app.dialogs.saving import SaveDialog
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.truncation import missing_sentence
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.fields.family import MOST_COUNT, Family
 from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.health import listed_repairs
 from meshmash_viewer.io.write import EIGENPAIR_WRITERS
 from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.document import Document
@@ -69,6 +70,10 @@ FORMATS = (
         if each.group == "writers" and not each.fault
     ),
 )
+
+
+#: What is said of the rows of a mesh that has lost vertices.
+_ROWS = " Rows have the index of their vertex in the file."
 
 
 class ExportDialog(SaveDialog):
@@ -123,6 +128,20 @@ class ExportDialog(SaveDialog):
             "Own maps as more columns",
         )
         self.maps_check.setChecked(bool(maps))
+        self._whole = self._document.file_mesh
+        if self._whole is not None and self._whole.n_vertices == self._mesh.n_vertices:
+            self._whole = None
+        repairs = listed_repairs(document.repairs)
+        self.repairs_label = self._label("export_repairs_label", "Repairs made on the mesh", 2)
+        self.repairs_label.setText(f"{repairs}.{_ROWS if self._mesh.numbering else ''}")
+        self.whole_check = make.check(
+            f"At all {counted(self._mesh.n_file_vertices, 'vertex')} of the file,"
+            " NaN where nothing was computed",
+            "export_whole_check",
+            "Write results at all vertices of the mesh file",
+        )
+        repaired = QWidget()
+        repaired.setLayout(column(self.repairs_label, self.whole_check, spacing=4))
         columns = QWidget()
         columns.setLayout(row(self.count_spin, (self.maps_check,), spacing=12))
         self._build_table()
@@ -131,6 +150,7 @@ class ExportDialog(SaveDialog):
         rows = {
             "What": self.kind_combo,
             "Made from": self.pairs_spin,
+            "After repairs": repaired,
             "Columns": columns,
             "Format": self.table,
             "Contains": self.contents_label,
@@ -143,6 +163,8 @@ class ExportDialog(SaveDialog):
             name.setContentsMargins(0, 4, 0, 0)
         self._count_row = names["Columns"], columns
         self._pairs_row = names["Made from"], self.pairs_spin
+        for widget in (names["After repairs"], repaired):
+            widget.setVisible(bool(document.repairs))
         self.export_button = self.accept_button = theme.named(
             QPushButton("Export"), "export_button", role="primary"
         )
@@ -161,6 +183,8 @@ class ExportDialog(SaveDialog):
         self.pairs_spin.valueChanged.connect(self._refresh)
         self.count_spin.valueChanged.connect(self._refresh)
         self.maps_check.toggled.connect(self._refresh)
+        self.whole_check.setVisible(self._whole is not None)
+        self.whole_check.toggled.connect(self._refresh)
         self.maps_check.setVisible(bool(maps))
         self.table.itemSelectionChanged.connect(self._change_format)
         self.file_row.edit.textChanged.connect(self._follow_name)
@@ -194,6 +218,7 @@ class ExportDialog(SaveDialog):
             self._document.repairs,
             self.maps_check.isChecked(),
             self._document.compared,
+            self._whole if self.whole_check.isChecked() else None,
         )
 
     def _chosen(self) -> Family:
@@ -217,6 +242,11 @@ class ExportDialog(SaveDialog):
             residuals=spectrum.residuals[:count],
             known_to=spectrum.known_to if count == len(spectrum) else 0.0,
         )
+
+    @property
+    def _n_rows(self) -> int:
+        mesh = self._mesh
+        return mesh.n_file_vertices if self.whole_check.isChecked() else mesh.n_vertices
 
     # -- building and refreshing ----------------------------------------------------------
 
@@ -300,7 +330,7 @@ class ExportDialog(SaveDialog):
                 self.table.selectRow(at)
 
     def _refresh(self) -> None:
-        n, unit = self._mesh.n_vertices, self._mesh.unit
+        n, unit = self._n_rows, self._mesh.unit
         try:
             columns, about = self._columns()
         except InputError as fault:

@@ -93,5 +93,5 @@ class PiecesDialog(SaveDialog):
         family = self._families[self.family_combo.currentData()]
         return PiecesJob(
             self._mesh, self.path, family, self.count_spin.value(), document.target,
-            document.operator,
+            document.operator, document.repairs,
         )  # fmt: skip

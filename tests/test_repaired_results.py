@@ -1,0 +1,216 @@
+"""Results of a repaired mesh by the numbers of its file: exports, the command line, scripts."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.csv
+import pytest
+import shapes
+from listeners import Listener
+from solved import spectrum_of
+
+import meshmash_viewer as mv
+from meshmash_viewer.cli import main as cli
+from meshmash_viewer.fields import EXPORTS
+from meshmash_viewer.fields.distances import Distances
+from meshmash_viewer.fields.similarity import Similarity
+from meshmash_viewer.health import mesh_health
+from meshmash_viewer.laplacian import OperatorOptions
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.decomposition import decompose
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.field import request_of
+from meshmash_viewer.model.jobs import ExportJob, MeshReady, ReadJob, RepairJob
+from meshmash_viewer.model.script import reproduction_script
+from meshmash_viewer.spectral.weyl import Target
+
+LARGEST, DROP, MERGE = (
+    "keep_largest_component",
+    "drop_unreferenced_vertices",
+    "merge_coincident_vertices",
+)
+
+
+def save(mesh: Mesh, path: Path) -> Path:
+    np.savez(path, vertices=mesh.vertices, faces=mesh.faces)
+    return path
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """A small ball of 42 vertices, two loose ones, and a larger ball of 162."""
+    small, large = shapes.icosphere(1), shapes.icosphere(2)
+    vertices = np.concatenate([small.vertices + 9.0, [[4.0, 4.0, 4.0]] * 2, large.vertices])
+    faces = np.concatenate([small.faces, large.faces + 44])
+    return save(Mesh(vertices, faces), tmp_path / "balls.npz")
+
+
+def run(*arguments: object) -> int:
+    return cli.main([str(each) for each in arguments])
+
+
+def table(path: Path) -> dict[str, np.ndarray]:
+    read = pyarrow.csv.read_csv(path).to_pydict()
+    return {name: np.array(column, dtype=float) for name, column in read.items()}
+
+
+@pytest.mark.parametrize("repairs", [[LARGEST], [DROP], [DROP, LARGEST], [LARGEST, MERGE, DROP]])
+def test_the_command_line_counts_as_the_file(
+    path: Path, tmp_path: Path, repairs: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = [each for name in repairs for each in ("--repair", name)]
+    common = ["features", path, *asked, "--kind", "distance", "--vertex", 50, "--count", 20]
+    out, whole = tmp_path / "out.csv", tmp_path / "whole.csv"
+    assert run(*common, "--distance", "biharmonic", "-o", out) == 0
+    assert run(*common, "--distance", "biharmonic", "--whole-mesh", "-o", whole) == 0
+    kept, all_of_them = table(out), table(whole)
+    assert list(kept) == list(all_of_them) == ["vertex", "biharmonic_from_50"]
+    np.testing.assert_array_equal(all_of_them["vertex"], np.arange(206))
+    distances = all_of_them["biharmonic_from_50"]
+    assert distances[50] == np.nanmin(distances) == 0.0
+    rows = kept["vertex"].astype(int)
+    np.testing.assert_array_equal(distances[rows], kept["biharmonic_from_50"])
+    assert np.isnan(np.delete(distances, rows)).all()
+    assert rows[-162:].tolist() == list(range(44, 206))
+    made = json.loads(whole.with_name("whole.csv.json").read_text())
+    assert (made["options"]["repairs"], made["options"]["whole_mesh"]) == (repairs, True)
+    assert made["mesh"]["n_vertices"] == 206
+    made = json.loads(out.with_name("out.csv.json").read_text())
+    assert (made["mesh"]["n_file_vertices"], made["options"]["whole_mesh"]) == (206, False)
+
+    capsys.readouterr()
+    assert run(*common[:-4], "--vertex", 43, "-o", out) == 2
+    assert "Vertex 43 has been left out by a repair" in capsys.readouterr().err
+    assert run(*common[:-4], "--vertex", 206, "-o", out) == 2
+    assert "There is no vertex 206: they are counted from 0 to 205" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("ending", ["npz", "npy", "parquet", "vtp", "ply", "func.gii"])
+def test_whole_meshes_have_as_many_rows_in_every_format(
+    path: Path, tmp_path: Path, ending: str
+) -> None:
+    out = tmp_path / f"out.{ending}"
+    asked = ["features", path, "--largest-component", "--count", 9, "--n-components", 2]
+    assert run(*asked, "--whole-mesh", "-o", out) == 0
+    raw = mv.read_mesh(path)
+    found = raw.with_maps(*mv.read_maps(out, raw)).maps[0]
+    there = ~np.isnan(found.values)
+    assert np.flatnonzero(there).tolist() == list(range(44, 206))
+
+
+def test_pieces_eigenpairs_and_matches_come_to_the_whole_mesh(path: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.npz"
+    largest = ["--largest-component", "--whole-mesh", "-o", out]
+    pieces = ["--kind", "hks", "--t-min", 0.1, "--t-max", 1, "--pieces", 1, "--count", 20]
+    assert run("features", path, *pieces, *largest) == 0
+    with np.load(out) as archive:
+        assert np.isnan(archive["features"][:44]).all()
+        assert np.isfinite(archive["features"][44:]).all()
+        made = json.loads(str(archive["meta"]))["options"]
+    assert (made["repairs"], made["whole_mesh"]) == ([LARGEST], True)
+    assert run("features", path, "--kind", "eigenpairs", "--count", 9, *largest) == 0
+    with np.load(out) as archive:
+        assert np.isnan(archive["eigenvectors"][:44]).all()
+        np.testing.assert_array_equal(archive["mass"] > 0.0, np.arange(206) >= 44)
+        assert len(archive["vertices"]) == 206
+    assert run("compare", path, path, "--count", 9, *largest) == 0
+    with np.load(out) as archive:
+        match = archive["features"][:, 0]
+    assert np.isnan(match[:44]).all()
+    # of the second mesh too, by the index in the file
+    np.testing.assert_array_equal(match[44:], np.arange(44, 206))
+
+
+@pytest.fixture
+def document(path: Path, tmp_path: Path) -> Document:
+    document, listener = Document(), Listener(tmp_path)
+    document.accept_mesh(ReadJob(path).run(listener))
+    document.accept_mesh(RepairJob(document.mesh, LARGEST, path).run(listener))
+    spectrum = spectrum_of(document.mesh, 20)
+    document.accept_spectrum(replace(spectrum, operator=OperatorOptions()))
+    return document
+
+
+@pytest.mark.parametrize(("kind", "family"), [("similarity", Similarity), ("distance", Distances)])
+def test_what_is_shown_and_the_script_name_the_vertex_of_the_file(
+    document: Document, tmp_path: Path, kind: str, family: Any
+) -> None:
+    assert document.mesh is not None
+    document.display.change(family, vertex=document.mesh.vertex_of(50))
+    document.display.kind = kind
+    if kind == "distance":
+        document.display.change(family, measure="biharmonic")
+    request = request_of(document)
+    assert request is not None
+    assert request.family.quantity(request.spectrum, "") == "from vertex 50"
+    code = reproduction_script(document)
+    assert "mv.repair_mesh(mesh, 'keep_largest_component')" in code
+    assert "mesh.vertex_of(50)" in code
+    made: dict[str, Any] = {}
+    with contextlib.chdir(tmp_path):
+        exec(code, made)
+    assert int(np.argmin(made["values"])) == 50 - 44
+    if kind == "similarity":
+        saved = np.load(tmp_path / "balls_similarity.npy")
+        assert (len(saved), int(np.nanargmin(saved))) == (206, 50)
+
+
+def test_an_export_says_what_was_repaired_and_can_be_of_the_whole_mesh(
+    path: Path, tmp_path: Path
+) -> None:
+    listener, operator = Listener(tmp_path), OperatorOptions()
+    raw = mv.read_mesh(path, "8 nm")
+    mesh = mv.repair_mesh(raw, LARGEST)
+    decompose(mesh, operator, Target("count", 12), listener)
+    # as it was read before the voxels were given
+    numbers = mv.read_mesh(path)
+    for family, n in ((EXPORTS["hks"].exported(3), 3), (EXPORTS["eigenpairs"].exported(), 12)):
+        out = tmp_path / "out.npz"
+        job = ExportJob(mesh, operator, out, family, 12, repairs=(LARGEST,), file_mesh=numbers)
+        written = job.run(listener)
+        assert "at all 206 vertices of the mesh file after Keep the largest component" in (
+            written.description
+        )
+        with np.load(out) as archive:
+            values = archive["features" if n == 3 else "eigenvectors"]
+            np.testing.assert_array_equal(archive["vertices"], raw.vertices)
+            meta = json.loads(str(archive["meta"]))
+        assert values.shape == (206, n)
+        assert (meta["mesh"]["hash"], meta["mesh"]["voxel"]) == (raw.content_hash, [8, 8, 8])
+        np.testing.assert_array_equal(np.isfinite(values[:, 0]), np.arange(206) >= 44)
+        plain = replace(job, file_mesh=None).run(listener)
+        assert "after Keep the largest component" in plain.description
+        assert "vertices" not in plain.description
+        assert "after" not in replace(job, file_mesh=None, repairs=()).run(listener).description
+
+
+def ready(mesh: Mesh, **known: Any) -> MeshReady:
+    return MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals, **known)
+
+
+def test_repairs_are_made_again_on_the_numbers_that_they_were_made_on(
+    path: Path, tmp_path: Path
+) -> None:
+    listener = Listener(tmp_path)
+    first = ReadJob(path, "8 nm").run(listener)
+    for unit in ("", "mm", "8 nm", "4 x 4 x 40 nm"):
+        again = ReadJob(path, unit, repairs=(DROP, LARGEST), source=first.source).run(listener)
+        assert (again.repairs, again.unasked, again.remark) == ((DROP, LARGEST), True, "")
+        assert [mesh.n_vertices for mesh in (*again.before, again.mesh)] == [206, 204, 162]
+        assert again.mesh.voxel == again.before[0].voxel
+        assert again.mesh.file_index(0) == 44
+    save(mv.Mesh(first.mesh.vertices * 1.01, first.mesh.faces), path)
+    changed = ReadJob(path, "8 nm", repairs=(DROP, LARGEST), source=first.source).run(listener)
+    assert (changed.repairs, changed.before, changed.unasked) == ((), (), False)
+    assert changed.remark.startswith("balls.npz has changed since it was repaired")
+    assert "Drop unreferenced vertices, Keep the largest component" in changed.remark
+    assert changed.mesh.n_vertices == 206
+    asked = ReadJob(path, repairs=(LARGEST, "polish", DROP)).run(listener)  # as a session does
+    assert (asked.repairs, asked.unasked, asked.mesh.n_vertices) == ((LARGEST,), False, 162)
+    assert asked.remark.startswith("polish was not made again. There is no repair 'polish'")
