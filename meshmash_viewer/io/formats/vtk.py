@@ -11,13 +11,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.io.formats.vtk_maps import (
+    colors_of_labels,
+    vtk_array,
+    vtk_maps,
+    with_names_apart,
+)
 from meshmash_viewer.io.guarded import read_guarded
 from meshmash_viewer.io.polygons import (
-    MOST_MAPS,
-    RawMap,
     RawMesh,
     fan_triangles,
     strip_triangles,
@@ -29,6 +32,8 @@ __all__ = ["read_legacy_vtk", "read_vtp", "vtk_legacy_surface", "vtk_xml_surface
 
 #: Values that a byte of a compressed file can stand for at most; deflate shrinks 1032-fold.
 _VALUES_PER_BYTE = 260
+#: Of which VTK takes only the first each, if not asked for all.
+_ATTRIBUTES = ("Scalars", "Vectors", "Normals", "ColorScalars", "TCoords", "Tensors", "Fields")
 #: What a legacy file counts, in front of the values themselves.
 _LEGACY_COUNTS = (b"POINTS", b"POLYGONS", b"TRIANGLE_STRIPS", b"CELLS", b"CELL_TYPES", b"LINES")
 
@@ -96,7 +101,15 @@ def vtk_legacy_surface(path: Path) -> RawMesh:
     """Read a legacy file with VTK; only `read_guarded` calls this, in a process of its own."""
     from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
 
-    output = _output(vtkGenericDataObjectReader(), path)
+    reader: Any = vtkGenericDataObjectReader()
+    for kind in _ATTRIBUTES:
+        getattr(reader, f"ReadAll{kind}On")()
+    whole = path.read_bytes()
+    content = with_names_apart(whole)
+    if content is not whole:
+        reader.ReadFromInputStringOn()
+        reader.SetBinaryInputString(content, len(content))
+    output = _output(reader, path)
     if output is None:
         raise InputError("holds no data set that VTK can read")
     if output.IsA("vtkUnstructuredGrid"):
@@ -108,7 +121,7 @@ def vtk_legacy_surface(path: Path) -> RawMesh:
         output = surface.GetOutput()
     if not output.IsA("vtkPolyData"):
         raise InputError(f"holds a {output.GetClassName()} where a surface should be")
-    return _from_polydata(output)
+    return _from_polydata(output, colors_of_labels(content))
 
 
 def _output(reader: Any, path: Path) -> Any:
@@ -132,43 +145,25 @@ def _output(reader: Any, path: Path) -> Any:
     return reader.GetOutput()
 
 
-def _from_polydata(output: Any) -> RawMesh:
+def _from_polydata(output: Any, colors: dict[str, tuple[str, ...]] | None = None) -> RawMesh:
     if output is None or output.GetPoints() is None:
         raise InputError("holds no vertices")
-    vertices = _array(output.GetPoints().GetData()).astype(np.float64)
+    vertices = vtk_array(output.GetPoints().GetData()).astype(np.float64)
     triangles = [np.empty((0, 3), dtype=np.int64)]
     for cells, cut in ((output.GetPolys(), fan_triangles), (output.GetStrips(), strip_triangles)):
         if cells.GetNumberOfCells():
             triangles.append(cut(*_corners(cells)))
     told = output.GetFieldData().GetAbstractArray("meshmash-viewer")
     said = str(told.GetValue(0)) if told is not None and told.GetNumberOfValues() else ""
-    return RawMesh(vertices, np.concatenate(triangles), stated_unit(said), _maps(output))
-
-
-def _maps(output: Any) -> tuple[RawMap, ...]:
-    """The arrays with one number a point; text and vectors are none."""
-    data = output.GetPointData()
-    arrays = [data.GetArray(at) for at in range(data.GetNumberOfArrays())]
-    return tuple(
-        RawMap(array.GetName(), _array(array))
-        for array in arrays
-        if array is not None and array.GetNumberOfComponents() == 1 and array.GetName()
-    )[:MOST_MAPS]
+    maps, remarks = vtk_maps(output, colors)
+    return RawMesh(vertices, np.concatenate(triangles), stated_unit(said), maps, remarks)
 
 
 def _corners(cells: Any) -> tuple[IntArray, IntArray]:
     """Corners of all cells, one after the other, and how many each has."""
-    offsets = _array(cells.GetOffsetsArray()).astype(np.int64)
-    corners = _array(cells.GetConnectivityArray()).astype(np.int64)
+    offsets = vtk_array(cells.GetOffsetsArray()).astype(np.int64)
+    corners = vtk_array(cells.GetConnectivityArray()).astype(np.int64)
     counts = np.diff(offsets)
     if offsets[0] < 0 or offsets[-1] > len(corners) or counts.min() < 0:
         raise InputError("has cells whose corners overlap or end beyond the last")
     return corners[offsets[0] : offsets[-1]], counts
-
-
-def _array(values: Any) -> npt.NDArray[Any]:
-    from vtkmodules.util import numpy_support
-
-    convert: Any = numpy_support.vtk_to_numpy
-    array: npt.NDArray[Any] = convert(values)
-    return array
