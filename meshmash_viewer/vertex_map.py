@@ -15,8 +15,8 @@ from meshmash_viewer.units import counted
 
 __all__ = ["MOST_LABELS", "Label", "VertexMap", "named_apart"]
 
-#: Labels that colours can tell apart at all; the largest of the usual parcellations have fewer.
-MOST_LABELS = 256
+#: Labels in use that a map may have: each has a colour on the surface, from a table of so many.
+MOST_LABELS = 512
 #: Characters of a name.
 _LONGEST = 60
 
@@ -50,7 +50,8 @@ class VertexMap:
         float64, with `labels` as int64, and read-only.
     labels : tuple of Label
         What the numbers mean, if they are not measured but name parts of the surface. A number
-        without a label is a vertex without a value.
+        without a label is a vertex without a value. Labels that no vertex has are left out, of
+        those with one number all but the first.
     unit : str
         Unit of the values; "" for none, or not stated.
     path : str
@@ -60,7 +61,7 @@ class VertexMap:
     ------
     InputError
         If the values are text, complex, infinite, none at all, or not one a vertex; or if there are
-        more than `MOST_LABELS` labels.
+        more than `MOST_LABELS` labels in use.
 
     Examples
     --------
@@ -79,13 +80,16 @@ class VertexMap:
         name = printable(self.name, _LONGEST) or "map"
         object.__setattr__(self, "name", name)
         values = _checked(np.asarray(self.values), name, bool(self.labels))
-        if len(self.labels) > MOST_LABELS:
-            raise InputError(
-                f"Map {name!r} has {len(self.labels):,} labels, and {MOST_LABELS} can be told apart"
-                " by colour: join some of them."
-            )
-        if self.labels and not np.isin(values, [label.key for label in self.labels]).any():
-            raise InputError(f"Map {name!r} has no vertex with a label: export it again.")
+        if self.labels:
+            labels = _in_use(self.labels, values)
+            if not labels:
+                raise InputError(f"Map {name!r} has no vertex with a label: export it again.")
+            if len(labels) > MOST_LABELS:
+                raise InputError(
+                    f"Map {name!r} has {len(labels):,} labels in use, and {MOST_LABELS} can be"
+                    " told apart by colour: join some of them."
+                )
+            object.__setattr__(self, "labels", labels)
         values.flags.writeable = False
         object.__setattr__(self, "values", values)
 
@@ -146,6 +150,16 @@ def named_apart(maps: Sequence[VertexMap], taken: Sequence[str] = ()) -> tuple[V
             each = VertexMap(name, each.values, each.labels, each.unit, each.path)
         result.append(each)
     return tuple(result)
+
+
+def _in_use(labels: Sequence[Label], values: npt.NDArray[Any]) -> tuple[Label, ...]:
+    """The labels that some vertex has, each number once."""
+    used = set(np.unique(values).tolist())
+    first: dict[int, Label] = {}
+    for label in labels:
+        if label.key in used:
+            first.setdefault(label.key, label)
+    return tuple(first.values())
 
 
 def _checked(values: npt.NDArray[Any], name: str, labelled: bool) -> npt.NDArray[Any]:

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from PySide6.QtCore import QObject, Qt, QThreadPool, Signal
 
 from meshmash_viewer.app.faults import notice_of
-from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.failure import Failure, failure_of
 from meshmash_viewer.vertex_map import VertexMap
 
@@ -63,17 +63,20 @@ class Errands(QObject):
 
     def read_maps(self, paths: tuple[Path, ...], shown: bool) -> None:
         """Hand the maps in files to the open mesh; a file that holds none costs a sentence."""
-        from meshmash_viewer.io.maps import read_maps
+        from meshmash_viewer.io.maps import maps_and_remarks
 
         document, mesh = self._document, self._document.mesh
         assert mesh is not None  # they are asked for with it
         faults: list[Failure] = []
+        remarks: list[str] = []
 
         def read() -> list[VertexMap]:
             maps: list[VertexMap] = []
             for path in paths:
                 try:
-                    maps += read_maps(path, mesh)
+                    found, said = maps_and_remarks(path, mesh)
+                    maps += found
+                    remarks.extend(said)
                 except Exception as fault:  # noqa: BLE001  said below
                     faults.append(failure_of(fault, f"Reading {path.name}"))
             return maps
@@ -82,6 +85,8 @@ class Errands(QObject):
             document.accept_maps(mesh, maps, shown=shown)
             for failure in faults:
                 document.notify(notice_of(failure))
+            if shown and remarks:
+                document.notify(Notice(" ".join(remarks), Severity.WARNING))
 
         self.run("Reading maps", read, take)
 

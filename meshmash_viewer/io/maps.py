@@ -2,34 +2,30 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.errors import InputError, MeshWarning, printable
+from meshmash_viewer.io.formats.annotation import freesurfer_annotation
 from meshmash_viewer.io.formats.neuroimaging import (
-    freesurfer_annotation,
     freesurfer_label,
     freesurfer_values,
     gifti_maps,
+    is_freesurfer_patch,
     is_freesurfer_values,
     mgh_maps,
 )
 from meshmash_viewer.io.formats.npz import holds_a_mesh, npz_maps
+from meshmash_viewer.io.formats.tables import csv_maps, parquet_maps
 from meshmash_viewer.io.guarded import LimitExceeded, read_guarded
-from meshmash_viewer.io.polygons import MOST_MAPS, RawMap, RawMesh, are_ascending_indices
-from meshmash_viewer.io.read import READERS, Reader, check_file, vertex_map
-from meshmash_viewer.mesh import MeshLike, as_mesh
-from meshmash_viewer.vertex_map import VertexMap
+from meshmash_viewer.io.polygons import MOST_MAPS, RawMap, RawMesh, maps_alone
+from meshmash_viewer.io.read import READERS, Reader, check_file, checked_maps, left_out
+from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
+from meshmash_viewer.vertex_map import VertexMap, named_apart
 
-if TYPE_CHECKING:
-    import pyarrow
-
-__all__ = ["MAP_ENDINGS", "csv_maps", "is_map_file", "npy_maps", "parquet_maps", "read_maps"]
+__all__ = ["MAP_ENDINGS", "is_map_file", "maps_and_remarks", "npy_maps", "read_maps"]
 
 
 def npy_maps(path: Path) -> RawMesh:
@@ -38,34 +34,11 @@ def npy_maps(path: Path) -> RawMesh:
     if values.ndim not in (1, 2):
         raise InputError(f"has shape {values.shape}, which is not one number a vertex")
     if values.ndim == 1:
-        return _only([RawMap("", values)])
-    return _only(RawMap(f"column {at}", each.copy()) for at, each in enumerate(values.T))
-
-
-def csv_maps(path: Path) -> RawMesh:
-    """Read the columns of numbers of a table, with or without a first line of names."""
-    import pyarrow.csv
-
-    with path.open("rb") as file:
-        first = file.readline(100_000).strip()
-    named = not all(_is_number(word) for word in re.split(rb"[,;\t]", first))
-    separator = next((sign for sign in ("\t", ";") if sign.encode() in first), ",")
-    table = pyarrow.csv.read_csv(
-        path,
-        pyarrow.csv.ReadOptions(autogenerate_column_names=not named, use_threads=False),
-        pyarrow.csv.ParseOptions(delimiter=separator),
-        pyarrow.csv.ConvertOptions(null_values=["", "NA", "NaN", "nan", "null"]),
-    )
-    if not named and len(table.column_names) == 1:
-        table = table.rename_columns([""])
-    return _table(table)
-
-
-def parquet_maps(path: Path) -> RawMesh:
-    """Read the columns of numbers of a Parquet table."""
-    import pyarrow.parquet
-
-    return _table(pyarrow.parquet.read_table(path, use_threads=False))
+        return maps_alone([RawMap("", values)])
+    columns = values.shape[1]
+    if columns > MOST_MAPS:
+        raise InputError(f"has {columns:,} columns, of which {MOST_MAPS} can be taken at most")
+    return maps_alone(RawMap(f"column {at}", each.copy()) for at, each in enumerate(values.T))
 
 
 #: Readers of maps alone, by lower-case ending.
@@ -124,13 +97,18 @@ def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
     Returns
     -------
     tuple of VertexMap
-        One or more, with `VertexMap.path`; see `Mesh.with_maps`.
+        One or more, with `VertexMap.path`, each of another name; see `Mesh.with_maps`.
 
     Raises
     ------
     InputError
         If there is no such file, it has no value for each vertex of the mesh, or a value is none;
         one sentence that names the file, the fault and the way out.
+
+    Warns
+    -----
+    MeshWarning
+        For columns that are empty or text, and maps that have values which are none.
 
     Examples
     --------
@@ -145,13 +123,23 @@ def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
     >>> mesh.maps[0].name
     'height.npy'
     """
+    maps, remarks = maps_and_remarks(path, mesh)
+    for remark in remarks:
+        warnings.warn(remark, MeshWarning, stacklevel=2)
+    return maps
+
+
+def maps_and_remarks(
+    path: str | Path, mesh: MeshLike
+) -> tuple[tuple[VertexMap, ...], tuple[str, ...]]:
+    """Do as `read_maps`, with a sentence on what is left out in place of warnings."""
     path, mesh = Path(path), as_mesh(mesh)
     check_file(path)
     try:
         raw = read_guarded(_reader(path), path)
         if not raw.maps:
             raise InputError("has nothing at its vertices but coordinates")
-        fitting = tuple(_fitting(raw.maps, mesh, path))
+        found, faults = _fitting(raw.maps, mesh, path)
     except LimitExceeded as fault:
         raise InputError(f"{path} {fault}") from fault
     except InputError as fault:
@@ -163,7 +151,8 @@ def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
         raise InputError(f"{path} {text}; give a file with one number a vertex.") from fault
     except PermissionError as fault:
         raise InputError(f"{path} may not be read by you; give yourself permission.") from fault
-    return fitting
+    said = () if len(raw.vertices) else raw.remarks
+    return found, tuple(f"{path} {remark}." for remark in (*said, *faults))
 
 
 def _reader(path: Path) -> Reader:
@@ -179,56 +168,30 @@ def _reader(path: Path) -> Reader:
         return READERS[ending]
     if name.endswith(_VALUES) or is_freesurfer_values(path):
         return freesurfer_values
+    if is_freesurfer_patch(path):
+        raise InputError("is a FreeSurfer patch, a part of a surface without values")
     raise InputError(
         f"has an ending ({printable(ending, 40) or 'none'}) of no known format of maps"
     )
 
 
-def _fitting(maps: Iterable[RawMap], mesh: Any, path: Path) -> Iterator[VertexMap]:
-    """Those of as many numbers as the mesh has vertices, or had when it was read."""
-    all_of_them = tuple(maps)
-    known = [each for each in all_of_them if each.values.dtype.kind in "fiubc"] or all_of_them
+def _fitting(
+    maps: tuple[RawMap, ...], mesh: Mesh, path: Path
+) -> tuple[tuple[VertexMap, ...], tuple[str, ...]]:
+    """Maps of as many numbers as the mesh has vertices, or its file; a clause on each bad one.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
     lengths = {mesh.n_vertices, mesh.n_file_vertices}
-    fitting = [each for each in known if each.last >= 0 or len(each.values) in lengths]
-    for each in fitting or known:
-        named = replace(each, name=each.name or path.name)
-        found = vertex_map(named, max(lengths), str(path))
-        yield found if fitting else mesh.with_maps(found).maps[-1]
-
-
-def _is_number(word: bytes) -> bool:
-    try:
-        float(word.strip(b' "'))
-    except ValueError:
-        return False
-    return True
-
-
-def _table(table: pyarrow.Table) -> RawMesh:
-    """The columns of numbers; one called "vertex" says which vertex a row is for."""
-    columns: dict[str, Any] = {}
-    for name, column in zip(table.column_names, table.columns, strict=True):
-        values = column.to_numpy()
-        if values.dtype.kind in "fiub":
-            columns[name] = values
-    rows = columns.pop("vertex", None)
-    if rows is not None:
-        order = np.argsort(rows, kind="stable")
-        rows = rows[order]
-        columns = {name: values[order] for name, values in columns.items()}
-        if not are_ascending_indices(rows):
-            raise InputError("has a column vertex that is not an index from 0 in each row, once")
-        all_of_them = not len(rows) or rows[-1] < len(rows)
-        rows = None if all_of_them else rows.astype(np.int64)
-    return _only(
-        RawMap(name, np.ascontiguousarray(each), rows=rows) for name, each in columns.items()
-    )
-
-
-def _only(maps: Iterable[RawMap]) -> RawMesh:
-    found = tuple(maps)
-    if not found:
-        raise InputError("has no column of numbers")
-    if len(found) > MOST_MAPS:
-        raise InputError(f"has {len(found):,} columns, of which {MOST_MAPS} can be taken at most")
-    return RawMesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), maps=found)
+    fitting = [each for each in maps if each.last >= 0 or len(each.values) in lengths]
+    found, faults = checked_maps(fitting or maps, max(lengths), path)
+    if not fitting:
+        if volume := maps[0].volume:
+            raise InputError(f"has shape {volume}, which is a volume and not values of a surface")
+        mesh.with_maps(*found)
+    if not found or not fitting:
+        raise faults[0]
+    return named_apart(found), tuple(map(left_out, faults))

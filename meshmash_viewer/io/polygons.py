@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +22,7 @@ __all__ = [
     "RawMesh",
     "are_ascending_indices",
     "fan_triangles",
+    "maps_alone",
     "parse_rows",
     "raw_mesh",
     "strip_triangles",
@@ -45,6 +47,8 @@ class RawMap:
         Whether the values are the indices of the vertices that are in a label.
     rows : ndarray of int64, shape (n,), optional
         The vertices of the mesh's file that the values are of, ascending; None for all of them.
+    volume : tuple of int
+        The shape that the values have in the file, where it may be that of a volume.
     """
 
     name: str
@@ -52,6 +56,7 @@ class RawMap:
     labels: tuple[Label, ...] = ()
     indices: bool = False
     rows: IntArray | None = None
+    volume: tuple[int, ...] = ()
 
     @property
     def last(self) -> int:
@@ -92,6 +97,12 @@ class RawMesh:
     unit: str | None = None
     maps: tuple[RawMap, ...] = ()
     remarks: tuple[str, ...] = ()
+
+
+def maps_alone(maps: Iterable[RawMap], remarks: tuple[str, ...] = ()) -> RawMesh:
+    """What a file holds that has no mesh."""
+    no_vertices, no_faces = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+    return RawMesh(no_vertices, no_faces, maps=tuple(maps), remarks=remarks)
 
 
 def raw_mesh(given: RawMesh | MeshLike) -> RawMesh:

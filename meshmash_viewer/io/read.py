@@ -6,7 +6,8 @@ import contextlib
 import gzip
 import warnings
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TypeAlias
@@ -40,6 +41,8 @@ __all__ = [
     "READERS",
     "Reader",
     "check_file",
+    "checked_maps",
+    "left_out",
     "mesh_name",
     "read_mesh",
     "vertex_map",
@@ -128,14 +131,14 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
             guarded = limits is not None
             raw = read_guarded(reader, plain, limits) if guarded else raw_mesh(reader(plain))
             _check_content(raw)
-            stated = raw.unit or ""
+            stated, (maps, faults) = raw.unit or "", _own_maps(raw)
             mesh = Mesh(
                 raw.vertices * voxel if voxel != NO_VOXEL else raw.vertices,
                 raw.faces,
                 unit=stated if given_unit is None else given_unit,
                 name=mesh_name(path),
                 voxel=voxel,
-                maps=tuple(_own_maps(raw)),
+                maps=maps,
             )
     except LimitExceeded as fault:
         raise InputError(f"{path} {fault}") from fault
@@ -150,18 +153,36 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
         ) from fault
     except Exception as fault:  # whatever a library raises on a broken file, it is the file's
         raise InputError(f"{path} {_way_out(str(unreadable(fault)), ending)}") from fault
-    for remark in raw.remarks:
+    for remark in (*raw.remarks, *faults):
         warnings.warn(f"{path} {remark}.", MeshWarning, stacklevel=2)
     return mesh
 
 
-def _own_maps(raw: RawMesh) -> Iterator[VertexMap]:
-    """What a mesh file has at its vertices, as far as it can be shown."""
-    for each in raw.maps:
-        with contextlib.suppress(InputError):
-            found = vertex_map(each, len(raw.vertices))
-            if found.n_vertices == len(raw.vertices):
-                yield found
+def _own_maps(raw: RawMesh) -> tuple[tuple[VertexMap, ...], tuple[str, ...]]:
+    """What a mesh file has at its vertices, and a clause on each that is no map."""
+    n = len(raw.vertices)
+    known = [each for each in raw.maps if each.last >= 0 or len(each.values) == n]
+    found, faults = checked_maps(known)
+    return found, tuple(map(left_out, faults))
+
+
+def checked_maps(
+    maps: Iterable[RawMap], n_vertices: int = 0, path: str | Path = ""
+) -> tuple[tuple[VertexMap, ...], list[InputError]]:
+    """Maps of what a file has at its n vertices, and what is wrong with each of the others."""
+    found, faults = [], []
+    for each in maps:
+        try:
+            named = replace(each, name=each.name or Path(path).name)
+            found.append(vertex_map(named, n_vertices, str(path)))
+        except InputError as fault:
+            faults.append(fault)
+    return tuple(found), faults
+
+
+def left_out(fault: InputError) -> str:
+    """A clause on a map that is not taken, from what `VertexMap` says of it."""
+    return f"has a map that is left out: {str(fault).removeprefix('Map ').removesuffix('.')}"
 
 
 def vertex_map(raw: RawMap, n_vertices: int, path: str = "") -> VertexMap:

@@ -44,8 +44,8 @@ def gifti(path: Path, intent: str, values: np.ndarray, labels: bool = False) -> 
 
 def write_csv(path: Path) -> None:
     order = np.arange(N)[::-1]
-    rows = [f"{v},{VALUES[v]},part {PARTS[v]}" for v in order]
-    path.write_text("\n".join(["vertex,depth,region", *rows]) + "\n")
+    rows = [f"{v},{VALUES[v]}" for v in order]
+    path.write_text("\n".join(["vertex,depth", *rows]) + "\n")
 
 
 def write_parquet(path: Path) -> None:
@@ -65,8 +65,6 @@ def write_vtp(path: Path) -> None:
 
     surface = pyvista.PolyData.from_regular_faces(MESH.vertices, MESH.faces)
     surface["depth"] = VALUES
-    surface["directions"] = np.ones((N, 3))
-    surface["words"] = np.array(["a"] * N)
     surface.save(path)
 
 
@@ -293,8 +291,6 @@ def test_a_map_is_of_its_mesh() -> None:
         Mesh(MESH.vertices, MESH.faces, maps=(VertexMap("a", np.ones(3)),))
     with pytest.raises(InputError, match="shape"):
         VertexMap("a", np.ones((N, 2)))
-    with pytest.raises(InputError, match="257 labels"):
-        VertexMap("a", np.ones(3), tuple(Label(at, "", "#000000") for at in range(257)))
     assert VertexMap("a", np.arange(3)).values.dtype == np.float64
     assert not VertexMap("a", np.arange(3)).signed
     assert not VertexMap("parts", np.arange(-1, 2), (Label(-1, "a", "#000000"),)).signed

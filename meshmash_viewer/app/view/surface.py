@@ -11,7 +11,8 @@ from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkPolyDa
 from vtkmodules.vtkRenderingCore import VTK_POINTS, vtkActor, vtkPolyDataMapper
 
 from meshmash_viewer.app.view.annotations import Caption
-from meshmash_viewer.app.view.colors import LIGHT, NAN_COLOR, RenderTheme, rgb
+from meshmash_viewer.app.view.colors import LIGHT, NAN_COLOR, RenderTheme, color_table, rgb
+from meshmash_viewer.vertex_map import MOST_LABELS
 
 __all__ = ["Surface"]
 
@@ -48,9 +49,10 @@ _LINES = """
     fragOutput0.rgb = mix(fragOutput0.rgb, lineColor, line);
   }
 """
-#: The field goes to the graphics card as it is and is coloured there, from a table of 256 colours:
-#: VTK's own colouring computes texture coordinates on the processor, 25 ms for a million vertices.
-_COLORS = 256
+#: The field goes to the graphics card as it is and is coloured there, from a table of as many
+#: colours as there may be labels, or of 256 that are there twice: VTK's own colouring computes
+#: texture coordinates on the processor, 25 ms for a million vertices.
+_COLORS = MOST_LABELS
 #: Stands for "no value": not every driver knows NaN when it sees it.
 _MISSING = np.float32(-3e38)
 _FIELD_IN = """//VTK::Normal::Dec
@@ -177,7 +179,11 @@ class Surface:
         self._uniforms.SetUniformi("fieldShown", int(caption is not None))
         if caption is None:
             return
-        packed = caption.table[:, :3].astype(np.int64) @ [1 << 16, 1 << 8, 1]
+        if isinstance(caption.colormap, tuple):
+            table = color_table(caption.colormap, _COLORS)
+        else:
+            table = np.repeat(caption.table, _COLORS // len(caption.table), axis=0)
+        packed = table[:, :3].astype(np.int64) @ [1 << 16, 1 << 8, 1]
         self._uniforms.SetUniform1iv("fieldColors", _COLORS, packed.tolist())
         self._uniforms.SetUniformf("fieldLow", caption.low)
         self._uniforms.SetUniformf("fieldScale", _COLORS / (caption.high - caption.low))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import re
 import struct
 from collections.abc import Iterable, Iterator
@@ -12,16 +13,16 @@ import numpy as np
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.guarded import read_guarded
-from meshmash_viewer.io.polygons import MOST_MAPS, RawMap, RawMesh
+from meshmash_viewer.io.polygons import MOST_MAPS, RawMap, RawMesh, maps_alone
 from meshmash_viewer.vertex_map import Label
 
 __all__ = [
     "FREESURFER_ENDINGS",
-    "freesurfer_annotation",
     "freesurfer_label",
     "freesurfer_values",
     "gifti_maps",
     "gifti_surface",
+    "is_freesurfer_patch",
     "is_freesurfer_surface",
     "is_freesurfer_values",
     "mgh_maps",
@@ -76,6 +77,11 @@ def gifti_surface(path: Path) -> RawMesh:
         raise InputError(
             "holds no surface (a GIFTI surface has a point set and triangles;"
             " functional and label files have neither)"
+        )
+    if len(points) > 1 or len(triangles) > 1:
+        raise InputError(
+            f"holds {len(points)} point sets and {len(triangles)} sets of triangles, and does not"
+            " say which is the surface: write each surface to a file of its own."
         )
     vertices, faces = points[0].data, triangles[0].data
     if vertices is None or faces is None:
@@ -151,19 +157,6 @@ def freesurfer_values(path: Path) -> RawMesh:
     return _only([RawMap("", np.asarray(read(str(path)), dtype=np.float32))], "")
 
 
-def freesurfer_annotation(path: Path) -> RawMesh:
-    """Read a parcellation with its names and colours (``.annot``)."""
-    from nibabel.freesurfer.io import read_annot
-
-    read: Any = read_annot
-    values, colors, names = read(str(path))
-    labels = tuple(
-        Label(key, name.decode("utf-8", "replace"), "#" + "".join(f"{each:02x}" for each in rgb))
-        for key, (name, rgb) in enumerate(zip(names, colors[:, :3].tolist(), strict=True))
-    )
-    return _only([RawMap("", values.astype(np.int64), labels)], "")
-
-
 def freesurfer_label(path: Path) -> RawMesh:
     """Read the indices of the vertices in one label (``.label``)."""
     from nibabel.freesurfer.io import read_label
@@ -176,17 +169,30 @@ def freesurfer_label(path: Path) -> RawMesh:
 
 
 def mgh_maps(path: Path) -> RawMesh:
-    """Read a surface's values from MGH or MGZ: n × 1 × 1, and one map a frame."""
-    import nibabel
+    """Read a surface's values from MGH or MGZ, one map a frame.
 
-    load: Any = nibabel.load
-    data = np.asarray(load(str(path)).dataobj)
-    if data.ndim < 3 or sum(side > 1 for side in data.shape[:3]) > 1:
-        raise InputError(f"has shape {data.shape}, which is a volume and not values of a surface")
-    frames = data.reshape(max(data.shape[:3]), -1).T
-    names = [f"frame {at}" for at in range(len(frames))] if len(frames) > 1 else [""]
-    found = zip(names, frames, strict=True)
-    return _only((RawMap(name, np.array(each, np.float64)) for name, each in found), "")
+    The values are along any axis, or folded over several as FreeSurfer does for large surfaces,
+    the first axis running fastest.
+    """
+    from nibabel.freesurfer.mghformat import MGHImage
+
+    image: Any = MGHImage
+    packed = path.suffix.lower() == ".mgz"
+    with gzip.open(path) if packed else path.open("rb") as file:
+        data = np.asarray(image.from_bytes(file.read()).dataobj)
+    sides, n_frames = data.shape[:3], int(np.prod(data.shape[3:]))
+    if max(sides) == 1:  # the axis of frames is that of the values
+        sides, n_frames = data.shape, 1
+    frames = data.reshape((-1, n_frames), order="F").T
+    volume = sides if sum(side > 1 for side in sides) > 1 else ()
+    names = [f"frame {at}" for at in range(n_frames)] if n_frames > 1 else [""]
+    return _only(
+        (
+            RawMap(name, np.array(each, np.float64), volume=volume)
+            for name, each in zip(names, frames, strict=True)
+        ),
+        "",
+    )
 
 
 def _only(maps: Iterable[RawMap], what: str) -> RawMesh:
@@ -194,7 +200,7 @@ def _only(maps: Iterable[RawMap], what: str) -> RawMesh:
     found = tuple(maps)
     if not found:
         raise InputError(f"holds nothing with {what}")
-    return RawMesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), maps=found)
+    return maps_alone(found)
 
 
 def read_freesurfer(path: Path) -> RawMesh:
@@ -220,6 +226,11 @@ def read_freesurfer(path: Path) -> RawMesh:
         else:
             raise InputError("does not begin like a FreeSurfer surface")
         size = path.stat().st_size
+    if is_freesurfer_patch(path):
+        raise InputError(
+            "A FreeSurfer patch names vertices of a surface and has no triangles of its own: open"
+            " the surface that it was cut from."
+        )
     if magic == _SHORT_QUADS and needed != size and _is_curvature(path, size):
         raise InputError("holds one number a vertex, such as a curvature or thickness, no surface")
     if min(n_vertices, n_faces) < 0 or needed > size:
@@ -251,6 +262,16 @@ def is_freesurfer_values(path: Path) -> bool:
     with path.open("rb") as file:
         begins = file.read(3) == _SHORT_QUADS
     return begins and _is_curvature(path, path.stat().st_size)
+
+
+def is_freesurfer_patch(path: Path) -> bool:
+    """Whether a file is a part of a surface, flattened or not: -1, and 16 bytes a vertex."""
+    with path.open("rb") as file:
+        header = file.read(8)
+    if len(header) < 8:
+        return False
+    magic, n_vertices = struct.unpack(">ii", header)
+    return bool(magic == -1 and path.stat().st_size == 8 + 16 * n_vertices)
 
 
 def is_freesurfer_surface(beginning: bytes) -> bool:

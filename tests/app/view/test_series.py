@@ -166,6 +166,24 @@ def test_each_map_has_the_colours_that_suit_it(plate: Mesh) -> None:
         assert strong.sum() > 2000, "both halves are in the colour of their label"
 
 
+def test_each_of_hundreds_of_labels_has_its_own_colour() -> None:
+    """Two neighbours among 400, which share a place in a table of 256 colours."""
+    mesh = shapes.rectangle(40, 60, A, B)
+    keys = np.where(mesh.vertices[:, 0] > A / 2, 201, 200)
+    keys[np.linspace(0, mesh.n_vertices - 1, 400).astype(int)] = np.arange(400)
+    colors = {200: "#d01010", 201: "#1010d0"}
+    labels = tuple(Label(key, "", colors.get(key, "#808080")) for key in range(1000))
+    mesh = mesh.with_maps(VertexMap("parts", keys, labels=labels))
+    bare = Spectrum.without_pairs(mesh)
+    (family,) = sweep(FAMILIES["map"](), bare, range(1))
+    (shot,) = shots_of([family], bare, mesh, mesh.area_sample(), {})
+    (picture,) = draw_series(drawing_of(mesh), SIZE, [shot], Display())
+    pixels = straight(picture)[..., :3].astype(int)
+    for channel in (0, 2):
+        strong = pixels[..., channel] > 2 * pixels[..., [1, 2 - channel]].max(axis=-1)
+        assert strong.sum() > 2000
+
+
 def test_lines_of_a_distance_are_said_on_its_picture(plate: Mesh) -> None:
     bare = Spectrum.without_pairs(plate)
     far = FAMILIES["distance"].exported(vertex=[7])

@@ -1,0 +1,192 @@
+"""Parcellations of any size of table, and surface values in any shape, as FreeSurfer has them."""
+
+from __future__ import annotations
+
+import gzip
+import struct
+from pathlib import Path
+
+import nibabel
+import numpy as np
+import pytest
+import shapes
+from nibabel.gifti import GiftiDataArray, GiftiImage, GiftiLabel, GiftiLabelTable
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.maps import read_maps
+from meshmash_viewer.io.read import read_mesh
+from meshmash_viewer.vertex_map import MOST_LABELS, Label, VertexMap
+
+MESH = shapes.icosphere(3)
+N = MESH.n_vertices
+POINTS, TRIANGLES = "NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE"
+
+
+@pytest.fixture(autouse=True)
+def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process of its own for each small file would take a second."""
+    monkeypatch.setattr("meshmash_viewer.io.guarded._watched", True)
+
+
+def table(keys: np.ndarray) -> tuple[Label, ...]:
+    return tuple(
+        Label(key, f"part {key}", f"#{(key * 7919 + 1) % 2**24:06x}") for key in keys.tolist()
+    )
+
+
+#: Numbers of labels in a table, and the numbers that the vertices have.
+TABLES = {
+    "361 of which 10": (np.arange(361), np.arange(N) % 10),
+    "361 of which all": (np.arange(361), np.arange(N) % 361),
+    "1,266 with gaps": (np.arange(1266) * 11 + 3, (np.arange(N) % 35) * 11 + 3),
+    "1,266 of which the last": (np.arange(1266), np.full(N, 1265)),
+    "some have none": (np.arange(300), np.where(np.arange(N) < 40, 7, 2000)),
+    "as many as can be": (np.arange(MOST_LABELS), np.arange(N) % MOST_LABELS),
+    "backwards": (np.arange(361)[::-1], np.arange(N) % 12),
+}
+
+
+def gifti(path: Path, arrays: list[tuple[str, np.ndarray]], labels: tuple[Label, ...]) -> None:
+    image = GiftiImage()
+    image.labeltable = GiftiLabelTable()
+    for each in labels:
+        rgb = [int(each.color[at : at + 2], 16) / 255.0 for at in (1, 3, 5)]
+        entry = GiftiLabel(each.key, *rgb, 1.0)
+        entry.label = each.name
+        image.labeltable.labels.append(entry)
+    for intent, values in arrays:
+        image.add_gifti_data_array(GiftiDataArray(values, intent=intent))
+    path.write_bytes(image.to_bytes())
+
+
+def annotation(path: Path, labels: tuple[Label, ...], values: np.ndarray, numbered: bool) -> None:
+    """Written from what FreeSurfer's documentation says of the format."""
+    colors = {each.key: [int(each.color[at : at + 2], 16) for at in (1, 3, 5)] for each in labels}
+    packed = [r + (g << 8) + (b << 16) for r, g, b in (colors.get(v, (1, 1, 9)) for v in values)]
+    pairs = np.column_stack([np.arange(len(values)), packed])[::-1]  # in any order
+    parts = [np.array([len(values)], ">i4").tobytes(), pairs.astype(">i4").tobytes()]
+    last = max(each.key for each in labels) + 1
+    parts.append(struct.pack(">iii", 1, -2, last) if numbered else struct.pack(">ii", 1, last))
+    parts.append(struct.pack(">i4s", 4, b"lut\0"))
+    if numbered:
+        parts.append(struct.pack(">i", len(labels)))
+    for each in labels:
+        name = each.name.encode() + b"\0"
+        parts.append(struct.pack(">i", each.key) if numbered else b"")
+        parts.append(struct.pack(f">i{len(name)}s4i", len(name), name, *colors[each.key], 0))
+    path.write_bytes(b"".join(parts))
+
+
+@pytest.mark.parametrize("kind", ["label.gii", "surf.gii", "annot", "old annot", "library"])
+@pytest.mark.parametrize("name", TABLES)
+def test_labels_in_use_are_known(name: str, kind: str, tmp_path: Path) -> None:
+    keys, values = TABLES[name]
+    labels = table(keys)
+    path = tmp_path / f"lh.parts.{kind.split()[-1]}"
+    if kind == "library":
+        found = VertexMap("parts", values, labels)
+    elif kind == "label.gii":
+        gifti(path, [("NIFTI_INTENT_LABEL", values.astype(np.int32))], labels)
+        (found,) = read_maps(path, MESH)
+    elif kind == "surf.gii":
+        surface = [(POINTS, MESH.vertices.astype("f4")), (TRIANGLES, MESH.faces.astype("i4"))]
+        gifti(path, [*surface, ("NIFTI_INTENT_LABEL", values.astype(np.int32))], labels)
+        (found,) = read_mesh(path).maps
+    else:
+        if kind == "old annot":  # whose labels are counted
+            if not np.array_equal(keys, np.arange(len(keys))):
+                pytest.skip("has no such table")
+            labels = tuple(sorted(labels, key=lambda each: each.key))
+        annotation(path, labels, values, numbered=kind == "annot")
+        (found,) = read_maps(path, MESH)
+    used = set(values.tolist())
+    assert found.labels == tuple(each for each in labels if each.key in used)
+    known = np.isin(values, keys)
+    np.testing.assert_array_equal(np.isfinite(found.shown), known)
+    shown = found.shown[known].astype(int)
+    assert [found.labels[place].key for place in shown] == values[known].tolist()
+
+
+def test_more_labels_in_use_than_colors_are_refused() -> None:
+    values = np.arange(N) % (MOST_LABELS + 1)
+    with pytest.raises(InputError, match=r"513 labels in use, and 512 can be told apart"):
+        VertexMap("parts", values, table(np.arange(2000)))
+    with pytest.raises(InputError, match="no vertex with a label"):
+        VertexMap("parts", values + 5000, table(np.arange(2000)))
+
+
+def test_the_first_label_of_a_number_counts() -> None:
+    labels = (Label(1, "a", "#000001"), Label(2, "b", "#000002"), Label(1, "c", "#000003"))
+    assert VertexMap("parts", [1, 2, 1], labels).labels == labels[:2]
+
+
+@pytest.mark.parametrize(
+    ("content", "pattern"),
+    [
+        (struct.pack(">5i", 2, 0, 1, 1, 2), "without a table of names and colours"),
+        (struct.pack(">6i", 2, 0, 1, 1, 2, 0), "without a table of names and colours"),
+        (struct.pack(">7i", 2, 0, 1, 1, 2, 1, -3), "unknown version 3"),
+        (struct.pack(">9i", 2, 0, 1, 1, 2, 1, -2, 9, 400), "ends within its labels"),
+        (struct.pack(">5i", 2, 0, 1, 0, 2), "not once for each vertex"),
+        (struct.pack(">5i", 2, 0, 1, 7, 2), "not once for each vertex"),
+        (struct.pack(">i", -5), "ends within its labels"),
+        (struct.pack(">i", 2**31 - 1), "ends within its labels"),
+    ],
+)
+def test_broken_annotations_are_one_sentence(content: bytes, pattern: str, tmp_path: Path) -> None:
+    (tmp_path / "lh.aparc.annot").write_bytes(content)
+    with pytest.raises(InputError, match=rf"lh\.aparc\.annot .*{pattern}.*\.$"):
+        read_maps(tmp_path / "lh.aparc.annot", MESH)
+
+
+SHAPES = [(642, 1, 1), (1, 642, 1), (1, 1, 642), (107, 6, 1), (107, 1, 6), (1, 6, 107), (6, 107, 1)]
+SHAPES += [(3, 2, 107), (107, 2, 3), (321, 2, 1), (642, 1, 1, 3), (1, 642, 1, 2), (1, 1, 1, 642)]
+SHAPES += [(107, 1, 6, 2)]
+
+
+@pytest.mark.parametrize("packed", [False, True], ids=["mgh", "mgz"])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_values_may_be_folded_in_any_shape(
+    shape: tuple[int, ...], packed: bool, tmp_path: Path
+) -> None:
+    count = int(np.prod(shape)) // N
+    values = np.random.default_rng(0).normal(size=(count, N)).astype(np.float32)
+    path = tmp_path / ("lh.area.mgz" if packed else "lh.area.mgh")
+    # in the file, the first axis runs fastest and the frames follow each other
+    nibabel.save(nibabel.MGHImage(values.ravel().reshape(shape, order="F"), np.eye(4)), path)
+    found = read_maps(path, MESH)
+    np.testing.assert_array_equal([each.values for each in found], values)
+
+
+@pytest.mark.parametrize("shape", [(4, 5, 6), (2, 321, 2), (642, 2, 1), (256, 1, 256)])
+def test_a_volume_is_one_sentence(shape: tuple[int, ...], tmp_path: Path) -> None:
+    image = nibabel.MGHImage(np.ones(shape, np.float32), np.eye(4))
+    nibabel.save(image, tmp_path / "brain.mgz")
+    with pytest.raises(InputError, match=r"which is a volume and not values of a surface"):
+        read_maps(tmp_path / "brain.mgz", MESH)
+
+
+@pytest.mark.parametrize(("points", "triangles"), [(2, 2), (2, 1), (1, 2), (3, 3)])
+def test_many_surfaces_in_a_file_are_one_sentence(
+    points: int, triangles: int, tmp_path: Path
+) -> None:
+    arrays = [(POINTS, MESH.vertices.astype("f4"))] * points
+    arrays += [(TRIANGLES, MESH.faces.astype("i4"))] * triangles
+    gifti(tmp_path / "both.surf.gii", arrays, ())
+    pattern = f"{points} point sets and {triangles} sets of triangles.*: write each surface"
+    with pytest.raises(InputError, match=pattern):
+        read_mesh(tmp_path / "both.surf.gii")
+
+
+@pytest.mark.parametrize("name", ["lh.cortex.patch.flat", "rh.patch.3d", "lh.flat.gz", "patch"])
+@pytest.mark.parametrize("count", [0, 1, 30])
+def test_a_patch_is_one_sentence(name: str, count: int, tmp_path: Path) -> None:
+    rows = np.zeros(count, dtype=[("vertex", ">i4"), ("place", ">f4", 3)])
+    content = struct.pack(">ii", -1, count) + rows.tobytes()
+    path = tmp_path / name
+    path.write_bytes(gzip.compress(content) if name.endswith(".gz") else content)
+    with pytest.raises(InputError, match=r"FreeSurfer patch .* no triangles of its own: open"):
+        read_mesh(path)
+    if not name.endswith(".gz"):
+        with pytest.raises(InputError, match="FreeSurfer patch"):
+            read_maps(path, MESH)

@@ -1,0 +1,165 @@
+"""Every column of a table is a map, or named in one sentence with the reason."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from meshmash_viewer.errors import InputError, MeshWarning
+from meshmash_viewer.io.maps import read_maps
+from meshmash_viewer.mesh import Mesh
+
+#: Four vertices and as many rows.
+MESH = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2], [0, 1, 3], [0, 2, 3]])
+NAN = np.nan
+
+
+@pytest.fixture(autouse=True)
+def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process of its own for each small table would take a second."""
+    monkeypatch.setattr("meshmash_viewer.io.guarded._watched", True)
+
+
+def read(path: Path, content: str | bytes) -> dict[str, list[float]]:
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return {each.name: each.values.tolist() for each in read_maps(path, MESH)}
+
+
+#: Text, and the maps that it holds.
+TABLES: dict[str, tuple[str | bytes, dict[str, list[float]]]] = {
+    "one name twice": ("a,a\n1,5\n2,6\n3,7\n4,8\n", {"a": [1, 2, 3, 4], "a 2": [5, 6, 7, 8]}),
+    "three of one name and the number taken": (
+        "a,a 2,a,a\n1,2,3,4\n1,2,3,4\n1,2,3,4\n1,2,3,4\n",
+        {"a": [1] * 4, "a 2": [2] * 4, "a 3": [3] * 4, "a 4": [4] * 4},
+    ),
+    "None": ("a,b\n1,None\n2,6\nNone,7\n4,8\n", {"a": [1, 2, NAN, 4], "b": [NAN, 6, 7, 8]}),
+    "quoted": ('a\n"1.5"\n"None"\n""\n3\n', {"a": [1.5, NAN, NAN, 3]}),
+    "spaces": ("a, b\n1, None\n2, 6.5\n3, 7\n4, 8\n", {"a": [1, 2, 3, 4], "b": [NAN, 6.5, 7, 8]}),
+    "empty": ("a,b\n,5\n2,6\n3,\n4,8\n", {"a": [NAN, 2, 3, 4], "b": [5, 6, NAN, 8]}),
+    "many words": ("a\nNA\n-\nnull\n4\n", {"a": [NAN, NAN, NAN, 4]}),
+    "other words": ("a\n#N/A\n<NA>\n?\n4\n", {"a": [NAN, NAN, NAN, 4]}),
+    "no names, missing first": (
+        "None,5\n2,6\n3,7\n4,8\n",
+        {"f0": [NAN, 2, 3, 4], "f1": [5, 6, 7, 8]},
+    ),
+    "no name": ("None\n2\n3\n4\n", {"table.csv": [NAN, 2, 3, 4]}),
+    "truth": ("a\ntrue\nfalse\nNone\ntrue\n", {"a": [1, 0, NAN, 1]}),
+    "byte order mark": (b"\xef\xbb\xbfa\n1\n2\n3\n4\n", {"a": [1, 2, 3, 4]}),
+    "mark without names": (b"\xef\xbb\xbf1\n2\n3\n4\n", {"table.csv": [1, 2, 3, 4]}),
+    "UTF-16": (
+        "a,µ\n1,5\n2,6\n3,7\n4,8\n".encode("utf-16"),
+        {"a": [1, 2, 3, 4], "µ": [5, 6, 7, 8]},
+    ),
+    "cp1252": ("µm\n1\n2\n3\n4\n".encode("cp1252"), {"µm": [1, 2, 3, 4]}),
+    "Windows": ("a,b\r\n1,5\r\n2,6\r\n3,7\r\n4,8\r\n", {"a": [1, 2, 3, 4], "b": [5, 6, 7, 8]}),
+    "semicolons": (
+        "a;b\n1,5;2\n2;None\n3;4\n1000,25;5\n",
+        {"a": [1.5, 2, 3, 1000.25], "b": [2, NAN, 4, 5]},
+    ),
+    "tabs": ("a\tb\n1\t5\n2\t\n3\t7\n4\t8\n", {"a": [1, 2, 3, 4], "b": [5, NAN, 7, 8]}),
+    "comments": ("# made\n# a,b\n1,5\n2,6\n3,7\n4,8\n", {"a": [1, 2, 3, 4], "b": [5, 6, 7, 8]}),
+    "comments over names": (
+        "# made by me\na,b\n1,5\n2,6\n3,7\n4,8\n",
+        {"a": [1, 2, 3, 4], "b": [5, 6, 7, 8]},
+    ),
+    "of NumPy": (
+        "1.0 5.0\n2.0 nan\n3.0 7.0\n4.0 8.0\n",
+        {"f0": [1, 2, 3, 4], "f1": [5, NAN, 7, 8]},
+    ),
+    "of pandas": (",a\n0,5\n1,6\n2,7\n3,8\n", {"a": [5, 6, 7, 8]}),
+    "of pandas, another order": (
+        ",a\n3,5\n1,6\n2,7\n0,8\n",
+        {"table.csv": [3, 1, 2, 0], "a": [5, 6, 7, 8]},
+    ),
+    "vertex": (
+        "a,vertex,a\n1,3,5\n2,2,6\n3,1,7\nNone,0,8\n",
+        {"a": [NAN, 3, 2, 1], "a 2": [8, 7, 6, 5]},
+    ),
+    "some vertices": ("vertex,a\n3,1\n1,2\n", {"a": [NAN, 2, NAN, 1]}),
+    "a year": ("depth,2020\n1,5\n2,6\n3,7\n4,8\n", {"depth": [1, 2, 3, 4], "2020": [5, 6, 7, 8]}),
+    "no last line end": ("a\n1\n2\n3\n4", {"a": [1, 2, 3, 4]}),
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_columns_are_kept(name: str, tmp_path: Path) -> None:
+    content, wanted = TABLES[name]
+    found = read(tmp_path / ("table.tsv" if name == "tabs" else "table.csv"), content)
+    assert list(found) == list(wanted)
+    for column, values in wanted.items():
+        np.testing.assert_array_equal(found[column], values)
+
+
+#: Columns after one of numbers, and why they are none.
+LEFT_OUT = {
+    "text": (("b", "x", "y", "x", "y"), r"'b' \(not numbers, such as 'x'\)"),
+    "one word among numbers": (("b", "1", "2", "three", "4"), r"'b' \(not numbers, such as '1'\)"),
+    "nothing": (("b", "", "", "", ""), r"'b' \(it is empty\)"),
+    "only None": (("b", "None", "None", "NA", ""), r"'b' \(it is empty\)"),
+    "dates": (("b", *["2024-01-01"] * 4), r"'b' \(not numbers, such as "),
+    "infinite": (("b", "inf", "1", "2", "3"), r"a map that is left out: 'b' has 1 infinite"),
+}
+
+
+@pytest.mark.parametrize("name", LEFT_OUT)
+def test_columns_that_are_no_map_are_said(name: str, tmp_path: Path) -> None:
+    column, pattern = LEFT_OUT[name]
+    rows = [f"{each},{at}" for each, at in zip(column, ["a", 1, 2, 3, 4], strict=True)]
+    with pytest.warns(MeshWarning, match=pattern):
+        found = read(tmp_path / "table.csv", "\n".join(rows) + "\n")
+    assert found == {"a": [1, 2, 3, 4]}
+
+
+BROKEN = {
+    "two columns vertex": ("vertex,vertex,a\n0,1,2\n", "2 columns called vertex"),
+    "a vertex twice": ("vertex,a\n0,1\n0,2\n1,3\n2,4\n", "not an index from 0 in each row, once"),
+    "no vertex": ("vertex,a\n0,1\nNone,2\n1,3\n2,4\n", "not an index from 0 in each row, once"),
+    "rows of other lengths": ("a,b\n1,2\n3\n4,5\n6,7\n", "is no table"),
+    "words alone": ("a,b\nx,y\nx,y\nx,y\nx,y\n", "no column of numbers"),
+    "too few": ("a\n1\n2\n3\n", "3 values and the mesh 4 vertices"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_broken_tables_are_one_sentence(name: str, tmp_path: Path) -> None:
+    content, pattern = BROKEN[name]
+    with pytest.raises(InputError, match=rf"table\.csv:? .*{pattern}.*\.$"):
+        read(tmp_path / "table.csv", content)
+
+
+def test_a_column_may_change_its_kind_after_thousands_of_rows(tmp_path: Path) -> None:
+    """Whole numbers, or none at all, for the first two megabytes."""
+    n = 300_000
+    late = np.where(np.arange(n) < n - 5, 0.0, 0.25)
+    place = np.arange(n) - n // 2
+    strip = np.column_stack([np.arange(n - 2), np.arange(1, n - 1), np.arange(2, n)])
+    mesh = Mesh(np.column_stack([place, place % 2, np.zeros(n)]), strip)
+    text = "".join(f"{value:g},{'' if value == 0 else value}\n" for value in late.tolist())
+    (tmp_path / "late.csv").write_text("a,b\n" + text)
+    first, second = read_maps(tmp_path / "late.csv", mesh)
+    np.testing.assert_array_equal(first.values, late)
+    np.testing.assert_array_equal(second.values, np.where(late == 0.0, np.nan, late))
+
+
+def test_a_parquet_table_follows_the_same_rules(tmp_path: Path) -> None:
+    import pyarrow
+    import pyarrow.parquet
+
+    columns = [
+        [1.5, None, 3, 4],
+        [1, 2, None, 4],
+        [True, None, False, True],
+        list("abcd"),
+        [None] * 4,
+    ]
+    names = ["a", "n", "t", "words", "empty"]
+    table = pyarrow.table([pyarrow.array(each) for each in columns], names=names)
+    pyarrow.parquet.write_table(table, tmp_path / "table.parquet")
+    with pytest.warns(MeshWarning, match=r"'words' \(.*'a'\), 'empty' \(it is empty\)"):
+        found = read_maps(tmp_path / "table.parquet", MESH)
+    wanted = {"a": [1.5, NAN, 3, 4], "n": [1, 2, NAN, 4], "t": [1, NAN, 0, 1]}
+    assert [each.name for each in found] == list(wanted)
+    for each in found:
+        np.testing.assert_array_equal(each.values, wanted[each.name])
