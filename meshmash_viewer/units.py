@@ -10,6 +10,7 @@ from meshmash_viewer.errors import InputError
 
 __all__ = [
     "LENGTH_UNITS",
+    "METRES",
     "NO_VOXEL",
     "UNIT_FORMS",
     "Voxel",
@@ -40,6 +41,20 @@ LENGTH_UNITS: tuple[str, ...] = ("", "nm", "µm", "mm", "m")
 
 #: What `parse_unit` reads, for messages and help.
 UNIT_FORMS = 'nm, µm, mm, m, none, or a voxel such as "8 nm" or "4 x 4 x 40 nm"'
+
+#: Units of length that may be written behind a number, and their size in metres as a power of ten.
+#: The micro sign stands for the Greek letter, too.
+METRES: dict[str, int] = {
+    "pm": -12,
+    **dict.fromkeys(("Å", "\N{ANGSTROM SIGN}", "angstrom"), -10),
+    **dict.fromkeys(("nm", "nanometer", "nanometre"), -9),
+    **dict.fromkeys(("µm", "um", "micron", "micrometer", "micrometre"), -6),
+    **dict.fromkeys(("mm", "millimeter", "millimetre"), -3),
+    "cm": -2,
+    **dict.fromkeys(("m", "meter", "metre"), 0),
+    "km": 3,
+}
+METRES |= {f"{name}s": METRES[name] for name in METRES if name[-2:] in ("on", "er", "re", "om")}
 
 _ALIASES = {
     "": "",

@@ -127,6 +127,9 @@ class Target:
             raise InputError(f"{name} is {self.value:g}: no mesh has one of that size.")
         if self.kind == "count" and self.value != int(self.value):
             raise InputError(f"{name} is {self.value:g}: give a whole number.")
+        # plain numbers, as JSON has them: a field gives 50.0, an array its own kind
+        plain = int(self.value) if self.kind == "count" else float(self.value)
+        object.__setattr__(self, "value", plain)
 
     @property
     def n_components(self) -> int | None:

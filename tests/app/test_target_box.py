@@ -95,3 +95,33 @@ def test_what_no_mesh_has_goes_back_to_what_was(
 def test_a_length_whose_square_is_no_number_is_refused() -> None:
     with pytest.raises(ValueError, match="no mesh has one of that size"):
         Target("wavelength", 1e-250)
+
+
+@pytest.mark.parametrize("text", ["18,800", "18 um", "1.5.", "1.5x", "1,5 nm"])
+def test_what_is_refused_leaves_the_target_as_it_was(box: TargetBox, text: str) -> None:
+    """Though what it begins with is a number, which is taken while one types."""
+    enter(type_in(box, "target_count_spin", "50"))
+    field = type_in(box, "target_wavelength_spin", text)
+    assert box.document.target == Target("count", 50)
+    enter(field)
+    assert box.document.target == Target("count", 50)
+    assert reason(box) != ""
+
+
+def test_escape_leaves_the_target_as_it_was(box: TargetBox) -> None:
+    enter(type_in(box, "target_count_spin", "50"))
+    field = type_in(box, "target_wavelength_spin", "1.5")
+    assert box.document.target == Target("wavelength", 1.5)
+    QTest.keyClick(field, Qt.Key.Key_Escape)
+    assert box.document.target == Target("count", 50)
+
+
+@pytest.mark.parametrize(
+    ("text", "count"), [("50", 50), ("50.0", 50), ("1e2", 100), ("0,5e2", 50), ("6'4'2", None)]
+)
+def test_a_count_is_a_whole_number(box: TargetBox, text: str, count: int | None) -> None:
+    enter(type_in(box, "target_count_spin", "20"))
+    enter(type_in(box, "target_count_spin", text))
+    value = box.document.target.value
+    assert value == (count or 20)
+    assert isinstance(value, int)

@@ -5,32 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from PySide6.QtCore import QSize, Qt, Signal
+from PySide6.QtCore import QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent, QWheelEvent
 from PySide6.QtWidgets import QAbstractSpinBox
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.quantities import parse_number
 from meshmash_viewer.units import format_number, format_range
 
-__all__ = ["NumberField", "read_number"]
+__all__ = ["NumberField"]
 
 #: Numbers beyond this size and its inverse are no quantities of meshes: their squares are none.
 _LARGEST = 1e150
 
 
-def read_number(text: str) -> float | None:
-    """The number that a person wrote, with a comma or a point; None if it is none."""
-    try:
-        number = float(text.strip().replace("−", "-").replace(",", "."))
-    except ValueError:
-        return None
-    return number if math.isfinite(number) else None
-
-
 class NumberField(QAbstractSpinBox):
-    """Takes a number in any notation, with or without its unit; speaks when it is finished.
+    """Takes a number as people write one, in any unit of its kind, once it is finished.
 
-    Qt's own spin boxes count decimals, which is of no use for 1e-8.
+    Qt's own spin boxes count decimals, which is of no use for 1e-8. `quantities` says what is read.
 
     Parameters
     ----------
@@ -44,6 +37,8 @@ class NumberField(QAbstractSpinBox):
         one before.
     whole : bool
         Whether it counts, and is written with all its digits.
+    share : bool
+        Whether it is a share, which may be typed in percent.
     tip : str
         Its tooltip; the number with more digits where there is none.
 
@@ -53,6 +48,9 @@ class NumberField(QAbstractSpinBox):
         Least and largest number that is taken.
     fault : callable
         What is wrong with a number, in one sentence; empty if it is taken.
+    just_refused : bool
+        Whether what was typed has been refused by the event that is being handled: a press of a
+        button that takes the focus, say.
 
     Signals
     -------
@@ -60,9 +58,15 @@ class NumberField(QAbstractSpinBox):
         A person gave a number that is allowed.
     refused(str)
         One sentence: what was wrong with what they gave; empty once it is mended.
+    begun()
+        A person begins to type; what a live field then gives may be withdrawn.
+    withdrawn()
+        What it has given since is not what they mean.
     """
 
     edited = Signal(float)
+    begun = Signal()
+    withdrawn = Signal()
     refused = Signal(str)
 
     def __init__(
@@ -74,19 +78,23 @@ class NumberField(QAbstractSpinBox):
         live: bool = False,
         nearest: bool = False,
         whole: bool = False,
+        share: bool = False,
         tip: str = "",
     ) -> None:
         super().__init__()
         self.bounds = -math.inf, math.inf
         self.fault: Callable[[float], str] = lambda _number: ""
+        self.just_refused = False
         theme.named(self, name, spoken, tip=tip)
-        self._step, self._live, self._nearest, self._whole = step, live, nearest, whole
+        self._step, self._live, self._nearest = step, live, nearest
+        self._whole, self._share = whole, share
         self._tipped = bool(tip)
         self._prefix = self._suffix = self._unit = ""
         self._value: float | None = None
         self._given: float | None = None
         #: What to go back to: parts of the number that is typed may be numbers, too.
         self._before: float | None = None
+        self._typing = False
         if step is None:
             theme.with_role(self, "bare")  # of no width: without any, Qt leaves no room for text
             self.lineEdit().setAlignment(Qt.AlignmentFlag.AlignRight)
@@ -131,6 +139,7 @@ class NumberField(QAbstractSpinBox):
         if self._step is not None and self._value is not None:
             self._take(self._within(self._step(self._value, steps)))
             self._before = self._value
+            self._typing = False
             self._write()
             self.selectAll()
 
@@ -143,7 +152,7 @@ class NumberField(QAbstractSpinBox):
 
     def focusOutEvent(self, event: QFocusEvent) -> None:
         """Take what was typed; if it is no number, go back to what was."""
-        self._commit()
+        self.commit()
         self._write()
         super().focusOutEvent(event)
 
@@ -155,16 +164,16 @@ class NumberField(QAbstractSpinBox):
             if typed:
                 return
         returned = event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter)
-        taken = self._commit() if returned else True
+        taken = self.commit() if returned else True
         super().keyPressEvent(event)
         if returned and not (taken and self.hasFocus()):
             event.accept()
 
     # -- numbers ------------------------------------------------------------------------------
 
-    def _typed(self) -> float | None:
-        text = self.text().strip().removeprefix(self._prefix.strip())
-        return read_number(text.removesuffix(self._unit))
+    def _typed(self) -> float:
+        """The number that is typed; `InputError` says why it is none."""
+        return parse_number(self.text(), self._unit, share=self._share, whole=self._whole)
 
     def _problem(self, number: float) -> str:
         low, high = self.bounds
@@ -182,26 +191,45 @@ class NumberField(QAbstractSpinBox):
         return nearest // 1.0 if self._whole else nearest
 
     def _follow_typing(self) -> None:
-        number = self._typed()
         self.refused.emit("")
-        if self._live and number is not None and not self._problem(number):
+        if not self._typing:
+            self._typing = True
+            self.begun.emit()
+        if not self._live:
+            return
+        try:
+            number = self._typed()
+        except InputError:
+            self._withdraw()
+            return
+        if self._problem(number):
+            self._withdraw()
+        elif number != self._value:
             self._take(number)
 
-    def _commit(self) -> bool:
-        """Take what is typed, or say why not; whether it was taken."""
+    def _withdraw(self) -> None:
+        if self._value != self._before:
+            self._value = self._before
+            self.withdrawn.emit()
+
+    def commit(self) -> bool:
+        """Take what is typed, or say why not and go back; whether there was nothing to refuse."""
         if not self.lineEdit().isModified():
             return True
-        number = self._typed()
-        if number is None:
-            problem = f"{self.text().strip() or 'Nothing'} is not a number: write 3.1e5."
-        else:
+        number: float | None = None
+        try:
+            number = self._typed()
             problem = self._problem(number)
+        except InputError as fault:
+            problem = str(fault)
         if problem:
             if self._nearest and number is not None:
                 self._before = self._within(number)
+                self._take(self._before)
             self._go_back(problem)
             return False
         assert number is not None
+        self._typing = False
         self.lineEdit().setModified(False)
         self._given = self._before = number
         if not self._live or number != self._value:
@@ -209,13 +237,18 @@ class NumberField(QAbstractSpinBox):
         return True
 
     def _go_back(self, problem: str) -> None:
-        if self._before is not None and self._live and self._before != self._value:
-            self._take(self._before)
-        self._value = self._before
+        self._withdraw()
+        self._typing = False
         self._write()
         if self.hasFocus():
             self.selectAll()  # to be typed over
+        if problem:
+            self.just_refused = True
+            QTimer.singleShot(0, self, self._forget_refusal)
         self.refused.emit(problem)
+
+    def _forget_refusal(self) -> None:
+        self.just_refused = False
 
     def _take(self, number: float) -> None:
         self._value = number

@@ -83,6 +83,7 @@ class TargetBox(QWidget):
         super().__init__()
         self.setObjectName("target_box")
         self._document = document
+        self._kept = document.target
         self._fields: dict[str, NumberField] = {}
         self._radios: dict[str, QRadioButton] = {}
         group = QButtonGroup(self)
@@ -104,6 +105,8 @@ class TargetBox(QWidget):
             field.fault = partial(self._fault, kind)
             field.edited.connect(partial(self._choose, kind))
             field.refused.connect(self._say)
+            field.begun.connect(self._keep)
+            field.withdrawn.connect(self._restore)
             radio = QRadioButton(way.text)
             by = f"Compute by {way.text.lower()}"
             theme.named(radio, f"target_{kind}_radio", by, tip=way.tip)
@@ -208,6 +211,12 @@ class TargetBox(QWidget):
             if (layout := self.window().layout()) is not None:
                 layout.activate()
             parent.ensureWidgetVisible(self.fault, 0, theme.GAP)
+
+    def _keep(self) -> None:
+        self._kept = self._document.target
+
+    def _restore(self) -> None:
+        self._document.target = self._kept
 
     def _forgive(self) -> None:
         self._say("")

@@ -1,0 +1,315 @@
+"""Numbers as people write them, with separators, exponents and units.
+
+One notation is read in every field of the window and every option of the command line:
+
+* a decimal point or a decimal comma: "0.5", "0,5"
+* groups of three digits with commas, points, spaces, apostrophes or underscores between them:
+  "1 234", "1,234,567", "1.234,5"
+* powers of ten: "1e-5", "1×10^-5", "10⁻⁵"
+* a power of a unit of length, which is converted to the unit that is meant: "0.5 µm", "3/µm²"
+
+One comma before three digits may be either mark, so "1,000" is refused, except for a whole number,
+where it separates groups as it does where this program writes one. One point is a decimal point;
+for a whole number "1.000" is refused.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import unicodedata
+from dataclasses import dataclass
+from decimal import Decimal
+
+from meshmash_viewer.errors import InputError, printable
+from meshmash_viewer.units import METRES, power_unit
+
+__all__ = ["Quantity", "parse_number", "parse_quantity", "parse_whole"]
+
+#: Characters of a text that a sentence repeats, and that a number may have.
+_SHOWN, _LONGEST = 40, 100
+#: Powers of ten beyond these are none of a float.
+_LARGEST_POWER = 1000
+_SUPERSCRIPTS = str.maketrans("⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+-0123456789")
+#: What is read as another character.
+_READ_AS = str.maketrans(
+    {
+        **dict.fromkeys("\u2212\u2010\u2011\u2012\u2013\ufe63\uff0d", "-"),
+        **dict.fromkeys("\u2019\u2018\u02bc\uff07\u00b4\u0060\u066c", "'"),
+        **dict.fromkeys("\u2715\u22c5\u00b7\u2219", "×"),
+        **dict.fromkeys("\u2044\u2215", "/"),
+        **dict.fromkeys("\u200b\u200e\u200f\u2060\ufeff", ""),
+        "\uff0c": ",", "\uff0e": ".", "\u066b": ".", "\uff0b": "+", "\uff05": "%", "μ": "µ",
+    }
+)  # fmt: skip
+_POWER_OF_TEN = r"10\ ?(?:\^|\*\*)\ ?\(?(?P<{}>[+-]?[0-9]+)\)?"
+#: Spaces are single here; one before "1/" ends the number, as in "2 1/µm²".
+_NUMBER = re.compile(
+    r"[≈~]?\ ?(?P<sign>[+-]?)\ ?(?:"
+    + _POWER_OF_TEN.format("alone")
+    + r"|(?P<digits>[.,]?[0-9](?:[0-9]|[.,'_](?=[0-9])|\ (?=[0-9])(?!1\ ?/))*\.?)"
+    + r"(?:\ ?[eE]\ ?(?P<exponent>[+-]?[0-9]+)|\ ?[×x*]\ ?"
+    + _POWER_OF_TEN.format("times")
+    + r")?)\ ?(?P<unit>.*)"
+)
+_UNIT = re.compile(
+    r"[×*]?\ ?(?P<per>(?:1?\ ?/|per\ )\ ?)?(?P<name>[^\W\d_]+)\ ?"
+    r"(?:(?:\^|\*\*)?\ ?\(?(?P<power>[+-]?[0-9]+)\)?)?"
+)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number whose unit of length is known later: that of a mesh that is still to be read.
+
+    Parameters
+    ----------
+    value : Decimal
+    unit : str
+        A name of `units.METRES` that was written behind it; empty for none.
+    power : int
+        Of the length.
+    text : str
+        As it was written.
+    """
+
+    value: Decimal
+    unit: str
+    power: int
+    text: str
+
+    def in_unit(self, unit: str) -> float:
+        """The number in a unit of length, which it already is in where none was written.
+
+        Raises
+        ------
+        InputError
+            If one was written and `unit` is empty.
+        """
+        if self.unit and not unit:
+            raise InputError(
+                f"{self.text} has a unit, and the mesh has none: write the number alone, or say"
+                " what the unit of the mesh is."
+            )
+        shift = self.power * (METRES[self.unit] - METRES[unit]) if self.unit else 0
+        return _float(self.value.scaleb(shift), self.text)
+
+
+def parse_number(text: str, unit: str = "", *, share: bool = False, whole: bool = False) -> float:
+    """Read a number in a unit.
+
+    Parameters
+    ----------
+    text : str
+    unit : str
+        That the number is in: a power of a length, as `units.power_unit` writes it ("nm", "nm²",
+        "nm⁻²"), into which others are converted, or any text, such as "mV", that may stand behind
+        the number. Empty where no unit is known.
+    share : bool
+        Whether it is a share, which may be written in percent: "0.1 %" is 0.001.
+    whole : bool
+        Whether a whole number is meant, so that a comma before three digits separates groups.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    InputError
+        If it is not a number, may be two, is too large or too small, or is in another unit.
+
+    Examples
+    --------
+    >>> parse_number("0.5 µm", "nm")
+    500.0
+    >>> parse_number("1 234,5")
+    1234.5
+    """
+    value, written = _split(text, whole=whole)
+    if share and written == "%":
+        return _float(value.scaleb(-2), text)
+    if not written or _joined(written) == _joined(_plain(unit)):
+        return _float(value, text)
+    if _length_power(written) is None:
+        raise _no_unit(text, written)
+    meant = _length_power(_plain(unit))
+    if meant is None:
+        known = f"this is in {unit}" if unit else "none is known here"
+        raise InputError(f"{_shown(text)} has a unit, and {known}: write the number alone.")
+    return _quantity(value, written, meant[1], text).in_unit(meant[0])
+
+
+def parse_quantity(text: str, power: int = 1) -> Quantity:
+    """Read a number whose unit is a power of a length that is known later.
+
+    Raises
+    ------
+    InputError
+        If it is not a number, may be two, or is in a unit of another power.
+
+    Examples
+    --------
+    >>> parse_quantity("20 um^2", 2).in_unit("nm")
+    20000000.0
+    """
+    value, written = _split(text)
+    if written:
+        return _quantity(value, written, power, text)
+    return Quantity(value, "", power, text.strip())
+
+
+def parse_whole(text: str, least: int, most: int, noun: str) -> int:
+    """Read a whole number between bounds, both included.
+
+    Parameters
+    ----------
+    text : str
+    least, most : int
+    noun : str
+        With which a sentence about it begins: "The number of times".
+
+    Raises
+    ------
+    InputError
+        If it is not a whole number or out of bounds, which the sentence names, or may be two.
+
+    Examples
+    --------
+    >>> parse_whole("1,234", 0, 2000, "The index")
+    1234
+    """
+    allowed = f"{noun} is a whole number from {least:,} to {most:,}"
+    try:
+        value, written = _split(text, whole=True)
+    except _AmbiguousError as fault:
+        raise InputError(f"{allowed}: {fault}") from None
+    except InputError:
+        raise InputError(f"{allowed}, not {_shown(text) if text.strip() else 'empty'}.") from None
+    if written or value != value.to_integral_value() or not least <= value <= most:
+        raise InputError(f"{allowed}, not {_shown(text)}.")
+    return int(value)
+
+
+class _AmbiguousError(InputError):
+    """A text may be two numbers."""
+
+
+def _split(text: str, *, whole: bool = False) -> tuple[Decimal, str]:
+    """The number at the beginning of a text, and what is behind it."""
+    plain = _plain(text)
+    match = _NUMBER.fullmatch(plain) if len(plain) <= _LONGEST else None
+    if match is None:
+        raise _no_number(text)
+    digits, sign = match["digits"] or "1", match["sign"]
+    power = int(match["alone"] or match["exponent"] or match["times"] or 0)
+    scale = f"e{power}" if power else ""
+    if whole and _EITHER.fullmatch(digits) and "." in digits:
+        raise _ambiguous(text, sign, digits, scale)
+    if not whole and _EITHER.fullmatch(digits) and "," in digits:
+        raise _ambiguous(text, sign, digits, scale)
+    mantissa = _with_point(digits, "" if whole and _EITHER.fullmatch(digits) else _mark(digits))
+    if mantissa is None:
+        raise _no_number(text)
+    if abs(power) > _LARGEST_POWER:
+        raise _no_size(text)
+    return Decimal(f"{sign}{mantissa}{scale}"), match["unit"]
+
+
+#: Digits whose one mark may separate groups or decimals.
+_EITHER = re.compile(r"[1-9][0-9]{0,2}[.,][0-9]{3}")
+
+
+def _mark(digits: str) -> str:
+    """The decimal mark of digits: the last point or comma, unless it comes more than once."""
+    last = max(".,", key=digits.rfind)
+    return last if digits.count(last) == 1 else ""
+
+
+def _with_point(digits: str, mark: str) -> str | None:
+    """Digits with nothing but a decimal point; None if their groups are not of three."""
+    before, _, after = digits.partition(mark) if mark else (digits, "", "")
+    separators = set(re.sub("[0-9]", "", before + after))
+    if len(separators) > 1:
+        return None
+    if separators:
+        (separator,) = separators
+        each = re.escape(separator)
+        whole = f"[1-9][0-9]{{0,2}}({each}[0-9]{{3}})+|[0-9]*"
+        if separator == ",":  # as in India, 12,34,567
+            whole += "|[1-9][0-9]?(,[0-9]{2})+,[0-9]{3}"
+        part = f"([0-9]{{3}}{each})+[0-9]{{1,3}}|[0-9]*"
+        if not (re.fullmatch(whole, before) and re.fullmatch(part, after)):
+            return None
+        before, after = before.replace(separator, ""), after.replace(separator, "")
+    return f"{before or 0}.{after or 0}"
+
+
+def _plain(text: str) -> str:
+    """The same in fewer characters: single spaces, digits of ASCII, superscripts after "^"."""
+    text = re.sub(
+        "[⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda found: f"^{found[0].translate(_SUPERSCRIPTS)}", text
+    ).translate(_READ_AS)
+    digits = (str(unicodedata.decimal(each)) if each.isdecimal() else each for each in text)
+    return " ".join("".join(digits).split())
+
+
+def _joined(unit: str) -> str:
+    return unit.replace("^", "").replace(" ", "")
+
+
+def _length_power(unit: str) -> tuple[str, int] | None:
+    """The length whose power a unit is, and the power; None if it is none."""
+    match = _UNIT.fullmatch(unit)
+    if match is None or match["name"] not in METRES:
+        return None
+    power = int(match["power"] or 1)
+    return match["name"], -power if match["per"] else power
+
+
+def _quantity(value: Decimal, written: str, power: int, text: str) -> Quantity:
+    found = _length_power(written)
+    if found is None:
+        raise _no_unit(text, written)
+    name, own = found
+    if own != power:
+        way = f"write it in {power_unit(name, power)}" if power else "write the number alone"
+        raise InputError(f"{_shown(text)} is {_KINDS.get(own, 'in another unit')}: {way}.")
+    return Quantity(value, name, power, text.strip())
+
+
+_KINDS = {1: "a length", 2: "an area", -1: "an inverse length", -2: "an inverse area"}
+
+
+def _float(value: Decimal, text: str) -> float:
+    number = float(value)
+    if not math.isfinite(number) or (number == 0.0) != (value == 0):
+        raise _no_size(text)
+    return number
+
+
+def _ambiguous(text: str, sign: str, digits: str, scale: str) -> _AmbiguousError:
+    mark = _mark(digits)
+    thousands, decimal = digits.replace(mark, ""), float(digits.replace(mark, "."))
+    return _AmbiguousError(
+        f"{_shown(text)} may be {sign}{thousands}{scale} or {sign}{decimal}{scale}: write it like"
+        " one of these."
+    )
+
+
+def _no_size(text: str) -> InputError:
+    return InputError(f"{_shown(text)} is too large or too small: write a number such as 3.1e5.")
+
+
+def _no_number(text: str) -> InputError:
+    return InputError(f"{_shown(text)} is not a number: write 3.1e5.")
+
+
+def _no_unit(text: str, written: str) -> InputError:
+    if not _UNIT.fullmatch(written):
+        return _no_number(text)
+    return InputError(f"{_shown(text)} is in a unit that is not known: write the number alone.")
+
+
+def _shown(text: str) -> str:
+    return printable(text.strip(), _SHOWN) or "Nothing"
