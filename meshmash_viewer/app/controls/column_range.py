@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QSignalBlocker, Signal
-from PySide6.QtWidgets import QLabel, QSpinBox, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.layout import row
+from meshmash_viewer.app.controls.spin import WholeField
 
 __all__ = ["ColumnRange"]
 
@@ -38,8 +39,8 @@ class ColumnRange(QWidget):
             )
         )
 
-    def _spin(self, name: str, accessible: str, least: int = 0) -> QSpinBox:
-        spin = theme.named(QSpinBox(minimum=least), name, accessible)
+    def _spin(self, name: str, accessible: str, least: int = 0) -> WholeField:
+        spin = theme.named(WholeField(minimum=least), name, accessible)
         spin.valueChanged.connect(self.changed)
         return spin
 

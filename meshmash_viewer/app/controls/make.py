@@ -18,11 +18,11 @@ from PySide6.QtWidgets import (
     QFrame,
     QLabel,
     QPushButton,
-    QSpinBox,
     QToolButton,
 )
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls.spin import WholeField
 
 __all__ = [
     "button",
@@ -119,9 +119,9 @@ def combo(
 
 def spin(
     name: str, spoken: str, act: Act | None = None, *, tip: str = "", **given: Any
-) -> QSpinBox:
+) -> WholeField:
     """A whole number, and what takes it once it is typed."""
-    made = theme.named(QSpinBox(**{"keyboardTracking": False, **given}), name, spoken, tip=tip)
+    made = theme.named(WholeField(**{"keyboardTracking": False, **given}), name, spoken, tip=tip)
     if act is not None:
         made.valueChanged.connect(act)
     return made

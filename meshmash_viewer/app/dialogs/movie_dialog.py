@@ -12,11 +12,9 @@ from PySide6.QtCore import QTimer, Signal
 from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import (
     QComboBox,
-    QDoubleSpinBox,
     QLabel,
     QProgressBar,
     QPushButton,
-    QSpinBox,
     QWidget,
 )
 
@@ -24,6 +22,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.column_range import ColumnRange
 from meshmash_viewer.app.controls.facts import keep_room, show_quietly
 from meshmash_viewer.app.controls.layout import grid, row
+from meshmash_viewer.app.controls.spin import DecimalField, WholeField
 from meshmash_viewer.app.dialogs.saving import FormatDialog
 from meshmash_viewer.app.listening import follow, stop_listening
 from meshmash_viewer.app.series_painter import Picture, SeriesPainter
@@ -113,11 +112,11 @@ class MovieDialog(FormatDialog):
         self.range_label = QLabel("Columns")
         self.width_spin = self._pixels("movie_width_spin", "Width", 1280)
         self.height_spin = self._pixels("movie_height_spin", "Height", 720)
-        self.rate_spin = QDoubleSpinBox(
+        self.rate_spin = DecimalField(
             minimum=0.5, maximum=120.0, decimals=1, suffix=" frames/s", value=TURN_RATE
         )
         theme.named(self.rate_spin, "movie_rate_spin", "Frames a second")
-        self.seconds_spin = QDoubleSpinBox(
+        self.seconds_spin = DecimalField(
             minimum=0.05, maximum=3600.0, decimals=2, suffix=" s", value=TURN_SECONDS
         )
         theme.named(self.seconds_spin, "movie_seconds_spin", "Length in seconds")
@@ -152,9 +151,9 @@ class MovieDialog(FormatDialog):
             spin.valueChanged.connect(self._refresh)
         self.format_combo.currentIndexChanged.connect(self._refresh)
 
-    def _pixels(self, name: str, text: str, value: int) -> QSpinBox:
+    def _pixels(self, name: str, text: str, value: int) -> WholeField:
         # even, as MP4 must be; odd ones can be typed
-        spin = QSpinBox(minimum=16, maximum=_LARGEST, suffix=" px", value=value, singleStep=2)
+        spin = WholeField(minimum=16, maximum=_LARGEST, suffix=" px", value=value, singleStep=2)
         return theme.named(spin, name, f"{text} in pixels")
 
     # -- what was chosen ----------------------------------------------------------------------

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from PySide6.QtWidgets import QCheckBox, QComboBox, QLabel, QPushButton, QSpinBox, QWidget
+from PySide6.QtWidgets import QCheckBox, QComboBox, QLabel, QPushButton, QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import show_quietly
 from meshmash_viewer.app.controls.file_row import FileRow
 from meshmash_viewer.app.controls.layout import grid, row
+from meshmash_viewer.app.controls.spin import WholeField
 from meshmash_viewer.app.dialogs.saving import SaveDialog
 
 __all__ = ["PictureChoice", "PictureDialog"]
@@ -94,8 +95,8 @@ class PictureDialog(SaveDialog):
         transparent = self.transparent_check.isChecked()
         return PictureChoice(self.path, size, preset.currentIndex(), transparent)
 
-    def _spin(self, name: str, text: str, value: int) -> QSpinBox:
-        spin = QSpinBox(minimum=16, maximum=_LARGEST, suffix=" px", value=value)
+    def _spin(self, name: str, text: str, value: int) -> WholeField:
+        spin = WholeField(minimum=16, maximum=_LARGEST, suffix=" px", value=value)
         spin.valueChanged.connect(self._note_custom)
         return theme.named(spin, name, f"{text} in pixels")
 

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from PySide6.QtCore import QSize
 from PySide6.QtGui import QIcon, QImage, QPixmap
-from PySide6.QtWidgets import QDoubleSpinBox, QWidget
+from PySide6.QtWidgets import QWidget
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import keep_room, reserved_note, show_quietly
 from meshmash_viewer.app.controls.layout import Part, column, grid, row
 from meshmash_viewer.app.controls.number_field import NumberField
+from meshmash_viewer.app.controls.spin import DecimalField
 from meshmash_viewer.app.listening import follow, later, listen
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
@@ -137,8 +138,8 @@ class ColorSection(QWidget):
         )
         self.setLayout(column(*parts, margins=(theme.MARGIN, 0, theme.MARGIN, theme.MARGIN)))
 
-    def _percent_spin(self, text: str, value: float) -> QDoubleSpinBox:
-        spin = QDoubleSpinBox(decimals=1, minimum=0.0, maximum=100.0, suffix=" %", value=value)
+    def _percent_spin(self, text: str, value: float) -> DecimalField:
+        spin = DecimalField(decimals=1, minimum=0.0, maximum=100.0, suffix=" %", value=value)
         spin.setKeyboardTracking(False)
         spin.valueChanged.connect(self._choose_percentiles)
         end, what = text.lower().split()

@@ -1,0 +1,133 @@
+"""Fields with arrows take what is typed whole, or refuse it, say why and go back."""
+
+from __future__ import annotations
+
+import pytest
+from closed_form import give
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QLineEdit, QPushButton, QVBoxLayout, QWidget
+from pytestqt.qtbot import QtBot
+
+from meshmash_viewer.app.controls.spin import DecimalField, WholeField, typed_fields
+
+NAME = "The number of times"
+
+
+class Form(QWidget):
+    """Fields of both kinds, and what it has been asked to say."""
+
+    def __init__(self, tracking: bool) -> None:
+        super().__init__()
+        self.said = ""
+        self.whole = WholeField(
+            minimum=1, maximum=2929, value=7, suffix=" of 2929", keyboardTracking=tracking,
+            accessibleName=NAME,
+        )  # fmt: skip
+        self.share = DecimalField(
+            decimals=1, minimum=0.0, maximum=100.0, value=2.0, suffix=" %",
+            keyboardTracking=tracking, accessibleName=NAME,
+        )  # fmt: skip
+        self.other, self.button = QLineEdit(), QPushButton()
+        box = QVBoxLayout(self)
+        for each in (self.whole, self.share, self.other, self.button):
+            box.addWidget(each)
+
+    def say_refusal(self, sentence: str) -> None:
+        self.said = sentence
+
+
+@pytest.fixture(params=[False, True])
+def form(request: pytest.FixtureRequest, qtbot: QtBot) -> Form:
+    form = Form(request.param)
+    qtbot.addWidget(form)
+    form.show()
+    form.activateWindow()
+    qtbot.waitUntil(form.isActiveWindow)
+    return form
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["99999", "2930", "0", "-1", "12.5", "1,5", "1.234", "12 34", "abc", "5 nm", "5 %", "nan"],
+)
+@pytest.mark.parametrize("by_return", [True, False])
+def test_what_is_refused_is_said_with_the_range(form: Form, text: str, by_return: bool) -> None:
+    field = form.whole
+    field.setFocus()
+    field.selectAll()
+    QTest.keyClicks(field, text)
+    if by_return:
+        QTest.keyClick(field, Qt.Key.Key_Return)
+        assert field.hasFocus(), "to be typed over"
+    else:
+        form.other.setFocus()
+    assert field.value() == 7
+    assert field.text() == "7 of 2929"
+    QTest.qWait(1)
+    assert form.said.startswith(f"{NAME} is a whole number from 1 to 2,929")
+    assert text in form.said
+    field.setFocus()
+    QTest.keyClicks(field, "1")
+    assert form.said == "", "once it is typed over"
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("2929", 2929),
+        ("1,234", 1234),
+        ("1 234", 1234),
+        ("12 of 2929", 12),
+        ("1e3", 1000),
+        ("50.0", 50),
+    ],
+)
+def test_what_is_taken(form: Form, text: str, value: int) -> None:
+    give(form.whole, text)
+    assert form.whole.value() == value
+    assert form.whole.text() == f"{value} of 2929"
+
+
+@pytest.mark.parametrize(
+    ("text", "value", "shown"),
+    [
+        ("5", 5.0, "5.0 %"), ("5 %", 5.0, "5.0 %"), ("2,5", 2.5, "2.5 %"), ("99.95", 99.95, "99.95 %"),
+        ("1e-3", 0.001, "0.001 %"), ("100", 100.0, "100.0 %"),
+        ("101", None, "is between 0 and 100 %, not 101."), ("-1", None, "not -1."),
+        ("1,000", None, "1,000 may be 1000 or 1.0"), ("5 nm", None, "has a unit"),
+    ],
+)  # fmt: skip
+def test_decimals_are_taken_as_they_are(
+    form: Form, text: str, value: float | None, shown: str
+) -> None:
+    give(form.share, text)
+    QTest.qWait(1)
+    if value is None:
+        assert form.share.value() == 2.0
+        assert shown in form.said
+    else:
+        assert form.share.value() == value
+        assert form.share.text() == shown
+
+
+def test_it_goes_back_to_what_the_arrows_have_made_of_it(form: Form) -> None:
+    give(form.whole, "20")
+    QTest.keyClick(form.whole, Qt.Key.Key_Up)
+    give(form.whole, "99999")
+    assert form.whole.value() == 21
+
+
+def test_a_button_can_know_that_its_press_has_refused_something(form: Form) -> None:
+    known: list[bool] = []
+    form.button.pressed.connect(
+        lambda: known.append(any(e.just_refused for e in typed_fields(form)))
+    )
+    form.button.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+    for text in ("99999", "12"):
+        form.whole.setFocus()
+        form.whole.selectAll()
+        QTest.keyClicks(form.whole, text)
+        QTest.mouseClick(form.button, Qt.MouseButton.LeftButton)
+        QTest.qWait(1)
+    assert known == [True, False]
