@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtGui import QCursor, QGuiApplication
-from PySide6.QtWidgets import QFileDialog, QInputDialog, QMainWindow, QMessageBox
+from PySide6.QtWidgets import QFileDialog, QMainWindow, QMessageBox
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS, Actions, Command
 from meshmash_viewer.app.arrangement import Arrangement
+from meshmash_viewer.app.controls.focus_keys import settle_typing
 from meshmash_viewer.app.errands import Errands
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.pictures import Pictures, ask
@@ -26,6 +27,7 @@ from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.field import request_of
 from meshmash_viewer.model.pair import Pair
+from meshmash_viewer.units import named_vertex
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.comparing import Comparing
@@ -33,6 +35,10 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.view.mesh_view import MeshView
 
 __all__ = ["Commands"]
+
+
+#: What a field being typed in has a use for itself.
+_OF_FIELDS = ("cancel", "undo")
 
 
 class Commands:
@@ -89,6 +95,8 @@ class Commands:
     def _do(self, command: Command, checked: bool) -> None:
         # asked again: an action is disabled some milliseconds after what it needs has gone
         if command.needs not in self.there():
+            return
+        if command.name not in _OF_FIELDS and not settle_typing():
             return
         name, given = command.does or (command.name, checked)
         act = self.method(name)
@@ -447,12 +455,16 @@ class Commands:
 
     def pin_index(self) -> None:
         """Ask for an index and pin that vertex."""
+        from meshmash_viewer.app.dialogs.pin_dialog import PinDialog
+
         assert self._document.mesh is not None
-        last = self._document.mesh.n_vertices - 1
-        vertex, chosen = QInputDialog.getInt(
-            self._window, "Pin vertex", f"Index of the vertex, 0 to {last:,}:", 0, 0, last
-        )
-        if chosen and all(pin.vertex != vertex for pin in self._document.pins):
+        dialog = PinDialog(self._document.mesh.n_vertices - 1, self._window)
+        ask(dialog, lambda: self._pin(dialog.vertex))
+
+    def _pin(self, vertex: int) -> None:
+        if any(pin.vertex == vertex for pin in self._document.pins):
+            self._say(f"{named_vertex(vertex).capitalize()} is pinned already.")
+        else:
             self._document.toggle_pin(vertex)
 
     # -- help ---------------------------------------------------------------------------------

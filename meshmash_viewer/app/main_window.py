@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from PySide6.QtCore import QDeadlineTimer, QPoint, Qt, QThread, Signal
+from PySide6.QtCore import QChildEvent, QDeadlineTimer, QPoint, Qt, QThread, Signal
 from PySide6.QtGui import (
     QCloseEvent,
     QDragEnterEvent,
@@ -17,6 +17,7 @@ from PySide6.QtGui import (
     QResizeEvent,
 )
 from PySide6.QtWidgets import (
+    QAbstractSlider,
     QAbstractSpinBox,
     QApplication,
     QComboBox,
@@ -24,6 +25,7 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QMainWindow,
     QMenu,
+    QTabBar,
     QToolBar,
 )
 
@@ -32,6 +34,7 @@ from meshmash_viewer.app.actions import Actions
 from meshmash_viewer.app.arrangement import Arrangement
 from meshmash_viewer.app.commands import Commands
 from meshmash_viewer.app.controls import icons
+from meshmash_viewer.app.controls.field_wheel import FieldWheel
 from meshmash_viewer.app.controls.focus_keys import FocusKeys
 from meshmash_viewer.app.errands import Errands
 from meshmash_viewer.app.field_source import FieldSource
@@ -54,6 +57,9 @@ if TYPE_CHECKING:
     from meshmash_viewer.model.pair import Pair
 
 __all__ = ["MainWindow"]
+
+#: What Return leaves, so that keys are commands again.
+_FIELDS = (QLineEdit, QAbstractSpinBox, QComboBox, QAbstractSlider, QTabBar)
 
 
 class MainWindow(QMainWindow):
@@ -89,6 +95,8 @@ class MainWindow(QMainWindow):
         theme.set_mode(self.settings.theme)
         theme.dress(self)
         self._focus_keys = FocusKeys(application, self)
+        self._field_wheel = FieldWheel(self)
+        self._refusal: Notice | None = None
 
         self.loaded = False
         self._closed = False
@@ -128,6 +136,7 @@ class MainWindow(QMainWindow):
         self._listen_to_document()
         theme.notifier().changed.connect(self._on_theme_changed)
         theme.pad_fields(self)
+        self._field_wheel.watch(self)
         self._place()
         self._on_mesh_changed()
         self._show_stage()
@@ -188,6 +197,7 @@ class MainWindow(QMainWindow):
         for name in ("field", "spectrum", "profile", "shape", "pair"):
             self.arrangement.put(name, getattr(self, f"{name}_panel"))
         theme.pad_fields(self)
+        self._field_wheel.watch(self)
         self.field_source = FieldSource(self.document, self)
         self.field_source.field_ready.connect(self._on_field)
         self.field_source.awaited.connect(self.scene.set_awaited)
@@ -450,6 +460,15 @@ class MainWindow(QMainWindow):
             self.scene.set_theme(theme.is_dark())
             self.comparing.set_theme()
 
+    def say_refusal(self, sentence: str) -> None:
+        """Say why a field refuses what was typed, or that no longer; see `spin.show_refusal`."""
+        bar = self.stage.message_bar
+        if sentence:
+            self._refusal = Notice(sentence, Severity.WARNING)
+            self.document.notify(self._refusal)
+        elif self._refusal is not None and bar.notice is self._refusal:
+            bar.dismiss()
+
     # -- events -------------------------------------------------------------------------------
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
@@ -458,12 +477,17 @@ class MainWindow(QMainWindow):
         Fields pass Return on when they have taken it; what they refuse stays to be mended.
         """
         field = QApplication.focusWidget()
-        typed_in = isinstance(field, (QLineEdit, QAbstractSpinBox, QComboBox))
-        if typed_in and event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
+        if isinstance(field, _FIELDS) and event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
             self.activateWindow()  # where the field is in a dock that floats
             self.stage.setFocus()
         else:
             super().keyPressEvent(event)
+
+    def childEvent(self, event: QChildEvent) -> None:
+        """Watch the tabs of docks, which Qt makes as they are put behind one another."""
+        super().childEvent(event)
+        if event.polished() and isinstance(child := event.child(), QTabBar):
+            self._field_wheel.watch(child)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Keep the plots readable."""

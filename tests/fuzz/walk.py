@@ -53,7 +53,6 @@ from PySide6.QtWidgets import (
     QDialog,
     QDockWidget,
     QFileDialog,
-    QInputDialog,
     QLineEdit,
     QMessageBox,
     QTabBar,
@@ -641,9 +640,6 @@ def _answered(walk: Walk) -> Iterator[None]:
         name = walk.random.choice(("saved.meshmash.json", "saved", "absent/saved", ""))
         return str(walk.folder / name) if name else "", ""
 
-    def number(_parent: object, _title: str, _text: str, _value: int, low: int, high: int):
-        return walk.random.randint(low, high), walk.random.random() < 0.8
-
     def question(*_: object, **__: object) -> QMessageBox.StandardButton:
         yes = walk.random.random() < 0.2
         return QMessageBox.StandardButton.Yes if yes else QMessageBox.StandardButton.No
@@ -653,7 +649,6 @@ def _answered(walk: Walk) -> Iterator[None]:
             (QFileDialog, "getOpenFileName", opened),
             (QFileDialog, "getOpenFileNames", several),
             (QFileDialog, "getSaveFileName", saved),
-            (QInputDialog, "getInt", number),
             (QMessageBox, "question", question),
         ):
             before = getattr(owner, name)

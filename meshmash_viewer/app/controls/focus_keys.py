@@ -1,4 +1,4 @@
-"""Leaves keys to the focused control that has a use for them."""
+"""Keys of the field with the focus: which it keeps from commands, and what a command does to it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-__all__ = ["FocusKeys"]
+from meshmash_viewer.app.controls.number_field import NumberField
+from meshmash_viewer.app.controls.spin import DecimalField, WholeField
+
+__all__ = ["FocusKeys", "settle_typing"]
 
 _WATCHED = (QAbstractButton, QComboBox, QTabBar, QLineEdit, QAbstractSpinBox)
 _ARROWS = (Qt.Key.Key_Left, Qt.Key.Key_Right, Qt.Key.Key_Home, Qt.Key.Key_End)
@@ -68,6 +71,17 @@ class FocusKeys(QObject):
                 event.accept()
                 return True
         return False
+
+
+def settle_typing() -> bool:
+    """Take what is being typed, so that a command finds it; whether it was not refused."""
+    field = QApplication.focusWidget()
+    if isinstance(field, (NumberField, WholeField, DecimalField)):
+        return field.commit()
+    edit = field.lineEdit() if isinstance(field, QComboBox) else field
+    if isinstance(edit, QLineEdit) and edit.isModified():
+        edit.editingFinished.emit()
+    return True
 
 
 def _can_undo(widget: QObject) -> bool:

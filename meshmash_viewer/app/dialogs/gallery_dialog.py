@@ -23,6 +23,7 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.column_range import ColumnRange
 from meshmash_viewer.app.controls.facts import keep_room, reserved_note
+from meshmash_viewer.app.controls.field_wheel import FieldWheel
 from meshmash_viewer.app.controls.layout import column, row
 from meshmash_viewer.app.listening import follow, stop_listening
 from meshmash_viewer.app.series_painter import Picture, SeriesPainter
@@ -135,6 +136,11 @@ class GalleryDialog(QDialog):
             )
         )  # fmt: skip
         theme.pad_fields(self)
+        FieldWheel(self).watch(self)
+
+    def say_refusal(self, sentence: str) -> None:
+        """Say why a field refuses what was typed; see `controls.spin.show_refusal`."""
+        self.remark_label.setText(sentence)
 
     # -- which are shown ----------------------------------------------------------------------
 

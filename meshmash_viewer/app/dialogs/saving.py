@@ -11,8 +11,10 @@ from PySide6.QtWidgets import QComboBox, QDialog, QDialogButtonBox, QPushButton,
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import reserved_note
+from meshmash_viewer.app.controls.field_wheel import FieldWheel
 from meshmash_viewer.app.controls.file_row import FileRow
 from meshmash_viewer.app.controls.layout import Part, column
+from meshmash_viewer.app.controls.spin import typed_fields
 
 __all__ = ["FormatDialog", "SaveDialog"]
 
@@ -38,6 +40,7 @@ class SaveDialog(QDialog):
         self.file_row = file_row
         self.remark_label = reserved_note(f"{kind}_remark_label", 2)
         self._output = kind
+        self._refused = False
 
     @property
     def path(self) -> Path:
@@ -47,6 +50,7 @@ class SaveDialog(QDialog):
     def _arrange(self, *parts: Part, spacing: int = theme.MARGIN) -> None:
         """Put parts over the two buttons."""
         self.accept_button.setDefault(True)
+        self.accept_button.pressed.connect(self._note_refusal)
         buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Cancel)
         buttons.addButton(self.accept_button, QDialogButtonBox.ButtonRole.AcceptRole)
         buttons.accepted.connect(self._accept)
@@ -54,12 +58,25 @@ class SaveDialog(QDialog):
         self.setLayout(column(*parts, buttons, spacing=spacing, margins=(20, 16, 20, 16)))
         self.file_row.changed.connect(self._refresh_remark)
         theme.pad_fields(self)
+        FieldWheel(self).watch(self)
+
+    def say_refusal(self, sentence: str) -> None:
+        """Say why a field refuses what was typed; see `controls.spin.show_refusal`."""
+        self._refresh_remark()
+        if sentence:
+            self.remark_label.setText(sentence)
+
+    def _note_refusal(self) -> None:
+        """Note whether the press of the button has ended the typing of what is refused."""
+        self._refused = any(each.just_refused for each in typed_fields(self))
 
     def _refresh_remark(self) -> None:
         self.accept_button.setEnabled(self.file_row.named)
         self.remark_label.setText(self.file_row.remark)
 
     def _accept(self) -> None:
+        if self._refused:  # it is said, and what is there instead has not been seen yet
+            return
         fault = self.file_row.fault(self._output)
         if fault:
             self.remark_label.setText(fault)

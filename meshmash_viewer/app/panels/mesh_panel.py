@@ -47,6 +47,7 @@ class MeshPanel(QWidget):
         super().__init__()
         theme.named(self, "mesh_panel", "Mesh")
         self._document = document
+        self._refused = False
 
         self.target_box = TargetBox(document)
         self.cost_label = reserved_note("cost_label", 2, "muted", "Estimated memory and time")
@@ -205,6 +206,7 @@ class MeshPanel(QWidget):
             "mollify_spin",
             "Mollify factor",
             step=quarter_steps,
+            share=True,
             tip="How far edges are lengthened, relative to their mean, so that no triangle is "
             "degenerate (no unit; 1e-05 suits nearly every mesh)",
         )
@@ -258,10 +260,11 @@ class MeshPanel(QWidget):
             "Compute",
             "compute_button",
             "Compute eigenpairs",
-            self._document.compute,
+            self._compute,
             role="primary",
             tip="Decompose the mesh (Ctrl+Return)",
         )
+        self.compute_button.pressed.connect(self._note_refusal)
         self.cancel_button = make.button(
             "Cancel",
             "cancel_button",
@@ -290,6 +293,14 @@ class MeshPanel(QWidget):
         foot, margins = theme.named(QWidget(), "mesh_panel_foot"), (theme.MARGIN,) * 4
         foot.setLayout(column(buttons, self.progress_bar, self._told, spacing=6, margins=margins))
         return foot
+
+    def _note_refusal(self) -> None:
+        """Note whether the press of the button has ended the typing of what is refused."""
+        self._refused = any(each.just_refused for each in self.findChildren(NumberField))
+
+    def _compute(self) -> None:
+        if not self._refused:  # else that is said, and what is there instead has not been seen yet
+            self._document.compute()
 
     def _refresh_job(self) -> None:
         state = self._document.job

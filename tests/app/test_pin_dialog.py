@@ -1,0 +1,78 @@
+"""Ctrl+G pins the vertex whose index is typed, and no other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from closed_form import part, rectangle_document
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QDialog
+from pytestqt.qtbot import QtBot
+
+from meshmash_viewer.app.main_window import MainWindow
+
+CONTROL = Qt.KeyboardModifier.ControlModifier
+
+
+@pytest.fixture
+def window(open_window: Callable[..., MainWindow]) -> MainWindow:
+    return open_window(rectangle_document())
+
+
+def ask(qtbot: QtBot, window: MainWindow) -> None:
+    window.activateWindow()
+    qtbot.waitUntil(window.isActiveWindow)
+    QTest.keyClick(window, Qt.Key.Key_G, CONTROL)
+    qtbot.waitUntil(lambda: QApplication.activeModalWidget() is not None)
+    qtbot.waitUntil(lambda: part(window, "pin_index_edit").hasFocus())
+
+
+def pinned(window: MainWindow) -> list[int]:
+    return [pin.vertex for pin in window.document.pins]
+
+
+def test_what_is_no_index_is_refused_with_the_range(qtbot: QtBot, window: MainWindow) -> None:
+    last = window.document.mesh.n_vertices - 1
+    ask(qtbot, window)
+    edit, fault = part(window, "pin_index_edit"), part(window, "pin_fault_label")
+    texts = (
+        "99999",
+        f"{last + 1}",
+        "-1",
+        "12.5",
+        "1,5",
+        "",
+        "vertex",
+        "1.234",
+        "5 nm",
+        "1/2",
+        "nan",
+    )
+    for text in texts:
+        edit.selectAll()
+        QTest.keyClicks(edit, text) if text else QTest.keyClick(edit, Qt.Key.Key_Delete)
+        QTest.keyClick(edit, Qt.Key.Key_Return)
+        assert fault.text().startswith(f"The index is a whole number from 0 to {last:,}"), text
+        assert pinned(window) == [], text
+        assert edit.hasFocus()
+        assert edit.selectedText() == text
+    QTest.keyClicks(edit, "3")
+    assert fault.text() == ""
+    QTest.keyClick(edit, Qt.Key.Key_Escape)
+    assert pinned(window) == []
+
+
+def test_an_index_is_pinned(qtbot: QtBot, window: MainWindow) -> None:
+    last = window.document.mesh.n_vertices - 1
+    wanted = {"0": 0, " 12 ": 12, f"{last}": last, "1e2": 100, "15.0": 15, "0012": 12}
+    for text, vertex in wanted.items():
+        before = set(pinned(window))
+        ask(qtbot, window)
+        QTest.keyClicks(part(window, "pin_index_edit"), text)
+        QTest.keyClick(part(window, "pin_index_edit"), Qt.Key.Key_Return)
+        qtbot.waitUntil(lambda: QApplication.activeModalWidget() is None)
+        assert set(pinned(window)) == before | {vertex}, text
+        qtbot.waitUntil(lambda: not window.findChildren(QDialog, "pin_dialog"))
+    assert "Vertex 12 is pinned already" in window.stage.message_bar.notice.text
