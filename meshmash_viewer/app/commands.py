@@ -22,12 +22,12 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.maps import is_map_file
 from meshmash_viewer.io.read import READABLE_ENDINGS
 from meshmash_viewer.io.session import SESSION_ENDING
+from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model import cost, stepping
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.field import request_of
 from meshmash_viewer.model.pair import Pair
-from meshmash_viewer.units import named_vertex
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.comparing import Comparing
@@ -457,13 +457,16 @@ class Commands:
         """Ask for an index and pin that vertex."""
         from meshmash_viewer.app.dialogs.pin_dialog import PinDialog
 
-        assert self._document.mesh is not None
-        dialog = PinDialog(self._document.mesh.n_vertices - 1, self._window)
-        ask(dialog, lambda: self._pin(dialog.vertex))
+        mesh = self._document.mesh
+        assert mesh is not None
+        dialog = PinDialog(mesh, self._window)
+        ask(dialog, lambda: self._pin(mesh, dialog.vertex))
 
-    def _pin(self, vertex: int) -> None:
-        if any(pin.vertex == vertex for pin in self._document.pins):
-            self._say(f"{named_vertex(vertex).capitalize()} is pinned already.")
+    def _pin(self, mesh: Mesh, vertex: int) -> None:
+        if self._document.mesh is not mesh:
+            self._say("The vertex was not pinned: its mesh is not open any more.", Severity.WARNING)
+        elif any(pin.vertex == vertex for pin in self._document.pins):
+            self._say(f"{mesh.named_vertex(vertex).capitalize()} is pinned already.")
         else:
             self._document.toggle_pin(vertex)
 

@@ -11,7 +11,9 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDialog
 from pytestqt.qtbot import QtBot
 
+from meshmash_viewer.app.dialogs.pin_dialog import PinDialog
 from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.health import repair_mesh
 
 CONTROL = Qt.KeyboardModifier.ControlModifier
 
@@ -76,3 +78,20 @@ def test_an_index_is_pinned(qtbot: QtBot, window: MainWindow) -> None:
         assert set(pinned(window)) == before | {vertex}, text
         qtbot.waitUntil(lambda: not window.findChildren(QDialog, "pin_dialog"))
     assert "Vertex 12 is pinned already" in window.stage.message_bar.notice.text
+
+
+def test_the_index_is_that_of_the_file(qtbot: QtBot) -> None:
+    corners = [[9, 9, 9], [0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    mesh = repair_mesh((corners, [[1, 2, 3]]), "drop_unreferenced_vertices")
+    dialog = PinDialog(mesh)
+    qtbot.addWidget(dialog)
+    for text, vertex, says in (
+        ("0", -1, "left out by a repair"),
+        ("4", -1, "0 to 3"),
+        ("3", 2, ""),
+    ):
+        dialog.fault.setText("")
+        dialog.edit.setText(text)
+        dialog.pin_button.click()
+        assert dialog.vertex == vertex
+        assert says in dialog.fault.text()

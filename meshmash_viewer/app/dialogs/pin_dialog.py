@@ -8,6 +8,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import reserved_note
 from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.quantities import parse_whole
 
 __all__ = ["PinDialog"]
@@ -18,21 +19,21 @@ class PinDialog(QDialog):
 
     Parameters
     ----------
-    last : int
-        Largest index.
+    mesh : Mesh
+        Whose file the index is of.
 
     Attributes
     ----------
     vertex : int
-        What was given, once it is accepted.
+        The vertex of the mesh, once the dialog is accepted.
     """
 
-    def __init__(self, last: int, parent: QWidget | None = None) -> None:
+    def __init__(self, mesh: Mesh, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         theme.named(self, "pin_dialog").setWindowTitle("Pin vertex")
         self.vertex = -1
-        self._last = last
-        label = QLabel(f"Index of the vertex, 0 to {last:,}")
+        self._mesh = mesh
+        label = QLabel(f"Index of the vertex, 0 to {mesh.n_file_vertices - 1:,}")
         self.edit = theme.named(QLineEdit(), "pin_index_edit", "Index of the vertex")
         label.setBuddy(self.edit)
         self.fault = reserved_note("pin_fault_label", 2)
@@ -48,7 +49,9 @@ class PinDialog(QDialog):
 
     def _accept(self) -> None:
         try:
-            self.vertex = parse_whole(self.edit.text(), 0, self._last, "The index")
+            last = self._mesh.n_file_vertices - 1
+            index = parse_whole(self.edit.text(), 0, last, "The index")
+            self.vertex = self._mesh.vertex_of(index)
         except InputError as fault:
             self.fault.setText(str(fault))
             self.edit.setFocus()
