@@ -7,6 +7,7 @@ details. Neither holds up the other meshes of a batch.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import sys
@@ -21,6 +22,7 @@ from meshmash_viewer.cli.streams import PROGRAM, answer, drop, prepare_streams, 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.pipes import closed_pipe_errors
 from meshmash_viewer.progress import Cancelled
+from meshmash_viewer.spectral.engine.blas_threads import limit_accelerate
 from meshmash_viewer.spectral.engine.compiler import check_compiler
 
 __all__ = ["main", "open_window"]
@@ -43,6 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         interrupted.
     """
     prepare_streams()
+    limit_accelerate(os.environ)
     try:
         with closed_pipe_errors():
             try:
@@ -73,7 +76,8 @@ def open_window() -> int:
     if status and (text := said.getvalue()):
         from meshmash_viewer.app.run import show_message
 
-        show_message(text.replace(f"{PROGRAM}: ", "").strip())
+        with contextlib.suppress(InputError):  # there is no display either
+            show_message(text.replace(f"{PROGRAM}: ", "").strip())
     return status
 
 

@@ -24,7 +24,9 @@ from tempfile import TemporaryDirectory
 from meshmash_viewer.errors import InputError, missing_module, not_installed, printable
 from meshmash_viewer.io.atomic import scratch_prefix
 from meshmash_viewer.io.polygons import RawMesh, raw_mesh
+from meshmash_viewer.io.process_tree import ProcessTree
 from meshmash_viewer.plug_ins import PlugIn
+from meshmash_viewer.spectral.engine.blas_threads import limit_accelerate
 
 __all__ = ["RAISE_LIMITS", "LimitExceeded", "ReadLimits", "convert", "read_guarded", "unreadable"]
 
@@ -162,13 +164,14 @@ def read_guarded(
             [*command, str(limits.memory)],
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,  # where libraries complain once more before they end it
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},  # whose threads take memory each
+            env=_environment(),
             creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
         ) as child:
+            tree = ProcessTree(child.pid)
             try:
-                said = _watch(child, limits)
+                said = _watch(child, tree, limits)
             except BaseException:
-                child.kill()
+                tree.end()
                 raise
         if child.returncode == _TOO_LARGE:
             raise _too_large(limits)
@@ -181,27 +184,29 @@ def read_guarded(
             return raw
 
 
-def _watch(child: subprocess.Popen[bytes], limits: ReadLimits) -> bytes:
-    """What the child says; it has ended then."""
-    import psutil
+def _environment() -> dict[str, str]:
+    """Variables of the child, whose threads of OpenBLAS would take memory each."""
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    limit_accelerate(environment)
+    return environment
 
+
+def _watch(child: subprocess.Popen[bytes], tree: ProcessTree, limits: ReadLimits) -> bytes:
+    """What the child says; it has ended then."""
     began = time.monotonic()
-    process = psutil.Process(child.pid)
     look = _START
     while True:
         try:
             return child.communicate(timeout=look)[0]
         except subprocess.TimeoutExpired:
             look = _LOOK
-        with contextlib.suppress(psutil.Error):  # it has just ended
-            spent = process.cpu_times()
-            computed = spent.user + spent.system
-            if process.memory_info().rss > limits.memory:
-                raise _too_large(limits)
-            if computed > limits.seconds:
-                raise LimitExceeded(f"takes longer than {limits.seconds:.0f} seconds to read")
-            if time.monotonic() - began > _IDLE_SECONDS + 10.0 * computed:
-                raise LimitExceeded("keeps its reader waiting")
+        computed, memory = tree.measured()
+        if memory > limits.memory:
+            raise _too_large(limits)
+        if computed > limits.seconds:
+            raise LimitExceeded(f"takes longer than {limits.seconds:.0f} seconds to read")
+        if time.monotonic() - began > _IDLE_SECONDS + 10.0 * computed:
+            raise LimitExceeded("keeps its reader waiting")
 
 
 def _too_large(limits: ReadLimits) -> LimitExceeded:
@@ -248,11 +253,11 @@ def unreadable(fault: BaseException) -> InputError:
 
 
 def _refuse_memory_beyond(limit: float) -> None:
-    """Where the system can, refuse at once what the watching parent would see too late."""
+    """On Linux, refuse at once what the parent, which measures, would see too late."""
     try:
         import resource
-    except ImportError:  # Windows
-        return
+    except ImportError:
+        return  # the parent measures
     if sys.platform == "linux" and limit < 2.0**62:
         with contextlib.suppress(ValueError, OSError):  # a stricter limit of the user's own
             resource.setrlimit(resource.RLIMIT_DATA, (int(limit), resource.RLIM_INFINITY))

@@ -21,13 +21,15 @@ from typing import cast
 
 import numpy as np
 
+from meshmash_viewer.io.process_tree import ProcessTree
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.model.jobs import Channel, Job
 from meshmash_viewer.model.transport import Wire
 from meshmash_viewer.progress import Cancelled, Progress
+from meshmash_viewer.spectral.engine.blas_threads import limit_accelerate
 
-__all__ = ["child_command", "end_group", "serve"]
+__all__ = ["child_command", "child_environment", "end_group", "serve"]
 
 #: Seconds between two reports; a person reads no faster.
 _REPORT_SECONDS = 0.05
@@ -42,11 +44,18 @@ def child_command(folder: Path) -> list[str]:
     return [sys.executable, "-c", code, str(folder), *sys.path]
 
 
+def child_environment() -> dict[str, str]:
+    """Variables that the process starts with."""
+    environment = dict(os.environ)
+    limit_accelerate(environment)
+    return environment
+
+
 def serve(folder: str) -> None:
     """Run jobs until the pipe on standard input closes; then end, with all descendants."""
     faulthandler.enable()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl+C in the terminal is the window's
-    _be_considerate()
+    _lower_priority()
     # The pipe moves to descriptors of its own: a stray print must not end up in it, and
     # processes of the solver must not inherit it.
     source = os.fdopen(os.dup(0), "rb")
@@ -129,51 +138,52 @@ class _PipeChannel:
 def end_group(leader: int, patience: float = 0.0) -> None:
     """End a process that leads a group, with its descendants.
 
-    They are asked with SIGTERM, which nobody here handles, so it is certain and immediate; only
+    They are asked with SIGTERM, which nothing here handles, so it is certain and immediate; only
     multiprocessing's resource trackers ignore it, to delete temporary files and then leave.
     `patience` is how many seconds descendants have to clean up, before they are killed.
+    Windows has neither groups nor SIGTERM: all but such trackers are killed there.
     """
-    import psutil
-
-    if os.name != "posix":
-        with contextlib.suppress(psutil.NoSuchProcess):
-            process = psutil.Process(leader)
-            for member in [*process.children(recursive=True), process]:
-                with contextlib.suppress(psutil.NoSuchProcess):
-                    member.kill()
-        return
-    with contextlib.suppress(ProcessLookupError):
-        os.killpg(leader, signal.SIGTERM)
-    deadline = time.monotonic() + patience
-    while patience and _lives(leader):
-        if time.monotonic() > deadline:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(leader, signal.SIGKILL)
-            return
-        time.sleep(0.01)
+    if sys.platform == "win32":
+        ProcessTree(leader).end(patience)
+    else:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(leader, signal.SIGTERM)
+        deadline = time.monotonic() + patience
+        while patience and _lives(leader):
+            if time.monotonic() > deadline:
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(leader, signal.SIGKILL)
+                return
+            time.sleep(0.01)
 
 
 def _lives(leader: int) -> bool:
     """Whether a process of the group still does anything (a zombie does not)."""
-    import psutil
+    if sys.platform != "win32":
+        import psutil
 
-    try:
-        os.killpg(leader, 0)
-    except ProcessLookupError:
-        return False
-    for process in psutil.process_iter():
-        with contextlib.suppress(psutil.Error, ProcessLookupError):
-            if os.getpgid(process.pid) == leader and process.status() != psutil.STATUS_ZOMBIE:
-                return True
+        try:
+            os.killpg(leader, 0)
+        except ProcessLookupError:
+            return False
+        for process in psutil.process_iter():
+            with contextlib.suppress(psutil.Error, ProcessLookupError):
+                if os.getpgid(process.pid) == leader and process.status() != psutil.STATUS_ZOMBIE:
+                    return True
     return False
 
 
-def _be_considerate() -> None:
-    """Leave the processor to the window first, and be the first to go when memory runs out."""
-    if hasattr(os, "nice"):
+def _lower_priority() -> None:
+    """Leave the processor to the window first, and be ended first when memory runs out."""
+    if sys.platform == "win32":
+        import psutil
+
+        with contextlib.suppress(psutil.Error):
+            psutil.Process().nice(psutil.BELOW_NORMAL_PRIORITY_CLASS)
+    else:
         os.nice(5)
     with contextlib.suppress(OSError):  # other systems have no such file
-        Path("/proc/self/oom_score_adj").write_text("500")
+        Path("/proc/self/oom_score_adj").write_text("500", encoding="ascii")
 
 
 def _warm_up() -> None:

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, MutableMapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
-__all__ = ["one_blas_thread"]
+__all__ = ["limit_accelerate", "one_blas_thread"]
+
+
+def limit_accelerate(environment: MutableMapping[str, str]) -> None:
+    """Limit Accelerate of macOS to one thread, in processes that start with these variables.
+
+    NumPy's wheels use it there, and nothing limits it once it is loaded. A value that the user has
+    set stays.
+    """
+    if sys.platform == "darwin":
+        environment.setdefault("VECLIB_MAXIMUM_THREADS", "1")
 
 
 @contextmanager

@@ -1,0 +1,244 @@
+"""Readers under a launcher, as ``python.exe`` of a virtual environment is on Windows."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from long_readers import CORNERS, filling, honest, many, refusing, spinning
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io import guarded
+from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded
+from meshmash_viewer.io.polygons import RawMesh
+from meshmash_viewer.io.process_tree import ProcessTree
+from meshmash_viewer.model import process
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="makes programs of scripts")
+
+#: Starts another process and waits for it, as the launcher of Windows does.
+LAUNCHER = """#!{python} -S
+import subprocess, sys
+sys.exit(subprocess.call([{program!r}, *sys.argv[1:]]))
+"""
+
+
+@pytest.fixture
+def depth(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> int:
+    """So many launchers before the interpreter, one if not said."""
+    program, n_launchers = sys.executable, getattr(request, "param", 1)
+    for at in range(n_launchers):
+        launcher = tmp_path / f"python{at}"
+        text = LAUNCHER.format(python=Path(sys.executable).resolve(), program=program)
+        launcher.write_text(text, encoding="utf-8")
+        launcher.chmod(0o755)
+        program = str(launcher)
+    monkeypatch.setattr(sys, "executable", program)
+    return int(n_launchers)
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_left() -> Iterator[None]:
+    before = set(psutil.Process().children(recursive=True))
+    running = {each for each in psutil.process_iter(["cmdline"]) if is_reader(each)}
+    yield
+    deadline = time.monotonic() + 10.0
+    while time.monotonic() < deadline:
+        left = {each for each in psutil.process_iter(["cmdline"]) if is_reader(each)} - running
+        left |= set(psutil.Process().children(recursive=True)) - before
+        if not left:
+            return
+        time.sleep(0.02)
+    pytest.fail(f"still there: {left}")
+
+
+def is_reader(found: psutil.Process) -> bool:
+    return any("long_readers:" in part for part in found.info["cmdline"] or ())
+
+
+@pytest.fixture
+def mesh_file(tmp_path: Path) -> Path:
+    path = tmp_path / "mesh.any"
+    path.touch()
+    return path
+
+
+@pytest.mark.parametrize(
+    ("reader", "limits", "clause"),
+    [
+        (spinning, ReadLimits(0.6, 1e12), "takes longer than"),
+        (many, ReadLimits(0.6, 1e12), "takes longer than"),
+        (filling, ReadLimits(100.0, 4e8), "MB of memory"),
+    ],
+)
+def test_limits_hold_for_what_a_launcher_starts(
+    reader: Callable[[Path], RawMesh], limits: ReadLimits, clause: str, depth: int, mesh_file: Path
+) -> None:
+    began = time.monotonic()
+    with pytest.raises(LimitExceeded, match=clause):
+        read_guarded(reader, mesh_file, limits)
+    assert time.monotonic() - began < 25.0
+
+
+def test_memory_is_limited_where_the_system_cannot(
+    tmp_path: Path, mesh_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Windows has no module ``resource``."""
+    (tmp_path / "lacking").mkdir()
+    (tmp_path / "lacking" / "resource.py").write_text("raise ImportError", encoding="ascii")
+    monkeypatch.syspath_prepend(str(tmp_path / "lacking"))
+    with pytest.raises(LimitExceeded, match="MB of memory"):
+        read_guarded(filling, mesh_file, ReadLimits(100.0, 4e8))
+
+
+@pytest.mark.parametrize("depth", [1, 2], indirect=True)
+def test_what_a_launcher_starts_answers(depth: int, mesh_file: Path) -> None:
+    found = read_guarded(honest, mesh_file)
+    np.testing.assert_array_equal(found.vertices, CORNERS)
+    with pytest.raises(InputError, match="is no mesh"):
+        read_guarded(refusing, mesh_file)
+
+
+def test_an_interrupt_ends_all_of_them(
+    depth: int, mesh_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object) -> bytes:
+        time.sleep(0.5)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(guarded, "_watch", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        read_guarded(spinning, mesh_file)
+
+
+# The process that computes --------------------------------------------------------------------
+
+FAMILY = """
+import subprocess, sys
+code = "import time; time.sleep(600)"
+tracker = "import sys, time; time.sleep(float(sys.argv[2]))"
+children = [subprocess.Popen([sys.executable, "-c", code], start_new_session=True)]
+children += [subprocess.Popen([sys.executable, "-c", tracker, "resource_tracker", sys.argv[1]])]
+print(*[child.pid for child in children], flush=True)
+children[0].wait()
+"""
+
+
+def family(seconds: float) -> tuple[subprocess.Popen[str], psutil.Process, psutil.Process]:
+    leader = subprocess.Popen(
+        [sys.executable, "-c", FAMILY, str(seconds)], stdout=subprocess.PIPE, text=True
+    )
+    assert leader.stdout is not None
+    pids = leader.stdout.readline().split()
+    leader.stdout.close()
+    child, tracker = (psutil.Process(int(pid)) for pid in pids)
+    return leader, child, tracker
+
+
+def gone(found: psutil.Process, timeout: float = 5.0) -> bool:
+    deadline = time.monotonic() + timeout
+    while time.monotonic() < deadline:
+        if not found.is_running() or found.status() == psutil.STATUS_ZOMBIE:
+            return True
+        time.sleep(0.01)
+    return False
+
+
+@pytest.mark.parametrize(("seconds", "patience"), [(0.6, 5.0), (600.0, 0.3), (0.6, 0.0)])
+def test_where_there_are_no_groups_the_tree_is_ended(
+    seconds: float, patience: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the way of Windows, where what only deletes files has the patience that groups have."""
+    leader, child, tracker = family(seconds)
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "platform", "win32")
+        began = time.monotonic()
+        process.end_group(leader.pid, patience)
+        took = time.monotonic() - began
+    leader.wait(10)
+    assert gone(child)
+    assert took < patience + 2.0
+    if patience:
+        assert gone(tracker)
+        assert took >= min(seconds - 0.5, patience) - 0.1
+    else:
+        assert not gone(tracker, 0.0), "it ends by itself"
+        assert gone(tracker)
+
+
+def test_ending_what_has_ended_is_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    with subprocess.Popen([sys.executable, "-c", ""]) as child:
+        child.wait()
+        monkeypatch.setattr(sys, "platform", "win32")
+        process.end_group(child.pid, 1.0)
+        tree = ProcessTree(child.pid)
+        assert tree.measured() == (0.0, 0.0)
+        tree.end()
+
+
+def test_the_time_of_processes_that_have_ended_is_counted() -> None:
+    code = "import subprocess, sys, time\n"
+    code += "work = 'import time\\nwhile time.process_time() < 0.4: pass'\n"
+    code += "subprocess.run([sys.executable, '-c', work]); print(flush=True); time.sleep(60)"
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as child:
+        tree = ProcessTree(child.pid)
+        assert child.stdout is not None
+        os.set_blocking(child.stdout.fileno(), False)
+        while child.stdout.read() is None:
+            tree.measured()
+            time.sleep(0.02)
+        seconds, memory = tree.measured()
+        tree.end()
+    assert seconds > 0.3
+    assert memory > 1e6
+
+
+def test_priority_is_lowered_on_windows_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[object] = []
+
+    class OfWindows:
+        def nice(self, value: object) -> None:
+            given.append(value)
+            raise psutil.AccessDenied(1)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "platform", "win32")
+        patch.setattr(psutil, "Process", OfWindows)
+        patch.setattr(psutil, "BELOW_NORMAL_PRIORITY_CLASS", "below", raising=False)
+        patch.setattr(Path, "write_text", lambda *_, **__: 0)
+        process._lower_priority()
+    assert given == ["below"]
+
+
+@pytest.mark.parametrize("platform", ["darwin", "linux", "win32"])
+@pytest.mark.parametrize("own", [None, "4"])
+def test_children_on_macos_have_one_thread_of_accelerate(
+    platform: str, own: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "platform", platform)
+    monkeypatch.delenv("VECLIB_MAXIMUM_THREADS", raising=False)
+    if own is not None:
+        monkeypatch.setenv("VECLIB_MAXIMUM_THREADS", own)
+    wanted = own or ("1" if platform == "darwin" else None)
+    for environment in (process.child_environment(), guarded._environment()):
+        assert environment.get("VECLIB_MAXIMUM_THREADS") == wanted
+        assert environment.items() >= {"PATH": os.environ["PATH"]}.items()
+
+
+def test_errors_of_the_system_are_not_swallowed(
+    mesh_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(errno.EAGAIN, "no more processes")
+
+    monkeypatch.setattr(subprocess, "Popen", refuse)
+    with pytest.raises(OSError, match="no more processes"):
+        read_guarded(honest, mesh_file)
