@@ -1,4 +1,8 @@
-"""Files that are either whole or not there, and temporary folders: what a kill leaves goes."""
+"""Files that are either whole or not there, and temporary folders: what a kill leaves goes.
+
+On Windows another program, such as a scanner for viruses or an indexer of files, may refuse for a
+moment that a file is replaced or deleted, and one that has it mapped refuses it as long.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +17,17 @@ import sys
 import tempfile
 import time
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TypeVar
 
 from meshmash_viewer.errors import InputError
 
 __all__ = [
     "LEFT_OVER",
+    "discard",
     "made_folder",
+    "persistently",
     "remove_abandoned",
     "remove_left_overs",
     "scratch_prefix",
@@ -38,6 +45,54 @@ _SCRATCH = "meshmash-viewer-"
 _OWNED = re.compile(_SCRATCH + r"([0-9a-f]{8})-(\d+)-")
 #: Seconds after which nobody uses any more what is of a process that cannot be asked for.
 _FORGOTTEN = 86_400.0
+#: Seconds for which what another program refuses is tried again, and between two trials.
+_PATIENCE, _PAUSE = 1.0, 0.05
+
+_T = TypeVar("_T")
+
+
+def persistently(act: Callable[[], _T]) -> _T:
+    """Do what another program may refuse for a moment, trying again for a second.
+
+    Parameters
+    ----------
+    act : callable
+        What is done with a file; its result is returned.
+
+    Raises
+    ------
+    PermissionError
+        If it is refused to the end. Other errors are raised at once.
+    """
+    deadline = time.monotonic() + _PATIENCE
+    while True:
+        try:
+            return act()
+        except PermissionError:
+            if time.monotonic() >= deadline:
+                raise
+        time.sleep(_PAUSE)
+
+
+def discard(*paths: Path) -> None:
+    """Delete files that are of no more use, as far as that is possible within a second.
+
+    No error is raised: what needs no file any more must not fail because it stays.
+    """
+    deadline = time.monotonic() + _PATIENCE
+    left = list(paths)
+    while left:
+        refused = []
+        for path in left:
+            try:
+                path.unlink(missing_ok=True)
+            except PermissionError:
+                refused.append(path)
+            except OSError:
+                continue  # the disk has gone
+        left = refused if time.monotonic() < deadline else []
+        if left:
+            time.sleep(_PAUSE)
 
 
 @contextlib.contextmanager
@@ -85,13 +140,16 @@ def written_together(*paths: Path) -> Iterator[list[Path]]:
         yield parts
         # The rename must not reach the disk before the content does.
         for part in parts:
-            with part.open("rb+") as file:
-                os.fsync(file.fileno())
+            persistently(functools.partial(_flush, part))
         for part, path in zip(parts, paths, strict=True):
-            os.replace(part, path)
+            persistently(functools.partial(os.replace, part, path))
     finally:
-        for part in parts:
-            part.unlink(missing_ok=True)
+        discard(*parts)
+
+
+def _flush(path: Path) -> None:
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
 
 
 def remove_left_overs(folder: Path) -> None:
@@ -101,7 +159,8 @@ def remove_left_overs(folder: Path) -> None:
         for name in names:
             found = _PART.match(name)
             if found is not None and _is_left(folder / name, found):
-                (folder / name).unlink(missing_ok=True)
+                with contextlib.suppress(PermissionError):  # another's, or held: the next time
+                    (folder / name).unlink(missing_ok=True)
 
 
 def scratch_prefix() -> str:
@@ -176,5 +235,5 @@ def writing_errors(path: Path, *, is_folder: bool = False) -> Iterator[None]:
     except OSError as fault:
         raise InputError(
             f"{path} cannot be written ({fault.strerror or fault}); choose another folder, free"
-            " the disk or give yourself permission."
+            " the disk, give yourself permission or close the program that has the file open."
         ) from fault

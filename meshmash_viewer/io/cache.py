@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 from meshmash_viewer.folders import cache_folder
-from meshmash_viewer.io.atomic import LEFT_OVER
+from meshmash_viewer.io.atomic import LEFT_OVER, discard
 from meshmash_viewer.io.stored_spectrum import ROWS, SEALED, published_pairs
 
 if sys.platform == "win32":
@@ -105,9 +105,16 @@ class FileLock:
 
     def release(self) -> None:
         """Let others have it."""
-        if self._descriptor is not None:
-            os.close(self._descriptor)  # which unlocks
-            self._descriptor = None
+        if self._descriptor is None:
+            return
+        descriptor, self._descriptor = self._descriptor, None
+        with contextlib.suppress(OSError):
+            # Windows unlocks a file that is closed only when it finds the time.
+            if sys.platform == "win32":
+                msvcrt.locking(descriptor, msvcrt.LK_UNLCK, 1)
+            else:
+                fcntl.flock(descriptor, fcntl.LOCK_UN)
+        os.close(descriptor)
 
 
 class EigenpairCache:
@@ -217,7 +224,7 @@ def _tidy_store(folder: Path) -> bool:
     names = [path.name for path in folder.iterdir()]
     for name in names:
         if name.startswith(LEFT_OVER):
-            (folder / name).unlink(missing_ok=True)
+            discard(folder / name)
     rows, published = folder / ROWS, 8 * n_vertices * published_pairs(names)
     if rows.exists() and rows.stat().st_size > published:
         os.truncate(rows, published)  # room for pairs that did not come

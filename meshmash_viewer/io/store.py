@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import functools
 import hashlib
 import json
 import os
@@ -25,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.atomic import written_whole
+from meshmash_viewer.io.atomic import persistently, written_whole
 from meshmash_viewer.io.cache import (
     DEFAULT_CAP,
     FORMAT,
@@ -213,14 +214,17 @@ class EigenpairStore:
         named = {batch.path for batch in self._batches}
         for path in self.folder.glob("pairs-*"):
             if path not in named:
-                path.unlink()
+                persistently(functools.partial(path.unlink, missing_ok=True))
         if not kept:
             # A new file: whoever has mapped the old one goes on with that.
             for name in (PROOF, ROWS):
-                (self.folder / name).unlink(missing_ok=True)
+                persistently(functools.partial((self.folder / name).unlink, missing_ok=True))
         path = self.folder / ROWS
         _make_room(path, highest * self.stored_rows.row_bytes)
-        self._opened, self._lost = os.stat(path), False
+        # by a handle, as it is compared: Windows numbers devices otherwise by the path
+        with path.open("rb") as file:
+            self._opened = os.fstat(file.fileno())
+        self._lost = False
         self._rows = np.memmap(path, np.float64, "r+", shape=(highest, self.n_vertices))
         return self._rows[:k]
 

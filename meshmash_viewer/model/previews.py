@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.io.atomic import discard
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.results import NO_ROWS, MeshReady, SpectrumGrew
@@ -55,8 +56,7 @@ def open_preview(mesh: Mesh, operator: OperatorOptions, channel: Channel) -> Spe
     from meshmash_viewer.spectral.preview import preview_eigenpairs  # which loads the compiler
 
     # The window may be about to map the preview of this mesh, but has done with all others.
-    for other in channel.folder.glob("preview-*"):
-        other.unlink()
+    discard(*channel.folder.glob("preview-*"))
     channel.report(Progress("preview", message="Approximating the first eigenfunctions"))
     n_pairs = mesh.n_components + _pairs(mesh)
 
@@ -72,7 +72,7 @@ def open_preview(mesh: Mesh, operator: OperatorOptions, channel: Channel) -> Spe
     found = preview_eigenpairs(mesh, n_pairs, allocate=allocate, cancel=channel.cancelled)
     if len(found.eigenvalues) <= mesh.n_components:
         del found  # some systems delete no file that is mapped
-        path.unlink()
+        discard(path)
         return None
     np.savez(notes, eigenvalues=found.eigenvalues, error=found.error)
     return _previewed(path, found.eigenvalues, found.error, operator)

@@ -17,6 +17,7 @@ from typing import BinaryIO, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.io.atomic import discard, persistently
 from meshmash_viewer.io.pipes import closed_pipe_errors
 from meshmash_viewer.progress import Progress
 
@@ -97,8 +98,7 @@ class Wire:
                 self._sink.write(frame)
                 self._sink.flush()
         except BaseException:
-            for name, _ in files:
-                (self._folder / name).unlink(missing_ok=True)
+            discard(*(self._folder / name for name, _ in files))
             raise
 
     def receive(self) -> object:
@@ -129,8 +129,9 @@ class Wire:
 
     def _take(self, name: str, size: int) -> npt.NDArray[np.uint8]:
         path = self._folder / name
-        memory = np.fromfile(path, dtype=np.uint8)  # which lets go of the interpreter's lock
+        # which lets go of the interpreter's lock
+        memory = persistently(lambda: np.fromfile(path, dtype=np.uint8))
         if len(memory) < size:
             raise EOFError(f"{path} is shorter than its {size} bytes")
-        path.unlink()
+        discard(path)
         return memory

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import errno
+import io
 import os
 import pickle
 from collections.abc import Iterator
@@ -108,3 +110,56 @@ def test_half_a_message_is_an_end(tmp_path: Path) -> None:
     with pytest.raises(EOFError, match="other end"):
         wire.receive()
     wire.close()
+
+
+class Gone(io.BytesIO):
+    """The end of a pipe whose other end has gone, as an operating system puts it."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self._number = number
+
+    def _fail(self, *_: object) -> int:
+        raise OSError(self._number, os.strerror(self._number))
+
+    write = flush = read = close = _fail  # type: ignore[assignment]
+
+    def __del__(self) -> None: ...
+
+
+@pytest.mark.parametrize("number", [errno.EPIPE, errno.EINVAL])
+@pytest.mark.parametrize("message", ["small", np.zeros(100_000)])
+def test_a_pipe_that_has_gone_is_the_same_on_every_system(
+    number: int, message: object, tmp_path: Path
+) -> None:
+    wire = Wire(Gone(number), Gone(number), tmp_path)
+    with pytest.raises(BrokenPipeError):
+        wire.send(message)
+    assert not any(tmp_path.iterdir())
+    with pytest.raises((BrokenPipeError, EOFError)):
+        wire.receive()
+    wire.close()
+
+
+@pytest.mark.parametrize("number", [errno.EPIPE, errno.EINVAL, errno.ENOSPC, errno.EIO])
+def test_closing_never_raises(number: int, tmp_path: Path) -> None:
+    source, sink = os.pipe()
+    with os.fdopen(sink, "wb") as other:
+        wire = Wire(os.fdopen(source, "rb"), Gone(number), tmp_path)
+        wire.close()
+        assert wire._source.closed, "the other one is closed all the same"
+        other.close()
+
+
+def test_a_full_disk_is_no_pipe_that_has_gone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> int:
+        raise OSError(errno.EINVAL, "Invalid argument")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    wire = Wire(io.BytesIO(), io.BytesIO(), tmp_path)
+    with pytest.raises(OSError, match="Invalid argument") as caught:
+        wire.send(np.zeros(100_000))
+    assert not isinstance(caught.value, BrokenPipeError)
+    assert caught.value.filename == str(tmp_path)

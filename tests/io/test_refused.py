@@ -1,0 +1,292 @@
+"""Files that another program holds for a moment, as scanners and indexers do on Windows."""
+
+from __future__ import annotations
+
+import errno
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapes
+
+from meshmash_viewer.cli import main as cli
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io import atomic, cache
+from meshmash_viewer.io.atomic import discard, persistently, writing_errors, written_together
+from meshmash_viewer.io.cache import FileLock
+from meshmash_viewer.io.store import EigenpairStore
+from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model import previews
+from meshmash_viewer.model.transport import Wire
+from meshmash_viewer.spectral.eigensolver import solve
+
+FOREVER = 10**9
+
+
+class Refusing:
+    """A function of the system that is refused so many times, then works."""
+
+    def __init__(self, function: Callable[..., Any], times: int, only: str = "") -> None:
+        self.function, self.times, self.only = function, times, only
+        self.refused = 0
+
+    def __call__(self, *arguments: Any, **options: Any) -> Any:
+        of_it = Path(str(arguments[0])).name.startswith(self.only)
+        if of_it and self.refused < self.times:
+            self.refused += 1
+            raise PermissionError(errno.EACCES, "Access is denied", str(arguments[0]))
+        return self.function(*arguments, **options)
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch: pytest.MonkeyPatch) -> float:
+    monkeypatch.setattr(atomic, "_PATIENCE", 0.2)
+    monkeypatch.setattr(atomic, "_PAUSE", 0.01)
+    return 0.2
+
+
+def refuse(
+    monkeypatch: pytest.MonkeyPatch, place: Any, name: str, times: int, only: str = ""
+) -> Refusing:
+    refusing = Refusing(getattr(place, name), times, only)
+    # a plain function, which is bound to the path that it is called on
+    monkeypatch.setattr(place, name, lambda *a, **k: refusing(*a, **k))
+    return refusing
+
+
+@pytest.mark.parametrize("times", [0, 1, 2, 5])
+@pytest.mark.parametrize("n_files", [1, 2])
+def test_a_file_takes_its_place_though_it_is_refused_a_few_times(
+    times: int, n_files: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refusing = refuse(monkeypatch, os, "replace", times)
+    paths = [tmp_path / f"{at}.txt" for at in range(n_files)]
+    with written_together(*paths) as parts:
+        for part in parts:
+            part.write_text("whole", encoding="ascii")
+    assert [path.read_text("ascii") for path in paths] == ["whole"] * n_files
+    assert refusing.refused == times
+    assert len(list(tmp_path.iterdir())) == n_files
+
+
+def test_one_that_is_refused_to_the_end_is_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, patience: float
+) -> None:
+    path = tmp_path / "out.txt"
+    path.write_text("before", encoding="ascii")
+    refuse(monkeypatch, os, "replace", FOREVER)
+    began = time.monotonic()
+    with (
+        pytest.raises(InputError, match=r"out\.txt cannot be written .* close the program"),
+        writing_errors(path),
+        written_together(path) as (part,),
+    ):
+        part.write_text("after", encoding="ascii")
+    assert time.monotonic() - began >= patience
+    assert path.read_text("ascii") == "before"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("fault", [OSError(errno.ENOSPC, "full"), FileNotFoundError("gone")])
+def test_other_errors_are_not_waited_for(fault: OSError, patience: float) -> None:
+    calls: list[int] = []
+
+    def act() -> None:
+        calls.append(1)
+        raise fault
+
+    with pytest.raises(type(fault)):
+        persistently(act)
+    assert len(calls) == 1
+
+
+@pytest.mark.parametrize("times", [0, 1, 2, FOREVER])
+@pytest.mark.parametrize("body_fails", [False, True])
+def test_a_part_that_stays_ends_nothing(
+    times: int, body_fails: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "out.txt"
+    refuse(monkeypatch, Path, "unlink", times)
+    if body_fails:
+        with pytest.raises(KeyError, match="mine"), written_together(path) as (part,):
+            raise KeyError(part.write_text("half", encoding="ascii"), "mine")
+        assert not path.exists()
+        # it is deleted by whatever writes here next, once this process has ended
+        assert len(list(tmp_path.iterdir())) == (times == FOREVER)
+    else:
+        with written_together(path) as (part,):
+            part.write_text("whole", encoding="ascii")
+        assert path.read_text("ascii") == "whole"
+
+
+@pytest.mark.parametrize("times", [0, 1, 2, FOREVER])
+def test_many_files_are_discarded_within_the_time_of_one(
+    times: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, patience: float
+) -> None:
+    paths = [tmp_path / name for name in "abcdef"]
+    for path in paths[:-1]:  # the last is not there
+        path.touch()
+    refuse(monkeypatch, Path, "unlink", times, only="c")
+    began = time.monotonic()
+    discard(*paths)
+    assert time.monotonic() - began < 3 * patience
+    assert [path.name for path in tmp_path.iterdir()] == (["c"] if times == FOREVER else [])
+
+
+@pytest.fixture
+def wire(tmp_path: Path) -> Any:
+    source, sink = os.pipe()
+    wire = Wire(os.fdopen(source, "rb"), os.fdopen(sink, "wb"), tmp_path)
+    yield wire
+    wire.close()
+
+
+@pytest.mark.parametrize("times", [1, 2, FOREVER])
+def test_an_array_arrives_though_its_file_cannot_be_deleted(
+    times: int, wire: Wire, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    sent = np.arange(100_000.0)
+    wire.send(sent)
+    refuse(monkeypatch, Path, "unlink", times)
+    np.testing.assert_array_equal(wire.receive(), sent)
+    assert len(list(tmp_path.iterdir())) == (times == FOREVER)
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_an_array_arrives_though_its_file_cannot_be_opened_at_once(
+    times: int, wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent = np.arange(100_000.0)
+    wire.send(sent)
+    refuse(monkeypatch, np, "fromfile", times)
+    np.testing.assert_array_equal(wire.receive(), sent)
+
+
+@pytest.mark.parametrize("times", [1, 2, FOREVER])
+def test_what_cannot_be_sent_is_said_whatever_stays(
+    times: int, wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refuse(monkeypatch, Path, "unlink", times)
+    with pytest.raises((AttributeError, Exception), match=r"pickle|lambda|local"):
+        wire.send((np.zeros(100_000), lambda: None))
+
+
+@pytest.mark.parametrize("times", [1, 2, FOREVER])
+def test_a_preview_is_made_though_the_window_has_another_mapped(
+    times: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(previews, "FROM_VERTICES", 100)
+    old = tmp_path / "preview-old.npy"
+    old.touch()
+    refuse(monkeypatch, Path, "unlink", times, only="preview-old")
+
+    class Listener:
+        folder = tmp_path
+
+        def report(self, _: object) -> None: ...
+
+        def send(self, _: object) -> None: ...
+
+        def cancelled(self) -> bool:
+            return False
+
+    mesh = shapes.icosphere(4)
+    grew = previews.open_preview(mesh, OperatorOptions(), Listener())
+    assert grew is not None
+    assert len(grew.told.eigenvalues) > 40
+    assert old.exists() == (times == FOREVER)
+
+
+def test_a_result_is_there_though_everything_is_refused_at_first(
+    sphere: Mesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mesh = tmp_path / "mesh.npz"
+    np.savez(mesh, vertices=sphere.vertices, faces=sphere.faces)
+    monkeypatch.setattr(atomic, "_PATIENCE", 5.0)
+    replacing = refuse(monkeypatch, os, "replace", 2)
+    deleting = refuse(monkeypatch, Path, "unlink", 2)
+    out = tmp_path / "out.npz"
+    assert cli.main(["features", str(mesh), "--count", "20", "-o", str(out)]) == 0
+    with np.load(out) as written:
+        assert written["features"].shape == (642, 32)
+    assert (replacing.refused, deleting.refused) == (2, 2)
+
+
+# Locks and identities -------------------------------------------------------------------------
+
+
+def test_a_lock_is_released_before_its_file_is_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fcntl = pytest.importorskip("fcntl")
+    done: list[str] = []
+    lock, close = fcntl.flock, os.close
+
+    def noted(descriptor: int, how: int) -> None:
+        done.append({fcntl.LOCK_UN: "unlocked"}.get(how, "locked"))
+        lock(descriptor, how)
+
+    def noted_close(descriptor: int) -> None:
+        done.append("closed")
+        close(descriptor)
+
+    monkeypatch.setattr(fcntl, "flock", noted)
+    monkeypatch.setattr(cache.os, "close", noted_close)
+    held = FileLock(tmp_path / "x.lock")
+    assert held.acquire()
+    held.release()
+    held.release()
+    assert done == ["locked", "unlocked", "closed"]
+    assert FileLock(tmp_path / "x.lock").acquire()
+
+
+def test_a_lock_that_cannot_be_released_is_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fcntl = pytest.importorskip("fcntl")
+    held, other = FileLock(tmp_path / "x.lock"), FileLock(tmp_path / "x.lock")
+    assert held.acquire()
+    assert not other.acquire()
+    with monkeypatch.context() as patch:
+        refuse(patch, fcntl, "flock", 1)
+        held.release()
+    assert other.acquire()
+    other.release()
+
+
+def test_a_store_is_known_by_handles_alone(
+    sphere: Mesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On Windows the device of a handle has another number than that of its path."""
+    by_path = os.stat
+
+    def other_device(*arguments: Any, **options: Any) -> os.stat_result:
+        status = by_path(*arguments, **options)
+        if isinstance(arguments[0], int):
+            return status
+        return os.stat_result((*status[:2], status.st_dev + 1, *status[3:]))
+
+    monkeypatch.setattr(os, "stat", other_device)
+    with EigenpairStore(sphere, OperatorOptions(), tmp_path) as store:
+        pairs = solve(
+            *cotangent_laplacian(sphere, robust=True),
+            12,
+            allocate=store.allocate,
+            on_pairs=store.append,
+        )
+        store.finish(pairs)
+    found = EigenpairStore(sphere, OperatorOptions(), tmp_path).load()
+    assert found is not None
+    assert found.n_proven == 12
+    store = EigenpairStore(sphere, OperatorOptions(), tmp_path)
+    store.allocate(20)
+    (store.folder / "eigenvectors.f64").rename(tmp_path / "elsewhere")
+    (store.folder / "eigenvectors.f64").write_bytes(bytes(8 * 20 * 642))
+    with pytest.raises(InputError, match="it was removed"):
+        store.append(0, np.zeros(2), np.zeros(2))
+    store.close()
