@@ -18,7 +18,7 @@ from meshmash_viewer.app.view.geometry import geometry_of
 from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
 from meshmash_viewer.model.failure import Failure, failure_of
 from meshmash_viewer.model.jobs import Job, MeshReady, SpectrumGrew
-from meshmash_viewer.model.process import child_command, end_group
+from meshmash_viewer.model.process import child_command, child_environment, end_group
 from meshmash_viewer.model.transport import Wire
 
 __all__ = ["Worker"]
@@ -199,7 +199,8 @@ class Worker(QObject):
         else:
             self.failed.emit(_crash(job, code, details))
         if not closing:
-            self._start_process()
+            with contextlib.suppress(OSError):  # the next job tries again, and says why
+                self._start_process()
 
     def _start_process(self) -> None:
         with self._lock:
@@ -212,7 +213,9 @@ class Worker(QObject):
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=errors,
+                    env=child_environment(),
                     start_new_session=True,
+                    creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
                 )
             pipes = cast(BinaryIO, self._process.stdout), cast(BinaryIO, self._process.stdin)
             self._wire = Wire(*pipes, self.folder)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
@@ -147,6 +148,54 @@ def test_idle_process_that_died_is_replaced(qtbot: QtBot, worker: Worker) -> Non
     assert pid is not None
     psutil.Process(pid).kill()
     wait_for(lambda: not lives(pid))
+    with qtbot.waitSignal(worker.finished, timeout=_PATIENCE):
+        worker.submit(DoubleJob(np.zeros(3)))
+
+
+@pytest.mark.parametrize("number", [errno.EPIPE, errno.EINVAL])
+def test_an_idle_process_whose_pipe_has_gone_is_replaced_on_every_system(
+    qtbot: QtBot, worker: Worker, number: int
+) -> None:
+    """Windows answers EINVAL where POSIX answers EPIPE, and may not know yet that it has ended."""
+    with qtbot.waitSignal(worker.finished, timeout=_PATIENCE):
+        worker.submit(DoubleJob(np.zeros(3)))
+    pid, wire = worker.process_id, worker._wire
+    assert wire is not None
+    sink = wire._sink
+    failures: list[Any] = []
+    worker.failed.connect(failures.append)
+
+    class Gone:
+        def write(self, _: bytes) -> int:
+            raise OSError(number, os.strerror(number))
+
+        def flush(self) -> None: ...
+
+        def close(self) -> None:
+            sink.close()
+            raise OSError(number, os.strerror(number))
+
+    wire._sink = Gone()  # type: ignore[assignment]
+    with qtbot.waitSignal(worker.finished, timeout=_PATIENCE) as finished:
+        worker.submit(DoubleJob(np.ones(2)))
+    np.testing.assert_array_equal(finished.args[0], 2.0)
+    assert worker.process_id != pid
+    assert failures == []
+
+
+def test_a_process_that_cannot_be_started_again_is_said_by_the_next_job(
+    qtbot: QtBot, worker: Worker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with qtbot.waitSignal(worker.finished, timeout=_PATIENCE):
+        worker.submit(DoubleJob(np.zeros(3)))
+
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(errno.EAGAIN, "no more processes")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(subprocess, "Popen", refuse)
+        outcome(qtbot, worker, DyingJob("SIGABRT"))
+        assert "no more processes" in outcome(qtbot, worker, DoubleJob(np.zeros(3))).text
     with qtbot.waitSignal(worker.finished, timeout=_PATIENCE):
         worker.submit(DoubleJob(np.zeros(3)))
 

@@ -1,10 +1,13 @@
 from __future__ import annotations
 
+import errno
+import os
 import subprocess
 import sys
 import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 import pytest
@@ -153,6 +156,42 @@ def test_an_ffmpeg_that_fails_is_said_in_a_sentence(
     with pytest.raises(InputError, match="Unknown encoder libx264"):
         written(tmp_path / "out" / "film.mp4", 60, 10.0)
     assert not list((tmp_path / "out").iterdir())
+
+
+@pytest.mark.parametrize("at", ["write", "close"])
+@pytest.mark.parametrize("number", [errno.EPIPE, errno.EINVAL])
+def test_an_ffmpeg_that_has_gone_is_a_sentence_on_every_system(
+    at: str, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Windows answers EINVAL where POSIX answers EPIPE."""
+    start = subprocess.Popen
+
+    class Gone:
+        def __init__(self, pipe: IO[bytes]) -> None:
+            self._pipe = pipe
+
+        def write(self, data: bytes) -> None:
+            if at == "write":
+                self._fail()
+
+        def close(self) -> None:
+            self._pipe.close()
+            self._fail()
+
+        def _fail(self) -> None:
+            raise OSError(number, os.strerror(number))
+
+    def ending(*_: object, **options: Any) -> subprocess.Popen[bytes]:
+        code = "import sys; sys.exit('Unknown encoder libx264')"
+        process = start([sys.executable, "-c", code], **options)
+        process.stdin = Gone(process.stdin)  # type: ignore[assignment, arg-type]
+        return process
+
+    monkeypatch.setattr(movie, "_ffmpeg", lambda: "ffmpeg")
+    monkeypatch.setattr(subprocess, "Popen", ending)
+    with pytest.raises(InputError, match="Unknown encoder libx264"):
+        written(tmp_path / "film.mp4", 60, 10.0)
+    assert not list(tmp_path.iterdir())
 
 
 def test_no_process_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
