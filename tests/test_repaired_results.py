@@ -174,9 +174,8 @@ def test_an_export_says_what_was_repaired_and_can_be_of_the_whole_mesh(
         out = tmp_path / "out.npz"
         job = ExportJob(mesh, operator, out, family, 12, repairs=(LARGEST,), file_mesh=numbers)
         written = job.run(listener)
-        assert "at all 206 vertices of the mesh file after Keep the largest component" in (
-            written.description
-        )
+        assert written.description.endswith("at all 206 vertices of the mesh file,")
+        assert written.remark.endswith("Repaired before: Keep the largest component")
         with np.load(out) as archive:
             values = archive["features" if n == 3 else "eigenvectors"]
             np.testing.assert_array_equal(archive["vertices"], raw.vertices)
@@ -185,9 +184,9 @@ def test_an_export_says_what_was_repaired_and_can_be_of_the_whole_mesh(
         assert (meta["mesh"]["hash"], meta["mesh"]["voxel"]) == (raw.content_hash, [8, 8, 8])
         np.testing.assert_array_equal(np.isfinite(values[:, 0]), np.arange(206) >= 44)
         plain = replace(job, file_mesh=None).run(listener)
-        assert "after Keep the largest component" in plain.description
         assert "vertices" not in plain.description
-        assert "after" not in replace(job, file_mesh=None, repairs=()).run(listener).description
+        assert plain.remark == written.remark
+        assert "Repaired" not in replace(job, repairs=()).run(listener).remark
 
 
 def ready(mesh: Mesh, **known: Any) -> MeshReady:

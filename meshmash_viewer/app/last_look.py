@@ -109,8 +109,9 @@ class LastLook(QObject):
         for name, place in look.get("fields", {}).items():
             if name in display.fields:
                 display.put(replace(display.fields[name], **place).within(spectrum))
-        if look.get("kind") in display.fields:
-            display.kind = look["kind"]
+        family = display.fields.get(str(look.get("kind")))
+        if family is not None and family.usable:
+            display.kind = family.name
 
     def keep(self) -> None:
         """Store it for the next time the program runs."""

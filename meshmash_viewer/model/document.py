@@ -399,9 +399,10 @@ class Document:
         self._show(ready, spectrum, followed_pins(pins, before, ready.mesh), before)
         self._announce_unit(unit, "lengths are scaled, and eigenpairs are other ones")
         if lost := len(pins) - len(self.pins):
+            where, them = ("a vertex", "it") if lost == 1 else ("vertices", "them")
             text = (
-                f"{counted(lost, 'pin')} went with the vertices that the repair left out or merged:"
-                " to undo it brings them back."
+                f"{counted(lost, 'pin')} went with {where} that the repair left out or merged."
+                f" Undo brings {them} back."
             )
             self.notify(Notice(text, undo=self.undo))
 

@@ -99,7 +99,7 @@ class ExportJob:
             if self.file_mesh is not None:
                 pairs = pairs.on_file(self.mesh)
             write_eigenpairs(self.path, pairs, self._written_mesh(), meta)
-            return Written(self.path, f"{counted(self.n_pairs, 'eigenpair')}{self._told()}")
+            return self._written(counted(self.n_pairs, "eigenpair"))
         channel.report(Progress("features", message="Computing features"))
         features = self.family.compute_features(pairs, self.mesh, known_to=known_to)
         if channel.cancelled():
@@ -113,8 +113,7 @@ class ExportJob:
         mesh = self._written_mesh()
         write_features(self.path, features, mesh, eigenvalues=values, meta=meta)
         columns = counted(len(features.columns), "column")
-        description = f"{self.family.label}, {columns}{self._told() or ','}"
-        return Written(self.path, description, features.missing)
+        return self._written(f"{self.family.label}, {columns},", features.missing)
 
     def _written_mesh(self) -> Mesh:
         """The mesh that the file is of."""
@@ -122,14 +121,14 @@ class ExportJob:
             return self.mesh
         return self.file_mesh.in_voxels(self.mesh.voxel, self.mesh.unit)
 
-    def _told(self) -> str:
-        """What has been repaired, and which vertices are in the file."""
-        if not self.repairs:
-            return ""
-        rows = ""
+    def _written(self, description: str, missing: str = "") -> Written:
+        """What was written, at which vertices, what is missing, and what was repaired before."""
         if self.file_mesh is not None:
-            rows = f" at all {counted(self.file_mesh.n_vertices, 'vertex')} of the mesh file"
-        return f",{rows} after {listed_repairs(self.repairs)},"
+            count = counted(self.file_mesh.n_vertices, "vertex")
+            description = f"{description.rstrip(',')} at all {count} of the mesh file,"
+        repairs = f"Repaired before: {listed_repairs(self.repairs)}" if self.repairs else ""
+        remark = ". ".join(filter(None, (missing, repairs)))
+        return Written(self.path, description, remark, warns=bool(missing))
 
     def _pairs(self, channel: Channel) -> tuple[Decomposition, float | None]:
         """The leading eigenpairs, and up to where they are known to be all there are."""

@@ -232,7 +232,7 @@ def test_pins_follow_to_the_vertex_of_their_index_and_come_back(split: Document)
     repair(split, MERGE)
     # the two of the seam are one now, and the last is called as the one that it became
     assert pinned(split) == {1: 3, 2: lower, 3: seam, 5: upper}
-    assert notices[-1].text.startswith("1 pin went with the vertices")
+    assert notices[-1].text.startswith("1 pin went with a vertex")
     repair(split, LARGEST)
     assert 1 not in pinned(split), "the small sphere is left out"
     assert pinned(split)[2] == lower
@@ -264,7 +264,7 @@ def test_what_is_pinned_and_taken_away_after_a_repair_stays_so(split: Document) 
     new = split.mesh.file_index(0)
     assert pinned(split) == {1: new}
     split.undo_repair()
-    # the one that went comes back, under a number that is free
+    # the one that went comes back under its number, and the new one takes a free one
     assert pinned(split) == {1: 3, 2: new}
     repair(split, LARGEST)
     split.clear_pins()

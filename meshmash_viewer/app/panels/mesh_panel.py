@@ -175,7 +175,8 @@ class MeshPanel(QWidget):
             self.path_label.fontMetrics().elidedText(where, Qt.TextElideMode.ElideMiddle, 244)
         )
         extent = mesh.bounds[1] - mesh.bounds[0]
-        self._facts["Vertices"].setText(f"{health.n_vertices:,}")
+        left = "" if mesh.numbering is None else f" of {mesh.n_file_vertices:,} in the file"
+        self._facts["Vertices"].setText(f"{health.n_vertices:,}{left}")
         self._facts["Faces"].setText(f"{health.n_faces:,}")
         self._facts["Area"].setText(format_quantity(health.area, mesh.unit, 2))
         self._facts["Extent"].setText(_size(extent, mesh.unit))
