@@ -20,7 +20,7 @@ from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.fields.spectrum import Spectrum
-from meshmash_viewer.health import mesh_health
+from meshmash_viewer.health import mesh_health, repair_mesh
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
@@ -199,6 +199,24 @@ def test_a_pin_is_on_both_with_the_next_best(
     assert [each.vertex for each in pair.first.pins] == [100, 7]
     pair.pin_second(int(place[7]))
     assert [each.vertex for each in pair.first.pins] == [100]
+
+
+def test_what_is_pinned_on_the_second_stays_there_through_its_repair() -> None:
+    blob, debris = shapes.blob(3), shapes.icosphere(1)
+    vertices = np.concatenate([debris.vertices * 1e-3 + blob.bounds[1], blob.vertices])
+    pair = solved(blob, Mesh(vertices, np.concatenate([debris.faces, blob.faces + 42])))
+    pair.pin_second(60)
+    assert [pin.vertex for pin in pair.second.pins] == [60]
+    second, repair = pair.second, "keep_largest_component"
+    before = second.mesh
+    assert before is not None
+    mesh = repair_mesh(before, repair)
+    second.accept_mesh(
+        MeshReady(mesh, mesh_health(mesh), mesh.vertex_normals, repairs=(repair,), derived=True)
+    )
+    assert [mesh.file_index(pin.vertex) for pin in second.pins] == [60]
+    second.undo_repair()
+    assert [pin.vertex for pin in second.pins] == [60]
 
 
 def test_vertices_are_matched_in_another_feature(pair: Pair) -> None:
