@@ -226,6 +226,10 @@ def test(arguments: list[str]) -> int:
         f"pytest {' '.join(tests)}": lambda: with_windows(PYTHON, "-m", "pytest", *tests),
     }
     if everything:
+        # in caches of their own, since each change of platform would empty a common one
+        for platform in ("win32", "darwin"):
+            asked = ("--platform", platform, "--cache-dir", f".mypy_cache/{platform}")
+            steps[f"mypy for {platform}"] = lambda asked=asked: call(PYTHON, "-m", "mypy", *asked)
         steps |= {"docs": lambda: docs([]), "bundle": lambda: bundle([])}
     results = []
     for name, step in steps.items():

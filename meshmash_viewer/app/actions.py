@@ -15,6 +15,7 @@ from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QMainWindow, QMenu, QToolBar
 
 from meshmash_viewer.app.controls import icons
+from meshmash_viewer.app.keys import native_keys
 from meshmash_viewer.app.theme import Mode
 from meshmash_viewer.fields import FAMILIES
 
@@ -28,7 +29,7 @@ MOUSE_HELP: tuple[tuple[str, str], ...] = (
     ("Drag", "Turn"),
     ("Shift + drag, or right button", "Shift"),
     ("Ctrl + drag", "Roll"),
-    ("Wheel", "Zoom to the pointer"),
+    ("Wheel, or pinch on a trackpad", "Zoom to the pointer"),
     ("Ctrl + wheel", "Next or previous eigenfunction, time or column"),
     ("Middle click", "Put what is under the pointer in the middle"),
     ("Move", "Read index and value of the vertex under the pointer"),
@@ -55,6 +56,8 @@ class Command:
         One sentence.
     shortcuts : tuple of str
         Portable key sequences; the first one is shown.
+    standard : QKeySequence.StandardKey, optional
+        Those that the operating system has for it come first.
     checkable : bool
     toolbar : str
         Short text on the toolbar; empty where it has no place there.
@@ -83,6 +86,13 @@ class Command:
     needs: str = ""
     submenu: str = ""
     does: tuple[str, object] | None = None
+    standard: QKeySequence.StandardKey | None = None
+
+    def sequences(self) -> list[QKeySequence]:
+        """Keys by which it is given on this operating system."""
+        standard = [] if self.standard is None else QKeySequence.keyBindings(self.standard)
+        own = [QKeySequence(text) for text in self.shortcuts]
+        return [*standard, *(each for each in own if each not in standard)]
 
 
 COMMANDS: tuple[Command, ...] = (
@@ -153,7 +163,7 @@ COMMANDS: tuple[Command, ...] = (
     Command("theme_dark", "Dark", "View", "Always dark", checkable=True, submenu="Theme",
             does=("choose_theme", Mode.DARK)),
     Command("full_screen", "Full screen", "View", "Fill the screen with the window", ("F11",),
-            checkable=True),
+            checkable=True, standard=QKeySequence.StandardKey.FullScreen),
     Command("reset_layout", "Reset layout", "View", "Put the panels back where they were"),
     # -- Field
     Command("play", "Play", "Field", "Step through eigenfunctions, times or columns by itself",
@@ -212,9 +222,9 @@ class Actions:
         for each in COMMANDS:
             action = QAction(each.text, window)
             action.setObjectName(each.name)
-            action.setShortcuts([QKeySequence(text) for text in each.shortcuts])
+            action.setShortcuts(each.sequences())
             action.setShortcutContext(Qt.ShortcutContext.WindowShortcut)
-            keys = f" ({action.shortcut().toString(_NATIVE)})" if each.shortcuts else ""
+            keys = f" ({native_keys(action.shortcut())})" if each.sequences() else ""
             action.setToolTip(f"{each.tooltip}{keys}")
             action.setStatusTip(each.tooltip)
             action.setIconText(each.toolbar or each.text.rstrip("…"))
@@ -266,7 +276,6 @@ class Actions:
                 toolbar.addAction(self._actions[each.name])
 
 
-_NATIVE = QKeySequence.SequenceFormat.NativeText
 _ROLES = {
     "quit": QAction.MenuRole.QuitRole,
     "about": QAction.MenuRole.AboutRole,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from PySide6.QtCore import QChildEvent, QDeadlineTimer, QPoint, Qt, QThread, Signal
+from PySide6.QtCore import QChildEvent, QDeadlineTimer, QEvent, QPoint, Qt, QThread, Signal
 from PySide6.QtGui import (
     QCloseEvent,
     QDragEnterEvent,
@@ -488,6 +488,12 @@ class MainWindow(QMainWindow):
         super().childEvent(event)
         if event.polished() and isinstance(child := event.child(), QTabBar):
             self._field_wheel.watch(child)
+
+    def changeEvent(self, event: QEvent) -> None:
+        """Check that the window fills the screen, which macOS has a button for, too."""
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.WindowStateChange:
+            self.actions_["full_screen"].setChecked(self.isFullScreen())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Keep the plots readable."""

@@ -22,6 +22,7 @@ from PySide6.QtGui import QFont, QSurfaceFormat
 from PySide6.QtWidgets import QApplication, QMessageBox
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.application import Application
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.screen import check_opengl, open_display
@@ -70,7 +71,7 @@ def application() -> QApplication:
     QSurfaceFormat.setDefaultFormat(core)
     _give_memory_back()
     with open_display():
-        made = QApplication(sys.argv[:1] or ["meshmash-viewer"])
+        made = Application(sys.argv[:1] or ["meshmash-viewer"])
     made.setApplicationName("meshmash-viewer")
     made.setApplicationDisplayName("")
     made.setDesktopFileName("meshmash-viewer")

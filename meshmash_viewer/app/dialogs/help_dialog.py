@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QKeySequence
 from PySide6.QtWidgets import (
     QDialog,
     QDialogButtonBox,
@@ -19,6 +18,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS, MENUS, MOUSE_HELP
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.layout import column
+from meshmash_viewer.app.keys import native_keys, native_text
 from meshmash_viewer.defects import versions
 
 __all__ = ["AboutDialog", "HelpDialog"]
@@ -59,9 +59,12 @@ class HelpDialog(QDialog):
         self._groups: list[tuple[QTreeWidgetItem, list[QTreeWidgetItem]]] = []
         for menu in MENUS:
             mine = (each for each in COMMANDS if each.menu == menu)
-            rows = [(each.text.rstrip("…"), _keys(each.shortcuts), each.tooltip) for each in mine]
+            rows = [
+                (each.text.rstrip("…"), native_keys(*each.sequences()), each.tooltip)
+                for each in mine
+            ]
             self._add_group(menu, rows)
-        gestures = [(gesture, "", what) for gesture, what in MOUSE_HELP]
+        gestures = [(native_text(gesture), "", what) for gesture, what in MOUSE_HELP]
         self._add_group("Mouse over the render", gestures)
         self.tree.expandAll()
         self.tree.header().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
@@ -105,8 +108,3 @@ class AboutDialog(QMessageBox):
         self.setInformativeText("\n\n".join((_WHAT, _METHODS, versions())))
         self.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.addButton(self.StandardButton.Close)
-
-
-def _keys(shortcuts: tuple[str, ...]) -> str:
-    native = QKeySequence.SequenceFormat.NativeText
-    return ", ".join(QKeySequence(text).toString(native) for text in shortcuts)

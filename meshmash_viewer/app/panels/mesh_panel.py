@@ -22,6 +22,7 @@ from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import keep_room, reserved_note, show_quietly
 from meshmash_viewer.app.controls.layout import Part, column, grid, row
 from meshmash_viewer.app.controls.number_field import NumberField
+from meshmash_viewer.app.keys import native_keys
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.app.panels.health_table import HealthTable
 from meshmash_viewer.app.panels.target_box import TargetBox, quarter_steps
@@ -162,7 +163,7 @@ class MeshPanel(QWidget):
         self.undo_button.setVisible(self._document.can_undo_repair)
         if ready is None:
             self.name_label.setText("No mesh open")
-            self.path_label.setText("Drop one on the window, or press Ctrl+O.")
+            self.path_label.setText(f"Drop one on the window, or press {native_keys('Ctrl+O')}.")
             for label in self._facts.values():
                 label.setText("–")
             self._show_unit("none")
@@ -263,7 +264,7 @@ class MeshPanel(QWidget):
             "Compute eigenpairs",
             self._compute,
             role="primary",
-            tip="Decompose the mesh (Ctrl+Return)",
+            tip=f"Decompose the mesh ({native_keys('Ctrl+Return')})",
         )
         self.compute_button.pressed.connect(self._note_refusal)
         self.cancel_button = make.button(
@@ -271,7 +272,7 @@ class MeshPanel(QWidget):
             "cancel_button",
             "Cancel what runs",
             self._document.cancel,
-            tip="Stop; eigenpairs that have converged stay (Esc)",
+            tip=f"Stop; eigenpairs that have converged stay ({native_keys('Esc')})",
         )
         buttons = row(self.compute_button, self.cancel_button)
         buttons.setStretch(0, 2)

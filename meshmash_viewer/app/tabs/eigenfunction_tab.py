@@ -12,6 +12,7 @@ from meshmash_viewer.app.controls.facts import (
     show_note,
     show_quietly,
 )
+from meshmash_viewer.app.keys import native_text
 from meshmash_viewer.app.tabs.field_stepper import FieldStepper
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
@@ -57,7 +58,7 @@ class EigenfunctionTab(FieldStepper):
             self._make_slider(
                 "eigenvector_slider",
                 "Eigenfunction",
-                "Wheel or arrow keys: one eigenfunction; Ctrl + wheel or PgDn: ten",
+                native_text("Wheel or arrow keys: one eigenfunction; Ctrl + wheel or PgDn: ten"),
             ),
             self._make_index_row(
                 "eigenvector", "Index of the eigenfunction, counted from 0", self.flip_button

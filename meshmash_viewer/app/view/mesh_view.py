@@ -38,9 +38,9 @@ DOT_SIZE = 6.0
 class MeshView(QWidget):
     """The render, its pointer and its camera.
 
-    Drag turns, with Shift or the right button it shifts, with Ctrl it rolls; the wheel zooms to
-    the pointer, and with Ctrl it steps; a click picks, a click of the middle button puts what is
-    under the pointer in the middle. There are no keys here.
+    Drag turns, with Shift or the right button it shifts, with Ctrl it rolls; the wheel and a pinch
+    zoom to the pointer, and with Ctrl the wheel steps; a click picks, a click of the middle button
+    puts what is under the pointer in the middle. There are no keys here.
 
     Parameters
     ----------
@@ -100,6 +100,7 @@ class MeshView(QWidget):
         canvas.dragged.connect(self._dragged)
         canvas.drag_ended.connect(self._come_to_rest)
         canvas.wheeled.connect(self._wheeled)
+        canvas.pinched.connect(self._zoom)
         canvas.stepped.connect(self.stepped)
         canvas.clicked.connect(self._clicked)
         canvas.middle_clicked.connect(self._centre_on)
@@ -468,11 +469,14 @@ class MeshView(QWidget):
             self._set_view(view.turned(angle * dx, angle * dy))
 
     def _wheeled(self, notches: float, at: QPointF) -> None:
+        self._zoom(1.15**notches, at)
+
+    def _zoom(self, factor: float, at: QPointF) -> None:
         view = self.renderer.view
         if view is not None:
             width, height, _ = self.plotter.pixels()
             x, y = self.plotter.to_pixels(at.x(), at.y())
-            self._set_view(view.zoomed(1.15**notches, x, y, width, height))
+            self._set_view(view.zoomed(factor, x, y, width, height))
 
     def _hover(self) -> None:
         inside = self.plotter.pointer

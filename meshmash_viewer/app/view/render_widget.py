@@ -13,6 +13,7 @@ from PySide6.QtGui import (
     QImage,
     QKeyEvent,
     QMouseEvent,
+    QNativeGestureEvent,
     QPainter,
     QPaintEvent,
     QPen,
@@ -41,6 +42,8 @@ class RenderWidget(QtInteractor):
     drag_ended = Signal()
     #: Notches away from the user, and where.
     wheeled = Signal(float, QPointF)
+    #: By which factor two fingers on a trackpad were moved apart, and where.
+    pinched = Signal(float, QPointF)
     #: Whole notches with Ctrl: +1 for each towards the user.
     stepped = Signal(int)
     #: Pressed and released at one place with the left, or with the middle button.
@@ -132,7 +135,9 @@ class RenderWidget(QtInteractor):
         return rows[:, : 3 * width].reshape(height, width, 3).copy()
 
     def event(self, event: QEvent) -> bool:
-        """Follow the window to a screen of another scale."""
+        """Zoom by a pinch, and follow the window to a screen of another scale."""
+        if isinstance(event, QNativeGestureEvent) and self._pinch(event):
+            return True
         done = super().event(event)
         if event.type() == QEvent.Type.DevicePixelRatioChange:
             self.resized.emit()
@@ -224,6 +229,14 @@ class RenderWidget(QtInteractor):
         else:
             self.wheeled.emit(angle / 120, event.position())
         event.accept()
+
+    def _pinch(self, event: QNativeGestureEvent) -> bool:
+        # many come in the course of a pinch, each with a factor close to 1, less 1
+        zooms = event.gestureType() == Qt.NativeGestureType.ZoomNativeGesture
+        if zooms and event.value() > -1.0:
+            self.pinched.emit(1.0 + event.value(), event.position())
+            event.accept()
+        return zooms
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Leave keys to the window."""
