@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import PurePath
 from typing import Any, TypeAlias, overload
@@ -62,6 +62,9 @@ class Mesh:
     numbering : FileNumbering, optional
         What the vertices of its file have become, where a repair has left some out or merged some;
         None where both have the same. See `file_index`.
+    structure : str
+        The part of a brain it is, such as "CortexLeft"; "" for none, or not stated. See
+        `meshmash_viewer.structures`.
 
     Raises
     ------
@@ -87,6 +90,7 @@ class Mesh:
     voxel: Voxel = NO_VOXEL
     maps: tuple[VertexMap, ...] = ()
     numbering: FileNumbering | None = None
+    structure: str = ""
 
     def __post_init__(self) -> None:
         vertices = _checked_vertices(self.vertices)
@@ -397,7 +401,7 @@ class Mesh:
             return self.in_unit(unit)
         # divided first: the numbers of the file come back, and with them what is stored for them
         vertices = self.vertices / self.voxel * voxel
-        return Mesh(vertices, self.faces, unit, self.name, voxel, self.maps, self.numbering)
+        return replace(self, vertices=vertices, unit=unit, voxel=voxel)
 
     def __getstate__(self) -> dict[str, Any]:
         """What goes to another process: derived arrays that are large are derived there."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 from meshmash_viewer.cli.streams import PROGRAM
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.structures import named_structure
 from meshmash_viewer.units import UNIT_FORMS, parse_unit
 
 if TYPE_CHECKING:
@@ -159,6 +160,8 @@ def command_parser() -> argparse.ArgumentParser:
     rebuilt = command(
         "reconstruct", "rebuild a mesh from its lowest eigenfunctions: a smoothed shape"
     )
+    for written in (features, compare, rebuilt):
+        _add_structure(written)
     _add_output(rebuilt, "OUT", f"the mesh to write: {' '.join(MESH_WRITERS)}")
 
     render = command("render", "draw a picture of a mesh")
@@ -301,6 +304,16 @@ def _add_preparation(parser: argparse.ArgumentParser) -> None:
         action="append_const",
         const="keep_largest_component",
         help="leave out all but the largest connected component",
+    )
+
+
+def _add_structure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--structure",
+        type=_said(named_structure),
+        metavar="NAME",
+        help="of a brain: left, right, or a name such as CortexLeft, which GIFTI files then state;"
+        " default: what the mesh file states, or its name: lh.pial",
     )
 
 

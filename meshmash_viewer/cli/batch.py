@@ -9,6 +9,7 @@ import signal
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -125,8 +126,10 @@ def for_each(options: Namespace, work: Work, *, repaired: bool = True) -> int:
 
 
 def read(path: Path, options: Namespace) -> Mesh:
-    """A mesh in the unit that is asked for."""
-    return read_mesh(path, options.unit)
+    """A mesh in the unit, and of the brain structure, that are asked for."""
+    mesh = read_mesh(path, options.unit)
+    structure = getattr(options, "structure", None)  # of the commands that write files
+    return replace(mesh, structure=structure) if structure else mesh
 
 
 def prepared(mesh: Mesh, options: Namespace) -> Mesh:

@@ -90,6 +90,8 @@ class RawMesh:
     remarks : tuple of str
         What was left out of the file, as clauses that follow its name: "holds 12 lines, which are
         left out".
+    structure : str
+        The part of a brain that the file says it is of, "" if it does not.
     """
 
     vertices: FloatArray
@@ -97,6 +99,7 @@ class RawMesh:
     unit: str | None = None
     maps: tuple[RawMap, ...] = ()
     remarks: tuple[str, ...] = ()
+    structure: str = ""
 
 
 def maps_alone(maps: Iterable[RawMap], remarks: tuple[str, ...] = ()) -> RawMesh:
@@ -111,7 +114,7 @@ def raw_mesh(given: RawMesh | MeshLike) -> RawMesh:
         return given
     mesh = as_mesh(given)
     maps = tuple(RawMap(each.name, each.values, each.labels) for each in mesh.maps)
-    return RawMesh(mesh.vertices, mesh.faces, mesh.unit or None, maps)
+    return RawMesh(mesh.vertices, mesh.faces, mesh.unit or None, maps, structure=mesh.structure)
 
 
 class NotANumber(InputError):

@@ -10,6 +10,7 @@ from dataclasses import asdict
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
+from meshmash_viewer.errors import printable
 from meshmash_viewer.units import LENGTH_UNITS
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.weyl import Target
 
-__all__ = ["export_options", "provenance", "stated_unit"]
+__all__ = ["export_options", "provenance", "stated_structure", "stated_unit"]
 
 #: The packages whose numbers end up in a file.
 _PACKAGES = ("numpy", "scipy", "robust_laplacian")
@@ -36,8 +37,8 @@ def provenance(mesh: Mesh, options: dict[str, Any] | None = None) -> dict[str, A
     -------
     dict
         JSON-able: ``program``, ``created`` (ISO 8601, UTC), ``mesh`` (name, SHA-256 of its
-        content, unit, voxel, counts; of a repaired one the number of vertices of its file),
-        ``options``, ``versions``.
+        content, unit, voxel, brain structure if known, counts; of a repaired one the number of
+        vertices of its file), ``options``, ``versions``.
     """
     versions = {package: metadata.version(package) for package in _PACKAGES}
     return {
@@ -48,6 +49,7 @@ def provenance(mesh: Mesh, options: dict[str, Any] | None = None) -> dict[str, A
             "hash": mesh.content_hash,
             "unit": mesh.unit,
             "voxel": mesh.voxel,
+            **({"structure": mesh.structure} if mesh.structure else {}),
             "n_vertices": mesh.n_vertices,
             "n_faces": mesh.n_faces,
             **({} if mesh.numbering is None else {"n_file_vertices": mesh.n_file_vertices}),
@@ -99,8 +101,19 @@ def export_options(
 
 def stated_unit(meta: str) -> str | None:
     """The unit of the mesh in the JSON text of `provenance`; None in another program's text."""
-    try:
-        unit = json.loads(meta)["mesh"]["unit"]
-    except (ValueError, KeyError, TypeError):
-        return None
+    unit = _stated_of_mesh(meta).get("unit")
     return unit if unit in LENGTH_UNITS else None
+
+
+def stated_structure(meta: str) -> str:
+    """The brain structure in the JSON text of `provenance`; "" if there is none."""
+    structure = _stated_of_mesh(meta).get("structure")
+    return printable(structure, 60) if isinstance(structure, str) else ""
+
+
+def _stated_of_mesh(meta: str) -> dict[str, Any]:
+    try:
+        about = json.loads(meta)["mesh"]
+    except (ValueError, KeyError, TypeError):
+        return {}
+    return about if isinstance(about, dict) else {}

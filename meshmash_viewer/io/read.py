@@ -33,6 +33,7 @@ from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded, 
 from meshmash_viewer.io.polygons import RawMap, RawMesh, raw_mesh
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.plug_ins import plug_ins
+from meshmash_viewer.structures import structure_of_file
 from meshmash_viewer.units import NO_VOXEL, counted, parse_unit
 from meshmash_viewer.vertex_map import Label, VertexMap
 
@@ -100,6 +101,7 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
     -------
     Mesh
         With `Mesh.unit` and `Mesh.voxel` set and `Mesh.name` the file's name without its ending.
+        `Mesh.structure` is what the file states, or by FreeSurfer's names, such as ``lh.pial``.
 
     Raises
     ------
@@ -139,6 +141,7 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
                 name=mesh_name(path),
                 voxel=voxel,
                 maps=maps,
+                structure=raw.structure or structure_of_file(path.name),
             )
     except LimitExceeded as fault:
         raise InputError(f"{path} {fault}") from fault

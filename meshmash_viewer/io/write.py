@@ -239,7 +239,7 @@ def write_map_spectrum(
 def write_mesh(path: str | Path, mesh: Mesh, meta: dict[str, Any] | None = None) -> None:
     """Write a mesh without fields.
 
-    STL and GLB hold float32, and STL repeats the vertices of each face.
+    STL, GLB and GIFTI hold float32, STL repeats the vertices of each face, and GIFTI is in mm.
 
     Parameters
     ----------
@@ -349,6 +349,8 @@ def check_output(path: str | Path, kind: str = "features") -> None:
             raise PermissionError(13, "Permission denied")
 
 
+#: Endings by which others know GIFTI files of another kind.
+_NO_FEATURES = (".surf.gii", ".label.gii", ".coord.gii", ".topo.gii")
 #: Of each kind of file what its plural is, and how it is written by its ending.
 _KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     "features": ("features", WRITERS),
@@ -364,6 +366,11 @@ _KINDS: dict[str, tuple[str, dict[str, Any]]] = {
 def _writer(kind: str, path: Path) -> Any:
     plural, table = _KINDS[kind]
     name = path.name.lower()
+    if table is WRITERS and name.endswith(_NO_FEATURES):
+        raise InputError(
+            f"{path} has the name of a surface or of labels, and {plural} are neither: give it the"
+            " ending .func.gii or .shape.gii."
+        )
     for ending in table:
         if name.endswith(ending) and len(name) > len(ending):
             needed = NEEDED.get(ending[ending.rindex(".") :])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -70,6 +71,9 @@ class FeatureTable:
         """Whether the vertices have other indices in the file of the mesh than in its arrays."""
         return self.mesh.numbering is not None and self.index == "vertex"
 
+
+#: By which lengths are multiplied.
+_MILLIMETRES = {"nm": 1e-6, "µm": 1e-3, "mm": 1.0, "m": 1e3}
 
 Writer: TypeAlias = Callable[[Path, FeatureTable], None]
 
@@ -163,20 +167,49 @@ def _ply(path: Path, table: FeatureTable) -> None:
         file.write(triangles.tobytes())
 
 
-def _gifti(path: Path, table: FeatureTable) -> None:
+def _gifti(path: Path, table: FeatureTable, intent: str = "NIFTI_INTENT_NONE") -> None:
+    """One array a column."""
+    arrays = [
+        _gifti_array(column, intent, {"Name": name})
+        for name, column in zip(table.columns, table.values.T, strict=True)
+    ]
+    structure = _structure(table.mesh)
+    _write_gifti(path, arrays, {**structure, "meshmash-viewer": table.meta})
+
+
+def _gifti_surface(path: Path, table: FeatureTable) -> None:
+    """The mesh in mm, which is the unit of GIFTI; one without a unit as it is."""
+    vertices = table.mesh.vertices * _MILLIMETRES.get(table.mesh.unit, 1.0)
+    arrays = [
+        _gifti_array(vertices, "NIFTI_INTENT_POINTSET", _structure(table.mesh)),
+        _gifti_array(table.mesh.faces, "NIFTI_INTENT_TRIANGLE", {}, np.int32),
+    ]
+    _write_gifti(path, arrays, {"meshmash-viewer": table.meta})
+
+
+def _structure(mesh: Mesh) -> dict[str, str]:
+    """The entry without which Connectome Workbench does not combine files."""
+    return {"AnatomicalStructurePrimary": mesh.structure} if mesh.structure else {}
+
+
+def _gifti_array(
+    values: npt.NDArray[Any],
+    intent: str,
+    about: dict[str, str],
+    kind: type[np.float32 | np.int32] = np.float32,
+) -> Any:
     from nibabel.gifti import gifti as nibabel_gifti
 
     gifti: Any = nibabel_gifti  # it ships no types
-    image = gifti.GiftiImage(meta=gifti.GiftiMetaData({"meshmash-viewer": table.meta}))
-    for name, column in zip(table.columns, table.values.T, strict=True):
-        image.add_gifti_data_array(
-            gifti.GiftiDataArray(
-                np.ascontiguousarray(column, dtype=np.float32),
-                intent="NIFTI_INTENT_NONE",
-                datatype="NIFTI_TYPE_FLOAT32",
-                meta=gifti.GiftiMetaData({"Name": name}),
-            )
-        )
+    array, meta = np.ascontiguousarray(values, dtype=kind), gifti.GiftiMetaData(about)
+    return gifti.GiftiDataArray(array, intent, f"NIFTI_TYPE_{kind.__name__.upper()}", meta=meta)
+
+
+def _write_gifti(path: Path, arrays: list[Any], about: dict[str, str]) -> None:
+    from nibabel.gifti import gifti as nibabel_gifti
+
+    gifti: Any = nibabel_gifti
+    image = gifti.GiftiImage(meta=gifti.GiftiMetaData(about), darrays=arrays)
     path.write_bytes(image.to_bytes())
 
 
@@ -203,7 +236,7 @@ WRITERS: dict[str, Writer] = {
     ".vtp": _vtp,
     ".ply": _ply,
     ".func.gii": _gifti,
-    ".shape.gii": _gifti,
+    ".shape.gii": partial(_gifti, intent="NIFTI_INTENT_SHAPE"),
     ".gii": _gifti,
 }
 
@@ -220,6 +253,7 @@ MESH_WRITERS: dict[str, Writer] = {
     ".glb": _by_trimesh,
     ".vtp": _vtp,
     ".npz": _npz,
+    ".surf.gii": _gifti_surface,
 }
 
 #: The same for what a map is on eigenpairs.

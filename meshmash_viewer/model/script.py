@@ -95,7 +95,7 @@ def _shape(document: Document, n_pairs: int) -> list[str]:
         lines += [f"vertices = mesh.vertices + {shape.morph!r} * (vertices - mesh.vertices)"]
     return [
         *lines,
-        "shape = mv.Mesh(vertices, mesh.faces, unit=mesh.unit)",
+        "shape = mv.Mesh(vertices, mesh.faces, unit=mesh.unit, structure=mesh.structure)",
         f"np.savez({f'{name}_shape.npz'!r}, vertices=shape.vertices, faces=shape.faces)",
     ]
 

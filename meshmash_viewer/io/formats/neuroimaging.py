@@ -14,6 +14,7 @@ import numpy as np
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.guarded import read_guarded
 from meshmash_viewer.io.polygons import MOST_MAPS, RawMap, RawMesh, maps_alone
+from meshmash_viewer.io.provenance import stated_unit
 from meshmash_viewer.vertex_map import Label
 
 __all__ = [
@@ -90,8 +91,18 @@ def gifti_surface(path: Path) -> RawMesh:
         raise InputError(f"has arrays of shapes {vertices.shape} and {faces.shape}")
     if faces.dtype.kind not in "iu":
         raise InputError("has triangles whose vertex indices are no whole numbers")
-    maps = tuple(_gifti_maps(image))[:MOST_MAPS]
-    return RawMesh(np.asarray(vertices, dtype=np.float64), faces.astype(np.int64), "mm", maps)
+    said = dict(image.meta or {}).get("meshmash-viewer", "")
+    return RawMesh(
+        np.asarray(vertices, dtype=np.float64),
+        faces.astype(np.int64),
+        "" if stated_unit(said) == "" else "mm",
+        tuple(_gifti_maps(image))[:MOST_MAPS],
+        structure=_structure(points[0]) or _structure(image),
+    )
+
+
+def _structure(described: Any) -> str:
+    return printable(dict(described.meta or {}).get("AnatomicalStructurePrimary", ""), 60)
 
 
 def gifti_maps(path: Path) -> RawMesh:

@@ -19,7 +19,7 @@ from meshmash_viewer.io.polygons import (
     are_ascending_indices,
     fan_triangles,
 )
-from meshmash_viewer.io.provenance import stated_unit
+from meshmash_viewer.io.provenance import stated_structure, stated_unit
 from meshmash_viewer.mesh import IntArray
 
 __all__ = ["holds_a_mesh", "npz_maps", "npz_mesh", "read_npz"]
@@ -54,9 +54,9 @@ def npz_mesh(path: Path) -> RawMesh:
     with _archive(path) as archive:
         vertices, faces = (_array(archive, name) for name in ("vertices", "faces"))
         try:
-            unit = stated_unit(str(_array(archive, "meta")))
+            said = str(_array(archive, "meta"))
         except InputError:  # without one, or another program's
-            unit = None
+            said = ""
         maps = tuple(_maps(archive, len(vertices)))[:MOST_MAPS]
     if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "fiu":
         raise InputError(f"has vertices of shape {vertices.shape}, not (n, 3) numbers")
@@ -64,7 +64,8 @@ def npz_mesh(path: Path) -> RawMesh:
         raise InputError(f"has faces of shape {faces.shape}, not (m, 3) whole numbers")
     counts = np.full(len(faces), faces.shape[1], dtype=np.int64)
     triangles = fan_triangles(faces.astype(np.int64).reshape(-1), counts)
-    return RawMesh(vertices.astype(np.float64), triangles, unit, maps)
+    unit, structure = stated_unit(said), stated_structure(said)
+    return RawMesh(vertices.astype(np.float64), triangles, unit, maps, structure=structure)
 
 
 def npz_maps(path: Path) -> RawMesh:

@@ -22,7 +22,7 @@ from meshmash_viewer.io.polygons import (
     parse_rows,
     strip_triangles,
 )
-from meshmash_viewer.io.provenance import stated_unit
+from meshmash_viewer.io.provenance import stated_structure, stated_unit
 from meshmash_viewer.mesh import IntArray
 
 __all__ = ["read_ply"]
@@ -114,7 +114,8 @@ def read_ply(path: Path) -> RawMesh:
     if vertices is None:
         raise InputError("has no vertices")
     corners_of_all = np.concatenate(faces) if faces else np.empty((0, 3), dtype=np.int64)
-    return RawMesh(vertices, corners_of_all, stated_unit(said), maps)
+    structure = stated_structure(said)
+    return RawMesh(vertices, corners_of_all, stated_unit(said), maps, structure=structure)
 
 
 def _without_breaks(indices: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:

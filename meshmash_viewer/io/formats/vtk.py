@@ -25,7 +25,7 @@ from meshmash_viewer.io.polygons import (
     fan_triangles,
     strip_triangles,
 )
-from meshmash_viewer.io.provenance import stated_unit
+from meshmash_viewer.io.provenance import stated_structure, stated_unit
 from meshmash_viewer.mesh import IntArray
 
 __all__ = ["read_legacy_vtk", "read_vtp", "vtk_legacy_surface", "vtk_xml_surface"]
@@ -156,7 +156,8 @@ def _from_polydata(output: Any, colors: dict[str, tuple[str, ...]] | None = None
     told = output.GetFieldData().GetAbstractArray("meshmash-viewer")
     said = str(told.GetValue(0)) if told is not None and told.GetNumberOfValues() else ""
     maps, remarks = vtk_maps(output, colors)
-    return RawMesh(vertices, np.concatenate(triangles), stated_unit(said), maps, remarks)
+    unit, structure = stated_unit(said), stated_structure(said)
+    return RawMesh(vertices, np.concatenate(triangles), unit, maps, remarks, structure)
 
 
 def _corners(cells: Any) -> tuple[IntArray, IntArray]:

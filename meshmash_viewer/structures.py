@@ -1,0 +1,53 @@
+"""Names of brain structures, as GIFTI has them under ``AnatomicalStructurePrimary``."""
+
+from __future__ import annotations
+
+import re
+
+from meshmash_viewer.errors import InputError, printable
+
+__all__ = ["STRUCTURES", "named_structure", "structure_of_file"]
+
+_PAIRED = (
+    "Cortex", "Accumbens", "Amygdala", "Caudate", "CerebellarWhiteMatter", "Cerebellum",
+    "CerebralWhiteMatter", "DiencephalonVentral", "Hippocampus", "Pallidum", "Putamen", "Thalamus",
+)  # fmt: skip
+
+#: Those that Connectome Workbench knows.
+STRUCTURES: tuple[str, ...] = (
+    *(f"{name}{side}" for name in _PAIRED for side in ("Left", "Right")),
+    "Cortex", "Cerebellum", "BrainStem", "AllGreyMatter", "AllWhiteMatter", "OtherGreyMatter",
+    "OtherWhiteMatter", "Other",
+)  # fmt: skip
+
+_SHORT = {"left": "CortexLeft", "lh": "CortexLeft", "l": "CortexLeft"}
+_SHORT |= {"right": "CortexRight", "rh": "CortexRight", "r": "CortexRight"}
+_KNOWN = {name.lower(): name for name in STRUCTURES} | _SHORT
+
+
+def named_structure(text: str) -> str:
+    """One of `STRUCTURES`, by its name in any writing, or "left", "right", "lh", "rh".
+
+    Raises
+    ------
+    InputError
+        If it is none of them.
+
+    Examples
+    --------
+    >>> named_structure("CORTEX_LEFT"), named_structure("rh")
+    ('CortexLeft', 'CortexRight')
+    """
+    found = _KNOWN.get(re.sub(r"[\s_-]", "", text).lower())
+    if found is None:
+        raise InputError(
+            f"{printable(text, 40)!r} is not a structure: give CortexLeft, CortexRight or one of"
+            f" {', '.join(STRUCTURES[2:])}."
+        )
+    return found
+
+
+def structure_of_file(name: str) -> str:
+    """The hemisphere that a file of FreeSurfer is of, by its name: ``lh.pial``; "" for others."""
+    found = re.match(r"[lr]h(?=\.)", name)
+    return _SHORT[found[0]] if found else ""
