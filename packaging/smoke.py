@@ -32,7 +32,7 @@ def smoke(program: str, folder: Path) -> None:
     for arguments in (
         ["--help"],
         ["info", "*.obj", "--unit", "um"],
-        ["features", "*.obj", "--kind", "hks", "--count", "4", "-o", "features"],
+        ["features", "*.obj", "--kind", "hks", "--count", "4", "-o", "features/"],
     ):
         printed = folder / "printed.txt"
         with printed.open("wb") as file:  # a file, so that the output has the system's encoding

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["ProcessTree"]
 
 #: Seconds between two searches for new processes, which read the table of all processes.
-_SEARCH = 0.2
+_SEARCH = 0.5
 #: Part of the command line of a process that only deletes what others leave, then ends by itself.
 _TRACKER = "resource_tracker"
 
