@@ -44,7 +44,8 @@ def smoke(program: str, folder: Path) -> None:
                 stderr=subprocess.STDOUT,
                 check=True,
             )
-        print(printed.read_bytes().decode(errors="replace"))
+        sys.stdout.buffer.write(printed.read_bytes())  # in the same encoding, whichever it is
+        sys.stdout.flush()
         if not printed.stat().st_size:
             raise SystemExit(f"{' '.join(arguments)} printed nothing")
     if len(list((folder / "features").iterdir())) < 2:
