@@ -64,11 +64,16 @@ _PURE = 0.1, 10.0
 _BEYOND = 1.001
 #: Times go on until the slowest mode has sunk to this power of 1/e.
 _DECAYED = 10.0
-_ABOVE_ZERO = 1e-150
 #: More than a formula has.
 _MOST_VALUES = 16
 
 Values = tuple[tuple[str, float], ...]
+
+
+def _end(value: object) -> float | None:
+    """An end of the range of a parameter; zero, which sessions may have, leaves it open."""
+    end: float = number(0.0)(value)
+    return end or None
 
 
 @dataclass(frozen=True)
@@ -114,8 +119,8 @@ class Filters(Family):
     values: Values = parameter((), named(number(), _MOST_VALUES))  # noqa: RUF009
     count: int = parameter(1, whole(1, MOST_COLUMNS))
     automatic: bool = parameter(True, flag)
-    low: float | None = parameter(None, number(_ABOVE_ZERO))
-    high: float | None = parameter(None, number(_ABOVE_ZERO))
+    low: float | None = parameter(None, _end)
+    high: float | None = parameter(None, _end)
 
     # -- parameters ---------------------------------------------------------------------------
 

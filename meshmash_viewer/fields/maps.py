@@ -33,7 +33,7 @@ from meshmash_viewer.fields.family import (
 from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.pair_table import MOST_COLUMNS as MOST_BENDS
 from meshmash_viewer.fields.pair_table import PairTable, build_pair_table, summed
-from meshmash_viewer.fields.schema import MOST_INDEX, choice, text, whole
+from meshmash_viewer.fields.schema import MOST_INDEX, MOST_NAME, choice, text, whole
 from meshmash_viewer.fields.spectrum import Spectrum, grew, same_pairs
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback
@@ -96,7 +96,7 @@ class OwnMaps(Family):
     tailed: ClassVar[bool] = True
     interval: ClassVar[int] = 250
 
-    chosen: str = parameter("", text(200))
+    chosen: str = parameter("", text(MOST_NAME))
     view: str = parameter("map", choice(VIEWS))
     pairs: int = parameter(30, whole(1, MOST_INDEX))
     shown: VertexMap | None = None

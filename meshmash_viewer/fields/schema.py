@@ -19,6 +19,7 @@ from meshmash_viewer.errors import InputError, printable
 
 __all__ = [
     "MOST_INDEX",
+    "MOST_NAME",
     "Check",
     "Refused",
     "checked_text",
@@ -38,6 +39,8 @@ Check: TypeAlias = Callable[[Any], Any]
 
 #: Indices and counts are whole numbers of 32 bits, as the window's fields are.
 MOST_INDEX = 2**31 - 1
+#: Characters of a name out of a file, which may be a sentence or a whole path.
+MOST_NAME = 100_000
 #: Characters of a value that a sentence repeats.
 _SHOWN = 40
 
@@ -95,9 +98,11 @@ def flag(value: object) -> bool:
 
 
 def whole(least: int, most: int) -> Check:
-    """A whole number within bounds, both included."""
+    """A whole number within bounds, both included; 50.0 is one, as some programs write it."""
 
     def check(value: object) -> int:
+        if isinstance(value, float) and value.is_integer():
+            value = int(value)
         if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
             raise Refused(f"a whole number from {least} to {most}", value)
         return value

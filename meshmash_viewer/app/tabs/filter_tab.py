@@ -26,6 +26,11 @@ _OWN = "Formula"
 _HINT = "x is λ; other names become sliders. Arithmetic, comparisons, exp, log, sqrt, where, …"
 
 
+def _no_range(value: float) -> str:
+    """Why a value cannot be an end of the range, which is run through in log scale."""
+    return "" if value > 0.0 else "The range of a parameter begins above zero."
+
+
 class FilterTab(FieldStepper):
     """Choose a ready filter or write one, and move its parameters."""
 
@@ -65,6 +70,8 @@ class FilterTab(FieldStepper):
                 "Of the first parameter",
             ),
         )
+        for field in (self.range_box.low, self.range_box.high):
+            field.fault = _no_range
 
     # -- from the person --------------------------------------------------------------------
 

@@ -1,0 +1,137 @@
+"""Whatever is typed in a field of the window goes into a session and comes back."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapes
+from closed_form import give, part, rectangle_document
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QAbstractSpinBox, QFileDialog, QWidget
+from pytestqt.qtbot import QtBot
+
+from meshmash_viewer.app.listening import catch_up
+from meshmash_viewer.app.main_window import MainWindow
+from meshmash_viewer.app.sessions import Restoration, store_session
+from meshmash_viewer.fields import FAMILIES
+from meshmash_viewer.model.display import Display
+from meshmash_viewer.model.display_json import display_from_json, display_to_json, read_display
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.spectral.weyl import Target
+
+PATIENCE = 60_000
+#: Of every size and kind; what a field refuses leaves what was.
+TEXTS = ("0", "50.0", "1e-8", "2e7", "1e300", "-5")
+
+
+def shown(window: MainWindow, field: QWidget) -> bool:
+    """Whether a field can be seen, once its panel is in front."""
+    for dock in window.arrangement.docks.values():
+        if dock.isAncestorOf(field):
+            dock.raise_()
+    catch_up()
+    return field.isVisible() and field.isEnabled()
+
+
+def read_again(document: Document, path: Path) -> None:
+    """Write a session and read it, as another window does, and compare all that was typed."""
+    store_session(document, {}, path)
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps(content | {"mesh_path": "ball.npz"}))
+    read = Restoration(Document(), path)
+    display = Display()
+    display_from_json(display, read_display(content["display"], path))
+    assert json.dumps(display_to_json(display)) == json.dumps(display_to_json(document.display))
+    assert read._target == document.target
+    assert read._operator == document.operator
+
+
+def test_every_number_that_a_field_takes_is_read_back(
+    open_window: Callable[..., MainWindow], tmp_path: Path
+) -> None:
+    window = open_window(rectangle_document(), (1300, 900))
+    document, typed = window.document, set[str]()
+    for kind in FAMILIES:
+        document.display.kind = kind
+        window.wait(60.0)
+        fields = [each for each in window.findChildren(QAbstractSpinBox) if shown(window, each)]
+        for text in TEXTS:
+            for field in fields:
+                if field.objectName() not in typed:
+                    field.setFocus()
+                    field.selectAll()
+                    QTest.keyClicks(field, text)
+                    QTest.keyClick(field, Qt.Key.Key_Return)
+            catch_up()
+            read_again(document, tmp_path / "a.meshmash.json")
+        typed |= {each.objectName() for each in fields}
+        policies = part(window, "limits_combo")
+        for at in range(policies.count()):
+            policies.setCurrentIndex(at)
+            policies.activated.emit(at)
+            read_again(document, tmp_path / "a.meshmash.json")
+    assert len(typed) > 20
+
+
+#: A field for each kind of target, what is typed there, and what it means.
+TYPED = (
+    ("target_count_spin", "50", Target("count", 50)),
+    ("target_eigenvalue_spin", "3e-5", Target("max_eigenvalue", 3e-5)),
+    ("target_wavelength_spin", "0.6 um", Target("wavelength", 600.0)),
+    ("target_time_spin", "0.5 um²", Target("time", 5e5)),
+)
+
+
+def test_what_is_typed_computed_and_saved_is_opened(
+    qtbot: QtBot,
+    open_window: Callable[..., MainWindow],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    mesh, path = shapes.icosphere(2, radius=500.0), tmp_path / "ball.npz"
+    np.savez(path, vertices=mesh.vertices, faces=mesh.faces, unit="nm")
+    saved = tmp_path / "ball.meshmash.json"
+    window = open_window(size=(1300, 900))
+    document = window.document
+    window.open_mesh(path)
+    qtbot.waitUntil(lambda: document.ready is not None and document.job is None, timeout=PATIENCE)
+    give(part(window, "unit_combo").lineEdit(), "nm")
+    window.wait(60.0)
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(saved), ""))
+    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(saved), ""))
+    for name, text, wanted in TYPED:
+        give(part(window, name), text)
+        QTest.mouseClick(part(window, "compute_button"), Qt.MouseButton.LeftButton)
+        window.wait(60.0)
+        assert document.target == wanted
+        n_pairs = len(document.spectrum)
+        QTest.keyClick(window, Qt.Key.Key_S, Qt.KeyboardModifier.ControlModifier)
+        assert json.loads(saved.read_text())["target"] == asdict(wanted)
+        document.target = Target("count", 7)
+        window.commands.open_session()
+        qtbot.waitUntil(
+            lambda wanted=wanted: document.target == wanted and document.job is None,
+            timeout=PATIENCE,
+        )
+        assert part(window, name).value == wanted.value
+        assert document.unit_text == "nm"
+        assert len(document.spectrum) == n_pairs, "they are in the store"
+
+
+def test_a_session_of_before_with_a_count_that_is_a_float(tmp_path: Path) -> None:
+    path = tmp_path / "old.meshmash.json"
+    store_session(rectangle_document(), {}, path)
+    content = json.loads(path.read_text()) | {"mesh_path": "ball.npz"}
+    content["target"] = {"kind": "count", "value": 50.0}
+    content["display"]["fields"]["hks"]["scales"] = 9.0
+    content["display"]["fields"]["filter"] |= {"automatic": False, "low": 0.0, "high": 3.0}
+    path.write_text(json.dumps(content))
+    read = Restoration(Document(), path)
+    assert read._target == Target("count", 50)
+    assert isinstance(read._target.value, int)
