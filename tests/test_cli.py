@@ -435,7 +435,7 @@ def test_unwritable_cache_is_no_reason_to_stop(
     [
         (["info", "absent.ply"], "does not exist"),
         (["info", "{ball}", "--unit", "furlong"], "furlong"),
-        (["info", "{ball}", "--count", "0"], "positive"),
+        (["info", "{ball}", "--count", "0"], "a whole number from 1"),
         (["info"], "required"),
         (["features", "{ball}"], "required: -o"),
         (["features", "{ball}", "-o", "out.xlsx"], "no ending"),
@@ -809,9 +809,9 @@ def test_distances_are_written(
     [
         ("", "give --vertex"),
         ("--vertex 4 --vertex 4", "each once"),
-        ("--vertex -1", "no vertex -1"),
+        ("--vertex -1", "a whole number from 0"),
         ("--vertex 99999", "they are counted from 0 to"),
-        ("--vertex x", "invalid int value"),
+        ("--vertex x", "a whole number from 0"),
         ("--vertex 4 --distance walk", "invalid choice"),
         ("--vertex 4 --time 3", "--distance diffusion"),
         ("--vertex 4 --distance diffusion --time -3", "means nothing"),

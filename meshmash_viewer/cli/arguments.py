@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn, TypeVar
+from typing import TYPE_CHECKING, NoReturn
 
+from meshmash_viewer.cli import numbers
+from meshmash_viewer.cli.numbers import said, whole
 from meshmash_viewer.cli.streams import PROGRAM
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.quantities import parse_number
 from meshmash_viewer.structures import named_structure
 from meshmash_viewer.units import UNIT_FORMS, parse_unit
 
@@ -24,8 +27,6 @@ __all__ = [
     "command_parser",
     "window_parser",
 ]
-
-_T = TypeVar("_T")
 
 #: Exit status for what the user can mend.
 FAULT = 2
@@ -120,7 +121,7 @@ def command_parser() -> argparse.ArgumentParser:
     )
     features.add_argument(
         "--pieces",
-        type=_positive,
+        type=whole(1),
         metavar="N",
         help="compute in about N overlapping pieces, for a mesh too large to be solved whole",
     )
@@ -171,9 +172,11 @@ def command_parser() -> argparse.ArgumentParser:
     _add_maps(render)
     render.add_argument("--map-name", metavar="NAME", help="which map, of a file or of the mesh")
     render.add_argument(
-        "--index", type=int, metavar="I", help="which eigenfunction or band, from 0"
+        "--index", type=whole(), metavar="I", help="which eigenfunction or band, from 0"
     )
-    render.add_argument("--time", type=float, metavar="T", help="diffusion time of the HKS (unit²)")
+    render.add_argument(
+        "--time", type=numbers.quantity(2), metavar="T", help="diffusion time of the HKS (unit²)"
+    )
     _add_columns(render, "number of bands", 32)
     _add_output(render, "OUT.png")
     _add_looks(render, (1600, 1200), transparent=True)
@@ -205,16 +208,16 @@ def command_parser() -> argparse.ArgumentParser:
     moves.add_argument(
         "--turntable", action="store_true", help="once around the mesh, which shows one column"
     )
-    movie.add_argument("--column", type=int, metavar="I", help="which, on the turntable")
+    movie.add_argument("--column", type=whole(), metavar="I", help="which, on the turntable")
     movie.add_argument(
         "--rate",
-        type=float,
+        type=numbers.number(),
         metavar="FPS",
         help="frames a second; default as the window plays these fields, 25 on the turntable",
     )
     movie.add_argument(
         "--seconds",
-        type=float,
+        type=numbers.number("s"),
         metavar="S",
         help="how long; default every column once, 6 on the turntable",
     )
@@ -235,7 +238,7 @@ def _add_families(parser: argparse.ArgumentParser, table: Mapping[str, type[Fami
     for name, option in known.items():
         parser.add_argument(
             option.flag,
-            type=option.kind,
+            type=said(option.kind),
             choices=option.values,
             metavar=option.metavar,
             action="append" if option.many else "store",
@@ -254,14 +257,14 @@ def _add_looks(
         help=f"in pixels, default {size[0]}x{size[1]}",
     )
     parser.add_argument("--colormap", metavar="NAME", help="one of matplotlib's")
-    parser.add_argument("--limits", type=float, nargs=2, metavar=("LOW", "HIGH"))
+    parser.add_argument("--limits", type=numbers.number(), nargs=2, metavar=("LOW", "HIGH"))
     parser.add_argument("--dark", action="store_true", help="light text on a dark ground")
     if transparent:
         parser.add_argument("--transparent", action="store_true", help="leave the background out")
 
 
 def _add_columns(parser: argparse.ArgumentParser, about: str, default: int | None = None) -> None:
-    parser.add_argument("--n-components", type=_positive, default=default, metavar="N", help=about)
+    parser.add_argument("--n-components", type=whole(1), default=default, metavar="N", help=about)
 
 
 def _add_output(
@@ -272,7 +275,7 @@ def _add_output(
 
 def _add_unit(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--unit", type=_said(_unit), metavar="U", help=f"of coordinates: {UNIT_FORMS}"
+        "--unit", type=said(_unit), metavar="U", help=f"of coordinates: {UNIT_FORMS}"
     )
 
 
@@ -294,7 +297,7 @@ def _add_preparation(parser: argparse.ArgumentParser) -> None:
         "--repair",
         action="append",
         default=[],
-        type=_said(_repair),
+        type=said(_repair),
         metavar="NAME",
         help="repair the mesh first, in the order given; `info` counts what each would mend",
     )
@@ -310,7 +313,7 @@ def _add_preparation(parser: argparse.ArgumentParser) -> None:
 def _add_structure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--structure",
-        type=_said(named_structure),
+        type=said(named_structure),
         metavar="NAME",
         help="of a brain: left, right, or a name such as CortexLeft, which GIFTI files then state;"
         " default: what the mesh file states, or its name: lh.pial",
@@ -332,16 +335,10 @@ def _add_target(parser: argparse.ArgumentParser, *, automatic: bool = False) -> 
     def count(text: str) -> Target | None:
         if automatic and text == "auto":
             return None
-        if not text.removeprefix("-").isdecimal():
-            known = "neither a whole number nor auto" if automatic else "not a whole number"
-            raise argparse.ArgumentTypeError(f"{text!r} is {known}")
-        return Target("count", int(text))
-
-    def eigenvalue(text: str) -> Target:
-        return Target("max_eigenvalue", float(text))
-
-    def wavelength(text: str) -> Target:
-        return Target("wavelength", float(text))
+        try:
+            return Target("count", whole(1)(text))
+        except argparse.ArgumentTypeError as fault:
+            raise argparse.ArgumentTypeError(f"{fault}{'; or auto' * automatic}") from None
 
     parser.set_defaults(target=Target("count", _DEFAULT_COUNT))
     about = f"number of eigenpairs, default {_DEFAULT_COUNT}"
@@ -349,37 +346,33 @@ def _add_target(parser: argparse.ArgumentParser, *, automatic: bool = False) -> 
     target = parser.add_mutually_exclusive_group()
     for flag, kind, metavar, told in (
         ("--count", count, "K", about),
-        ("--max-eigenvalue", eigenvalue, "X", "all eigenvalues up to X (per unit²)"),
-        ("--wavelength", wavelength, "W", "all waves of length W (unit) and longer"),
+        (
+            "--max-eigenvalue",
+            numbers.target("max_eigenvalue", -2),
+            "X",
+            "all eigenvalues up to X (per unit²)",
+        ),
+        (
+            "--wavelength",
+            numbers.target("wavelength", 1),
+            "W",
+            "all waves of length W (unit) and longer",
+        ),
     ):
-        target.add_argument(flag, dest="target", type=_said(kind), metavar=metavar, help=told)
+        target.add_argument(flag, dest="target", type=kind, metavar=metavar, help=told)
 
 
 def _add_solver(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-robust", action="store_true", help="plain cotangent Laplacian, for clean manifolds"
     )
-    parser.add_argument("--mollify-factor", type=_not_negative, default=1e-5, metavar="F")
+    parser.add_argument("--mollify-factor", type=said(_not_negative), default=1e-5, metavar="F")
     parser.add_argument(
         "--no-cache", action="store_true", help="neither use nor keep stored eigenpairs"
     )
     parser.add_argument(
-        "--jobs", type=_positive, metavar="J", help="processes; default: as many as fit"
+        "--jobs", type=whole(1), metavar="J", help="processes; default: as many as fit"
     )
-
-
-def _said(meaning: Callable[[str], _T]) -> Callable[[str], _T]:
-    """What a text means, for argparse to say why where it means nothing."""
-
-    def taken(text: str) -> _T:
-        try:
-            return meaning(text)
-        except InputError as fault:
-            raise argparse.ArgumentTypeError(str(fault).rstrip(".")) from None
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
-
-    return taken
 
 
 def _unit(text: str) -> str:
@@ -406,16 +399,10 @@ def _size(text: str) -> tuple[int, int]:
     return size
 
 
-def _positive(text: str) -> int:
-    if not (text.isdecimal() and int(text) >= 1):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1")
-    return int(text)
-
-
 def _not_negative(text: str) -> float:
-    value = float(text)
+    value = parse_number(text, share=True)
     if not value >= 0.0:
-        raise argparse.ArgumentTypeError(f"{value} is none: give zero or a small positive number")
+        raise InputError(f"{text} is negative: give zero or a small positive number.")
     return value
 
 
@@ -431,7 +418,8 @@ def chosen_family(
 ) -> Family:
     """The family of a table that is asked for; complains now, not after the first decomposition.
 
-    `n_columns` are those of families that have as many as one likes, where nobody says.
+    The options have their quantities in a unit (`numbers.in_unit`). `n_columns` are those of
+    families that have as many as one likes, where nobody says.
     """
     chosen = table[options.kind]
     own = {option.name for option in chosen.options}
@@ -445,6 +433,8 @@ def chosen_family(
         check_tail(options.tail, chosen.export)
     given = {name: getattr(options, name) for name in own}
     parameters = {name: value for name, value in given.items() if value is not None}
+    if "set" in parameters:  # whose units depend on the formula
+        parameters["unit"] = options.mesh_unit
     count = options.n_components
     if count is None and chosen.counted:
         count = n_columns

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from meshmash_viewer.cli.arguments import FAULT, chosen_operator
+from meshmash_viewer.cli.numbers import in_unit
 from meshmash_viewer.cli.streams import answer, say
 from meshmash_viewer.health import repair_mesh
 from meshmash_viewer.io.maps import read_maps
@@ -44,8 +45,9 @@ __all__ = [
     "with_maps",
 ]
 
-#: What is done to a mesh and its place among the others: a JSON-able report, and it for people.
-Work: TypeAlias = Callable[[Mesh, int], tuple[dict[str, Any], str]]
+#: What is done to a mesh, its place among the others and the options: a JSON-able report, and it
+#: for people.
+Work: TypeAlias = Callable[[Mesh, int, Namespace], tuple[dict[str, Any], str]]
 
 _DEFECT = 1
 #: Of many meshes, the worst status is that of the command.
@@ -111,13 +113,16 @@ def finite(value: float) -> float | None:
 def for_each(options: Namespace, work: Work, *, repaired: bool = True) -> int:
     """Do the work for every mesh; one that cannot be done does not hold up the others.
 
-    It gets the mesh repaired as asked for, or as it was read.
+    It gets the mesh repaired as asked for, or as it was read, and the options with all quantities
+    in its unit.
     """
     status = 0
     for index, path in enumerate(options.mesh):
         try:
             mesh = read(path, options)
-            tell(options, path, *work(prepared(mesh, options) if repaired else mesh, index))
+            own = in_unit(options, mesh.unit)
+            mesh = prepared(mesh, options) if repaired else mesh
+            tell(options, path, *work(mesh, index, own))
         except (Cancelled, BrokenPipeError):  # meant for all of them
             raise
         except Exception as fault:  # noqa: BLE001  it is said, and the next mesh has its turn

@@ -26,6 +26,7 @@ from meshmash_viewer.cli.batch import (
     until_interrupted,
     with_maps,
 )
+from meshmash_viewer.cli.numbers import in_unit
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.comparison import (
     check_comparable,
@@ -60,8 +61,8 @@ __all__ = ["compare", "features", "info", "more_pairs", "reconstruct"]
 def info(options: Namespace) -> int:
     """Say what meshes are like."""
 
-    def work(mesh: Mesh, index: int) -> tuple[dict[str, Any], str]:
-        about = {"path": str(options.mesh[index]), **_facts(mesh, options.target)}
+    def work(mesh: Mesh, index: int, own: Namespace) -> tuple[dict[str, Any], str]:
+        about = {"path": str(own.mesh[index]), **_facts(mesh, own.target)}
         return about, _described_facts(about)
 
     return for_each(options, work)
@@ -149,8 +150,8 @@ def _ambiguous(about: dict[str, Any]) -> str:
 
 def features(options: Namespace) -> int:
     """Compute features of meshes, or eigenpairs, and write them."""
-    family = chosen_family(options, EXPORTS)
-    if options.target is None and getattr(family, "t_min", None) is None:
+    family = chosen_family(in_unit(options), EXPORTS)
+    if options.target is None and options.t_min is None:
         raise InputError(
             "--count auto takes as many eigenpairs as the shortest time of --kind hks needs: give"
             " --t-min, or a number."
@@ -167,7 +168,7 @@ def features(options: Namespace) -> int:
             check_output(path, "features" if family.makes_features() else "eigenpairs")
         return for_each(
             options,
-            lambda mesh, at: write(mesh, outputs[at], family, options),
+            lambda mesh, at, own: write(mesh, outputs[at], chosen_family(own, EXPORTS), own),
             repaired=False,  # both are needed to write results at all vertices
         )
 
@@ -451,7 +452,7 @@ def _described_comparison(report: dict[str, Any]) -> str:
 def reconstruct(options: Namespace) -> int:
     """Rebuild the coordinates of a mesh from its eigenpairs, and write the smoothed mesh."""
     check_output(options.output, "mesh")
-    return for_each(options, lambda mesh, _: _write_rebuilt(mesh, options))
+    return for_each(options, lambda mesh, _, own: _write_rebuilt(mesh, own))
 
 
 def _write_rebuilt(mesh: Mesh, options: Namespace) -> tuple[dict[str, Any], str]:

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from meshmash_viewer.cli.arguments import COMMANDS, FAULT, command_parser, window_parser
+from meshmash_viewer.cli.numbers import signed
 from meshmash_viewer.cli.patterns import expanded
 from meshmash_viewer.cli.streams import PROGRAM, answer, drop, prepare_streams, say
 from meshmash_viewer.errors import InputError
@@ -88,7 +89,7 @@ def _run(arguments: list[str]) -> int:
 
     try:
         if arguments and arguments[0] in COMMANDS:
-            run, options = _run_command, command_parser().parse_args(arguments)
+            run, options = _run_command, command_parser().parse_args(signed(arguments))
         else:
             run, options = _open_window, window_parser().parse_args(arguments)
         options.mesh = expanded(options.mesh)

@@ -18,6 +18,7 @@ from meshmash_viewer.cli.batch import (
     with_maps,
 )
 from meshmash_viewer.cli.commands import more_pairs
+from meshmash_viewer.cli.numbers import in_unit
 from meshmash_viewer.cli.streams import say
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import heat_kernel_bank
@@ -78,9 +79,9 @@ def render(options: Namespace) -> int:
     elif (options.map or options.map_name) and options.field != "map":
         raise InputError(f"--map and --map-name are of --field map, not of {options.field}.")
     _policy(options)
-    if options.time is not None:
-        heat_kernel_bank([options.time])  # which says what is no time
-    return for_each(options, lambda mesh, _: _write_render(mesh, options))
+    if (time := in_unit(options).time) is not None:
+        heat_kernel_bank([time])  # which says what is no time
+    return for_each(options, lambda mesh, _, own: _write_render(mesh, own))
 
 
 def _write_render(mesh: Mesh, options: Namespace) -> tuple[dict[str, Any], str]:
@@ -181,9 +182,9 @@ def _missing(pairs: Decomposition, family: Family, mesh: Mesh) -> str:
 
 def gallery(options: Namespace) -> int:
     """Draw columns of a family of fields side by side."""
-    family = _chosen_swept(options)
+    _chosen_swept(in_unit(options))
     check_output(options.output, "picture")
-    return for_each(options, lambda mesh, _: _write_gallery(mesh, family, options))
+    return for_each(options, lambda mesh, _, own: _write_gallery(mesh, _chosen_swept(own), own))
 
 
 def _write_gallery(mesh: Mesh, family: Family, options: Namespace) -> tuple[dict[str, Any], str]:
@@ -231,9 +232,9 @@ def _write_gallery(mesh: Mesh, family: Family, options: Namespace) -> tuple[dict
 def movie(options: Namespace) -> int:
     """Film a sweep through the columns of a family, or a turn of the mesh."""
     check_movie(options.output, options.size, 1.0 if options.rate is None else options.rate)
-    family = _chosen_swept(options)
+    _chosen_swept(in_unit(options))
     check_output(options.output, "movie")
-    return for_each(options, lambda mesh, _: _write_movie(mesh, family, options))
+    return for_each(options, lambda mesh, _, own: _write_movie(mesh, _chosen_swept(own), own))
 
 
 def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> tuple[dict[str, Any], str]:

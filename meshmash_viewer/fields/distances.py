@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -26,6 +27,7 @@ from meshmash_viewer.fields.heat_table import build_heat_table
 from meshmash_viewer.fields.schema import MOST_INDEX, choice, number, whole
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, same_pairs
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.quantities import parse_quantity, parse_whole
 from meshmash_viewer.units import counted, format_quantity, power_unit
 
 if TYPE_CHECKING:
@@ -62,10 +64,19 @@ class Distances(Family):
     export: ClassVar[str] = "distance"
     options: ClassVar[tuple[Option, ...]] = (
         Option(
-            "vertex", "from which it is measured, from 0; each is a column", "V", int, many=True
+            "vertex",
+            "from which it is measured, from 0; each is a column",
+            "V",
+            partial(parse_whole, least=0, most=MOST_INDEX, noun="the value"),
+            many=True,
         ),
         Option("distance", "which one; default: geodesic", values=tuple(MEASURES)),
-        Option("time", "of diffusion (unit²); default the middle of its range", "T", float),
+        Option(
+            "time",
+            "of diffusion (unit²); default the middle of its range",
+            "T",
+            partial(parse_quantity, power=2),
+        ),
     )
     position: ClassVar[tuple[str, ...]] = ("time",)
     contoured: ClassVar[bool] = True

@@ -84,7 +84,7 @@ class Option:
     metavar : str, optional
         What stands for its value there.
     kind : callable
-        Makes the value of the text.
+        Makes the value of the text, or a `Quantity` whose unit is that of a mesh.
     values : tuple of str, optional
         All that it may be.
     many : bool

@@ -36,6 +36,7 @@ from meshmash_viewer.fields.pair_table import PairTable, build_pair_table, summe
 from meshmash_viewer.fields.schema import checked_text, flag, named, number, whole
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, same_pairs
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.quantities import parse_quantity
 from meshmash_viewer.units import format_number, format_quantity, named_quantity
 
 if TYPE_CHECKING:
@@ -339,7 +340,10 @@ class Filters(Family):
 
     @classmethod
     def exported(cls, n_columns: int | None = None, **chosen: Any) -> Self:
-        """`formula` is its text, `set` a list of ``name=value`` or, once, ``name=low:high``."""
+        """`formula` is its text, `set` a list of ``name=value`` or, once, ``name=low:high``.
+
+        `unit` is the unit of length that their values are to be in, None where it is not known yet.
+        """
         family = cls(chosen.get("formula", cls.text), count=1 if n_columns is None else n_columns)
         values: dict[str, float] = {}
         for given in chosen.get("set", ()):
@@ -349,12 +353,7 @@ class Filters(Family):
                 raise InputError(
                     f"--set {given}: {family.text} has no parameter {name}; it has {known}."
                 )
-            try:
-                ends = [float(end) for end in text.split(":")]
-            except ValueError:
-                ends = []
-            if not 1 <= len(ends) <= 2 or not all(math.isfinite(end) for end in ends):
-                raise InputError(f"--set {given} is not {name}=3e6 or {name}=1e5:1e7.")
+            ends = _ends(given, name, text, family.formula.powers[name], chosen.get("unit"))
             if len(ends) == 1:
                 values[name] = ends[0]
             elif name != family.first or not 0.0 < ends[0] < ends[1]:
@@ -399,6 +398,17 @@ class Filters(Family):
     def _script(self, values: dict[str, str]) -> str:
         told = "".join(f", {name}={value}" for name, value in values.items())
         return f"mv.formula_bank({self.text!r}{told})"
+
+
+def _ends(given: str, name: str, text: str, power: int, unit: str | None) -> list[float]:
+    """The numbers of a parameter on the command line: one, or the ends of a range."""
+    try:
+        ends = [parse_quantity(end, power) for end in text.split(":")]
+    except InputError as fault:
+        raise InputError(f"--set {given} is not {name}=3e6 or {name}=1e5:1e7: {fault}") from None
+    if len(ends) > 2:
+        raise InputError(f"--set {given} is not {name}=3e6 or {name}=1e5:1e7.")
+    return [end.in_unit(end.unit if unit is None else unit) for end in ends]
 
 
 def _bank(text: str, values: dict[str, float | FloatArray]) -> FilterBank:

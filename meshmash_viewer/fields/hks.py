@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -28,6 +29,7 @@ from meshmash_viewer.fields.heat_table import build_heat_table
 from meshmash_viewer.fields.schema import flag, number, whole
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, grew
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.quantities import parse_quantity
 from meshmash_viewer.spectral.weyl import resolved_time
 from meshmash_viewer.units import format_quantity, named_quantity
 
@@ -66,9 +68,9 @@ class HeatKernelSignature(Family):
             "shortest diffusion time (unit²); default by the λ of each mesh, so give both times"
             " where columns of many meshes are to agree",
             "T",
-            float,
+            partial(parse_quantity, power=2),
         ),
-        Option("t_max", "longest diffusion time (unit²)", "T", float),
+        Option("t_max", "longest diffusion time (unit²)", "T", partial(parse_quantity, power=2)),
     )
     position: ClassVar[tuple[str, ...]] = ("time",)
     ordered: ClassVar[tuple[str, str] | None] = ("t_min", "t_max")

@@ -1,0 +1,97 @@
+"""Numbers on the command line, and quantities in the unit of a mesh that is still to be read."""
+
+from __future__ import annotations
+
+import re
+from argparse import ArgumentTypeError, Namespace
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.quantities import Quantity, parse_number, parse_quantity, parse_whole
+
+if TYPE_CHECKING:
+    from meshmash_viewer.spectral.weyl import Target
+
+__all__ = ["TargetQuantity", "in_unit", "number", "quantity", "said", "signed", "target", "whole"]
+
+_T = TypeVar("_T")
+#: Largest whole number of an option: indices and counts have 32 bits.
+_MOST = 2**31 - 1
+_NEGATIVE = re.compile(r"\A-(?=[.,]?[0-9][-0-9.,'_eE+×x*^⁻⁺⁰¹²³⁴-⁹ ]*\Z)")
+
+
+def signed(arguments: list[str]) -> list[str]:
+    """Arguments with a minus sign before negative numbers: argparse takes "-1e-4" for an option."""
+    return [_NEGATIVE.sub("\u2212", each) for each in arguments]
+
+
+def said(meaning: Callable[[str], _T]) -> Callable[[str], _T]:
+    """What a text means, for argparse to say why where it means nothing."""
+
+    def taken(text: str) -> _T:
+        try:
+            return meaning(text)
+        except InputError as fault:
+            raise ArgumentTypeError(str(fault).rstrip(".")) from None
+
+    return taken
+
+
+def whole(least: int = 0) -> Callable[[str], int]:
+    """A whole number from the least one on."""
+    return said(lambda text: parse_whole(text, least, _MOST, "the value"))
+
+
+def number(unit: str = "", *, share: bool = False) -> Callable[[str], float]:
+    """A number, which may have this unit."""
+    return said(lambda text: parse_number(text, unit, share=share))
+
+
+def quantity(power: int) -> Callable[[str], Quantity]:
+    """A power of a length, in any unit, or in that of each mesh."""
+    return said(lambda text: parse_quantity(text, power))
+
+
+@dataclass(frozen=True)
+class TargetQuantity:
+    """How far up the spectrum, as a quantity that means a `Target` once its mesh is known."""
+
+    kind: Literal["max_eigenvalue", "wavelength"]
+    quantity: Quantity
+
+    def in_unit(self, unit: str) -> Target:
+        """The target in a unit of length."""
+        from meshmash_viewer.spectral.weyl import Target
+
+        return Target(self.kind, self.quantity.in_unit(unit))
+
+
+def target(
+    kind: Literal["max_eigenvalue", "wavelength"], power: int
+) -> Callable[[str], Target | TargetQuantity]:
+    """A target of a kind; one in the unit of the mesh is complained of at once."""
+
+    def taken(text: str) -> Target | TargetQuantity:
+        found = TargetQuantity(kind, parse_quantity(text, power))
+        return found if found.quantity.unit else found.in_unit("")
+
+    return said(taken)
+
+
+def in_unit(options: Namespace, unit: str | None = None) -> Namespace:
+    """The options with all quantities in the unit of a mesh, which is their `mesh_unit`.
+
+    Without one those in a unit of their own are left out, to check the others.
+    """
+    found = {name: _in_unit(value, unit) for name, value in vars(options).items()}
+    return Namespace(**{**found, "mesh_unit": unit})
+
+
+def _in_unit(value: Any, unit: str | None) -> Any:
+    if isinstance(value, Quantity):
+        return None if unit is None and value.unit else value.in_unit(unit or "")
+    if isinstance(value, TargetQuantity) and unit is not None:
+        return value.in_unit(unit)
+    return value
