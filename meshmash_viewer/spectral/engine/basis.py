@@ -93,6 +93,8 @@ class KrylovBasis:
     stop : ndarray of uint8, shape (1,)
     careful : bool
         Orthogonalise every block against all, whatever it costs.
+    left_out : ndarray of bool, shape (n,), optional
+        Vertices of whole components on which all rows are to be zero.
     """
 
     def __init__(
@@ -104,7 +106,9 @@ class KrylovBasis:
         seed: tuple[int, ...],
         stop: StopFlag,
         careful: bool = False,
+        left_out: npt.NDArray[np.bool_] | None = None,
     ) -> None:
+        self._left_out = left_out
         self._ordered, self._factor, self._found, self._stop = ordered, factor, found, stop
         self._n = ordered.pencil.n
         self._allowed = 0.0 if careful else _SEMIORTHOGONAL
@@ -119,9 +123,16 @@ class KrylovBasis:
         self.size = 0
         self.rows = np.empty((capacity + 2 * BLOCK, self._n))
         first = self.rows[:BLOCK]
-        self._apply(self._random.random((BLOCK, self._n)) - 0.5, first)
+        # The inverse mixes no components: what is zero on one stays so.
+        self._apply(self._without(self._random.random((BLOCK, self._n)) - 0.5), first)
         if not orthonormalise_block(first)[1]:
             first[:] = np.linalg.qr(first.T)[0].T
+
+    def _without(self, rows: FloatArray) -> FloatArray:
+        """Rows that are zero on the components left out."""
+        if self._left_out is not None:
+            rows[:, self._left_out] = 0.0
+        return rows
 
     def _apply(self, block: FloatArray, result: FloatArray) -> None:
         """The deflated inverse times rows of shape (8, n)."""
@@ -221,7 +232,7 @@ class KrylovBasis:
         lost = np.abs(np.diagonal(triangle)) < 1e-10 * scale
         following[:, lost] = 0.0
         new[:] = directions.T
-        new[lost] = self._random.standard_normal((int(lost.sum()), self._n))
+        new[lost] = self._without(self._random.standard_normal((int(lost.sum()), self._n)))
         for _ in range(3):
             self._project_known_out(new)
             project_out(new, self.rows[:size])

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.spectral.engine.pencil import Pencil
 
-__all__ = ["dense_pairs", "dense_residuals"]
+__all__ = ["component_pairs", "dense_pairs", "dense_residuals"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -21,7 +21,6 @@ def dense_pairs(pencil: Pencil, check: Callable[[], None]) -> tuple[FloatArray, 
     Component by component, since one may be a million times as stiff as another.
     """
     from scipy import sparse
-    from scipy.linalg import eigh
     from scipy.sparse.csgraph import connected_components
 
     count, component = connected_components(pencil.matrix, directed=False)
@@ -36,14 +35,10 @@ def dense_pairs(pencil: Pencil, check: Callable[[], None]) -> tuple[FloatArray, 
             continue
         check()
         matrix = pencil.matrix[place][:, place].toarray()
-        if is_null:
-            # Lifted above all others, the constant does not mix with small eigenvalues.
-            constant = pencil.null_direction[place]
-            matrix += 1.1 * np.abs(matrix).sum(axis=0).max() * np.outer(constant, constant)
-        found, vectors = eigh(matrix, driver="evd")
-        kept = len(place) - int(is_null)
-        values.append(found[:kept])
-        columns.append(vectors[:, :kept].T.ravel())
+        found, vectors = component_pairs(matrix, pencil.null_direction[place] if is_null else None)
+        kept = len(found)
+        values.append(found)
+        columns.append(vectors.T.ravel())
         rows.append(np.tile(place, kept))
         starts.extend(starts[-1] + len(place) * np.arange(1, kept + 1))
     if not values:
@@ -53,6 +48,28 @@ def dense_pairs(pencil: Pencil, check: Callable[[], None]) -> tuple[FloatArray, 
     matrix = sparse.csc_array(parts, shape=(pencil.n, len(every)))
     order = np.argsort(every, kind="stable")
     return every[order], matrix[:, order]
+
+
+def component_pairs(
+    matrix: FloatArray, constant: FloatArray | None, highest: float | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """All pairs of a component's matrix, (c, c), or those up to a value: ascending, and columns.
+
+    `constant` is its null vector where that is known, and is left out.
+    """
+    from scipy.linalg import eigh
+
+    if constant is not None:
+        # Lifted above all others, the constant does not mix with small eigenvalues.
+        lift = 1.1 * np.abs(matrix).sum(axis=0).max()
+        matrix = matrix + lift * np.outer(constant, constant)
+    if highest is not None:
+        values, vectors = eigh(matrix, subset_by_value=(-np.inf, highest))
+        kept = len(values) - int(constant is not None and len(values) == len(matrix))
+        return values[:kept], vectors[:, :kept]
+    values, vectors = eigh(matrix, driver="evd")
+    kept = len(matrix) - int(constant is not None)
+    return values[:kept], vectors[:, :kept]
 
 
 def dense_residuals(pencil: Pencil, values: FloatArray, rows: FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.engine.pencil import Pencil
+from meshmash_viewer.spectral.engine.repeated import RepeatedComponents
 
 __all__ = ["Factor", "FactorizationError", "OrderedPencil", "StopFlag", "order_pencil"]
 
@@ -41,12 +42,19 @@ class OrderedPencil:
         Factors that were made to count and will be asked for again, by shift.
     steps : int
         Blocks that iterations have solved for so far: how far they are.
+    repeated : RepeatedComponents, optional
+        Components whose pairs are known.
     """
 
     pencil: Pencil
     structure: Any
     kept: dict[float, Factor] = field(default_factory=dict, repr=False)
     steps: int = 0
+    repeated: RepeatedComponents | None = None
+
+    def solve_repeated(self, highest: float) -> None:
+        """Compute the pairs up to a value on components of which there are many."""
+        self.repeated = RepeatedComponents(self.pencil, highest)
 
     def factor(self, shift: float, nudge: float, stop: StopFlag) -> Factor:
         """Factor at a shift or, where a pivot vanishes, beside it.

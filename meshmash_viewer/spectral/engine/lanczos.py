@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -77,6 +77,8 @@ class Interval:
         Somewhere in the middle.
     clearance : float
         The count below `high` is in doubt if an eigenvalue lies nearer to it than this.
+    most : int, optional
+        Number of its lowest pairs that are needed; None: all.
     """
 
     index: int
@@ -86,6 +88,7 @@ class Interval:
     owed: int
     shift: float
     clearance: float = 0.0
+    most: int | None = None
 
 
 class UnclearBorder(ArithmeticError):
@@ -169,7 +172,7 @@ def run_slices(
 def find_pairs(
     ordered: OrderedPencil, interval: Interval, tolerance: float, stop: StopFlag
 ) -> IntervalPairs:
-    """Find the pairs that an interval owes.
+    """Find the pairs that an interval owes, or the lowest that are needed.
 
     Parameters
     ----------
@@ -187,10 +190,72 @@ def find_pairs(
     ArithmeticError
         If the pairs stay out of reach.
     """
+    low, high, clearance = interval.low, interval.high, interval.clearance
+    repeated = ordered.repeated
+    alone = None if repeated is None else repeated.within(low, high, interval.most)
+    if alone is None:
+        found_values, found, orthonormality, factor = _search(ordered, interval, tolerance, stop)
+    else:
+        if alone.values[-1] > high - clearance:
+            raise UnclearBorder(f"an eigenvalue lies on the border {high:.6g}")
+        rest = replace(interval, owed=interval.owed - len(alone.values))
+        found_values, found, orthonormality, factor = _search(
+            ordered, rest, tolerance, stop, alone.vertices
+        )
+        found_values = np.concatenate([found_values, alone.values[: len(alone.rows)]])
+        found = np.concatenate([found, alone.rows])
+        orthonormality = max(orthonormality, alone.orthonormality)
+    order = np.argsort(found_values, kind="stable")
+    order = order[: interval.most]
+    rows = found[order] if np.any(np.diff(order) < 0) or len(order) < len(found) else found
+    values, residuals = measure_pairs(ordered, rows)
+    if interval.low < 0.0 and values[0] < -max(1e-6, 1e-9 * ordered.pencil.norm):
+        raise ArithmeticError(f"a negative eigenvalue, {values[0]:.6g}")
+    refined = np.zeros(len(rows), dtype=bool)
+    for turn in range(_POLISHES):
+        coarse = np.flatnonzero(residuals > _COARSE * tolerance * np.abs(values))
+        if len(coarse) == 0:
+            break
+        if turn == 1 and interval.low < 0.0:
+            # Next to the lowest, so that what neighbours left in it is damped too: another
+            # factor, which is seldom needed.
+            below = -float(values[coarse[0]])
+            factor = ordered.factor(below, 0.1 * below, stop)
+        gained = _polish(ordered, factor, rows, values, residuals, coarse)
+        if len(gained) == 0:
+            break
+        orthonormality = max(orthonormality, _fit_in(rows, gained))
+        values, residuals = measure_pairs(ordered, rows)
+        values[gained], residuals[gained] = measure_pairs(ordered, rows[gained], exactly=True)
+        refined[gained] = True
+    # Residuals in float64 carry this rounding already; those in twice the precision do not.
+    residuals[refined] = np.hypot(residuals[refined], _rounding(ordered, rows[refined]))
+    return IntervalPairs(interval, values, residuals, rows, orthonormality)
+
+
+def _search(
+    ordered: OrderedPencil,
+    interval: Interval,
+    tolerance: float,
+    stop: StopFlag,
+    left_out: npt.NDArray[np.bool_] | None = None,
+) -> tuple[FloatArray, FloatArray, float, Factor]:
+    """Look for the pairs of an interval in Krylov bases, restarted until all are found.
+
+    Vertices that are left out make up whole components, whose pairs the interval does not count.
+
+    Returns
+    -------
+    values, rows : ndarray, shape (p,) and (p, n)
+    orthonormality : float
+    factor : Factor
+        The last that was used.
+    """
     width = interval.high - interval.low
     factor = _factor(ordered, interval, stop)
     n, owed = ordered.pencil.n, interval.owed
     nothing = np.zeros((0, n))
+    n_left_out = 0 if left_out is None else int(left_out.sum())
     found_values, found, orthonormality = np.zeros(0), nothing, 0.0
     fruitless = 0
     moves = 0
@@ -201,12 +266,12 @@ def find_pairs(
         if missing <= 0:
             break
         # A copy that was missed may lie at an end of the interval, and cost as much as the rest.
-        free = n - ordered.pencil.n_null - len(found)
+        free = n - ordered.pencil.n_null - len(found) - n_left_out
         # Nor does a basis converge that ends before pairs close to an end of it are told apart.
         capacity = (4 * owed + 20 * BLOCK) * 2**fruitless
         capacity = min(capacity, BLOCK * max(free // BLOCK, 1))
         seed = (interval.first, owed, attempt)
-        basis = KrylovBasis(ordered, factor, found, capacity, seed, stop, careful)
+        basis = KrylovBasis(ordered, factor, found, capacity, seed, stop, careful, left_out)
         # Refinement at the end makes up for what the last few, hardest ones, lack.
         wanted = tolerance * (_LENIENCE if fruitless else 1.0)
         try:
@@ -241,31 +306,7 @@ def find_pairs(
             f"{len(found_values)} of {owed} eigenvalues found between "
             f"{interval.low:.6g} and {interval.high:.6g}"
         )
-    order = np.argsort(found_values, kind="stable")
-    rows = found[order] if np.any(order[1:] < order[:-1]) else found
-    values, residuals = measure_pairs(ordered, rows)
-    if interval.low < 0.0 and values[0] < -max(1e-6, 1e-9 * ordered.pencil.norm):
-        raise ArithmeticError(f"a negative eigenvalue, {values[0]:.6g}")
-    refined = np.zeros(len(rows), dtype=bool)
-    for turn in range(_POLISHES):
-        coarse = np.flatnonzero(residuals > _COARSE * tolerance * np.abs(values))
-        if len(coarse) == 0:
-            break
-        if turn == 1 and interval.low < 0.0:
-            # Next to the lowest, so that what neighbours left in it is damped too: another
-            # factor, which is seldom needed.
-            below = -float(values[coarse[0]])
-            factor = ordered.factor(below, 0.1 * below, stop)
-        gained = _polish(ordered, factor, rows, values, residuals, coarse)
-        if len(gained) == 0:
-            break
-        orthonormality = max(orthonormality, _fit_in(rows, gained))
-        values, residuals = measure_pairs(ordered, rows)
-        values[gained], residuals[gained] = measure_pairs(ordered, rows[gained], exactly=True)
-        refined[gained] = True
-    # Residuals in float64 carry this rounding already; those in twice the precision do not.
-    residuals[refined] = np.hypot(residuals[refined], _rounding(ordered, rows[refined]))
-    return IntervalPairs(interval, values, residuals, rows, orthonormality)
+    return found_values, found, orthonormality, factor
 
 
 def _rounding(ordered: OrderedPencil, rows: FloatArray) -> FloatArray:

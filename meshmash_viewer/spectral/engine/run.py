@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import replace
 from functools import partial
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -58,6 +57,8 @@ _MOST_COPIES = 1000
 _LAST_SLICE = 80
 #: Largest entry of an eigenvector that float32 can hold, with room for its products.
 _LARGEST_SINGLE = 1e30
+#: How far above the highest border one may be moved that proves doubtful, relative to it.
+_BEYOND = 1.25
 #: Seconds between two questions whether to go on.
 _INTERVAL = 0.05
 
@@ -244,6 +245,7 @@ class Run:
         if request.max_eigenvalue is not None:
             threshold = min(request.max_eigenvalue / pencil.unit, plan.top)
             top = plan.settle(threshold)
+            ordered.solve_repeated(_BEYOND * top)
             wanted = plan.count(top)
             if wanted > plan.count(plan.settle(threshold, -1.0)):
                 below, held = self._around_threshold(ordered, plan, threshold, top)
@@ -256,12 +258,14 @@ class Run:
                 # What `find_top` prepares are the first slices, which known pairs spare.
                 find = plan.find_top if known is None else plan.find
                 top = find(wanted, wanted + max(4, wanted // 40))
+                ordered.solve_repeated(_BEYOND * top)
         counted = plan.count(top)
         self._spend("count", started)
         if self._is_dense(wanted):
             yield from self._dense()
             return
-        if top > 0.0 and counted > _MOST_COPIES + 2 * wanted:
+        sought = counted - (0 if ordered.repeated is None else ordered.repeated.count(top))
+        if top > 0.0 and sought > _MOST_COPIES + 2 * wanted:
             raise UnprovenError(
                 f"{counted - wanted} more eigenvalues than the {wanted} asked for are equal to "
                 f"{top * pencil.unit:.4g}: ask for fewer pairs, or for all of them."
@@ -350,7 +354,12 @@ class Run:
             try:
                 for pairs in run_slices(
                     ordered,
-                    chain.from_iterable(plan.slices(*part, settled) for part in stretches),
+                    (
+                        replace(each, most=self._needed(each.first))
+                        for part in stretches
+                        for each in plan.slices(*part, settled)
+                        if self._needed(each.first) != 0
+                    ),
                     self.request.tolerance,
                     jobs,
                     self._stop,
@@ -367,6 +376,10 @@ class Run:
                 stretches = [(low, plan.settle(high, wide=True)) for low, high in stretches]
         yield from self._keep()
         self._spend("slices", started)
+
+    def _needed(self, first: int) -> int | None:
+        """Pairs needed from one on; None for all, from which those are picked that known lack."""
+        return max(self.output.total - first, 0) if self._known is None else None
 
     def _place_slice(self, ordered: OrderedPencil, pairs: IntervalPairs) -> Iterator[slice]:
         """Write what a slice holds besides known pairs."""
@@ -404,6 +417,7 @@ class Run:
         if low == 0.0:
             null = min(pencil.n_null, wanted)
             parts.append((np.zeros(null), pencil.null_residuals[:null], pencil.null_rows(null)))
+        ordered.solve_repeated(_BEYOND * high)
         jobs = self._workers(ordered, inside)
         self._events.put(partial(self.pace.begin_slices, inside))
         for pairs in run_slices(
