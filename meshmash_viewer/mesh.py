@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.numbering import FileNumbering
+from meshmash_viewer.triangulation import polydata_triangles
 from meshmash_viewer.units import LENGTH_UNITS, NO_VOXEL, Voxel, is_voxel, named_vertex
 from meshmash_viewer.vertex_map import VertexMap, named_apart
 
@@ -440,10 +441,8 @@ def as_mesh(mesh: MeshLike) -> Mesh:
     """
     if isinstance(mesh, Mesh):
         return mesh
-    if hasattr(mesh, "GetPolys") and hasattr(mesh, "triangulate"):
-        poly = mesh.triangulate()
-        faces = np.asarray(poly.faces).reshape(-1, 4)[:, 1:]
-        return Mesh(np.asarray(poly.points), faces)
+    if hasattr(mesh, "GetPolys"):
+        return Mesh(*polydata_triangles(mesh))
     if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
         return Mesh(mesh.vertices, mesh.faces)
     if hasattr(mesh, "v") and hasattr(mesh, "t"):

@@ -36,6 +36,7 @@ ALLOWED = {
 #: Modules outside app/ that touch VTK, inside functions: a conversion, a reader, a writer.
 VTK_OUTSIDE_APP = {
     "meshmash_viewer.mesh",
+    "meshmash_viewer.triangulation",
     "meshmash_viewer.io.formats.vtk",
     "meshmash_viewer.io.formats.vtk_maps",
     "meshmash_viewer.io.writers",

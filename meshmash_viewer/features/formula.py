@@ -119,6 +119,8 @@ class Formula:
     text: str
 
     def __post_init__(self) -> None:
+        # text of a file may come with its byte order mark
+        object.__setattr__(self, "text", self.text.removeprefix("\ufeff"))
         _checked(_parsed(self.text), 0)
         if len(self.parameters) > MOST_NAMES:
             raise InputError(

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.mesh import FloatArray, IntArray, MeshLike, as_mesh
+from meshmash_viewer.triangulation import strip_triangles, triangulate
 from meshmash_viewer.vertex_map import Label
 
 __all__ = [
@@ -21,11 +22,11 @@ __all__ = [
     "RawMap",
     "RawMesh",
     "are_ascending_indices",
-    "fan_triangles",
     "maps_alone",
     "parse_rows",
     "raw_mesh",
     "strip_triangles",
+    "triangulate",
 ]
 
 
@@ -180,56 +181,3 @@ def _first_fault(text: bytes, dtype: type[np.generic]) -> NotANumber:
             return NotANumber(printable(token[0].decode("latin-1"), 20), text, token.start())
     odd = re.search(rb"[\x00-\x08\x0e-\x1f]", text)  # as little a number as it is white space
     return NotANumber("\ufffd", text, odd.start() if odd else 0)
-
-
-def fan_triangles(indices: IntArray, counts: IntArray) -> IntArray:
-    """Cut polygons into triangles that share each polygon's first corner.
-
-    Parameters
-    ----------
-    indices : ndarray of int64, shape (sum(counts),)
-        Corners of all polygons, one polygon after the other.
-    counts : ndarray of int64, shape (p,)
-        Corners of each polygon; those with fewer than three are left out.
-
-    Returns
-    -------
-    ndarray of int64, shape (m, 3)
-    """
-    if len(counts) and counts.min() == 3 and counts.max() == 3:
-        return indices.reshape(-1, 3)
-    first = np.cumsum(counts) - counts
-    triangles_each = np.maximum(counts - 2, 0)
-    polygon = np.repeat(np.arange(len(counts)), triangles_each)
-    step = np.arange(len(polygon)) - np.repeat(
-        np.cumsum(triangles_each) - triangles_each, triangles_each
-    )
-    corner = first[polygon]
-    return np.column_stack(
-        [indices[corner], indices[corner + step + 1], indices[corner + step + 2]]
-    ).astype(np.int64)
-
-
-def strip_triangles(indices: IntArray, counts: IntArray) -> IntArray:
-    """Unroll triangle strips, keeping the orientation of each one's first triangle.
-
-    Triangles that name a vertex twice are the joints of a strip and are left out.
-
-    Parameters
-    ----------
-    indices : ndarray of int64, shape (sum(counts),)
-        Corners of all strips, one strip after the other.
-    counts : ndarray of int64, shape (s,)
-        Corners of each strip; those with fewer than three are left out.
-
-    Returns
-    -------
-    ndarray of int64, shape (m, 3)
-    """
-    strip = np.repeat(np.arange(len(counts)), counts)
-    step = np.arange(len(indices)) - np.repeat(np.cumsum(counts) - counts, counts)
-    first = np.flatnonzero(strip[2:] == strip[:-2])
-    odd = step[first] % 2
-    a, b, c = indices[first + odd], indices[first + 1 - odd], indices[first + 2]
-    kept = (a != b) & (b != c) & (a != c)
-    return np.column_stack([a[kept], b[kept], c[kept]]).astype(np.int64)

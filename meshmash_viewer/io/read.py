@@ -84,7 +84,7 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
     """Read a triangle mesh from a file; the format is told by the file's ending.
 
     FreeSurfer surfaces, which have endings of many kinds, are told by how they begin. Polygons
-    become fans of triangles, a scene becomes one mesh, STL and glTF vertices with equal
+    become triangles, concave ones too, a scene becomes one mesh, STL and glTF vertices with equal
     coordinates are merged, and texture seams do not cut the surface. What else a file has at each
     vertex comes along as `Mesh.maps`: of PLY, VTP, VTK, GLB, glTF, NPZ and GIFTI.
 

@@ -158,3 +158,134 @@ def test_a_unit_is_taken_from_our_own_comment_if_it_is_one(
     header = f"comment meshmash-viewer {said}\n" + VERTEX
     header += "element face 1\nproperty list uchar int vertex_indices\n"
     assert read_mesh(write_text(tmp_path / "mesh.ply", header, SQUARE + "3 0 1 2\n")).unit == unit
+
+
+# Bodies that are not as their header says ---------------------------------------------------------
+
+FACE = "element face 2\nproperty list uchar int vertex_indices\n"
+FACES = "3 0 1 2\n3 0 2 3\n"
+EDGE = "element edge 2\nproperty int vertex1\nproperty int vertex2\n"
+MATERIAL = "element material 1\nproperty list uchar float shares\nproperty int number\n"
+MANY = "property list uchar float texcoord\n"
+
+
+def longer(rows: str, more: str) -> str:
+    return rows.replace("\n", f" {more}\n")
+
+
+SQUARES = {
+    "plain": (VERTEX + FACE, SQUARE + FACES),
+    "longer rows of faces": (VERTEX + FACE, SQUARE + longer(FACES, "255 0")),
+    "longer rows of vertices": (VERTEX + FACE, longer(SQUARE, "0 0 1") + FACES),
+    "longer rows of both": (VERTEX + FACE, longer(SQUARE, "9 9") + longer(FACES, "3 0 1 2")),
+    "longer rows after a list": (
+        VERTEX + FACE + MANY,
+        SQUARE + longer(FACES, "6 0 0 0 0 0 0 1 2 3"),
+    ),
+    "empty lines": (VERTEX + FACE, (SQUARE + FACES).replace("\n", "\n\n")),
+    "two line ends": (VERTEX + FACE, (SQUARE + FACES).replace("\n", "\r\n")),
+    "old line ends": (VERTEX + FACE, (SQUARE + FACES).replace("\n", "\r")),
+    "no last line end": (VERTEX + FACE, (SQUARE + FACES).rstrip()),
+    "rows over lines": (VERTEX + FACE, (SQUARE + FACES).replace(" 0 ", " 0\n")),
+    "all in one line": (VERTEX + FACE, (SQUARE + FACES).replace("\n", " ")),
+    "faces first": (FACE + VERTEX, FACES + SQUARE),
+    "faces first, longer rows": (FACE + VERTEX, longer(FACES, "1") + longer(SQUARE, "0")),
+    "faces first, in one line": (FACE + VERTEX, (FACES + SQUARE).replace("\n", " ")),
+    "edges last": (VERTEX + FACE + EDGE, SQUARE + FACES + "0 1\n2 3\n"),
+    "edges between": (VERTEX + EDGE + FACE, SQUARE + "0 1\n2 3\n" + FACES),
+    "edges first, longer rows": (EDGE + VERTEX + FACE, "0 1 7\n2 3 7\n" + SQUARE + FACES),
+    "lists of other elements": (MATERIAL + VERTEX + FACE, "3 .1 .2 .3 7\n" + SQUARE + FACES),
+    "an empty list": (MATERIAL + VERTEX + FACE, "0 7\n" + SQUARE + FACES),
+    "an element without properties": (VERTEX + "element thing 5\n" + FACE, SQUARE + FACES),
+    "an element without rows": (VERTEX + EDGE.replace("2", "0", 1) + FACE, SQUARE + FACES),
+    "two elements of faces": (
+        VERTEX + 2 * FACE.replace("2", "1", 1),
+        SQUARE + FACES,
+    ),
+    "polygon and triangle": (VERTEX + FACE, SQUARE + "3 0 1 2\n4 0 1 2 3\n"),
+}
+
+
+@pytest.mark.parametrize("name", SQUARES)
+def test_a_text_body_is_read_as_its_lines_say(name: str, tmp_path: Path) -> None:
+    header, body = SQUARES[name]
+    mesh = read_mesh(write_text(tmp_path / "mesh.ply", header, body))
+    area = 1.5 if name == "polygon and triangle" else 1.0
+    assert (mesh.n_vertices, mesh.area) == (4, pytest.approx(area))
+    assert mesh.faces[0].tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("header", "body", "words"),
+    [
+        (VERTEX + FACE, SQUARE + FACES + "3 0 1 3\n", "4 numbers more than its header describes"),
+        (VERTEX + FACE, SQUARE + FACES + "7", "1 number more than its header describes"),
+        (VERTEX + FACE, SQUARE + "0 0 1\n" + FACES, "more than its header describes|cut short"),
+        (VERTEX + FACE, SQUARE[:-6] + FACES + "3 0 1 3\n", "differently many numbers more"),
+        (VERTEX + FACE, SQUARE + "3 0 1 2 9\n3 0 2 3\n", "differently many numbers more"),
+        (VERTEX + FACE, longer(SQUARE, "1") + "3 0 1 2 9 9\n3 0 2 3 9", "differently many"),
+        (VERTEX + FACE, SQUARE + "3 0 1 2\n3 0 2 2.5\n", "that is no whole number"),
+        (VERTEX + FACE, SQUARE + "3 0 1 2\n2.5 0 2 3\n", "a list of 2.5 entries"),
+        (VERTEX + FACE, SQUARE + "3 0 1 2\nnan 0 2 3\n", "a list of nan entries"),
+        (VERTEX + FACE + VERTEX, SQUARE + FACES + SQUARE, "has two elements 'vertex'"),
+        (VERTEX + FACE, SQUARE + "3 0 1 2 # red\n3 0 2 3\n", "'#' where a number should be"),
+    ],
+)
+def test_a_text_body_of_more_or_less_is_refused(
+    header: str, body: str, words: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=words):
+        read_mesh(write_text(tmp_path / "mesh.ply", header, body))
+
+
+def test_longer_rows_of_many_faces_are_all_read(tmp_path: Path) -> None:
+    import trimesh
+
+    ball = trimesh.creation.icosphere(1)
+    header = VERTEX.replace("4", "42") + FACE.replace("2", "80")
+    rows = "".join("{} {} {}\n".format(*point) for point in ball.vertices.tolist())
+    for more in (" 1 0", " 255 255 255", " 3 4 5 6"):
+        body = rows + "".join("3 {} {} {}{}\n".format(*face, more) for face in ball.faces.tolist())
+        mesh = read_mesh(write_text(tmp_path / "ball.ply", header, body))
+        np.testing.assert_array_equal(mesh.faces, ball.faces)
+
+
+def binary_square(order: str, after_row: bytes = b"", end: str = "\n") -> bytes:
+    kind = "binary_little_endian" if order == "<" else "binary_big_endian"
+    header = f"ply\nformat {kind} 1.0\ncomment end_header\n{VERTEX}{FACE}end_header\n"
+    points = np.array([row.split() for row in SQUARE.splitlines()], f"{order}f4")
+    body = points.tobytes()
+    for corners in ([0, 1, 2], [0, 2, 3]):
+        body += b"\3" + np.array(corners, f"{order}i4").tobytes() + after_row
+    return header.replace("\n", end).encode() + body
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_binary_bodies_that_end_with_their_last_row(order: str, tmp_path: Path) -> None:
+    path = tmp_path / "mesh.ply"
+    for end, after in (
+        ("\n", b""),
+        ("\r\n", b"\r\n"),
+        ("\r", b""),
+        ("\n", b"\n"),
+        ("\n", bytes(9)),
+    ):
+        path.write_bytes(binary_square(order, end=end) + after)
+        mesh = read_mesh(path)
+        assert (mesh.n_vertices, mesh.faces.tolist()) == (4, [[0, 1, 2], [0, 2, 3]])
+
+
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("more", [b"\0", b"\1", b"\xff\0\0", b"\3\0\0\0\0"])
+def test_longer_rows_of_a_binary_body_are_refused(order: str, more: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "mesh.ply"
+    path.write_bytes(binary_square(order, more))
+    with pytest.raises(InputError, match=r"more than its header describes|cut short|out of range"):
+        read_mesh(path)
+
+
+def test_bytes_after_a_binary_body_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "mesh.ply"
+    path.write_bytes(binary_square("<") + b"made by hand")
+    with pytest.raises(InputError, match="holds 12 bytes more than its header describes"):
+        read_mesh(path)

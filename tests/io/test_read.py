@@ -234,7 +234,9 @@ def test_obj_polygons_negative_indices_and_continued_lines(tmp_path: Path) -> No
     )
     mesh = read_mesh(path)
     assert mesh.n_vertices == 5
-    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2], [0, 2, 4], [0, 4, 3]]
+    assert mesh.faces[:2].tolist() == [[0, 1, 2], [0, 2, 3]]
+    assert mesh.face_areas[:2].sum() == pytest.approx(1.0)
+    assert (mesh.n_faces, mesh.face_areas[2:].sum()) == (5, pytest.approx(1.5))
 
 
 def test_obj_lines_may_end_as_on_old_macs(tmp_path: Path) -> None:
@@ -251,7 +253,7 @@ def test_vtk_strips_polygons_and_grids(tmp_path: Path) -> None:
         points.format(kind="POLYDATA")
         + "POLYGONS 2 9\n3 0 1 2\n4 0 2 4 3\nTRIANGLE_STRIPS 1 5\n4 0 1 3 2\n"
     )
-    wanted = [[0, 1, 2], [0, 2, 4], [0, 4, 3], [0, 1, 3], [3, 1, 2]]
+    wanted = [[0, 1, 2], [0, 2, 3], [2, 4, 3], [0, 1, 3], [3, 1, 2]]
     assert read_mesh(path).faces.tolist() == wanted
     path.write_text(
         points.format(kind="UNSTRUCTURED_GRID")
@@ -272,7 +274,7 @@ def test_ply_polygons_of_differing_length_and_strips(tmp_path: Path) -> None:
     path = tmp_path / "mixed.ply"
     head = header.format(kind="binary_little_endian", name="face", count=2)
     path.write_bytes(head.encode() + points.tobytes() + body)
-    assert read_mesh(path).faces.tolist() == [[0, 1, 2], [0, 2, 4], [0, 4, 3]]
+    assert read_mesh(path).faces.tolist() == [[0, 1, 2], [0, 2, 3], [2, 4, 3]]
 
     text = "".join(f"{x} {y} {z}\n" for x, y, z in points) + "8 0 1 3 2 -1 2 4 3\n"
     head = header.format(kind="ascii", name="tristrips", count=1)
@@ -497,6 +499,50 @@ def test_npz_of_other_things(tmp_path: Path) -> None:
     assert "holds features" in fault_of(tmp_path / "other.npz")
     np.savez(tmp_path / "objects.npz", vertices=np.array([None]), faces=FACES)
     fault_of(tmp_path / "objects.npz")
+
+
+QUADS = np.array([[0, 2, 1, 3], [4, 1, 5, 0]])  # the octahedron's sections through x and one axis
+
+
+@pytest.mark.parametrize(
+    ("faces", "triangles"),
+    [
+        (np.column_stack([np.full(len(FACES), 3), FACES]), FACES),
+        (np.column_stack([np.full(len(FACES), 3), FACES]).ravel(), FACES),
+        (np.column_stack([np.full(len(FACES), 3), FACES]).astype(np.int32).ravel(), FACES),
+        (np.column_stack([np.full(len(FACES), 3), FACES]).astype(np.uint8), FACES),
+        ([[3, 0, 2, 4]], [[0, 2, 3], [2, 4, 3]]),  # one quadrilateral, not a triangle
+        ([3, 0, 2, 4], [[0, 2, 4]]),
+        ([4, 0, 2, 1, 3, 3, 0, 2, 4], [[0, 2, 3], [2, 1, 3], [0, 2, 4]]),
+    ],
+)
+def test_npz_faces_as_pyvista_has_them(faces: object, triangles: object, tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", vertices=VERTICES, faces=faces)
+    mesh = read_mesh(tmp_path / "a.npz")
+    assert same_surface(mesh, VERTICES, np.asarray(triangles))
+
+
+def test_npz_quadrilaterals_with_and_without_their_number(tmp_path: Path) -> None:
+    for faces in (QUADS, np.column_stack([np.full(2, 4), QUADS]), np.roll(QUADS, 1, axis=1)):
+        np.savez(tmp_path / "a.npz", vertices=VERTICES, faces=faces)
+        mesh = read_mesh(tmp_path / "a.npz")
+        assert (mesh.n_faces, mesh.area) == (4, pytest.approx(8.0))
+
+
+@pytest.mark.parametrize(
+    ("faces", "clause"),
+    [
+        ([[3, 0, 2, 4], [3, 4, 1, 5]], "faces that all begin with 3, which may be"),
+        ([0, 1, 2, 0, 2, 3], "no list of polygons, each after its number"),
+        ([3, 0, 2, 4, 3, 0, 2], "a list of faces that ends within one"),
+        ([[0, 1]], r"faces of shape \(1, 2\)"),
+        ([[0.0, 2.0, 4.0]], "faces of float64 numbers, not whole ones"),
+    ],
+)
+def test_npz_faces_that_are_none(faces: object, clause: str, tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", vertices=VERTICES, faces=np.array(faces))
+    with pytest.raises(InputError, match=clause):
+        read_mesh(tmp_path / "a.npz")
 
 
 def test_missing_folder_and_unknown_ending(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from meshmash_viewer.io.polygons import (
     RawMap,
     RawMesh,
     are_ascending_indices,
-    fan_triangles,
+    triangulate,
 )
 from meshmash_viewer.io.provenance import stated_structure, stated_unit
 from meshmash_viewer.mesh import IntArray
@@ -31,6 +31,7 @@ _NOT_READ = ("eigenvalues.npy", "eigenvectors.npy", "residuals.npy")
 def read_npz(path: Path) -> RawMesh:
     """Read ``vertices`` (n, 3) and ``faces`` (m, 3 or more corners) from an NPZ file.
 
+    Faces may also be as pyvista has them, ``[3, a, b, c]`` in rows or one after the other.
     Other arrays with a number a vertex are maps, and so are the columns of ``features`` under the
     names in ``columns``, which our own exports have. The unit is taken from the JSON text ``meta``,
     where our own exports state it.
@@ -60,12 +61,50 @@ def npz_mesh(path: Path) -> RawMesh:
         maps = tuple(_maps(archive, len(vertices)))[:MOST_MAPS]
     if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "fiu":
         raise InputError(f"has vertices of shape {vertices.shape}, not (n, 3) numbers")
-    if faces.ndim != 2 or faces.shape[1] < 3 or faces.dtype.kind not in "iu":
-        raise InputError(f"has faces of shape {faces.shape}, not (m, 3) whole numbers")
-    counts = np.full(len(faces), faces.shape[1], dtype=np.int64)
-    triangles = fan_triangles(faces.astype(np.int64).reshape(-1), counts)
+    if faces.dtype.kind not in "iu":
+        raise InputError(f"has faces of {faces.dtype} numbers, not whole ones")
+    vertices = vertices.astype(np.float64)
+    triangles = triangulate(vertices, *_polygons(faces.astype(np.int64), len(vertices)))
     unit, structure = stated_unit(said), stated_structure(said)
-    return RawMesh(vertices.astype(np.float64), triangles, unit, maps, structure=structure)
+    return RawMesh(vertices, triangles, unit, maps, structure=structure)
+
+
+def _polygons(faces: IntArray, n_vertices: int) -> tuple[IntArray, IntArray]:
+    """Corners of all faces, and how many each has: its row, or what a row or the list says first.
+
+    pyvista and VTK write ``[3, a, b, c]``, in rows or one after the other.
+    """
+    if faces.ndim == 1:
+        return _listed_polygons(faces)
+    if faces.ndim != 2 or faces.shape[1] < 3:
+        raise InputError(f"has faces of shape {faces.shape}, not (m, 3) whole numbers")
+    width = faces.shape[1] - 1
+    counts = np.full(len(faces), width + 1, dtype=np.int64)
+    if width < 3 or not np.all(faces[:, 0] == width):
+        return faces.ravel(), counts
+    if width >= n_vertices or np.any(faces[:, 1:] == width):  # no face has a corner twice
+        return faces[:, 1:].ravel(), counts - 1
+    if len(faces) > 1:
+        raise InputError(
+            f"has faces that all begin with {width}, which may be their number of corners as in"
+            " pyvista, or a vertex that all of them share; leave the number out"
+        )
+    return faces.ravel(), counts
+
+
+def _listed_polygons(cells: IntArray) -> tuple[IntArray, IntArray]:
+    counts, place = [], 0
+    while place < len(cells):
+        counts.append(int(cells[place]))
+        if counts[-1] < 3:
+            raise InputError("has faces that are no list of polygons, each after its number")
+        place += counts[-1] + 1
+    if place > len(cells):
+        raise InputError("has a list of faces that ends within one, so it was cut short")
+    is_corner = np.ones(len(cells), dtype=np.bool_)
+    many = np.array(counts, dtype=np.int64)
+    is_corner[np.cumsum(many + 1) - many - 1] = False
+    return cells[is_corner], many
 
 
 def npz_maps(path: Path) -> RawMesh:

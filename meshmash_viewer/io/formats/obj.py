@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.polygons import NotANumber, RawMesh, fan_triangles, parse_rows
+from meshmash_viewer.io.polygons import NotANumber, RawMesh, parse_rows, triangulate
+from meshmash_viewer.io.text import read_text
 from meshmash_viewer.mesh import FloatArray, IntArray
 from meshmash_viewer.units import counted
 
@@ -25,7 +26,7 @@ BoolArray = npt.NDArray[np.bool_]
 def read_obj(path: Path) -> RawMesh:
     """Read the vertices (``v``) and faces (``f``) of an OBJ file.
 
-    Polygons become fans of triangles; negative indices count back from the vertices read so
+    Polygons become triangles; negative indices count back from the vertices read so
     far; objects and groups become one mesh. Coordinates after the third of a ``v`` line
     (weight or colour) are passed over.
 
@@ -35,12 +36,9 @@ def read_obj(path: Path) -> RawMesh:
         If a line is not what its first letter promises, or names a vertex that is not there; the
         message names the line.
     """
-    data = path.read_bytes()
-    if b"\n" not in data:
-        data = data.replace(b"\r", b"\n")
-    whole = data
+    whole = data = read_text(path)
     if b"\\" in data:
-        data = re.sub(rb"\\\r?\n", b" ", data)
+        data = data.replace(b"\\\n", b" ")
     if re.search(rb"^[ \t]+[vf][ \t]", data, re.MULTILINE):
         data = re.sub(rb"^[ \t]+", b"", data, flags=re.MULTILINE)
     # Whole-file array work: a loop over the lines of a million vertices takes ten times longer.
@@ -59,13 +57,12 @@ def read_obj(path: Path) -> RawMesh:
         kind = is_vertex
         vertices = _vertices(_text(characters, lengths, is_vertex))
         kind = is_face
-        faces = _faces(
-            _text(characters, lengths, is_face), np.cumsum(is_vertex)[is_face], len(vertices)
-        )
+        text = _text(characters, lengths, is_face)
+        corners, counts = _faces(text, np.cumsum(is_vertex)[is_face], len(vertices))
     except _LineFault as fault:
         line = _line_number(whole, int(np.flatnonzero(kind)[fault.row]))
         raise InputError(f"{fault}, in line {line}") from None
-    return RawMesh(vertices, faces)
+    return RawMesh(vertices, triangulate(vertices, corners, counts))
 
 
 class _LineFault(InputError):
@@ -81,7 +78,7 @@ def _line_number(data: bytes, index: int) -> int:
     if b"\\" not in data:
         return index + 1
     lines = data.split(b"\n")
-    begins = [True, *(not line.rstrip(b"\r").endswith(b"\\") for line in lines[:-1])]
+    begins = [True, *(not line.endswith(b"\\") for line in lines[:-1])]
     return int(np.flatnonzero(begins)[index]) + 1
 
 
@@ -118,12 +115,13 @@ def _vertices(text: bytes) -> FloatArray:
     return vertices
 
 
-def _faces(text: bytes, vertices_before: IntArray, n_vertices: int) -> IntArray:
+def _faces(text: bytes, vertices_before: IntArray, n_vertices: int) -> tuple[IntArray, IntArray]:
+    """Corners of all faces, counted from 0, and how many each has."""
     if b"/" in text:
         text = _without_slashes(text)
     given, counts = _rows(text, np.int64, "has a face line without corners")
     if not len(given):
-        return np.empty((0, 3), dtype=np.int64)
+        return given, counts
     ends = np.cumsum(counts)
     corners = given - 1
     if given.min() <= 0:
@@ -144,7 +142,7 @@ def _faces(text: bytes, vertices_before: IntArray, n_vertices: int) -> IntArray:
             f" {given[wrong[0]]} of {n_vertices}",
             int(rows[0]),
         )
-    return fan_triangles(corners, counts)
+    return corners, counts
 
 
 def _without_slashes(text: bytes) -> bytes:

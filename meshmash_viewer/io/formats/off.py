@@ -8,11 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.polygons import NotANumber, RawMesh, fan_triangles, parse_rows
+from meshmash_viewer.io.polygons import NotANumber, RawMesh, parse_rows, triangulate
+from meshmash_viewer.io.text import CutShort, Element, Property, read_text, rows_of_text
 
 __all__ = ["read_off"]
 
-_HEADER = re.compile(rb"\s*(ST)?C?N?OFF\b\s*")
+#: The word, with what may be written before it, and how numbers begin after it.
+_HEADER = re.compile(rb"\s*((?:ST|C|N|4)*OFF)(?=[\s\d]|$)\s*(BINARY\b)?", re.IGNORECASE)
+_AXES = tuple("xyz")
 
 
 def read_off(path: Path) -> RawMesh:
@@ -21,48 +24,51 @@ def read_off(path: Path) -> RawMesh:
     Raises
     ------
     InputError
-        If the header is missing, or the file ends before what its counts promise.
+        If the header is missing or that of another kind, or the file has less or more than its
+        counts promise.
     """
-    data = path.read_bytes()
-    header = _HEADER.match(re.sub(rb"#[^\n]*", b"", data[:10_000]))
-    if header is None:
-        raise InputError('does not begin with "OFF"')
+    data = read_text(path)
     if b"#" in data:
         data = re.sub(rb"#[^\n]*", b"", data)
     header = _HEADER.match(data)
-    assert header is not None
-    if data[header.end() :].startswith(b"BINARY"):
+    if header is None:
+        raise InputError('does not begin with "OFF"')
+    if header[2]:
         raise InputError("is a binary OFF file, of which only the text kind can be read")
-    body = data[header.end() :]
-    if b"\n" not in body:
-        body = body.replace(b"\r", b"\n")
+    if b"4" in header[1] or header[1].endswith(b"nOFF"):
+        raise InputError(
+            f"is an OFF file of another dimension ({header[1].decode()}), of which only three can"
+            " be read"
+        )
     try:
-        numbers, counts = parse_rows(body, np.float64)
+        numbers, counts = parse_rows(data[header.end() :], np.float64)
     except NotANumber as fault:
         raise fault.in_line(data.count(b"\n", 0, header.end()) + fault.line + 1) from None
-    if not len(counts) or counts[0] < 2:
+    if len(numbers) < 2:
         raise InputError("does not state how many vertices and faces it holds")
+    # The third number, that of edges, says nothing, and some leave it out.
+    stated = 2 if counts[0] == 2 else 3
     promised = numbers[:2]
-    if not (np.all(promised >= 0) and len(counts) > promised.sum()):
-        raise InputError(
-            f"promises {promised[0]:.15g} vertices and {promised[1]:.15g} faces but has"
-            f" {len(counts) - 1} lines after that"
-        )
-    n_vertices, n_faces = promised.astype(np.int64).tolist()
-    first = np.cumsum(counts) - counts
-    vertex_rows = first[1 : 1 + n_vertices]
-    if n_vertices and counts[1 : 1 + n_vertices].min() < 3:
-        raise InputError("has a vertex with fewer than three coordinates")
-    vertices = np.column_stack([numbers[vertex_rows + axis] for axis in range(3)])
-    face_rows = first[1 + n_vertices : 1 + n_vertices + n_faces]
-    stated, room = numbers[face_rows], counts[1 + n_vertices : 1 + n_vertices + n_faces]
-    if not np.all((stated >= 0) & (stated < room)):
-        raise InputError("has a face with fewer corners than it states")
-    corner_counts = stated.astype(np.int64)
-    within = np.arange(corner_counts.sum()) - np.repeat(
-        np.cumsum(corner_counts) - corner_counts, corner_counts
+    rest = np.diff(np.maximum(np.cumsum(counts) - stated, 0), prepend=0)
+    rest = rest[rest > 0]
+    lacking = InputError(
+        f"promises {promised[0]:.15g} vertices and {promised[1]:.15g} faces but has"
+        f" {len(rest)} lines after that"
     )
-    corners = numbers[np.repeat(face_rows + 1, corner_counts) + within]
-    if not np.all(np.abs(corners) < 2.0**53):
+    if not np.all((promised >= 0) & (promised == np.floor(promised)) & (promised < 2.0**53)):
+        raise lacking
+    n_vertices, n_faces = promised.astype(np.int64).tolist()
+    elements = [
+        Element("vertex", n_vertices, [Property(axis) for axis in _AXES]),
+        Element("face", n_faces, [Property("corners", count_type="f8")]),
+    ]
+    try:
+        points, faces = rows_of_text(elements, numbers[stated:], rest, ragged=True)
+    except CutShort:
+        raise lacking from None
+    vertices = np.column_stack([np.asarray(points[axis]) for axis in _AXES])
+    corners, many = faces["corners"]
+    if not np.array_equal(corners, np.floor(corners)):
         raise InputError("has a face with a vertex index that is no whole number")
-    return RawMesh(vertices, fan_triangles(corners.astype(np.int64), corner_counts))
+    indices = np.clip(corners, -1.0, 2.0**53).astype(np.int64)
+    return RawMesh(vertices, triangulate(vertices, indices, many))

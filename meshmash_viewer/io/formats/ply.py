@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,11 +17,20 @@ from meshmash_viewer.io.polygons import (
     NotANumber,
     RawMap,
     RawMesh,
-    fan_triangles,
     parse_rows,
     strip_triangles,
+    triangulate,
 )
 from meshmash_viewer.io.provenance import stated_structure, stated_unit
+from meshmash_viewer.io.text import (
+    Columns,
+    CutShort,
+    Element,
+    Property,
+    rows_of_text,
+    unmarked,
+    with_newlines,
+)
 from meshmash_viewer.mesh import IntArray
 
 __all__ = ["read_ply"]
@@ -43,23 +51,6 @@ _CORNER_NAMES = ("vertex_indices", "vertex_index")
 #: Properties of a vertex that are no map: coordinates, normal, colour, place in a texture.
 _NO_MAPS = re.compile(r"[xyz]|n[xyz]|(diffuse_)?(red|green|blue|alpha)|[stuv]|texture_[uv]")
 
-#: A list property: its values one after the other, and how many each row has.
-Lists: TypeAlias = tuple[npt.NDArray[Any], IntArray]
-
-
-@dataclass(frozen=True)
-class _Property:
-    name: str
-    value_type: str
-    count_type: str | None = None
-
-
-@dataclass
-class _Element:
-    name: str
-    count: int
-    properties: list[_Property] = field(default_factory=list)
-
 
 def read_ply(path: Path) -> RawMesh:
     """Read elements ``vertex`` (x, y, z) and ``face`` or ``tristrips`` of a PLY file.
@@ -71,25 +62,28 @@ def read_ply(path: Path) -> RawMesh:
     InputError
         If the header is not one of PLY, or the file ends before what the header promises.
     """
-    data = path.read_bytes()
+    data = unmarked(path.read_bytes())
     byte_order, elements, start = _parse_header(data)
-    body: npt.NDArray[Any]
     if byte_order:
         body = np.frombuffer(data, dtype=np.uint8, offset=start)
+        columns_of_each = _rows_of_bytes(elements, body, byte_order)
     else:
         try:
-            body, _ = parse_rows(data[start:], np.float64)
+            numbers, counts = parse_rows(with_newlines(data[start:]), np.float64)
         except NotANumber as fault:
-            raise fault.in_line(data.count(b"\n", 0, start) + fault.line + 1) from None
+            header = with_newlines(data[:start])
+            raise fault.in_line(header.count(b"\n") + fault.line + 1) from None
+        columns_of_each = rows_of_text(elements, numbers, counts)
     said = stated_comment(_comments(data[:start]))
     names = names_of_properties(said)
     vertices = None
     maps: tuple[RawMap, ...] = ()
-    faces: list[IntArray] = []
-    for element in elements:
-        columns, used = _read_element(element, body, byte_order)
-        body = body[used:]
+    polygons: list[tuple[IntArray, IntArray]] = []
+    strips: list[IntArray] = []
+    for element, columns in zip(elements, columns_of_each, strict=True):
         if element.name == "vertex":
+            if vertices is not None:
+                raise InputError("has two elements 'vertex'")
             try:
                 axes = [columns[axis] for axis in "xyz"]
             except KeyError:
@@ -106,16 +100,24 @@ def read_ply(path: Path) -> RawMesh:
             corners = next((columns[name] for name in _CORNER_NAMES if name in columns), None)
             if not isinstance(corners, tuple):
                 raise InputError("has faces without a list of vertex indices")
-            indices, counts = corners[0].astype(np.int64), corners[1]
+            indices = _whole(corners[0])
             if element.name == "face":
-                faces.append(fan_triangles(indices, counts))
+                polygons.append((indices, corners[1]))
             else:
-                faces.append(strip_triangles(*_without_breaks(indices, counts)))
+                strips.append(strip_triangles(*_without_breaks(indices, corners[1])))
     if vertices is None:
         raise InputError("has no vertices")
-    corners_of_all = np.concatenate(faces) if faces else np.empty((0, 3), dtype=np.int64)
+    faces = [triangulate(vertices, *each) for each in polygons] + strips
+    triangles = np.concatenate(faces) if faces else np.empty((0, 3), dtype=np.int64)
     structure = stated_structure(said)
-    return RawMesh(vertices, corners_of_all, stated_unit(said), maps, structure=structure)
+    return RawMesh(vertices, triangles, stated_unit(said), maps, structure=structure)
+
+
+def _whole(indices: npt.NDArray[Any]) -> IntArray:
+    whole = indices.astype(np.int64)
+    if indices.dtype.kind == "f" and not np.array_equal(whole, indices):
+        raise InputError("has a face with a vertex index that is no whole number")
+    return whole
 
 
 def _without_breaks(indices: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:
@@ -131,16 +133,18 @@ def _comments(header: bytes) -> Iterator[str]:
             yield line.removeprefix("comment ")
 
 
-def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
-    if data[:3] != b"ply" or data[3:4] not in (b"\n", b"\r"):
+def _parse_header(data: bytes) -> tuple[str, list[Element], int]:
+    if not re.match(rb"ply[ \t]*[\r\n]", data, re.IGNORECASE):
         raise InputError('does not begin with "ply"')
-    end = data.find(b"end_header")
-    newline = data.find(b"\n", end)
-    if end < 0 or newline < 0:
+    end = re.search(rb"[\r\n][ \t]*end_header[ \t]*(\r\n|\n|\r)", data)
+    if end is None:
         raise InputError("has a header without an end")
+    start = end.end()
+    if end[1] == b"\r\n" and b"\n" not in data[: end.start() + 1]:
+        start -= 1  # lines end in \r alone, and a byte of the first number is the other
     byte_order = None
-    elements: list[_Element] = []
-    for line in data[:end].decode("latin-1").splitlines()[1:]:
+    elements: list[Element] = []
+    for line in data[: end.start()].decode("latin-1").splitlines()[1:]:
         words = line.split()
         try:
             match words:
@@ -149,15 +153,15 @@ def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
                 case ["format", kind, *_]:
                     byte_order = _BYTE_ORDERS[kind]
                 case ["element", name, count]:
-                    elements.append(_Element(name, int(count)))
+                    elements.append(Element(name, int(count)))
                     if elements[-1].count < 0:
                         raise ValueError
                 case ["property", "list", count_type, value_type, name]:
                     elements[-1].properties.append(
-                        _Property(name, _TYPES[value_type], _TYPES[count_type])
+                        Property(name, _TYPES[value_type], _TYPES[count_type])
                     )
                 case ["property", value_type, name]:
-                    elements[-1].properties.append(_Property(name, _TYPES[value_type]))
+                    elements[-1].properties.append(Property(name, _TYPES[value_type]))
                 case _:
                     raise ValueError
         except (ValueError, KeyError, IndexError):
@@ -166,17 +170,26 @@ def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
             ) from None
     if byte_order is None:
         raise InputError("has a header without a format line")
-    return byte_order, elements, newline + 1
+    return byte_order, elements, start
 
 
-def _read_element(
-    element: _Element, body: npt.NDArray[Any], byte_order: str
-) -> tuple[dict[str, npt.NDArray[Any] | Lists], int]:
-    """Take one element's columns from the front of `body`, and how much of it they fill.
+def _rows_of_bytes(
+    elements: list[Element], body: npt.NDArray[np.uint8], byte_order: str
+) -> list[Columns]:
+    """Take the elements of a binary body one after the other."""
+    columns = []
+    for element in elements:
+        taken, used = _take(element, body, byte_order)
+        columns.append(taken)
+        body = body[used:]
+    more = len(body.tobytes().rstrip(b"\0\t\n\r\x1a "))
+    if more:
+        raise InputError(f"holds {more:,} bytes more than its header describes")
+    return columns
 
-    A text body is an array of numbers, a binary one an array of bytes; a record of the same
-    layout describes both.
-    """
+
+def _take(element: Element, body: npt.NDArray[Any], byte_order: str) -> tuple[Columns, int]:
+    """Take one element's columns from the front of bytes, and how many bytes they fill."""
     properties = element.properties
     values: list[list[npt.NDArray[Any]]] = [[] for _ in properties]
     end = 0
@@ -185,19 +198,17 @@ def _read_element(
         layout: list[tuple[Any, ...]] = []
         for index, prop in enumerate(properties):
             if prop.count_type is not None:
-                layout.append((f"count{index}", _scalar_type(prop.count_type, byte_order)))
-            scalar = _scalar_type(prop.value_type, byte_order)
-            layout.append((f"value{index}", scalar, (len(first[index]),)))
+                layout.append((f"count{index}", byte_order + prop.count_type))
+            layout.append((f"value{index}", byte_order + prop.value_type, (len(first[index]),)))
         record = np.dtype(layout)
-        size = record.itemsize if byte_order else record.itemsize // 8
-        available = min(len(body) // size, element.count)
+        available = min(len(body) // record.itemsize, element.count)
         rows = np.frombuffer(body.data, dtype=record, count=available)
         if all(
             prop.count_type is None or np.all(rows[f"count{index}"] == len(first[index]))
             for index, prop in enumerate(properties)
         ):
             if available < element.count:
-                raise _cut_short(element, available)
+                raise CutShort(element, available)
             return {
                 prop.name: rows[f"value{index}"].reshape(-1)
                 if prop.count_type is None
@@ -206,12 +217,12 @@ def _read_element(
                     np.full(element.count, len(first[index]), dtype=np.int64),
                 )
                 for index, prop in enumerate(properties)
-            }, element.count * size
+            }, element.count * record.itemsize
         for done in range(element.count):
             row, end = _read_row(element, body, end, byte_order, done)
             for all_of_one, taken in zip(values, row, strict=True):
                 all_of_one.append(taken)
-    columns: dict[str, npt.NDArray[Any] | Lists] = {}
+    columns: Columns = {}
     for prop, parts in zip(properties, values, strict=True):
         joined = np.concatenate([np.empty(0, dtype=prop.value_type), *parts])
         lengths = np.fromiter((len(part) for part in parts), np.int64, len(parts))
@@ -219,22 +230,18 @@ def _read_element(
     return columns, end
 
 
-def _scalar_type(name: str, byte_order: str) -> np.dtype[Any]:
-    return np.dtype(byte_order + name) if byte_order else np.dtype(np.float64)
-
-
 def _read_row(
-    element: _Element, body: npt.NDArray[Any], place: int, byte_order: str, done: int
+    element: Element, body: npt.NDArray[Any], place: int, byte_order: str, done: int
 ) -> tuple[list[npt.NDArray[Any]], int]:
     """Values of each property of the row that begins at a place after `done` others; its end."""
 
     def take(type_name: str, count: int = 1) -> npt.NDArray[Any]:
         nonlocal place
-        scalar = _scalar_type(type_name, byte_order)
-        size = count * (scalar.itemsize if byte_order else 1)
+        scalar = np.dtype(byte_order + type_name)
+        size = count * scalar.itemsize
         taken = body[place : place + size]
         if len(taken) < size:
-            raise _cut_short(element, done)
+            raise CutShort(element, done)
         place += size
         return taken.view(scalar)
 
@@ -245,10 +252,3 @@ def _read_row(
             raise InputError(f"has a list of {count:g} entries")
         values.append(take(prop.value_type, int(count)))
     return values, place
-
-
-def _cut_short(element: _Element, available: int) -> InputError:
-    return InputError(
-        f"promises {printable(element.count, 24)} of its element"
-        f" {printable(element.name, 40)!r} but ends after {available}, so it was cut short"
-    )

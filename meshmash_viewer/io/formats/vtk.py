@@ -10,23 +10,17 @@ import re
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.formats.vtk_maps import (
     colors_of_labels,
-    vtk_array,
     vtk_maps,
     with_names_apart,
 )
 from meshmash_viewer.io.guarded import read_guarded
-from meshmash_viewer.io.polygons import (
-    RawMesh,
-    fan_triangles,
-    strip_triangles,
-)
+from meshmash_viewer.io.polygons import RawMesh
 from meshmash_viewer.io.provenance import stated_structure, stated_unit
-from meshmash_viewer.mesh import IntArray
+from meshmash_viewer.io.text import unmarked
+from meshmash_viewer.triangulation import polydata_triangles
 
 __all__ = ["read_legacy_vtk", "read_vtp", "vtk_legacy_surface", "vtk_xml_surface"]
 
@@ -63,7 +57,7 @@ def read_legacy_vtk(path: Path) -> RawMesh:
     InputError
         If VTK cannot read the file, or it holds another kind of data.
     """
-    content = path.read_bytes()
+    content = unmarked(path.read_bytes())
     if not content.startswith(b"# vtk DataFile"):
         raise InputError('does not begin with "# vtk DataFile"')
     for name in _LEGACY_COUNTS:
@@ -105,7 +99,7 @@ def vtk_legacy_surface(path: Path) -> RawMesh:
     for kind in _ATTRIBUTES:
         getattr(reader, f"ReadAll{kind}On")()
     whole = path.read_bytes()
-    content = with_names_apart(whole)
+    content = with_names_apart(unmarked(whole))
     if content is not whole:
         reader.ReadFromInputStringOn()
         reader.SetBinaryInputString(content, len(content))
@@ -148,23 +142,9 @@ def _output(reader: Any, path: Path) -> Any:
 def _from_polydata(output: Any, colors: dict[str, tuple[str, ...]] | None = None) -> RawMesh:
     if output is None or output.GetPoints() is None:
         raise InputError("holds no vertices")
-    vertices = vtk_array(output.GetPoints().GetData()).astype(np.float64)
-    triangles = [np.empty((0, 3), dtype=np.int64)]
-    for cells, cut in ((output.GetPolys(), fan_triangles), (output.GetStrips(), strip_triangles)):
-        if cells.GetNumberOfCells():
-            triangles.append(cut(*_corners(cells)))
+    vertices, triangles = polydata_triangles(output)
     told = output.GetFieldData().GetAbstractArray("meshmash-viewer")
     said = str(told.GetValue(0)) if told is not None and told.GetNumberOfValues() else ""
     maps, remarks = vtk_maps(output, colors)
     unit, structure = stated_unit(said), stated_structure(said)
-    return RawMesh(vertices, np.concatenate(triangles), unit, maps, remarks, structure)
-
-
-def _corners(cells: Any) -> tuple[IntArray, IntArray]:
-    """Corners of all cells, one after the other, and how many each has."""
-    offsets = vtk_array(cells.GetOffsetsArray()).astype(np.int64)
-    corners = vtk_array(cells.GetConnectivityArray()).astype(np.int64)
-    counts = np.diff(offsets)
-    if offsets[0] < 0 or offsets[-1] > len(corners) or counts.min() < 0:
-        raise InputError("has cells whose corners overlap or end beyond the last")
-    return corners[offsets[0] : offsets[-1]], counts
+    return RawMesh(vertices, triangles, unit, maps, remarks, structure)

@@ -1,0 +1,363 @@
+"""Polygons, fans and strips to triangles, the same for every reader and for the library."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError
+
+__all__ = ["fan_triangles", "polydata_triangles", "strip_triangles", "triangulate"]
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+IntArray: TypeAlias = npt.NDArray[np.int64]
+
+#: VTK's time grows with the square of the number of corners: 0.3 s for so many, a minute for ten
+#: times as many.
+_MOST_CORNERS = 10_000
+#: Share of the area of a polygon that is rounding.
+_ROUNDING = 1e-9
+#: Share of its edges by which a polygon is shrunk where its outline touches itself.
+_SHRINKING = 1e-4
+_TINY = 1e-300
+#: What is shown to VTK has so many steps: the last digits that a file has do not decide.
+_STEPS = 2.0**24
+#: Quadrilaterals whose coordinates stay in the processor's cache.
+_AT_ONCE = 8192
+#: The corners of a quadrilateral from each of them on, and those of its triangles by its diagonal.
+_FROM_CORNER = (np.arange(4)[:, None] + np.arange(4)) % 4
+_ALONG_DIAGONAL = np.array([[0, 1, 2, 0, 2, 3], [0, 1, 3, 1, 2, 3]])
+#: Diagonals whose squared lengths differ by less are equal in coordinates of single precision.
+_EQUAL = 1e-6
+
+
+def triangulate(vertices: FloatArray, indices: IntArray, counts: IntArray) -> IntArray:
+    """Cut polygons, concave ones too, into triangles that have all their corners.
+
+    The triangles of a polygon do not depend on the corner at which it starts. A quadrilateral is
+    cut along the shorter diagonal that lies inside, the one at its lowest index if they are equal;
+    VTK cuts what has more corners. A polygon that intersects itself has no such triangles: it gets
+    triangles of at least its area. Triangles stay as they are, corners repeated one after the other
+    are left out, and so are polygons of fewer than three.
+
+    Parameters
+    ----------
+    vertices : ndarray of float64, shape (n, 3)
+    indices : ndarray of int64, shape (sum(counts),)
+        Corners of all polygons, one polygon after the other.
+    counts : ndarray of int64, shape (p,)
+        Corners of each polygon.
+
+    Returns
+    -------
+    ndarray of int64, shape (m, 3)
+        In the order of the polygons. Where an index is out of range or a coordinate is not finite,
+        for the caller to say, fans.
+
+    Raises
+    ------
+    InputError
+        If a polygon of more than 10,000 corners is not convex.
+    """
+    if len(counts) and counts.min() == 3 and counts.max() == 3:
+        return indices.reshape(-1, 3)
+    if not len(indices):
+        return np.empty((0, 3), dtype=np.int64)
+    if indices.min() < 0 or indices.max() >= len(vertices):
+        return fan_triangles(indices, counts)
+    if not (np.isfinite(vertices).all() or np.isfinite(vertices[indices]).all()):
+        return fan_triangles(indices, counts)
+    indices, counts = _without_repeats(indices, counts)
+    many = np.maximum(counts - 2, 0)
+    triangles = np.empty((int(many.sum()), 3), dtype=np.int64)
+    with np.errstate(over="ignore", invalid="ignore"):  # of coordinates that `Mesh` refuses
+        for least, most, cut in (
+            (3, 3, _unchanged),
+            (4, 4, _halves),
+            (5, _MOST_CORNERS, _pieces),
+            (_MOST_CORNERS + 1, len(indices), _convex_fans),
+        ):
+            chosen = (counts >= least) & (counts <= most)
+            if chosen.any():
+                corners = indices[np.repeat(chosen, counts)]
+                triangles[np.repeat(chosen, many)] = cut(vertices, corners, counts[chosen])
+    a, b, c = triangles.T
+    kept = (a != b) & (b != c) & (a != c) | np.repeat(counts == 3, many)
+    return triangles if kept.all() else triangles[kept]
+
+
+def fan_triangles(indices: IntArray, counts: IntArray) -> IntArray:
+    """Cut polygons into triangles that share each polygon's first corner.
+
+    Parameters
+    ----------
+    indices : ndarray of int64, shape (sum(counts),)
+        Corners of all polygons, one polygon after the other.
+    counts : ndarray of int64, shape (p,)
+        Corners of each polygon; those with fewer than three are left out.
+
+    Returns
+    -------
+    ndarray of int64, shape (m, 3)
+    """
+    first = np.cumsum(counts) - counts
+    triangles_each = np.maximum(counts - 2, 0)
+    polygon = np.repeat(np.arange(len(counts)), triangles_each)
+    step = np.arange(len(polygon)) - np.repeat(
+        np.cumsum(triangles_each) - triangles_each, triangles_each
+    )
+    corner = first[polygon]
+    return np.column_stack(
+        [indices[corner], indices[corner + step + 1], indices[corner + step + 2]]
+    ).astype(np.int64)
+
+
+def strip_triangles(indices: IntArray, counts: IntArray) -> IntArray:
+    """Unroll triangle strips, keeping the orientation of each one's first triangle.
+
+    Triangles that name a vertex twice are the joints of a strip and are left out.
+
+    Parameters
+    ----------
+    indices : ndarray of int64, shape (sum(counts),)
+        Corners of all strips, one strip after the other.
+    counts : ndarray of int64, shape (s,)
+        Corners of each strip; those with fewer than three are left out.
+
+    Returns
+    -------
+    ndarray of int64, shape (m, 3)
+    """
+    strip = np.repeat(np.arange(len(counts)), counts)
+    step = np.arange(len(indices)) - np.repeat(np.cumsum(counts) - counts, counts)
+    first = np.flatnonzero(strip[2:] == strip[:-2])
+    odd = step[first] % 2
+    a, b, c = indices[first + odd], indices[first + 1 - odd], indices[first + 2]
+    kept = (a != b) & (b != c) & (a != c)
+    return np.column_stack([a[kept], b[kept], c[kept]]).astype(np.int64)
+
+
+def polydata_triangles(poly: Any) -> tuple[FloatArray, IntArray]:
+    """Vertices of a ``vtkPolyData``, and the triangles of its polygons and strips.
+
+    Raises
+    ------
+    InputError
+        See `triangulate`, or if the corners of its cells overlap.
+    """
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    convert: Any = vtk_to_numpy
+    points = poly.GetPoints()
+    vertices = np.empty((0, 3)) if points is None else convert(points.GetData())
+    vertices = vertices.astype(np.float64)
+    triangles = [np.empty((0, 3), dtype=np.int64)]
+    for cells, are_strips in ((poly.GetPolys(), False), (poly.GetStrips(), True)):
+        if not cells.GetNumberOfCells():
+            continue
+        offsets = convert(cells.GetOffsetsArray()).astype(np.int64)
+        corners = convert(cells.GetConnectivityArray()).astype(np.int64)
+        counts = np.diff(offsets)
+        if offsets[0] < 0 or offsets[-1] > len(corners) or counts.min() < 0:
+            raise InputError(
+                "The corners of some cells overlap or end beyond the last: they are no surface."
+            )
+        corners = corners[offsets[0] : offsets[-1]]
+        triangles.append(
+            strip_triangles(corners, counts)
+            if are_strips
+            else triangulate(vertices, corners, counts)
+        )
+    return vertices, np.concatenate(triangles)
+
+
+def _unchanged(_: FloatArray, indices: IntArray, __: IntArray) -> IntArray:
+    return indices.reshape(-1, 3)
+
+
+def _halves(vertices: FloatArray, indices: IntArray, _: IntArray) -> IntArray:
+    """Two triangles of each quadrilateral."""
+    halves = np.empty((len(indices) // 4, 6), dtype=np.int64)
+    axes = np.ascontiguousarray(vertices.T)
+    for first in range(0, len(halves), _AT_ONCE):
+        corners = indices[4 * first : 4 * (first + _AT_ONCE)].reshape(-1, 4)
+        rows = 4 * np.arange(len(corners))[:, None]
+        corners = corners.ravel()[rows + _FROM_CORNER[corners.argmin(axis=1)]]
+        places = axes[:, corners.T]
+        one, two, three = (places[:, corner] - places[:, 0] for corner in (1, 2, 3))
+        other = three - one
+        normal = _cross(two, other)  # twice the area of the whole, whatever its corners
+        lower, upper = _dot(_cross(one, two), normal), _dot(_cross(two, three), normal)
+        left = _dot(_cross(one, three), normal)
+        flatter, flatter_other = np.minimum(lower, upper), np.minimum(left, lower + upper - left)
+        rounding = _ROUNDING * np.abs(lower + upper)
+        both_inside = (flatter > rounding) & (flatter_other > rounding)
+        is_shorter = _dot(other, other) < (1.0 - _EQUAL) * _dot(two, two)
+        takes_other = np.where(both_inside, is_shorter, flatter_other > flatter + rounding)
+        cut = _ALONG_DIAGONAL[takes_other.astype(np.int64)]
+        halves[first : first + len(corners)] = corners.ravel()[rows + cut]
+    return halves.reshape(-1, 3)
+
+
+def _convex_fans(vertices: FloatArray, indices: IntArray, counts: IntArray) -> IntArray:
+    """Fans of polygons that are too large for anything else."""
+    indices = _from_lowest(indices, counts)
+    triangles = fan_triangles(np.arange(len(indices)), counts)
+    _, overlap = _areas(_own_coordinates(vertices[indices], counts), triangles, counts)
+    if overlap.any():
+        raise InputError(
+            f"A polygon of {counts[overlap][0]:,} corners is not convex, and at most"
+            f" {_MOST_CORNERS:,} can be cut into triangles: do that in the program that it comes"
+            " from."
+        )
+    return indices[triangles]
+
+
+def _pieces(vertices: FloatArray, indices: IntArray, counts: IntArray) -> IntArray:
+    """Triangles of polygons with more than four corners, as many less two for each."""
+    indices = _from_lowest(indices, counts)
+    points = _own_coordinates(vertices[indices], counts)
+    triangles, areas, overlap = _tried(points, counts, 0.0)
+    # An outline that touches itself, as at the cut that leads to a hole, does not once shrunk, and
+    # one that is cut in two at a corner is not once grown.
+    for shrinking in (_SHRINKING, -_SHRINKING):
+        if overlap.any():
+            corners = np.flatnonzero(np.repeat(overlap, counts))
+            again, again_areas, _ = _tried(points[corners], counts[overlap], shrinking)
+            better = again_areas < areas[overlap]
+            is_better = np.zeros(len(counts), dtype=np.bool_)
+            is_better[overlap] = better
+            of_better = np.repeat(better, counts[overlap] - 2)
+            triangles[np.repeat(is_better, counts - 2)] = corners[again[of_better]]
+    return indices[triangles]
+
+
+def _tried(
+    points: FloatArray, counts: IntArray, shrinking: float
+) -> tuple[IntArray, FloatArray, npt.NDArray[np.bool_]]:
+    """Triangles as VTK cuts the shrunk outline, or fans, and what `_areas` says of them."""
+    triangles = fan_triangles(np.arange(len(points)), counts)
+    outline = np.round(_shrunk(points, counts, shrinking) * _STEPS) / _STEPS
+    cut, is_whole = _cut_by_vtk(outline, counts)
+    triangles[np.repeat(is_whole, counts - 2)] = cut
+    return triangles, *_areas(points, triangles, counts)
+
+
+def _own_coordinates(points: FloatArray, counts: IntArray) -> FloatArray:
+    """Corners of polygons between -1 and 1: neither place nor size play a part in VTK then."""
+    starts = np.cumsum(counts) - counts
+    points = points - np.repeat(points[starts], counts, axis=0)
+    size = np.maximum.reduceat(np.abs(points).max(axis=1), starts)
+    points /= np.repeat(np.where(size > 0.0, size, 1.0), counts)[:, None]
+    return np.where(np.isfinite(points), points, 0.0)
+
+
+def _outline_normals(axes: FloatArray, counts: IntArray) -> FloatArray:
+    """Twice the area of each polygon, along its normal, shape (3, p)."""
+    starts = np.cumsum(counts) - counts
+    return np.add.reduceat(_cross(axes, axes[:, _next_corners(counts)]), starts, axis=1)
+
+
+def _areas(
+    points: FloatArray, triangles: IntArray, counts: IntArray
+) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Area of the triangles of each polygon, and whether some of them lie on others."""
+    axes = np.ascontiguousarray(points.T)
+    which = np.repeat(np.arange(len(counts)), counts - 2)
+    outlines = _outline_normals(axes, counts)
+    a, b, c = (axes[:, corners] for corners in triangles.T)
+    normals = _cross(b - a, c - a)
+    doubled = np.sqrt(_dot(normals, normals))
+    areas = np.bincount(which, doubled, len(counts)).astype(np.float64)
+    along = np.bincount(which, np.abs(_dot(normals, outlines[:, which])), len(counts))
+    whole = _dot(outlines, outlines)
+    return areas, np.asarray(along > (1.0 + _ROUNDING) * whole + _ROUNDING * np.sqrt(whole))
+
+
+def _shrunk(points: FloatArray, counts: IntArray, share: float) -> FloatArray:
+    """The same corners moved inwards by a share of the shorter edge there."""
+    if not share:
+        return points
+    axes = np.ascontiguousarray(points.T)
+    following = _next_corners(counts)
+    edges = axes[:, following] - axes
+    lengths = np.sqrt(_dot(edges, edges))
+    normals = _outline_normals(axes, counts)
+    normals /= np.maximum(np.sqrt(_dot(normals, normals)), _TINY)
+    inwards = _cross(np.repeat(normals, counts, axis=1), edges) / np.maximum(lengths, _TINY)
+    before = np.empty_like(following)
+    before[following] = np.arange(len(following))
+    step = share * np.minimum(lengths, lengths[before])
+    return np.ascontiguousarray((axes + step * (inwards + inwards[:, before])).T)
+
+
+def _cut_by_vtk(points: FloatArray, counts: IntArray) -> tuple[IntArray, npt.NDArray[np.bool_]]:
+    """Triangles of those polygons of which VTK makes any that are complete, and which these are."""
+    from vtkmodules.util import numpy_support
+    from vtkmodules.vtkCommonCore import vtkPoints
+    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+    from vtkmodules.vtkFiltersCore import vtkTriangleFilter
+
+    vtk: Any = numpy_support
+    # VTK does not copy these: they have to last until it is done.
+    offsets, corners = np.append(0, np.cumsum(counts)), np.arange(len(points))
+    number = np.arange(len(counts))
+    places, cells, poly, cutter = vtkPoints(), vtkCellArray(), vtkPolyData(), vtkTriangleFilter()
+    places.SetData(vtk.numpy_to_vtk(points))
+    cells.SetData(vtk.numpy_to_vtk(offsets), vtk.numpy_to_vtk(corners))
+    poly.SetPoints(places)
+    poly.SetPolys(cells)
+    poly.GetCellData().SetScalars(vtk.numpy_to_vtk(number))
+    cutter.SetInputData(poly)
+    cutter.Update()
+    output = cutter.GetOutput()
+    if not output.GetNumberOfPolys():
+        return np.empty((0, 3), dtype=np.int64), np.zeros(len(counts), dtype=np.bool_)
+    triangles = vtk.vtk_to_numpy(output.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    which = vtk.vtk_to_numpy(output.GetCellData().GetScalars())
+    is_whole = np.bincount(which, minlength=len(counts)) == counts - 2
+    return triangles[is_whole[which]].astype(np.int64), is_whole
+
+
+def _without_repeats(indices: IntArray, counts: IntArray) -> tuple[IntArray, IntArray]:
+    """Polygons, those of more than three corners without any that is the next one too."""
+    repeats = (indices == indices[_next_corners(counts)]) & np.repeat(counts > 3, counts)
+    if not repeats.any():
+        return indices, counts
+    polygon = np.repeat(np.arange(len(counts)), counts)
+    return indices[~repeats], np.bincount(polygon[~repeats], minlength=len(counts))
+
+
+def _from_lowest(indices: IntArray, counts: IntArray) -> IntArray:
+    """The same polygons, each starting at its lowest index, by the next one if that is twice."""
+    starts = np.cumsum(counts) - counts
+    rank = indices * (int(indices.max()) + 1) + indices[_next_corners(counts)]
+    is_lowest = rank == np.repeat(np.minimum.reduceat(rank, starts), counts)
+    polygon = np.repeat(np.arange(len(counts)), counts)
+    places = np.flatnonzero(is_lowest)
+    _, first = np.unique(polygon[places], return_index=True)
+    step = np.arange(len(indices)) + np.repeat(places[first] - 2 * starts, counts)
+    turned: IntArray = indices[starts[polygon] + step % counts[polygon]]
+    return turned
+
+
+def _next_corners(counts: IntArray) -> IntArray:
+    """Where in a list of all corners the next one of the same polygon is."""
+    following = np.arange(1, int(counts.sum()) + 1)
+    some = counts[counts > 0]
+    ends = np.cumsum(some)
+    following[ends - 1] = ends - some
+    return following
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Cross products of vectors whose components are the first axis, faster than `numpy.cross`."""
+    return np.stack(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
