@@ -1,27 +1,40 @@
-"""STL, binary or text: triangles without shared vertices, merged on reading."""
+"""STL, binary or text: triangles without shared vertices, joined on reading."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.joining import join_vertices
-from meshmash_viewer.io.polygons import RawMesh, parse_rows
-from meshmash_viewer.mesh import FloatArray
+from meshmash_viewer.io.polygons import NotANumber, RawMesh, parse_rows, triangulate
+from meshmash_viewer.io.text import unmarked, with_newlines
+from meshmash_viewer.mesh import FloatArray, IntArray
 
 __all__ = ["read_stl"]
 
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-_HEADER_BYTES = 84
+_HEADER_BYTES = 80
+#: Numbers of triangles that mean that it was not known when the header was written.
+_UNKNOWN = (0, 0xFFFFFFFF)
+#: Where the number of triangles may be if the header has another length than it should.
+_LONGEST_HEADER = 256
+#: Words within a line that begin one in other files.
+_WITHIN_LINE = re.compile(
+    rb"(?<=\S)[ \t]+"
+    rb"(?=(?:facet\s+normal|outer\s+loop|vertex\s+[-+.\d]|end\s*(?:loop|facet|solid))\b)",
+    re.IGNORECASE,
+)
 
 
 def read_stl(path: Path) -> RawMesh:
-    """Read an STL file and merge the corners with exactly equal coordinates.
+    """Read an STL file and join the corners with equal coordinates.
 
-    Triangles that collapse to a line or a point by merging are dropped.
+    Triangles that collapse to a line or a point by joining are dropped.
 
     Raises
     ------
@@ -29,38 +42,169 @@ def read_stl(path: Path) -> RawMesh:
         If the file is neither kind of STL, was cut short, or has no triangle left.
     """
     data = path.read_bytes()
-    count = int(np.frombuffer(data, "<u4", 1, 80)[0]) if len(data) >= _HEADER_BYTES else 0
-    expected = _HEADER_BYTES + count * _RECORD.itemsize
-    # Some binary files begin with "solid" too: only their size tells the two kinds apart.
-    if data.lstrip()[:5].lower() == b"solid" and len(data) != expected:
-        corners = _text_corners(data)
-    elif len(data) < _HEADER_BYTES:
-        raise InputError("is too short for an STL file")
-    elif len(data) < expected:
-        raise InputError(
-            f"promises {count} triangles but ends after"
-            f" {(len(data) - _HEADER_BYTES) // _RECORD.itemsize}, so it was cut short or is no STL"
-        )
+    text = None if _is_whole(data, _HEADER_BYTES) else _as_text(data)
+    if text is None:
+        corners = _binary_corners(data)
+        faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
     else:
-        records = np.frombuffer(data, _RECORD, count, _HEADER_BYTES)
-        corners = records["corners"].reshape(-1, 3).astype(np.float64)
-    faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
-    vertices, merged, _ = join_vertices(corners, faces)
-    if len(faces) and not len(merged):
+        corners, counts = _text_corners(text)
+        faces = triangulate(corners, np.arange(len(corners)), counts)
+    vertices, joined, _ = join_vertices(corners, faces)
+    if len(faces) and not len(joined):
         raise InputError("has no triangle left after equal vertices were merged")
-    return RawMesh(vertices, merged)
+    return RawMesh(vertices, joined)
 
 
-def _text_corners(data: bytes) -> FloatArray:
-    body = data.lower()
-    lines = re.findall(rb"\bvertex\b([^\r\n]*)", body)
-    numbers, counts = parse_rows(b"\n".join(lines), np.float64)
-    opened, closed = len(re.findall(rb"\bfacet\s+normal\b", body)), body.count(b"endfacet")
-    if opened != closed or len(lines) != 3 * opened or b"endsolid" not in body:
+def _is_whole(data: bytes, header: int) -> bool:
+    """Whether a binary file with a header of so many bytes ends with its last triangle."""
+    return header + 4 + _stated(data, header) * _RECORD.itemsize == len(data)
+
+
+def _stated(data: bytes, header: int) -> int:
+    return int.from_bytes(data[header : header + 4], "little")
+
+
+def _as_text(data: bytes) -> bytes | None:
+    """The file if it is text: some binary ones begin with "solid" too."""
+    text = unmarked(data)
+    begins = text[:100_000]
+    is_text = b"\0" not in begins[:1_000] and re.search(
+        rb"\A\s*solid\b|\bfacet\s+normal\b", begins, re.IGNORECASE
+    )
+    return with_newlines(text) if is_text else None
+
+
+def _binary_corners(data: bytes) -> FloatArray:
+    header = _HEADER_BYTES
+    if not _is_whole(data, header):
+        lengths = (each for each in range(_LONGEST_HEADER) if _is_whole(data, each))
+        header = next((each for each in lengths if _stated(data, each)), header)
+    count, room = _stated(data, header), len(data) - header - 4
+    if room < 0:
+        raise InputError("is too short for an STL file")
+    there, more = divmod(room, _RECORD.itemsize)
+    if count in _UNKNOWN and room:
+        if more:
+            raise InputError(
+                f"does not state how many triangles it holds, and ends {more} bytes after the"
+                f" {there:,} there are, so it was cut short or is no STL"
+            )
+        count = there
+    if count > there:
         raise InputError(
-            f"begins {opened} triangles, ends {closed} and may lack its last line (endsolid), so"
-            " it was cut short"
+            f"promises {count} triangles but ends after {there}, so it was cut short or is no STL"
         )
-    if len(counts) != len(lines) or np.any(counts != 3):
+    every = np.frombuffer(data, _RECORD, there, header + 4)["corners"].astype(np.float64)
+    corners, others = every[:count], every[count:]
+    if count and len(others) and _are_near(others, corners):
+        raise InputError(
+            f"promises {count:,} triangles but holds {there:,}, so one of the two is wrong"
+        )
+    return corners.reshape(-1, 3)
+
+
+def _are_near(others: FloatArray, corners: FloatArray) -> bool:
+    """Whether what follows the last triangle are more triangles: near the others, and no points."""
+    lowest, highest = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    margin = (highest - lowest).max()
+    is_near = (others >= lowest - margin) & (others <= highest + margin)
+    return bool(is_near.all() and (others != others[:, :1]).any(axis=(1, 2)).all())
+
+
+def _text_corners(text: bytes) -> tuple[FloatArray, IntArray]:
+    """Corners of all facets, one after the other, and how many each has."""
+    try:
+        return _corners_by_lines(text)
+    except InputError:
+        split = _WITHIN_LINE.sub(b"\n", text)
+        if split == text:
+            raise
+        return _corners_by_lines(split)
+
+
+def _corners_by_lines(text: bytes) -> tuple[FloatArray, IntArray]:
+    # What comes after "solid" or in lines of other words may hold any word.
+    lines = _Lines(text)
+    solids = np.flatnonzero(lines.begin_with(b"solid"))
+    lines.drop_until(int(solids[0]) if len(solids) else 0)
+    begun = np.flatnonzero(lines.begin_with(b"facet"))
+    ended = np.flatnonzero(lines.begin_with(b"end", b"facet"))
+    vertices = np.flatnonzero(lines.begin_with(b"vertex"))
+    which = np.searchsorted(begun, vertices) - 1
+    if len(begun) == len(ended):
+        inside = which >= 0
+        inside[inside] = vertices[inside] < ended[which[inside]]
+        vertices, which = vertices[inside], which[inside]
+    counts = np.bincount(which[which >= 0], minlength=len(begun))
+    follow = len(begun) == len(ended) and np.all(begun < ended) and np.all(ended[:-1] < begun[1:])
+    if not follow or counts.min(initial=3) < 3:
+        raise InputError(
+            f"begins {len(begun)} triangles and ends {len(ended)}, not each with its three"
+            " corners, so it was cut short"
+        )
+    last = max(ended.max(initial=-1), *np.flatnonzero(lines.begin_with(b"end", b"solid"))[-1:], -1)
+    if lines.last() > last:
+        raise InputError(
+            f"ends in line {lines.number(lines.last())} after its last triangle and before its last"
+            " line (endsolid), so it was cut short"
+        )
+    try:
+        numbers, each = parse_rows(lines.after(vertices, b"vertex"), np.float64)
+    except NotANumber as fault:
+        raise fault.in_line(lines.number(vertices[fault.line])) from None
+    if len(each) != len(vertices) or np.any(each != 3):
         raise InputError("has a vertex without exactly three coordinates")
-    return numbers.reshape(-1, 3)
+    return numbers.reshape(-1, 3), counts
+
+
+class _Lines:
+    """Lines of text by the words that they begin with, as arrays: there may be millions."""
+
+    def __init__(self, text: bytes) -> None:
+        # a word at the end of the text can be looked at beyond it
+        self._characters = np.frombuffer(text + 16 * b"\n", dtype=np.uint8).copy()
+        self._ends = np.flatnonzero(self._characters[: len(text) + 1] == ord("\n"))
+        self._starts = self._without_spaces(np.append(0, self._ends[:-1] + 1))
+        self._first = 0
+
+    def drop_until(self, line: int) -> None:
+        self._first = line
+        self._starts, self._ends = self._starts[line:], self._ends[line:]
+
+    def number(self, line: int) -> int:
+        """Number of a line in the file, counted from 1."""
+        return self._first + int(line) + 1
+
+    def last(self) -> int:
+        """The last line that is not empty; -1 if there is none."""
+        return int(np.flatnonzero(self._starts < self._ends)[-1:].max(initial=-1))
+
+    def begin_with(self, *parts: bytes) -> npt.NDArray[np.bool_]:
+        """Which lines begin with a word, in capitals too, its parts apart or not."""
+        chosen = np.arange(len(self._starts))
+        places = self._starts
+        for part in parts:
+            for letter in part:
+                found = self._characters[places] | 32 == letter
+                chosen, places = chosen[found], places[found] + 1
+            places = self._without_spaces(places) if part is not parts[-1] else places
+        chosen = chosen[self._characters[places] <= 32]
+        is_chosen = np.zeros(len(self._starts), dtype=np.bool_)
+        is_chosen[chosen] = True
+        return is_chosen
+
+    def after(self, lines: npt.NDArray[Any], word: bytes) -> bytes:
+        """Some of the lines, without the word that they begin with."""
+        first, ends = self._starts[lines] + len(word), self._ends[lines] + 1
+        edges = np.zeros(len(self._characters) + 1, dtype=np.int8)
+        edges[first] = 1
+        edges[ends] -= 1
+        return self._characters[np.cumsum(edges[:-1], dtype=np.int8) > 0].tobytes()
+
+    def _without_spaces(self, places: IntArray) -> IntArray:
+        places = places.copy()
+        while True:
+            is_space = (self._characters[places] == ord(" ")) | (self._characters[places] == 9)
+            if not is_space.any():
+                return places
+            places[is_space] += 1
