@@ -223,6 +223,17 @@ def test_coefficients_are_saved_from_the_tab(
     assert "were not saved" in window.stage.message_bar.notice.text
 
 
+def test_columns_that_are_no_map_are_named(window: MainWindow, tmp_path: Path) -> None:
+    rows = [f"{at},{at * 2},part {at % 3}," for at in range(MESH.n_vertices)]
+    (tmp_path / "table.csv").write_text("\n".join(["a,a,region,empty", *rows]) + "\n")
+    drop(window, tmp_path / "table.csv")
+    assert names(window) == ["depth", "a", "a 2", *CURVATURES]
+    notice = window.stage.message_bar.notice
+    assert notice is not None
+    assert notice.severity is Severity.WARNING
+    assert "'region' (not numbers, such as 'part 0'), 'empty' (it is empty)" in notice.text
+
+
 @pytest.mark.pixels
 def test_labels_have_their_colors_on_the_render(window: MainWindow, folder: Path) -> None:
     drop(window, folder / "lh.sides.annot")

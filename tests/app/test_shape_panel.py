@@ -244,6 +244,12 @@ def test_the_shape_is_saved(
     again = mv.read_mesh(path)
     np.testing.assert_allclose(again.vertices, rebuilt(window, 16), atol=1e-4)
     assert again.unit == "nm"
+    path = tmp_path / "lh.smooth.surf.gii"  # in mm, by the format
+    QTest.mouseClick(part(window, QPushButton, "shape_save_button"), LEFT)
+    wait_for(lambda: f"Shape written to {path}" in text.text())
+    again = mv.read_mesh(path)
+    np.testing.assert_allclose(again.vertices * 1e6, rebuilt(window, 16), rtol=1e-4, atol=1e-3)
+    assert (again.unit, again.structure) == ("mm", "CortexLeft")
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(tmp_path / "a.xyz"), ""))
     QTest.mouseClick(part(window, QPushButton, "shape_save_button"), LEFT)
     wait_for(lambda: ".ply" in text.text() and "xyz" in text.text())
