@@ -46,13 +46,13 @@ class MeshWarning(UserWarning):
 
     Examples
     --------
-    In a script it can be made a fault:
-
     >>> import warnings
-    >>> from meshmash_viewer.samples import sample_path
-    >>> with warnings.catch_warnings():
-    ...     warnings.simplefilter("error", mv.MeshWarning)
-    ...     mesh = mv.read_mesh(sample_path("dendrite"))
+    >>> corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     curvature = mv.mean_curvature((corners, [[0, 1, 2], [0, 3, 2], [0, 1, 3]]))
+    >>> caught[0].category is mv.MeshWarning
+    True
     """
 
 

@@ -12,6 +12,8 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import FloatArray, IntArray, Mesh, MeshLike, as_mesh, first_equal
 from meshmash_viewer.numbering import FileNumbering
+from meshmash_viewer.surface.edges import duplicates, edges_of, side_codes, winding_of
+from meshmash_viewer.surface.seams import join_seams
 from meshmash_viewer.vertex_map import VertexMap
 
 __all__ = [
@@ -54,10 +56,17 @@ class Health:
         Faces with a corner twice, or without area but for rounding.
     duplicate_faces : int
         Faces that join the same three vertices as an earlier one, in any order.
+    disagreeing_edges : int
+        Edges of two faces that do not agree on which side of the surface is outside.
+    reversed_faces : int
+        Faces that the repair orient_faces turns so that all agree; a surface with one side only,
+        such as a Möbius strip, has disagreeing edges and none of these.
     unreferenced_vertices : int
         Vertices that no face with three different corners uses.
     coincident_vertices : int
         Vertices at exactly the place of an earlier one.
+    seam_vertices : int
+        Those of them that lie on seams: the repair merge_seams joins them.
     area : float
         Area of the surface, in squared unit of the mesh.
     """
@@ -71,8 +80,11 @@ class Health:
     ambiguous_edges: int
     degenerate_faces: int
     duplicate_faces: int
+    disagreeing_edges: int
+    reversed_faces: int
     unreferenced_vertices: int
     coincident_vertices: int
+    seam_vertices: int
     area: float
 
 
@@ -120,23 +132,27 @@ def mesh_health(mesh: MeshLike) -> Health:
     """
     mesh = as_mesh(mesh)
     faces = mesh.faces[mesh.distinct_corners]
-    ends = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    # One integer an edge sorts several times faster than pairs; it cannot overflow below 3e9.
-    keys = ends[:, 0] * np.int64(mesh.n_vertices) + ends[:, 1]
-    edges, faces_of_edge = np.unique(keys, return_counts=True)
+    codes = side_codes(faces, mesh.n_vertices)
+    edges = edges_of(codes)
+    shared = edges.keys[edges.counts > 2]
+    winding = winding_of(mesh, edges)
+    places = _first_at_place(mesh)
     sizes = np.bincount(mesh.component_labels[mesh.referenced])
     return Health(
         n_vertices=mesh.n_vertices,
         n_faces=mesh.n_faces,
         n_components=len(sizes),
         largest_component=int(sizes.max(initial=0)),
-        boundary_edges=int((faces_of_edge == 1).sum()),
-        nonmanifold_edges=int((faces_of_edge > 2).sum()),
-        ambiguous_edges=_ambiguous_edges(mesh.vertices, faces, keys, edges[faces_of_edge > 2]),
+        boundary_edges=int((edges.counts == 1).sum()),
+        nonmanifold_edges=len(shared),
+        ambiguous_edges=_ambiguous_edges(mesh.vertices, faces, codes >> 1, shared),
         degenerate_faces=int(mesh.degenerate_faces.sum()),
         duplicate_faces=int(duplicate_faces(mesh).sum()),
+        disagreeing_edges=winding.disagreeing_edges,
+        reversed_faces=int(winding.reversed_faces.sum()),
         unreferenced_vertices=len(mesh.unreferenced),
-        coincident_vertices=int((_first_at_place(mesh) != np.arange(mesh.n_vertices)).sum()),
+        coincident_vertices=_moved(places),
+        seam_vertices=_moved(join_seams(places, faces)),
         area=mesh.area,
     )
 
@@ -207,8 +223,7 @@ def median_edge_length(mesh: MeshLike) -> float:
 
 def duplicate_faces(mesh: Mesh) -> npt.NDArray[np.bool_]:
     """Tell which faces join the same three vertices as an earlier face, shape (m,)."""
-    first = first_equal(np.sort(mesh.faces, axis=1))
-    return np.asarray(first != np.arange(mesh.n_faces))
+    return duplicates(mesh.faces)
 
 
 def _ambiguous_edges(vertices: FloatArray, faces: IntArray, keys: IntArray, edges: IntArray) -> int:
@@ -248,6 +263,11 @@ def _unit(vectors: FloatArray) -> FloatArray:
 def _first_at_place(mesh: Mesh) -> IntArray:
     """For each vertex, the lowest index of those at exactly the same place, shape (n,)."""
     return first_equal(mesh.vertices + 0.0)  # so that -0.0 and 0.0 are one place
+
+
+def _moved(onto: IntArray) -> int:
+    """Count the vertices that are not the first at their place."""
+    return int((onto != np.arange(len(onto))).sum())
 
 
 def _with_faces(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> Mesh:
@@ -293,6 +313,16 @@ def _merge_coincident_vertices(mesh: Mesh) -> Mesh:
     return _without_vertices(mesh, _first_at_place(mesh), mesh.faces)
 
 
+def _merge_seams(mesh: Mesh) -> Mesh:
+    onto = join_seams(_first_at_place(mesh), mesh.faces[mesh.distinct_corners])
+    return _without_vertices(mesh, onto, mesh.faces)
+
+
+def _orient_faces(mesh: Mesh) -> Mesh:
+    turned = winding_of(mesh).reversed_faces
+    return replace(mesh, faces=np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces))
+
+
 def _drop_unreferenced_vertices(mesh: Mesh) -> Mesh:
     # Faces with a corner twice are no triangles, and may use vertices that nothing else does.
     return _keep(mesh, mesh.referenced, mesh.faces[mesh.distinct_corners])
@@ -315,8 +345,14 @@ REPAIRS: dict[str, Repair] = {
     repair.name: repair
     for repair in (
         Repair(
+            "merge_seams",
+            "Merge vertices of seams, where two open edges lie on one another",
+            lambda health: health.seam_vertices,
+            _merge_seams,
+        ),
+        Repair(
             "merge_coincident_vertices",
-            "Merge coincident vertices",
+            "Merge all coincident vertices, of sheets that touch as well",
             lambda health: health.coincident_vertices,
             _merge_coincident_vertices,
         ),
@@ -331,6 +367,12 @@ REPAIRS: dict[str, Repair] = {
             "Drop duplicate faces",
             lambda health: health.duplicate_faces,
             lambda mesh: _with_faces(mesh, ~duplicate_faces(mesh)),
+        ),
+        Repair(
+            "orient_faces",
+            "Turn faces that look to another side than their neighbours",
+            lambda health: health.reversed_faces,
+            _orient_faces,
         ),
         Repair(
             "drop_unreferenced_vertices",

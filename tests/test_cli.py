@@ -192,7 +192,7 @@ def test_repairs_components_and_what_they_do_to_features(
     assert re.search(r"vertices +654\n", text)
     status, _, err = run(capsys, "info", path, "--repair", "polish")
     assert (status, err.count("\n")) == (2, 1)
-    assert "no repair polish; the repairs are merge_coincident_vertices" in err
+    assert "no repair polish; the repairs are merge_seams, merge_coincident_vertices" in err
 
 
 def test_features_are_those_of_the_library(

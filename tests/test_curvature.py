@@ -80,3 +80,25 @@ def test_what_is_wrong_with_a_mesh_does_not_spread() -> None:
         np.testing.assert_allclose(found[:-1], curvature(mesh), rtol=1e-12)
         moved = mv.Mesh(vertices[:-1] + 1e5, mesh.faces)
         np.testing.assert_allclose(curvature(moved), curvature(mesh), rtol=1e-5)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.3])
+def test_mean_curvature_says_that_faces_disagree(share: float) -> None:
+    ball = shapes.icosphere(3)
+    which = np.random.default_rng(0).random(ball.n_faces) < share
+    mesh = mv.Mesh(ball.vertices, np.where(which[:, None], ball.faces[:, ::-1], ball.faces))
+    edges = mv.mesh_health(mesh).disagreeing_edges
+    with pytest.warns(mv.MeshWarning, match=f"outside at {edges:,} edges.*by the repair orient_f"):
+        mv.mean_curvature(mesh)
+    mv.gaussian_curvature(mesh)  # which has no sign to lose
+    oriented = mv.repair_mesh(mesh, "orient_faces")
+    np.testing.assert_allclose(mv.mean_curvature(oriented), 1.0, rtol=1e-2)
+
+
+def test_a_surface_with_one_side_is_not_to_be_repaired() -> None:
+    strip = mv.Mesh(
+        [[0, 0, 0], [1, 0, 0], [2, 1, 0], [1, 2, 1], [0, 1, 1]],
+        [[0, 1, 2], [1, 2, 3], [2, 3, 4], [3, 4, 0], [4, 0, 1]],
+    )
+    with pytest.warns(mv.MeshWarning, match="one side only"):
+        mv.mean_curvature(strip)

@@ -127,7 +127,9 @@ def _described_facts(about: dict[str, Any]) -> str:
         ("degenerate triangles", f"{about['degenerate_faces']:,}"),
         ("duplicate triangles", f"{about['duplicate_faces']:,}"),
         ("unreferenced vertices", f"{about['unreferenced_vertices']:,}"),
+        ("disagreeing edges", _disagreeing(about)),
         ("coincident vertices", f"{about['coincident_vertices']:,}"),
+        ("  of them on seams", f"{about['seam_vertices']:,}"),
         ("median edge", format_quantity(about["median_edge"], unit)),
         ("eigenpairs", f"{signs['n_eigenpairs']}{weyl['n_eigenpairs']:,.0f}"),
         ("  up to eigenvalue", signs["max_eigenvalue"] + top),
@@ -143,6 +145,15 @@ def _ambiguous(about: dict[str, Any]) -> str:
         return "0"
     remedy = "; the repair drop_duplicate_faces removes most of them" if duplicates else ""
     return f"{count:,} (the robust Laplacian depends on the order of faces there{remedy})"
+
+
+def _disagreeing(about: dict[str, Any]) -> str:
+    """Count of these edges, and what to do about them."""
+    count = about["disagreeing_edges"]
+    if not count:
+        return "0"
+    remedy = "the repair orient_faces turns faces until they agree"
+    return f"{count:,} ({remedy if about['reversed_faces'] else 'the surface has one side only'})"
 
 
 # features -------------------------------------------------------------------------------------

@@ -38,6 +38,7 @@ from meshmash_viewer.fields.spectrum import Spectrum, grew, same_pairs
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.weyl import wavelength
+from meshmash_viewer.surface.curvature import DIRECTION_FAULT
 from meshmash_viewer.units import format_number, format_quantity, power_unit
 from meshmash_viewer.vertex_map import Label, VertexMap
 
@@ -173,7 +174,11 @@ class OwnMaps(Family):
         if shown.labels:
             return f"{len(shown.labels)} labels"
         low, high = (format_number(end) for end in shown.range)
-        return f"{low} to {high} {shown.unit}".rstrip()
+        text = f"{low} to {high} {shown.unit}".rstrip()
+        signed = self.shown is None and CURVATURES[self.chosen][1] == "mean_curvature"
+        if signed and spectrum.mesh is not None and spectrum.mesh.derived.get(DIRECTION_FAULT):
+            return f"{text}, unreliable: faces do not agree on which side is outside"
+        return text
 
     def caption(self, spectrum: Spectrum, unit: str) -> str:
         return self.quantity(spectrum, unit) if self.view == "pairs" else self.chosen

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import numpy.typing as npt
 
+from meshmash_viewer.errors import MeshWarning
 from meshmash_viewer.mesh import FloatArray, Mesh, MeshLike, as_mesh
+from meshmash_viewer.surface.edges import edges_of, side_codes, winding_of
+from meshmash_viewer.units import counted
 
-__all__ = ["gaussian_curvature", "mean_curvature"]
+__all__ = ["DIRECTION_FAULT", "direction_fault", "gaussian_curvature", "mean_curvature"]
+
+#: Of the sentence, among what is derived from the mesh.
+DIRECTION_FAULT = "fault of directions"
 
 
 def mean_curvature(mesh: MeshLike) -> FloatArray:
@@ -20,13 +28,19 @@ def mean_curvature(mesh: MeshLike) -> FloatArray:
     Parameters
     ----------
     mesh : MeshLike
-        Its faces should agree on which side is outside, or signs mean nothing.
+        Its faces should agree on which side is outside: the sign follows them, and next to an edge
+        where they do not agree the vertex normal, and the curvature with it, is wrong.
 
     Returns
     -------
     ndarray of float64, shape (n,)
         In inverse units of length. NaN on the boundary, where the surface has no other side to
         bend away from, and at vertices without faces. Faces without area do not count.
+
+    Warns
+    -----
+    MeshWarning
+        If neighbouring faces do not agree on which side is outside, see `direction_fault`.
 
     Raises
     ------
@@ -46,6 +60,8 @@ def mean_curvature(mesh: MeshLike) -> FloatArray:
     1.0
     """
     mesh = as_mesh(mesh)
+    if fault := direction_fault(mesh):
+        warnings.warn(fault, MeshWarning, stacklevel=2)
     corners = _Corners(mesh)
     bend = np.zeros((mesh.n_vertices, 3))
     for corner in range(3):
@@ -57,6 +73,30 @@ def mean_curvature(mesh: MeshLike) -> FloatArray:
             bend[:, axis] += np.bincount(corners.faces[:, second], pull[:, axis], mesh.n_vertices)
     along = np.einsum("ij,ij->i", bend, mesh.vertex_normals)
     return corners.inside(0.5 * along)
+
+
+def direction_fault(mesh: Mesh) -> str:
+    """Sentence on faces that do not agree on which side is outside; empty where all do."""
+    if DIRECTION_FAULT not in mesh.derived:
+        mesh.derived[DIRECTION_FAULT] = _direction_fault(mesh)
+    return str(mesh.derived[DIRECTION_FAULT])
+
+
+def _direction_fault(mesh: Mesh) -> str:
+    winding = winding_of(mesh)
+    if not winding.disagreeing_edges:
+        return ""
+    name = f"{mesh.name}: f" if mesh.name else "F"
+    remedy = (
+        "make them agree by the repair orient_faces first"
+        if winding.reversed_faces.any()
+        else "the surface has one side only, so no repair makes them agree"
+    )
+    return (
+        f"{name}aces do not agree on which side is outside at"
+        f" {counted(winding.disagreeing_edges, 'edge')}, so the mean curvature has the wrong sign"
+        f" on some, and is wrong next to these edges: {remedy}."
+    )
 
 
 def gaussian_curvature(mesh: MeshLike) -> FloatArray:
@@ -140,11 +180,8 @@ class _Corners:
     def _on_boundary(self) -> npt.NDArray[np.bool_]:
         """Vertices of edges that only one face has."""
         n = self._mesh.n_vertices
-        ends = np.sort(np.stack([self.faces, np.roll(self.faces, -1, axis=1)], axis=-1), axis=-1)
-        edges, counts = np.unique(
-            ends[..., 0].ravel() * n + ends[..., 1].ravel(), return_counts=True
-        )
-        single = edges[counts == 1]
+        edges = edges_of(side_codes(self.faces, n))
+        single = edges.keys[edges.counts == 1]
         on_it = np.zeros(n, dtype=np.bool_)
         on_it[single // n] = on_it[single % n] = True
         return on_it

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import warnings
 from dataclasses import dataclass, replace
 from weakref import ReferenceType, ref
 
@@ -91,6 +92,21 @@ def test_curvatures_are_always_there(sphere: Mesh) -> None:
         family = OwnMaps(chosen=name).resolved(bare, CHOSEN)
         assert family.unit("mm") == unit
         assert family.signed
+
+
+def test_mean_curvature_where_faces_disagree_says_so(sphere: Mesh) -> None:
+    faces = np.where(np.arange(sphere.n_faces)[:, None] < 9, sphere.faces[:, ::-1], sphere.faces)
+    for mesh, doubted in ((Mesh(sphere.vertices, faces), {"Mean curvature"}), (sphere, set())):
+        bare, said = Spectrum.without_pairs(mesh), set()
+        for name in CURVATURES:
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                shown(bare, chosen=name)
+            family = OwnMaps(chosen=name).resolved(bare, CHOSEN)
+            if "faces do not agree on which side is outside" in family.quantity(bare, ""):
+                said.add(name)
+            assert [each.category for each in caught] == [mv.MeshWarning] * (name in said)
+        assert said == doubted
 
 
 def test_the_sum_of_pairs_is_that_of_the_library(

@@ -56,12 +56,23 @@ _ROWS = (
         "their order",
     ),
     _Row(
+        "disagreeing_edges", "Disagreeing edges", "Turn faces", "orient_faces",
+        tooltip="Edges of two faces that do not agree on which side is outside: mean curvature and "
+        "shading are wrong there. On a surface with one side only they always are",
+    ),
+    _Row(
         "unreferenced_vertices", "Unreferenced vertices", "Drop", "drop_unreferenced_vertices",
         tooltip="Vertices of no face: they are left out, and have no value in any field",
     ),
     _Row(
-        "coincident_vertices", "Coincident vertices", "Merge", "merge_coincident_vertices",
-        tooltip="Vertices at exactly the place of another: seams where nothing flows across",
+        "coincident_vertices", "Coincident vertices", "Merge all", "merge_coincident_vertices",
+        tooltip="Vertices at exactly the place of another, on seams and where sheets touch; "
+        "merging all of them joins such sheets",
+    ),
+    _Row(
+        "seam_vertices", "of them on seams", "Merge", "merge_seams",
+        tooltip="Where two open edges lie on one another, as between the chunks of a surface: "
+        "nothing flows across until they are merged",
     ),
 )  # fmt: skip
 
