@@ -19,7 +19,7 @@ from meshmash_viewer.triangulation import polydata_triangles
 from meshmash_viewer.units import LENGTH_UNITS, NO_VOXEL, Voxel, is_voxel, named_vertex
 from meshmash_viewer.vertex_map import VertexMap, named_apart
 
-__all__ = ["Mesh", "MeshLike", "as_mesh", "first_equal", "mesh_to_poly"]
+__all__ = ["Mesh", "MeshLike", "as_mesh", "first_equal", "mesh_to_poly", "scaled_vertices"]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
@@ -96,6 +96,7 @@ class Mesh:
     def __post_init__(self) -> None:
         vertices = _checked_vertices(self.vertices)
         faces = _checked_faces(self.faces, len(vertices))
+        _check_size(vertices, faces)
         vertices.flags.writeable = False
         faces.flags.writeable = False
         object.__setattr__(self, "vertices", vertices)
@@ -139,7 +140,7 @@ class Mesh:
 
     def __hash__(self) -> int:
         # sums, because -0.0 and 0.0 are equal and their bytes are not
-        sums = float(self.vertices.sum()), int(self.faces.sum())
+        sums = float((self.vertices / self.vertices.size).sum()), int(self.faces.sum())
         return hash((self.unit, self.vertices.shape, self.faces.shape, sums))
 
     @property
@@ -154,8 +155,12 @@ class Mesh:
 
     @cached_property
     def bounds(self) -> FloatArray:
-        """Lowest and highest coordinates of all vertices, shape (2, 3), in `unit`."""
-        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+        """Lowest and highest coordinates of the surface, shape (2, 3), in `unit`.
+
+        Vertices that no face uses are not on it: one far away would set the size of everything.
+        """
+        points = self.vertices[self.referenced] if len(self.unreferenced) else self.vertices
+        return np.stack([points.min(axis=0), points.max(axis=0)])
 
     @cached_property
     def face_areas(self) -> FloatArray:
@@ -222,7 +227,7 @@ class Mesh:
     @cached_property
     def degenerate_faces(self) -> npt.NDArray[np.bool_]:
         """Which faces have a corner twice, or no area but for rounding, shape (m,)."""
-        a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
+        a, b, c = self._corners
         squares = [np.square(p - q).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))]
         longest = np.sqrt(np.max(squares, axis=0))
         # The height over the longest edge is known no better than the coordinates themselves.
@@ -401,7 +406,7 @@ class Mesh:
         if voxel == self.voxel:
             return self.in_unit(unit)
         # divided first: the numbers of the file come back, and with them what is stored for them
-        vertices = self.vertices / self.voxel * voxel
+        vertices = scaled_vertices(self.vertices, voxel, self.voxel)
         return replace(self, vertices=vertices, unit=unit, voxel=voxel)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -420,8 +425,19 @@ class Mesh:
 
         An edge is a difference, so a far-away origin costs no digits here.
         """
-        a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
+        a, b, c = self._corners
         return np.asarray(np.cross(b - a, c - a), dtype=np.float64)
+
+    @property
+    def _corners(self) -> tuple[FloatArray, ...]:
+        """Coordinates of the three corners of each face, shape (m, 3) each.
+
+        Those of faces with a corner twice are all at one: the other may be anywhere.
+        """
+        faces = self.faces
+        if not self.distinct_corners.all():
+            faces = np.where(self.distinct_corners[:, None], faces, faces[:, :1])
+        return tuple(self.vertices[faces[:, corner]] for corner in range(3))
 
 
 def as_mesh(mesh: MeshLike) -> Mesh:
@@ -496,6 +512,17 @@ def mesh_to_poly(mesh: MeshLike) -> Any:
     return pyvista.PolyData(mesh.vertices.copy(), padded.ravel())
 
 
+def scaled_vertices(vertices: FloatArray, factors: Voxel, divisors: Voxel = NO_VOXEL) -> FloatArray:
+    """Coordinates by a divisor, times a factor for each axis; what overflows is as large as can be.
+
+    Only a vertex that no face uses can be so far away: others are refused by `Mesh`.
+    """
+    largest = np.finfo(np.float64).max
+    with np.errstate(over="ignore"):
+        divided = np.clip(vertices / divisors, -largest, largest)
+        return np.asarray(np.clip(divided * factors, -largest, largest))
+
+
 def first_equal(rows: npt.NDArray[Any]) -> IntArray:
     """For each row of an array, the lowest index of those that are equal to it, shape (n,)."""
     order = np.lexsort(rows.T[::-1])  # stable: equal rows keep their order
@@ -531,14 +558,22 @@ def _checked_vertices(given: Any) -> FloatArray:
             f"The coordinates of some vertices are NaN or infinite (vertex {_offenders(bad)}): "
             "remove or mend them first."
         )
+    return vertices
+
+
+def _check_size(vertices: FloatArray, faces: IntArray) -> None:
+    """Refuse coordinates of faces whose fourth power or its inverse is no number."""
     largest = float(np.abs(vertices).max(initial=0.0))
+    if largest > _LARGEST or 0.0 < largest < 1.0 / _LARGEST:
+        # vertices that no face uses may be anywhere
+        a, b, c = faces.T
+        largest = float(np.abs(vertices[faces[(a != b) & (b != c) & (c != a)]]).max(initial=0.0))
     if largest > _LARGEST or 0.0 < largest < 1.0 / _LARGEST:
         raise InputError(
             f"Coordinates of size {largest:.3g} leave no room for areas and eigenvalues in "
             f"floating-point numbers: scale them to between {1.0 / _LARGEST:.0g} and "
             f"{_LARGEST:.0g}."
         )
-    return vertices
 
 
 def _checked_faces(given: Any, n_vertices: int) -> IntArray:

@@ -14,7 +14,7 @@ from PySide6.QtCore import QObject, QTimer, Signal
 
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import listen
-from meshmash_viewer.app.view.geometry import geometry_of
+from meshmash_viewer.app.view.geometry import drawn_points, geometry_of
 from meshmash_viewer.features.reconstruction import Reconstruction
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.io.provenance import export_options, provenance
@@ -199,7 +199,7 @@ class ShapeSource(QObject):
         points, distance, count = geometry.points, 0.0, 0
         if sums is not None:
             # distances before float32, which has no digits for them far from the origin
-            points = (sums.vertices - geometry.centre).astype(np.float32)
+            points = drawn_points(mesh, sums.vertices, geometry.centre)
             if shape.morph != 1.0:
                 points = geometry.points + np.float32(shape.morph) * (points - geometry.points)
             distance, count = shape.morph * sums.rms_distance, sums.count

@@ -480,5 +480,6 @@ def distinct_matches(
     while len(found) < count and np.isfinite(left).any():
         best = int(np.argmin(left))
         found.append(best)
-        left[np.linalg.norm(places - places[best], axis=1) <= radius] = np.inf
+        with np.errstate(over="ignore"):  # a vertex of no face may be anywhere
+            left[np.linalg.norm(places - places[best], axis=1) <= radius] = np.inf
     return np.array(found, dtype=np.int64)

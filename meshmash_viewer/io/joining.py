@@ -58,7 +58,7 @@ def join_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, In
         raise InputError("has a vertex with a coordinate that is not finite")
     points = vertices + 0.0  # -0.0 and 0.0 are the same place
     representative = first_equal(points)
-    faces = representative[faces]
+    faces = _without_collapsed(representative[faces])
     # Joining exact copies first leaves the slower search for near copies a sixth of the points.
     used = np.zeros(len(points), dtype=np.bool_)
     used[faces] = True
@@ -67,9 +67,13 @@ def join_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, In
     near[used_at] = used_at[_first_near(points[used_at], _numbered(used)[faces])]
     representative = near[representative]
     kept = np.unique(representative)
-    faces = np.searchsorted(kept, near[faces])
+    return vertices[kept], _without_collapsed(np.searchsorted(kept, near[faces])), kept
+
+
+def _without_collapsed(faces: IntArray) -> IntArray:
+    """The faces that have three different corners."""
     a, b, c = faces.T
-    return vertices[kept], faces[(a != b) & (b != c) & (a != c)], kept
+    return np.asarray(faces[(a != b) & (b != c) & (a != c)])
 
 
 def _numbered(used: np.typing.NDArray[np.bool_]) -> IntArray:

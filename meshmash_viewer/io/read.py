@@ -31,7 +31,7 @@ from meshmash_viewer.io.formats.stl import read_stl
 from meshmash_viewer.io.formats.vtk import read_legacy_vtk, read_vtp
 from meshmash_viewer.io.guarded import LimitExceeded, ReadLimits, read_guarded, unreadable
 from meshmash_viewer.io.polygons import RawMap, RawMesh, raw_mesh
-from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.mesh import Mesh, scaled_vertices
 from meshmash_viewer.plug_ins import plug_ins
 from meshmash_viewer.structures import structure_of_file
 from meshmash_viewer.units import NO_VOXEL, counted, parse_unit
@@ -135,7 +135,7 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
             _check_content(raw)
             stated, (maps, faults) = raw.unit or "", _own_maps(raw)
             mesh = Mesh(
-                raw.vertices * voxel if voxel != NO_VOXEL else raw.vertices,
+                scaled_vertices(raw.vertices, voxel) if voxel != NO_VOXEL else raw.vertices,
                 raw.faces,
                 unit=stated if given_unit is None else given_unit,
                 name=mesh_name(path),

@@ -223,7 +223,10 @@ def _obj(path: Path, table: FeatureTable) -> None:
 def _by_trimesh(path: Path, table: FeatureTable) -> None:
     import trimesh
 
-    plain = trimesh.Trimesh(table.mesh.vertices, table.mesh.faces, process=False)
+    # single precision does not reach as far as a vertex of no face may be
+    largest = np.finfo(np.float32).max
+    vertices = np.clip(table.mesh.vertices, -largest, largest)
+    plain = trimesh.Trimesh(vertices, table.mesh.faces, process=False)
     plain.export(path, file_type=path.suffix[1:].lower())
 
 

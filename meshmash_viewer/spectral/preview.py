@@ -210,8 +210,10 @@ def _candidates(
         part = slice(start, start + _BLOCK)
         candidates = near[cells[part]]
         squared = np.zeros(candidates.shape)
+        outside = cells[part] < 0  # which may be anywhere
         for axis in range(3):
-            squared += (centroids[candidates, axis] - mesh.vertices[part, axis, None]) ** 2
+            places = np.where(outside, 0.0, mesh.vertices[part, axis])
+            squared += (centroids[candidates, axis] - places[:, None]) ** 2
         yield part, candidates, squared
 
 

@@ -32,6 +32,8 @@ def cluster_vertices(
     no longer span three cells go, and so do copies. Time is that of two sorts of the vertices
     and one of the faces left. `count` is about how many cells the surface should meet.
     """
+    a, b, c = faces.T
+    faces = faces[(a != b) & (b != c) & (c != a)]
     used = np.zeros(len(vertices), dtype=bool)
     used[faces.ravel()] = True
     members = np.flatnonzero(used)

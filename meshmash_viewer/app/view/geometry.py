@@ -10,7 +10,7 @@ import numpy.typing as npt
 from meshmash_viewer.app.view.camera import default_axes, sampled_points
 from meshmash_viewer.mesh import Mesh
 
-__all__ = ["Geometry", "geometry_of"]
+__all__ = ["Geometry", "drawn_points", "geometry_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +22,7 @@ class Geometry:
     centre : ndarray of float64, shape (3,)
         Middle of the mesh, in its coordinates.
     points : ndarray of float32, shape (n, 3)
-        Vertices relative to `centre`, so that single precision is enough.
+        `drawn_points`: relative to `centre`, so that single precision is enough.
     faces : ndarray of int32, shape (m, 3)
     bounds : ndarray of float64, shape (2, 3)
         Lowest and highest of `points`.
@@ -58,9 +58,23 @@ def geometry_of(mesh: Mesh) -> Geometry:
     return known
 
 
+def drawn_points(
+    mesh: Mesh, vertices: npt.NDArray[np.float64], centre: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float32]:
+    """Vertices of a mesh, or where they have moved, relative to a centre, shape (n, 3).
+
+    Those that no face uses are not drawn, and may be where single precision does not reach: they
+    are at the nearest place within the bounds of the surface.
+    """
+    if len(unused := mesh.unreferenced):
+        vertices = vertices.copy()
+        vertices[unused] = np.clip(vertices[unused], *mesh.bounds)
+    return (vertices - centre).astype(np.float32)
+
+
 def _new_geometry(mesh: Mesh) -> Geometry:
     sample = sampled_points(mesh)
     centre = (sample.min(axis=0) + sample.max(axis=0)) / 2
-    points = (mesh.vertices - centre).astype(np.float32)
+    points = drawn_points(mesh, mesh.vertices, centre)
     faces, bounds = mesh.faces.astype(np.int32), mesh.bounds - centre
     return Geometry(centre, points, faces, bounds, sample, default_axes(mesh, sample))

@@ -163,15 +163,17 @@ class MeshRenderer:
     def place(self, vertex: int) -> npt.NDArray[np.float64]:
         """Where a vertex is drawn, shape (3,), in mesh coordinates."""
         assert self.mesh is not None
-        if self.moved is None:
+        if self.moved is None and self.mesh.referenced[vertex]:
             return np.asarray(self.mesh.vertices[vertex])
-        return np.asarray(self.moved[0][vertex] + self.centre)
+        return np.asarray(self.drawn[0][vertex] + self.centre)
 
     @property
     def drawn_vertices(self) -> npt.NDArray[np.float64]:
         """Where all of them are drawn, shape (n, 3), in mesh coordinates."""
         assert self.mesh is not None
-        return self.mesh.vertices if self.moved is None else self.moved[0] + self.centre
+        if self.moved is None and not len(self.mesh.unreferenced):
+            return self.mesh.vertices
+        return self.drawn[0] + self.centre
 
     def _new_surface(
         self,

@@ -298,7 +298,7 @@ class MeshView(QWidget):
         if self.mesh is None:
             raise ValueError("No mesh is shown: open one first.")
         surface: pyvista.PolyData = mesh_to_poly(self.mesh)
-        if self.renderer.moved is not None:
+        if self.renderer.drawn_vertices is not self.mesh.vertices:
             surface.points = self.renderer.drawn_vertices
         caption, drawn = self.renderer.caption, self.renderer.surface
         if caption is not None and drawn is not None:
