@@ -12,7 +12,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.session import Session, read_session, write_session
 
 SESSION = Session(
-    repairs=["keep_largest_component"],
+    repairs=["merge_coincident_vertices", "merge_seams", "keep_largest_component"],
     unit="8 nm",
     mesh_hash="ab" * 32,
     operator={"robust": True, "mollify_factor": 1e-5},

@@ -65,14 +65,14 @@ _ROWS = (
         tooltip="Vertices of no face: they are left out, and have no value in any field",
     ),
     _Row(
+        "seam_vertices", "Vertices on seams", "Merge", "merge_seams",
+        tooltip="Where two open edges lie on one another, as between the chunks of a surface: "
+        "nothing flows across until they are merged",
+    ),
+    _Row(
         "coincident_vertices", "Coincident vertices", "Merge all", "merge_coincident_vertices",
         tooltip="Vertices at exactly the place of another, on seams and where sheets touch; "
         "merging all of them joins such sheets",
-    ),
-    _Row(
-        "seam_vertices", "of them on seams", "Merge", "merge_seams",
-        tooltip="Where two open edges lie on one another, as between the chunks of a surface: "
-        "nothing flows across until they are merged",
     ),
 )  # fmt: skip
 
