@@ -28,6 +28,7 @@ from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.field import request_of
 from meshmash_viewer.model.pair import Pair
+from meshmash_viewer.model.script import Exported, reproduction_script, script_output
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.comparing import Comparing
@@ -86,6 +87,7 @@ class Commands:
         self.comparing: Comparing | None = None
         self.restoration: Restoration | None = None
         self._export_ending = ""
+        self._exported: Exported | None = None
         self.pictures = Pictures(window, document, settings)
         for each in COMMANDS:
             actions[each.name].triggered.connect(
@@ -330,6 +332,7 @@ class Commands:
         job = dialog.job()
         self._export_ending = dialog.format.ending
         self._settings.folder = job.path.parent
+        self._exported = Exported(job.mesh.content_hash, job.family, job.n_pairs, job.maps)
         self._document.export(job)
 
     def compute_in_pieces(self) -> None:
@@ -363,10 +366,12 @@ class Commands:
 
     def copy_script(self) -> None:
         """Put a script that makes what is on screen on the clipboard."""
-        from meshmash_viewer.model.script import reproduction_script
-
-        QGuiApplication.clipboard().setText(reproduction_script(self._document, self._pair))
-        self._say("Copied a Python script that makes what is on screen again.")
+        script = reproduction_script(self._document, self._pair, self._exported)
+        QGuiApplication.clipboard().setText(script)
+        text = "Copied a Python script that makes what is on screen again"
+        if output := script_output(self._document):
+            text += f" and writes {output}, or the next free name where there is such a file"
+        self._say(f"{text}.")
 
     def clear_cache(self) -> None:
         """Delete what is stored, after asking."""

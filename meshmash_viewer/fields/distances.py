@@ -286,8 +286,8 @@ class Distances(Family):
         pairs = f", {self.measure!r}, decomposition" if self.needs_pairs else ""
         time = f", time={self.time_in(spectrum)!r}" if self.timed else ""
         assert self.vertex is not None, "it is shown"
-        origin = spectrum.vertex_script(self.vertex)
+        origins = ", ".join(spectrum.vertex_script(at) for at in self._origins)
         return [
-            f"features = mv.distance_features(mesh, {origin}{pairs}{time})",
-            "values = features.values[:, 0]",
+            f"features = mv.distance_features(mesh, [{origins}]{pairs}{time})",
+            f"values = features.values[:, {self._origins.index(self.vertex)}]",
         ]

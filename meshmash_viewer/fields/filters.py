@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -383,21 +383,30 @@ class Filters(Family):
         return f"{self.text}, {self.first} from {low} to {high}."
 
     def bank_script(self) -> str:
-        values = {name: repr(value) for name, value in self.values}
+        columns = ""
         if self.first and self.count > 1:
-            values[self.first] = f"np.geomspace({self.low!r}, {self.high!r}, {self.count})"
-        return self._script(values)
+            columns = f"np.geomspace({self.low!r}, {self.high!r}, {self.count})"
+        return self._script(columns)
 
     def script(self, spectrum: Spectrum) -> list[str]:
-        chosen = self._script({name: repr(value) for name, value in self.values})
         return [
-            f"features = mv.compute_features(decomposition, {chosen}, unit=mesh.unit)",
-            "values = features.values[:, 0]",
+            f"features = mv.compute_features(decomposition, {self.bank_script()}, unit=mesh.unit)",
+            f"shown = mv.compute_features(decomposition, {self._script()})",
+            "values = shown.values[:, 0]",
         ]
 
-    def _script(self, values: dict[str, str]) -> str:
-        told = "".join(f", {name}={value}" for name, value in values.items())
-        return f"mv.formula_bank({self.text!r}{told})"
+    def _script(self, columns: str = "") -> str:
+        """The bank with the values that were chosen, or with `columns` for the first of them."""
+        values = {name: repr(value) for name, value in self.values}
+        if columns:
+            values[self.first] = columns
+        name = _bank_name(self.text, [] if columns else [value for _, value in self.values])
+        if name == "formula_bank":
+            told = "".join(f", {name}={value}" for name, value in values.items())
+            return f"mv.formula_bank({self.text!r}{told})"
+        if name == "gaussian_pyramid_bank":
+            return f"mv.gaussian_pyramid_bank({columns or f'[{values[self.first]}]'})"
+        return f"mv.{name}({', '.join(values.values())})"
 
 
 def _ends(given: str, name: str, text: str, power: int, unit: str | None) -> list[float]:
@@ -411,15 +420,27 @@ def _ends(given: str, name: str, text: str, power: int, unit: str | None) -> lis
     return [end.in_unit(end.unit if unit is None else unit) for end in ends]
 
 
-def _bank(text: str, values: dict[str, float | FloatArray]) -> FilterBank:
-    """The ready bank of a formula, which also knows what truncation costs it, or that of any."""
-    columns = {name: np.atleast_1d(each) for name, each in values.items()}
+def _bank_name(text: str, edges: Sequence[float]) -> str:
+    """The ready bank of a formula, which knows what truncation costs it, or that of any formula.
+
+    `edges` are its values where each is one number.
+    """
     if text == READY["Gaussian"]:
+        return "gaussian_pyramid_bank"
+    if text == READY["Low-pass"] and edges:
+        return "low_pass_bank"
+    if text == READY["Band-pass"] and len(edges) == 2 and edges[0] <= edges[1]:
+        return "band_pass_bank"
+    return "formula_bank"
+
+
+def _bank(text: str, values: dict[str, float | FloatArray]) -> FilterBank:
+    columns = {name: np.atleast_1d(each) for name, each in values.items()}
+    single = all(len(each) == 1 for each in columns.values())
+    edges = [float(each[0]) for each in columns.values()] if single else []
+    name = _bank_name(text, edges)
+    if name == "gaussian_pyramid_bank":
         return gaussian_pyramid_bank(columns["s"])
-    if all(len(each) == 1 for each in columns.values()):
-        edges = [float(each[0]) for each in columns.values()]
-        if text == READY["Low-pass"]:
-            return low_pass_bank(*edges)
-        if text == READY["Band-pass"] and edges[0] <= edges[1]:
-            return band_pass_bank(*edges)
-    return formula_bank(text, **values)
+    if name == "formula_bank":
+        return formula_bank(text, **values)
+    return low_pass_bank(*edges) if name == "low_pass_bank" else band_pass_bank(*edges)

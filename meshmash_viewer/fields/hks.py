@@ -214,9 +214,9 @@ class HeatKernelSignature(Family):
 
     def script(self, spectrum: Spectrum) -> list[str]:
         return [
-            f"features = mv.compute_features(decomposition, mv.heat_kernel_bank([{self.time!r}]), "
-            "unit=mesh.unit)",
-            "values = features.values[:, 0]",
+            f"features = mv.compute_features(decomposition, {self.bank_script()}, unit=mesh.unit)",
+            f"shown = mv.compute_features(decomposition, mv.heat_kernel_bank([{self.time!r}]))",
+            "values = shown.values[:, 0]",
         ]
 
 

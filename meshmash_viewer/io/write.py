@@ -49,6 +49,7 @@ __all__ = [
     "FeatureTable",
     "check_output",
     "provenance",
+    "unused_path",
     "write_eigenpairs",
     "write_features",
     "write_map_spectrum",
@@ -327,6 +328,41 @@ def _made(mesh: Mesh, said: dict[str, Any], meta: dict[str, Any] | None) -> dict
     given = meta or {}
     whole = given if {"program", "mesh", "options"} <= given.keys() else provenance(mesh, given)
     return {**whole, "options": {**said, **whole["options"]}}
+
+
+def unused_path(path: str | Path) -> Path:
+    """Find a path at which there is no file.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    Path
+        This one, or the first with a number before its ending that is free: `hks_2.npz` where there
+        is an `hks.npz`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "hks.npz"
+    ...     free = [mv.unused_path(path).name]
+    ...     np.savez(path, hks=np.zeros(3))
+    ...     free.append(mv.unused_path(path).name)
+    >>> free
+    ['hks.npz', 'hks_2.npz']
+    """
+    path = Path(path)
+    ending = "".join(path.suffixes[-2:]) if path.suffix == ".gii" else path.suffix
+    stem, number, found = path.name.removesuffix(ending), 1, path
+    # what has no place for its provenance has a file of that name for it
+    while os.path.lexists(found) or os.path.lexists(f"{found}.json"):
+        number += 1
+        found = path.with_name(f"{stem}_{number}{ending}")
+    return found
 
 
 def check_output(path: str | Path, kind: str = "features") -> None:

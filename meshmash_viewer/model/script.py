@@ -2,25 +2,41 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from meshmash_viewer.features.comparison import Correspondence
+from meshmash_viewer.fields.family import Family
 from meshmash_viewer.model.display import FEWEST_PAIRS
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import FieldRequest, request_of
 from meshmash_viewer.model.pair import MATCHED_IN, Pair
 
-__all__ = ["reproduction_script"]
+__all__ = ["Exported", "reproduction_script", "script_output"]
 
 
-def reproduction_script(document: Document, pair: Pair | None = None) -> str:
+class Exported(NamedTuple):
+    """What was exported last: of which mesh, from how many pairs, and whether with its maps."""
+
+    mesh_hash: str
+    family: Family
+    n_pairs: int
+    maps: bool
+
+
+def reproduction_script(
+    document: Document, pair: Pair | None = None, exported: Exported | None = None
+) -> str:
     """Write the script: read, repair, decompose, compute the field, write it; compare a pair.
 
     A whole Python program that uses nothing but this package and NumPy. A mesh without a file gets
-    a line for its owner to fill in.
+    a line for its owner to fill in. It writes the columns that were exported, or that the export
+    dialog would suggest, to a file of the dialog's name, or to one with a number where there is
+    such a file: it overwrites none.
     """
     request = request_of(document)
     lines, rest = _reading(document), list[str]()
     if document.mesh is not None and request is not None:
-        rest = [*request.family.script(request.spectrum), *_writing(document, request)]
+        rest = [*_computing(document, request, exported), *_writing(document, request, exported)]
         if document.display.shape.shown and len(request.spectrum) >= FEWEST_PAIRS:
             rest += _shape(document, len(request.spectrum))
         if pair is not None and pair.comparison is not None:
@@ -30,6 +46,36 @@ def reproduction_script(document: Document, pair: Pair | None = None) -> str:
     lines += rest
     imports = ["import numpy as np", ""] if any("np." in line for line in lines) else []
     return "\n".join([*imports, "import meshmash_viewer as mv", *lines, ""])
+
+
+def script_output(document: Document) -> str:
+    """Name of the file that the script writes; empty if it writes none."""
+    request = request_of(document)
+    if document.mesh is None or request is None:
+        return ""
+    family, name = request.family, document.mesh.name or "mesh"
+    return f"{name}_{family.export}.npz" if family.makes_features() else f"{name}_{family.name}.npy"
+
+
+def _computing(document: Document, request: FieldRequest, exported: Exported | None) -> list[str]:
+    """Make ``values``, and ``features`` if the family is exported as features."""
+    family = request.family.measured_from([pin.vertex for pin in document.pins])
+    lines = family.script(request.spectrum)
+    if family.counted and (known := _known(document, request, exported)) is not None:
+        bank = known.family.bank_script()
+        if bank != family.bank_script():  # the dialog was asked for others than the window shows
+            lines += [f"features = mv.compute_features(decomposition, {bank}, unit=mesh.unit)"]
+    return lines
+
+
+def _known(document: Document, request: FieldRequest, exported: Exported | None) -> Exported | None:
+    """What was exported, if it is of this family, mesh and pairs."""
+    mesh, family = document.mesh, request.family
+    if exported is None or mesh is None or exported.family.name != family.name:
+        return None
+    same = exported.mesh_hash == mesh.content_hash
+    same = same and (not family.of_pairs or exported.n_pairs == len(request.spectrum))
+    return exported if same else None
 
 
 def _reading(document: Document, name: str = "mesh") -> list[str]:
@@ -96,17 +142,26 @@ def _shape(document: Document, n_pairs: int) -> list[str]:
     return [
         *lines,
         "shape = mv.Mesh(vertices, mesh.faces, unit=mesh.unit, structure=mesh.structure)",
-        f"np.savez({f'{name}_shape.npz'!r}, vertices=shape.vertices, faces=shape.faces)",
+        f"path = mv.unused_path({f'{name}_shape.npz'!r})",
+        "np.savez(path, vertices=shape.vertices, faces=shape.faces)",
+        "print(path)",
     ]
 
 
-def _writing(document: Document, request: FieldRequest) -> list[str]:
-    name = document.mesh.name if document.mesh is not None else ""
-    stem = f"{name or 'mesh'}_{request.family.name}"
-    if request.family.makes_features():
-        told = ", eigenvalues=decomposition.eigenvalues" if request.family.of_pairs else ""
-        return [f"mv.write_features({f'{stem}.npz'!r}, features, mesh{told})"]
-    values = "values"
-    if document.mesh is not None and document.mesh.numbering is not None:
-        values = "mesh.on_file(values)"  # so that a row is a vertex of the file
-    return [f"np.save({f'{stem}.npy'!r}, {values})"]
+def _writing(document: Document, request: FieldRequest, exported: Exported | None) -> list[str]:
+    mesh, family = document.mesh, request.family
+    assert mesh is not None
+    path = f"path = mv.unused_path({script_output(document)!r})  # no file is overwritten"
+    if family.makes_features():
+        known = _known(document, request, exported)
+        maps = bool(mesh.maps) if known is None else known.maps
+        pairs = ", eigenvalues=decomposition.eigenvalues" if family.of_pairs else ""
+        return [
+            *(["features = features.with_maps(mesh)"] if maps else []),
+            path,
+            f"mv.write_features(path, features, mesh{pairs})",
+            "print(path)",
+        ]
+    # a row is a vertex of the file
+    values = "values" if mesh.numbering is None else "mesh.on_file(values)"
+    return [path, f"np.save(path, {values})", "print(path)"]

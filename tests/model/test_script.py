@@ -14,16 +14,23 @@ from solved import spectrum_of
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.distances import Distances
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.filters import READY, Filters
+from meshmash_viewer.fields.geometry_vectors import GeometryVectors
+from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.fields.similarity import Similarity
+from meshmash_viewer.fields.wks import WaveKernelSignature
 from meshmash_viewer.io.maps import read_maps
-from meshmash_viewer.laplacian import OperatorOptions, compute_vertex_areas
+from meshmash_viewer.io.write import unused_path
+from meshmash_viewer.laplacian import OperatorOptions, compute_vertex_areas, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.jobs import InspectJob, ReadJob, RepairJob, ScaleJob
-from meshmash_viewer.model.script import reproduction_script
+from meshmash_viewer.model.script import Exported, reproduction_script, script_output
 from meshmash_viewer.spectral.alignment import Alignment, ShownRows
+from meshmash_viewer.spectral.eigensolver import solve
 
 VOXEL = (4.0, 4.0, 40.0)
 
@@ -161,3 +168,75 @@ def test_a_script_of_a_map_that_also_rebuilds_the_shape_decomposes_once(
     assert code.count("\ndecomposition =") == 1
     with contextlib.chdir(tmp_path):
         exec(code, {})
+
+
+#: Families whose columns are exported, with what one may choose of them, and whether with a map.
+EXPORTED = (
+    (HeatKernelSignature(scales=1), False),
+    (HeatKernelSignature(scales=7), True),
+    (GeometryVectors(count=5), False),
+    (WaveKernelSignature(count=6), False),
+    *((Filters(text, count=count), False) for text in READY.values() for count in (1, 4)),
+    (Distances(measure="geodesic"), True),
+    (Distances(measure="biharmonic"), False),
+)
+
+
+@pytest.mark.parametrize(("family", "mapped"), EXPORTED)
+@pytest.mark.filterwarnings("ignore::meshmash_viewer.errors.TruncationWarning")
+def test_script_writes_the_columns_of_the_export_and_overwrites_nothing(
+    document: Document, tmp_path: Path, family: Family, mapped: bool
+) -> None:
+    for vertex in (11, 40, 7):
+        document.toggle_pin(vertex)
+    if mapped:
+        path, mesh = tmp_path / "depth.npy", document.mesh
+        np.save(path, mesh.vertices[:, 0])
+        document.accept_maps(mesh, read_maps(path, mesh))
+    if isinstance(family, Distances):
+        family = replace(family, vertex=40)
+    document.display.show(family)
+    output = tmp_path / script_output(document)
+    assert output.name == f"my neuron_{family.export}.npz"
+    output.write_text("a table of last week")
+    mesh, spectrum = document.mesh, document.spectrum
+    pairs = solve(*cotangent_laplacian(mesh, robust=True), len(spectrum))
+    shown = family.measured_from([11, 40, 7]).resolved(spectrum, document.display.fields)
+    expected = shown.compute_features(pairs, mesh)
+    expected = expected.with_maps(mesh) if mapped else expected
+    code = reproduction_script(document)
+    with contextlib.chdir(tmp_path):
+        for number in (2, 3):
+            exec(code, {})
+            with np.load(tmp_path / f"my neuron_{family.export}_{number}.npz") as file:
+                assert file["columns"].tolist() == list(expected.columns)
+                np.testing.assert_allclose(file["features"], expected.values, rtol=1e-5)
+    assert output.read_text() == "a table of last week"
+
+
+@pytest.mark.filterwarnings("ignore::meshmash_viewer.errors.TruncationWarning")
+def test_script_writes_the_columns_that_the_dialog_was_asked_for(
+    document: Document, tmp_path: Path
+) -> None:
+    mesh, spectrum = document.mesh, document.spectrum
+    document.display.show(HeatKernelSignature(scales=32))
+    asked = HeatKernelSignature(scales=5).resolved(spectrum, document.display.fields)
+    exported = Exported(mesh.content_hash, asked, len(spectrum), maps=False)
+    for known, count in ((exported, 5), (exported._replace(mesh_hash="another"), 32)):
+        with contextlib.chdir(tmp_path):
+            exec(reproduction_script(document, None, known), {})
+        newest = max(tmp_path.glob("my neuron_hks*"), key=lambda path: path.stat().st_mtime_ns)
+        with np.load(newest) as file:
+            assert len(file["columns"]) == count
+
+
+def test_a_path_that_is_free(tmp_path: Path) -> None:
+    for name in ("a.npz", "a_2.npz", "t=0.5.func.gii", "b.npy.json", "c"):
+        (tmp_path / name).write_text("there")
+    (tmp_path / "d.npz").symlink_to("gone")
+    (tmp_path / "e.npz").mkdir()
+    expected = {
+        "a.npz": "a_3.npz", "t=0.5.func.gii": "t=0.5_2.func.gii", "b.npy": "b_2.npy", "c": "c_2",
+        "d.npz": "d_2.npz", "e.npz": "e_2.npz", "new.npz": "new.npz",
+    }  # fmt: skip
+    assert {name: unused_path(tmp_path / name).name for name in expected} == expected
