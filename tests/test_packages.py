@@ -93,7 +93,7 @@ def test_the_wheel_holds_the_package_whole(archives: tuple[Path, Path]) -> None:
     assert held == tracked
     assert metadata["Description-Content-Type"] == "text/markdown"
     assert metadata["License-Expression"] == "MIT"
-    assert {"html", "movie"} <= set(metadata.get_all("Provides-Extra", []))
+    assert {"draco", "html", "movie"} <= set(metadata.get_all("Provides-Extra", []))
     needed = [line for line in metadata.get_all("Requires-Dist", []) if ";" not in line]
     assert any(line.startswith("potpourri3d") for line in needed), "the Distance tab's default"
 
