@@ -3,6 +3,7 @@
 # Meshes: what they are, what is wrong with them, files
 from meshmash_viewer.errors import InputError as InputError
 from meshmash_viewer.errors import MeshWarning as MeshWarning
+from meshmash_viewer.errors import MissingValuesWarning as MissingValuesWarning
 from meshmash_viewer.errors import TruncationWarning as TruncationWarning
 from meshmash_viewer.health import largest_component as largest_component
 from meshmash_viewer.health import mesh_health as mesh_health

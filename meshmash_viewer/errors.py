@@ -6,6 +6,7 @@ __all__ = [
     "ConstantFeaturesWarning",
     "InputError",
     "MeshWarning",
+    "MissingValuesWarning",
     "TruncationWarning",
     "UnprovenError",
     "UnprovenWarning",
@@ -53,6 +54,23 @@ class MeshWarning(UserWarning):
     ...     curvature = mv.mean_curvature((corners, [[0, 1, 2], [0, 3, 2], [0, 1, 3]]))
     >>> caught[0].category is mv.MeshWarning
     True
+    """
+
+
+class MissingValuesWarning(UserWarning):
+    """A map has no value at some vertices: they have no weight in what is computed from it.
+
+    Examples
+    --------
+    >>> import trimesh, warnings
+    >>> ball = trimesh.creation.icosphere(3)
+    >>> pairs = mv.solve(*mv.cotangent_laplacian(ball), 16)
+    >>> height = np.where(np.arange(642) == 5, np.nan, ball.vertices[:, 2])
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     smooth = mv.filter_map(pairs, height, mv.low_pass_bank(3.0))
+    >>> caught[0].category is mv.MissingValuesWarning, bool(np.isfinite(smooth).all())
+    (True, True)
     """
 
 

@@ -179,6 +179,25 @@ def test_what_is_missing_is_about_as_expected(kind: str, within: float) -> None:
     assert 1.0 / within < expected / missing < within
 
 
+@pytest.mark.parametrize("measure", ["biharmonic", "commute", "diffusion"])
+@pytest.mark.parametrize("name", ["sphere", "torus", "neck", "stray"])
+def test_of_all_pairs_nothing_is_missing(measure: str, name: str) -> None:
+    made = {
+        **MESHES,
+        "neck": lambda: Mesh(shapes.icosphere(2).vertices ** 3, shapes.icosphere(2).faces),
+        "stray": spheres_and_a_stray,
+    }
+    mesh = made[name]()
+    L, M = cotangent_laplacian(mesh)
+    n = int(np.count_nonzero(M.diagonal()))
+    for count in (n, n + 5, n - 1):
+        pairs = solve(L, M, count)
+        found = distance_features(mesh, [0, 1], measure, pairs, 1e-4 * mesh.area)
+        assert found.missing == ""
+        shares = np.array(found.meta["missing_shares"])
+        assert (shares == 0.0).all() if count >= n else (shares < 1e-2).all()
+
+
 def spheres_and_a_stray() -> Mesh:
     one = shapes.icosphere(2)
     vertices = np.concatenate([one.vertices, one.vertices + 5.0, [[9.0, 9.0, 9.0]]])

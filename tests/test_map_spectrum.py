@@ -67,7 +67,8 @@ def test_where_there_is_no_value_the_mean_stands(mesh, every_pair) -> None:
     hole = mesh.vertices[:, 2] > 0.8
     mean = np.average(f[~hole], weights=every_pair.mass[~hole])
     wanted = mv.map_spectrum(every_pair, np.where(hole, mean, f))
-    found = mv.map_spectrum(every_pair, np.where(hole, np.nan, f))
+    with pytest.warns(mv.MissingValuesWarning, match="no weight"):
+        found = mv.map_spectrum(every_pair, np.where(hole, np.nan, f))
     np.testing.assert_allclose(found.coefficients, wanted.coefficients, atol=1e-12)
 
 
@@ -92,9 +93,11 @@ def test_the_dominant_band_is_that_of_the_stronger_wave(every_pair) -> None:
     found = mv.map_spectrum(every_pair, 7.0 + long + short)
     wanted = np.where(np.abs(long) > np.abs(short), *(np.searchsorted(edges, values[[2, 60]]) - 1))
     assert 0.2 < np.mean(wanted == wanted.max()) < 0.8
-    np.testing.assert_array_equal(mv.dominant_bands(found, every_pair.rows), wanted)
+    clear = np.maximum(np.abs(long), np.abs(short)) > 1e-9  # both may vanish at a vertex
+    bands = mv.dominant_bands(found, every_pair.rows)
+    np.testing.assert_array_equal(bands[clear], wanted[clear])
     going_on = mv.dominant_bands(found, every_pair.rows, cancel=lambda: False)
-    np.testing.assert_array_equal(going_on, wanted)
+    np.testing.assert_array_equal(going_on, bands)
     with pytest.raises(Cancelled):
         mv.dominant_bands(found, every_pair.rows, cancel=lambda: True)
 

@@ -46,7 +46,7 @@ def test_all_eigenvectors_rebuild_every_function(neuron, whole_neuron, rng):
 def test_projections_of_a_wrong_shape_are_refused(neuron, whole_neuron):
     vectors, mass = whole_neuron.eigenvectors, whole_neuron.mass
     n, k = vectors.shape
-    with pytest.raises(InputError, match="one value a vertex"):
+    with pytest.raises(InputError, match="one number a vertex"):
         spectral_coefficients(vectors, mass, np.ones(n - 1))
     with pytest.raises(InputError, match="or its diagonal"):
         spectral_coefficients(vectors, mass[:-1], np.ones(n))

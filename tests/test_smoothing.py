@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from scipy import sparse
 
-from meshmash_viewer.errors import InputError
-from meshmash_viewer.features.filters import heat_kernel_bank, low_pass_bank, wave_kernel_bank
+from meshmash_viewer.errors import InputError, MissingValuesWarning
+from meshmash_viewer.features.filters import heat_kernel_bank, low_pass_bank
+from meshmash_viewer.features.map_spectrum import map_spectrum
+from meshmash_viewer.features.shape import reconstruct, spectral_coefficients
 from meshmash_viewer.features.smoothing import filter_map
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.eigensolver import Decomposition, solve
+from meshmash_viewer.vertex_map import Label, VertexMap
 
 
 @pytest.fixture(scope="module")
@@ -44,9 +50,92 @@ def test_a_low_pass_keeps_what_is_below_it_and_nothing_else(pairs: Decomposition
     np.testing.assert_allclose(flat, 7.0)
 
 
-def test_a_map_takes_one_filter(pairs: Decomposition) -> None:
-    with pytest.raises(InputError, match="filter of one column"):
-        filter_map(pairs, pairs.rows[0], wave_kernel_bank(pairs.eigenvalues, 4))
+@pytest.mark.parametrize("n_filters", [1, 2, 5])
+@pytest.mark.parametrize("n_maps", [None, 1, 3])
+def test_many_maps_through_many_filters(
+    pairs: Decomposition, rng: np.random.Generator, n_filters: int, n_maps: int | None
+) -> None:
+    values = rng.standard_normal((pairs.rows.shape[1], *([] if n_maps is None else [n_maps])))
+    bank = heat_kernel_bank(np.geomspace(0.01, 1.0, n_filters))
+    found = filter_map(pairs, values, bank)
+    assert found.shape == (*values.shape, *([] if n_filters == 1 else [n_filters]))
+    for at, weights in enumerate(bank(pairs.eigenvalues)):
+        dense = pairs.rows.T @ (weights[:, None] * pairs.rows) @ (pairs.mass * values.T).T
+        one = found if n_filters == 1 else found[..., at]
+        np.testing.assert_allclose(one, dense, atol=1e-12)
+
+
+@pytest.mark.parametrize("missing", [np.nan, np.inf, -np.inf])
+def test_vertices_without_a_value_have_no_weight(pairs: Decomposition, missing: float) -> None:
+    n = pairs.rows.shape[1]
+    gaps, low = np.arange(0, n, 40), low_pass_bank(0.5 * pairs.eigenvalues[5])
+    flat, wave = np.full(n, 7.0), pairs.rows[3] + 2.0
+    holed = np.column_stack([flat, wave, flat])
+    holed[gaps, :2] = missing
+    with pytest.warns(MissingValuesWarning, match=f"{len(gaps)} of {n:,} vertices .* no weight"):
+        found = filter_map(pairs, holed, low)
+    np.testing.assert_allclose(found[:, [0, 2]], 7.0)
+    # interpolated: far nearer to what is missing than the mean is
+    assert np.abs(found[:, 1] - wave).max() < 0.1 * np.abs(wave - 2.0).max()
+    with pytest.warns(MissingValuesWarning):
+        coefficients = spectral_coefficients(pairs.eigenvectors, pairs.mass, holed)
+    with pytest.warns(MissingValuesWarning):
+        spectrum = map_spectrum(pairs, holed[:, 1])
+    np.testing.assert_allclose(coefficients[:, 1], spectrum.coefficients, atol=1e-12)
+    assert spectrum.share(pairs.n_components) <= 1.0
+
+
+def test_a_gap_that_takes_any_value_is_the_same_gap(pairs: Decomposition) -> None:
+    values = np.repeat(pairs.rows[4][:, np.newaxis], 3, axis=1)
+    values[[5, 90], :] = [np.nan, np.inf, -np.inf]
+    with pytest.warns(MissingValuesWarning):
+        found = filter_map(pairs, values, heat_kernel_bank([0.1, 1.0]))
+    np.testing.assert_array_equal(found[:, 0], found[:, 1])
+    np.testing.assert_array_equal(found[:, 0], found[:, 2])
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda p, f, h: filter_map(f, p, h), "eigenpairs come first, as filter_map"),
+        (lambda p, f, h: filter_map(h, f, p), "eigenpairs come first"),
+        (lambda p, f, h: filter_map(p, h, f), "filter comes last"),
+        (lambda p, f, h: filter_map(p, h, h), "one number a vertex.* order of the arguments"),
+        (lambda p, f, h: filter_map(p, f, 3.0), "filter comes last"),
+        (lambda p, f, h: filter_map(p, f[:-1], h), r"one number a vertex.*\d+,\)"),
+        (lambda p, f, h: filter_map(p, f.astype(str), h), "one real number a vertex"),
+        (lambda p, f, h: filter_map(p, f * 1j, h), "one real number a vertex"),
+        (lambda p, f, h: filter_map(p, np.full_like(f, np.nan), h), "no finite value"),
+        (lambda p, f, h: filter_map(p, f, lambda x: x[1:]), "returned shape"),
+        (lambda p, f, h: filter_map(p, f, lambda x: np.log(x - 1e9)), "returned nan"),
+        (lambda p, f, h: filter_map(p, f, lambda x: None), "returned None"),
+        (lambda p, f, h: map_spectrum(f, p), "eigenpairs come first, as map_spectrum"),
+        (lambda p, f, h: map_spectrum(p, np.full_like(f, np.nan)), "no finite value"),
+        (lambda p, f, h: map_spectrum(p, [f, f]), "one number a vertex"),
+        (lambda p, f, h: spectral_coefficients(p, p.mass, f), "Eigenvectors come first"),
+        (
+            lambda p, f, h: spectral_coefficients(p.eigenvectors, f, sparse.diags_array(p.mass)),
+            "order of the arguments",
+        ),
+        (lambda p, f, h: reconstruct(p.eigenvectors, [1.0, np.nan]), "Coefficient 1 is nan"),
+        (lambda p, f, h: reconstruct(p, [1.0]), "Eigenvectors come first"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:invalid value")
+def test_what_is_no_map_or_in_another_order_gets_a_sentence(
+    pairs: Decomposition, call: Callable[..., object], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        call(pairs, pairs.rows[3].copy(), low_pass_bank(1.0))
+
+
+def test_a_map_with_a_name_is_a_map_and_labels_are_none(pairs: Decomposition) -> None:
+    wave = pairs.rows[3]
+    found = filter_map(pairs, VertexMap("wave", wave), low_pass_bank(1e9))
+    np.testing.assert_allclose(found, wave, atol=1e-9)
+    parts = VertexMap("parts", np.zeros(len(wave), dtype=int), (Label(0, "all", "#808080"),))
+    with pytest.raises(InputError, match="numbers are names"):
+        filter_map(pairs, parts, low_pass_bank(1e9))
 
 
 def test_vertices_that_no_face_uses_have_no_say_and_no_value() -> None:

@@ -17,7 +17,11 @@ import numpy.typing as npt
 from scipy import sparse
 
 from meshmash_viewer.errors import ConstantFeaturesWarning, InputError, TruncationWarning
-from meshmash_viewer.features.filter_parameters import check_times, hks_times
+from meshmash_viewer.features.filter_parameters import (
+    check_times,
+    checked_coefficients,
+    hks_times,
+)
 from meshmash_viewer.features.filters import (
     FilterBank,
     bspline_bank,
@@ -417,7 +421,7 @@ class _Sums:
                 )
                 values, truncation = features.values, features.truncation
             else:
-                coefficients = _checked_coefficients(made(eigenvalues), eigenvalues)
+                coefficients = checked_coefficients(made(eigenvalues), eigenvalues)
                 values = accumulate_features(result.rows[self.start :], coefficients)
             values[result.mass == 0.0] = np.nan
             ended = result.n_components == self.surface[1]
@@ -425,30 +429,6 @@ class _Sums:
                 warnings.warn(mesh_limit(time, *self.surface), TruncationWarning, stacklevel=3)
         warn_of_truncation(truncation, stacklevel=4)
         return values.astype(self.dtype, copy=False)
-
-
-def _checked_coefficients(
-    returned: npt.ArrayLike, eigenvalues: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
-    given = np.asarray(returned)
-    if given.dtype.kind not in "biuf":
-        described = f"values of type {given.dtype}" if given.shape else repr(returned)[:60]
-        # None, text, or complex numbers, of which a cast would keep half without a sound.
-        raise InputError(
-            f"The filter returned {described}: let it return real numbers, shape "
-            "(n_filters, n_eigenvalues)."
-        )
-    coefficients = given.astype(np.float64)
-    if coefficients.shape == eigenvalues.shape:
-        coefficients = coefficients[np.newaxis]  # one filter, written without the axis for it
-    bad = np.argwhere(~np.isfinite(coefficients))
-    if len(bad) and coefficients.ndim == 2 and coefficients.shape[1] == len(eigenvalues):
-        raise InputError(
-            f"The filter returned {coefficients[tuple(bad[0])]} for the eigenvalue "
-            f"{eigenvalues[bad[0][-1]]:.4g}: let it return finite numbers for every eigenvalue, "
-            "zero included."
-        )
-    return coefficients
 
 
 def _warn_of_zeros(max_eigenvalue: float | None, result: Decomposition) -> None:

@@ -165,17 +165,20 @@ def missing_square(kind: str, eigenvalues: FloatArray, area: float, n: int, time
 
     Two vertices that are not close have ``Σ h φ(v)² + Σ h φ(w)²`` between them beyond the last
     eigenvalue Λ, and by the local law either sum is ``1/4π ∫ h dλ`` from Λ to the last of the n
-    eigenvalues that the mesh has.
+    eigenvalues that the mesh has. On average it is at most h(Λ) / area for each pair that is not
+    among the given ones, so that of all n nothing is missing.
     """
     last, end = float(eigenvalues[-1]), 4.0 * math.pi * n / area
-    if not 0.0 < last < end:
+    n_left = n - len(eigenvalues)
+    if n_left <= 0 or not 0.0 < last < end:
         return 0.0
     integral = {
         "diffusion": (math.exp(-2.0 * last * time) - math.exp(-2.0 * end * time)) / (2.0 * time),
         "biharmonic": 1.0 / last - 1.0 / end,
         "commute": math.log(end / last),
     }[kind]
-    return 2.0 * integral / (4.0 * math.pi)
+    highest = n_left * float(spectral_weights(kind, eigenvalues, time)[-1]) / area
+    return 2.0 * min(integral / (4.0 * math.pi), highest)
 
 
 class RowsFrom:

@@ -16,6 +16,7 @@ __all__ = [
     "as_parameters",
     "as_spectrum",
     "check_times",
+    "checked_coefficients",
     "count_zeros",
     "first_nonzero_eigenvalue",
     "hks_time_range",
@@ -172,3 +173,40 @@ def short_text(parameters: FloatArray, index: int) -> str:
         if len(set(written)) == len(set(parameters.tolist())):
             break
     return written[index]
+
+
+def checked_coefficients(
+    returned: npt.ArrayLike, eigenvalues: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Take what a filter returned for k eigenvalues, shape (f, k) or (k,): shape (f, k).
+
+    Raises
+    ------
+    InputError
+        If it is of another shape, not real or not finite.
+    """
+    given = np.asarray(returned)
+    if given.dtype.kind not in "biuf":
+        described = f"values of type {given.dtype}" if given.shape else repr(returned)[:60]
+        # None, text, or complex numbers, of which a cast would keep half without a sound.
+        raise InputError(
+            f"The filter returned {described}: let it return real numbers, shape "
+            "(n_filters, n_eigenvalues)."
+        )
+    coefficients = given.astype(np.float64)
+    if coefficients.shape == eigenvalues.shape:
+        coefficients = coefficients[np.newaxis]  # one filter, written without the axis for it
+    k = len(eigenvalues)
+    if coefficients.ndim != 2 or coefficients.shape[1] != k:
+        raise InputError(
+            f"The filter returned shape {given.shape} for {k} eigenvalues: it has to return one "
+            "row of coefficients a filter, shape (n_filters, n_eigenvalues)."
+        )
+    bad = np.argwhere(~np.isfinite(coefficients))
+    if len(bad):
+        raise InputError(
+            f"The filter returned {coefficients[tuple(bad[0])]} for the eigenvalue "
+            f"{eigenvalues[bad[0][-1]]:.4g}: let it return finite numbers for every eigenvalue, "
+            "zero included."
+        )
+    return coefficients

@@ -10,8 +10,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filter_parameters import count_zeros
+from meshmash_viewer.features.map_values import (
+    as_map_values,
+    check_decomposition,
+    filled,
+    without_gaps,
+)
 from meshmash_viewer.progress import CancelCallback, Cancelled
 
 if TYPE_CHECKING:
@@ -106,8 +111,9 @@ def map_spectrum(decomposition: Decomposition, values: npt.ArrayLike) -> MapSpec
     ----------
     decomposition : Decomposition
         Of its mesh, with its mass matrix.
-    values : array_like, shape (n,)
-        One number a vertex. Where it is NaN the mean of the others stands, weighted by area.
+    values : VertexMap or array_like, shape (n,)
+        One number a vertex. Where it is NaN or infinite it has no weight: the mean of the others
+        stands there, weighted by area, as in `filter_map` and `spectral_coefficients`.
 
     Returns
     -------
@@ -116,7 +122,12 @@ def map_spectrum(decomposition: Decomposition, values: npt.ArrayLike) -> MapSpec
     Raises
     ------
     InputError
-        If there is not one number a vertex.
+        If there is not one number a vertex, or none at all.
+
+    Warns
+    -----
+    MissingValuesWarning
+        If there are vertices without a value.
 
     Examples
     --------
@@ -127,10 +138,9 @@ def map_spectrum(decomposition: Decomposition, values: npt.ArrayLike) -> MapSpec
     >>> f"{spectrum.share(4):.6f} {spectrum.residual(3):.6f}"
     '1.000000 1.000000'
     """
-    f = np.asarray(values, dtype=np.float64)
-    n = decomposition.rows.shape[1]
-    if f.shape != (n,):
-        raise InputError(f"A map has one number a vertex: shape ({n},), not {f.shape}.")
+    check_decomposition(decomposition, "map_spectrum(pairs, values)")
+    f = as_map_values(values, decomposition.rows.shape[1], columns=False)
+    f = without_gaps(f, decomposition.mass)
     return project(decomposition.eigenvalues, decomposition.rows, decomposition.mass, f)
 
 
@@ -143,10 +153,7 @@ def project(
 ) -> MapSpectrum:
     """As `map_spectrum`, from eigenvectors as rows of shape (>= k, n), which may lie in a file."""
     used = mass > 0.0
-    known = used & np.isfinite(values)
-    f = np.where(known, values, 0.0).astype(np.float64)
-    if not known[used].all():
-        f[used & ~known] = np.average(f[known], weights=mass[known]) if known.any() else 0.0
+    f = filled(np.asarray(values, dtype=np.float64), mass)
     weighted = np.where(used, mass, 0.0) * f
     coefficients = inner_products(rows, weighted, used, 0, len(eigenvalues), cancel)
     return MapSpectrum(np.asarray(eigenvalues), coefficients, float(weighted @ f))

@@ -15,6 +15,7 @@ from scipy import sparse
 from scipy.spatial import KDTree
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.map_values import as_map_values, without_gaps
 from meshmash_viewer.features.reconstruction import Reconstruction
 from meshmash_viewer.features.sums import Features
 from meshmash_viewer.laplacian import SparseMatrix, compute_vertex_areas, cotangent_laplacian
@@ -72,8 +73,9 @@ def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) 
         M-orthonormal columns.
     M : sparse matrix or array, shape (n, n), or array_like, shape (n,)
         Diagonal mass matrix, or its diagonal.
-    f : array_like, shape (n,) or (n, d)
-        One or d functions; what they are at vertices without mass is not looked at.
+    f : VertexMap or array_like, shape (n,) or (n, d)
+        One or d functions; what they are at vertices without mass is not looked at. Where one is
+        NaN or infinite it has no weight: the mean of its other values stands there, weighted by M.
 
     Returns
     -------
@@ -83,7 +85,12 @@ def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) 
     Raises
     ------
     InputError
-        If the shapes do not agree, or M is not diagonal.
+        If the shapes do not agree, M is not diagonal, or a function has no value at all.
+
+    Warns
+    -----
+    MissingValuesWarning
+        If there are vertices with mass but without a value.
 
     Examples
     --------
@@ -99,11 +106,9 @@ def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) 
     True
     """
     columns = _eigenvectors(eigenvectors)
-    values = np.asarray(f, dtype=np.float64)
-    n = len(columns)
-    if values.ndim not in (1, 2) or len(values) != n:
-        raise InputError(f"A function has one value a vertex: shape ({n},), not {values.shape}.")
-    mass = _diagonal(M, n)
+    values = as_map_values(f, len(columns))
+    mass = _diagonal(M, len(columns))
+    values = without_gaps(values, mass)
     used = mass > 0.0
     weighted = (mass[used] * values[used].T).T
     # Transposed first, for rows are what lies together in memory.
@@ -129,7 +134,7 @@ def reconstruct(eigenvectors: Any, coefficients: npt.ArrayLike) -> FloatArray:
     Raises
     ------
     InputError
-        If there are more coefficients than eigenvectors.
+        If there are more coefficients than eigenvectors, or one is not finite.
 
     Examples
     --------
@@ -149,10 +154,21 @@ def reconstruct(eigenvectors: Any, coefficients: npt.ArrayLike) -> FloatArray:
         raise InputError(
             f"Coefficients of shape {weights.shape} do not go with {columns.shape[1]} eigenvectors."
         )
+    bad = np.argwhere(~np.isfinite(weights))
+    if len(bad):
+        raise InputError(
+            f"Coefficient {bad[0][0]} is {weights[tuple(bad[0])]}, which would make all values so: "
+            "give finite ones."
+        )
     return np.asarray(columns[:, : len(weights)] @ weights, dtype=np.float64)
 
 
 def _eigenvectors(given: Any) -> npt.NDArray[np.floating[Any]]:
+    if sparse.issparse(given) or hasattr(given, "eigenvectors"):
+        raise InputError(
+            "Eigenvectors come first, as a matrix of shape (n, k), not of type "
+            f"{type(given).__name__}: of eigenpairs they are `pairs.eigenvectors`."
+        )
     columns = np.asarray(given)
     if columns.ndim != 2 or columns.dtype.kind not in "iuf":
         raise InputError(

@@ -9,6 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.filter_parameters import checked_coefficients
+from meshmash_viewer.features.map_values import (
+    as_map_values,
+    check_decomposition,
+    without_gaps,
+)
 from meshmash_viewer.features.shape import reconstruct, spectral_coefficients
 
 if TYPE_CHECKING:
@@ -33,21 +39,31 @@ def filter_map(
     ----------
     decomposition : Decomposition
         The eigenpairs; what is in no computed pair is left out, whatever the filter.
-    values : array_like, shape (n,) or (n, d)
-        One function a column; what it is at vertices that no face uses is not looked at.
+    values : VertexMap or array_like, shape (n,) or (n, d)
+        One function a column; what it is at vertices that no face uses is not looked at. Where one
+        is NaN or infinite it has no weight: the mean of its other values stands there, weighted by
+        area, and the result there is interpolated.
     response : callable
-        ``(k,) -> (k,)`` or ``(1, k)``: a `FilterBank` of one column, or any function of the
+        ``(k,) -> (k,)`` or ``(f, k)``: a `FilterBank` of f columns, or any function of the
         eigenvalues.
 
     Returns
     -------
-    ndarray of float64, shape (n,) or (n, d)
-        In the unit of `values`; NaN at vertices that no face uses.
+    ndarray of float64
+        In the unit of `values`; NaN at vertices that no face uses. Of one function and one filter
+        it has the shape (n,), of d functions and one filter (n, d), of one function and f filters
+        (n, f), and of d functions and f filters (n, d, f).
 
     Raises
     ------
     InputError
-        If the filter has more than one column, or the shapes do not agree.
+        If the filter returns a wrong shape or values that are not finite, the map has another
+        number of vertices or no value at all, or the arguments come in another order.
+
+    Warns
+    -----
+    MissingValuesWarning
+        If there are vertices without a value.
 
     References
     ----------
@@ -62,13 +78,20 @@ def filter_map(
     >>> mv.filter_map(pairs, [2.0, 2.0, 2.0, 2.0], mv.low_pass_bank(1e-3)).round(6)
     array([2., 2., 2., 2.])
     """
-    eigenvalues = decomposition.eigenvalues
-    weights = np.asarray(response(eigenvalues), dtype=np.float64)
-    if weights.shape not in ((len(eigenvalues),), (1, len(eigenvalues))):
+    check_decomposition(decomposition, "filter_map(pairs, values, response)")
+    if not callable(response):
         raise InputError(
-            f"The filter returned shape {weights.shape} for {len(eigenvalues)} eigenvalues: a map "
-            "takes a filter of one column."
+            "The filter comes last, as filter_map(pairs, values, response): it is a FilterBank or "
+            f"another function of the eigenvalues, not of type {type(response).__name__}."
         )
-    columns = decomposition.rows.T
-    coefficients = spectral_coefficients(columns, decomposition.mass, values)
-    return reconstruct(columns, (weights.reshape(-1) * coefficients.T).T)
+    given = as_map_values(values, decomposition.rows.shape[1])
+    weights = checked_coefficients(response(decomposition.eigenvalues), decomposition.eigenvalues)
+    columns, mass = decomposition.rows.T, decomposition.mass
+    coefficients = spectral_coefficients(columns, mass, without_gaps(given, mass))
+    if len(weights) == 1:
+        return reconstruct(columns, (weights[0] * coefficients.T).T)
+    # (k, f), or (k, d, f)
+    filtered = weights.T if given.ndim == 1 else weights.T[:, np.newaxis]
+    filtered = coefficients[..., np.newaxis] * filtered
+    sums = reconstruct(columns, filtered.reshape(len(filtered), -1))
+    return sums.reshape(len(sums), *filtered.shape[1:])

@@ -153,7 +153,8 @@ class ResponseView:
             if value is not None and not line.moving:
                 line.setBounds((None, None))
                 line.setValue(float(self._x(value)))
-        beyond = high is not None and bool(high > known * (1.0 + 1e-9))
+        some_left = len(spectrum) < spectrum.n_vertices  # beyond the last of all there is nothing
+        beyond = some_left and high is not None and bool(high > known * (1.0 + 1e-9))
         self.missing.setVisible(beyond)
         if beyond and high is not None:
             self.missing.setRegion([float(self._x(each)) for each in (known, high)])
