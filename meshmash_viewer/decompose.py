@@ -28,7 +28,7 @@ from meshmash_viewer.features.filters import (
     get_hks_filter,
 )
 from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
-from meshmash_viewer.mesh import MeshLike
+from meshmash_viewer.mesh import Mesh, MeshLike
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.spectral.eigenpairs import check_bands, find_eigenpairs
 from meshmash_viewer.units import whole_number
@@ -113,6 +113,28 @@ def decompose_laplacian(
     >>> eigenvalues.round(1), eigenvectors.shape
     (array([0., 2., 2., 2.]), (642, 4))
     """
+    return _decomposed(
+        L,
+        M,
+        n_components,
+        sigma,
+        prefactor,
+        tol=tol,
+        ncv=ncv,
+        op_inv=op_inv,
+        progress=progress,
+        cancel=cancel,
+    )
+
+
+def _decomposed(
+    L: SparseMatrix,
+    M: SparseMatrix,
+    n_components: int,
+    sigma: float | None,
+    prefactor: str | None,
+    **options: Any,
+) -> tuple[npt.NDArray[np.float64], Array]:
     if prefactor not in (None, "lu"):
         raise InputError(f'prefactor is {prefactor!r}: give "lu" or None.')
     result = find_eigenpairs(
@@ -120,11 +142,8 @@ def decompose_laplacian(
         M,
         n_components=whole_number(n_components, "n_components"),
         sigma=None if sigma is None or sigma == _BELOW_ZERO else float(sigma),
-        tol=tol,
-        ncv=ncv,
-        op_inv=op_inv,
-        progress=progress,
-        cancel=cancel,
+        stacklevel=4,
+        **options,
     )
     return result.eigenvalues, result.eigenvectors
 
@@ -169,14 +188,15 @@ def decompose_mesh(
     (array([0., 2., 2., 2.]), (642, 4))
     """
     stiffness, mass = cotangent_laplacian(mesh, robust=robust, mollify_factor=mollify_factor)
-    return decompose_laplacian(
+    return _decomposed(
         stiffness,
         mass,
-        n_components=n_components,
+        n_components,
+        sigma,
+        prefactor,
         op_inv=op_inv,
-        sigma=sigma,
         tol=tol,
-        prefactor=prefactor,
+        name=mesh.name if isinstance(mesh, Mesh) else "",
         progress=progress,
         cancel=cancel,
     )

@@ -12,6 +12,7 @@ __all__ = [
     "UnprovenWarning",
     "missing_module",
     "not_installed",
+    "of_mesh",
     "printable",
 ]
 
@@ -104,6 +105,11 @@ class TruncationWarning(UserWarning):
     >>> caught[0].category is mv.TruncationWarning
     True
     """
+
+
+def of_mesh(name: str) -> str:
+    """Beginning of a warning that concerns one mesh, "neuron: "; empty if it has no name."""
+    return f"{printable(name)}: " if name else ""
 
 
 def not_installed(module: str) -> str:

@@ -20,7 +20,7 @@ from meshmash_viewer.decompose import (
     decompose_mesh,
     spectral_geometry_filter,
 )
-from meshmash_viewer.errors import ConstantFeaturesWarning, InputError
+from meshmash_viewer.errors import ConstantFeaturesWarning, InputError, TruncationWarning
 from meshmash_viewer.features import sums as feature_sums
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
@@ -397,7 +397,8 @@ def test_a_filter_sees_each_eigenvalue_once_in_one_dimension(neuron, matrices):
         eigenvalues[:] = 0.0  # it may do what it likes with its copy
         return np.ones((3, len(eigenvalues)))
 
-    features = spectral_geometry_filter(neuron, filter_, THRESHOLD, drop_first=False)
+    with pytest.warns(TruncationWarning, match="neuron: 3 filters are not small"):
+        features = spectral_geometry_filter(neuron, filter_, THRESHOLD, drop_first=False)
     values, vectors = decompose_laplacian_by_bands(*matrices, THRESHOLD)
     assert len(seen) == 1
     np.testing.assert_allclose(seen[0], values, rtol=1e-12)
@@ -411,8 +412,11 @@ def test_filters_are_normalised_over_the_whole_spectrum(neuron):
     def relative(eigenvalues):
         return (eigenvalues / eigenvalues.sum())[None]
 
-    small = spectral_geometry_filter(neuron, relative, THRESHOLD, band_size=5)
-    large = spectral_geometry_filter(neuron, relative, THRESHOLD, band_size=500)
+    with pytest.warns(TruncationWarning):
+        small, large = (
+            spectral_geometry_filter(neuron, relative, THRESHOLD, band_size=size)
+            for size in (5, 500)
+        )
     np.testing.assert_allclose(small, large, rtol=1e-8)
 
 

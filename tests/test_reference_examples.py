@@ -214,6 +214,7 @@ def my_filter(eigenvalues):
     return coefs
 
 
+@pytest.mark.filterwarnings("ignore:.*not small at the last:UserWarning")
 def test_custom_filter(mesh, capsys):
     from meshmash_viewer.decompose import spectral_geometry_filter
 
@@ -237,6 +238,7 @@ def test_custom_filter(mesh, capsys):
     assert "complete" in capsys.readouterr().err
 
 
+@pytest.mark.filterwarnings("ignore:.*not small at the last:UserWarning")
 def test_precision(mesh):
     from meshmash_viewer.decompose import spectral_geometry_filter
 
@@ -249,6 +251,7 @@ def test_precision(mesh):
     np.testing.assert_allclose(fast_features, accurate_features, rtol=1e-4)
 
 
+@pytest.mark.filterwarnings("ignore:.*not small at the last:UserWarning")
 def test_filtering_patterns(mesh, count):
     from meshmash_viewer.decompose import spectral_geometry_filter
 

@@ -18,12 +18,13 @@ from meshmash_viewer.decompose import (
     compute_hks,
     spectral_geometry_filter,
 )
-from meshmash_viewer.errors import InputError, TruncationWarning
+from meshmash_viewer.errors import ConstantFeaturesWarning, InputError, TruncationWarning
 from meshmash_viewer.features.filters import (
     FilterBank,
     band_pass_bank,
     bspline_bank,
     gaussian_pyramid_bank,
+    get_hks_filter,
     heat_kernel_bank,
     low_pass_bank,
     wave_kernel_bank,
@@ -238,7 +239,8 @@ def test_of_a_formula_that_ends_in_no_number_all_may_be_missing(wholes):
 
 def test_filters_that_say_nothing_of_their_tail_have_no_truncation(wholes):
     bank = FilterBank("own", ("a",), np.ones(1), "t", 2, lambda x: np.exp(-1e-9 * x)[None])
-    features = compute_features(lowest(wholes["sphere"], 30), bank)
+    with pytest.warns(TruncationWarning, match="1 filter is not small at the last eigenvalue"):
+        features = compute_features(lowest(wholes["sphere"], 30), bank)
     assert features.truncation is None
     assert features.meta["truncation"] is None
     with pytest.raises(InputError, match="not known"):
@@ -427,3 +429,65 @@ def test_of_all_pairs_nothing_is_missing_whatever_the_filters(drop_first: bool) 
         assert found.missing == ""
         estimate, bound = found.truncation_at_vertices()
         assert (estimate.max(), bound.max(), found.truncation.flagged.size) == (0.0, 0.0, 0)
+
+
+def _said(mesh, filter_, **how):
+    """What is said of features: the truncation warnings of a call."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        spectral_geometry_filter(mesh, filter_, 40.0, drop_first=False, **how)
+    return [str(each.message) for each in caught if each.category is TruncationWarning]
+
+
+@pytest.mark.parametrize("time", [1e-3, 0.03, 0.5])
+def test_the_hks_filter_warns_as_compute_hks_does(sphere, time):
+    ball = dataclasses.replace(sphere, name="ball")
+    (said,) = _said(ball, get_hks_filter(t_min=0.5 * time, t_max=2.0, n_scales=5)) or [""]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        compute_hks(ball, 40.0, t_min=0.5 * time, t_max=2.0, n_components=5)
+    (wanted,) = [str(each.message) for each in caught] or [""]
+    assert said == wanted
+    assert said.startswith("ball: ") == (time < 0.5)
+    assert caught == [] or caught[0].filename == __file__
+
+
+#: Functions of the eigenvalue, all of those below 40, and what is said of them.
+OPEN_ENDS = {
+    "all": (np.ones_like, "1 filter is not small"),
+    "slow decay": (lambda x: np.exp(-0.1 * x), "up to 1.9 %"),
+    "fast decay": (lambda x: np.exp(-0.2 * x), ""),
+    "rising": (lambda x: x, "up to 100 %"),
+    "high pass": (lambda x: (x > 20.0).astype(float), "1 filter is not small"),
+    "low pass": (lambda x: (x < 20.0).astype(float), ""),
+    "low pass beyond": (lambda x: (x < 400.0).astype(int), "1 filter is not small"),
+    "negative": (lambda x: -np.ones((1, len(x))), "up to 100 %"),
+    "none": (np.zeros_like, ""),
+    "one of two": (lambda x: np.exp(-np.outer([0.01, 1.0], x)), "1 of 2 filters is not small"),
+    "two of three": (lambda x: np.exp(-np.outer([0.0, 0.01, 1.0], x)), "2 of 3 filters are not"),
+    "several": (lambda x: np.ones((4, len(x)), dtype=bool), "4 filters are not small"),
+    "relative": (lambda x: np.exp(-x / x.max()), "up to 37 %"),
+    "changes what it gets": (lambda x: np.exp(0.0 * np.multiply(x, 0.0, out=x)), "1 filter is not"),
+}
+
+
+@pytest.mark.parametrize(("filter_", "wanted"), OPEN_ENDS.values(), ids=OPEN_ENDS)
+def test_any_filter_that_is_not_small_at_the_last_eigenvalue_is_said(sphere, filter_, wanted):
+    said = _said(sphere, filter_)
+    assert len(said) == bool(wanted)
+    assert wanted in "".join(said)
+    # with all pairs nothing lies beyond
+    small = shapes.icosphere(1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        spectral_geometry_filter(small, filter_, 1e9, drop_first=False)
+
+
+def test_warnings_begin_with_the_name_of_the_mesh(sphere):
+    named, bare = (dataclasses.replace(sphere, name=name) for name in ("ball", ""))
+    assert _said(named, np.ones_like)[0].startswith("ball: 1 filter is")
+    assert _said(bare, np.ones_like)[0].startswith("1 filter is")
+    assert _said((sphere.vertices, sphere.faces), np.ones_like)[0].startswith("1 filter is")
+    for compute in (compute_hks, compute_geometry_vectors):
+        with pytest.warns(ConstantFeaturesWarning, match="^ball: Only zero"):
+            compute(named, 1e-3)

@@ -16,22 +16,27 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
-from meshmash_viewer.errors import ConstantFeaturesWarning, InputError, TruncationWarning
+from meshmash_viewer.errors import (
+    ConstantFeaturesWarning,
+    InputError,
+    TruncationWarning,
+    of_mesh,
+)
 from meshmash_viewer.features.filter_parameters import (
     check_times,
     checked_coefficients,
-    hks_times,
 )
 from meshmash_viewer.features.filters import (
     FilterBank,
+    HeatKernelFilter,
     bspline_bank,
     get_hks_filter,
-    heat_kernel_bank,
 )
 from meshmash_viewer.features.sums import (
     accumulate_features,
     check_tail,
     truncated_features,
+    warn_of_open_end,
     warn_of_truncation,
 )
 from meshmash_viewer.features.truncation import mesh_limit, sufficient_target
@@ -124,9 +129,10 @@ def spectral_geometry_filter(
         If only zero eigenvalues lie below the threshold, as when it is meant for another unit:
         the features are then right, but tell no two vertices of a component apart.
     TruncationWarning
-        If the filter is a `FilterBank` and more than 1 % of a column is missing, by the estimate
-        of `meshmash_viewer.features.truncation`. What a plain function does beyond the threshold
-        is not known, and nothing is said of it.
+        If the filter is one of this package and more than 1 % of a column is missing, by the
+        estimate of `meshmash_viewer.features.truncation`; if it is another function, of which it
+        is not known what it does beyond the last eigenvalue, and it is above 1 % of its largest
+        value there. Not with all eigenpairs of the mesh. Warnings begin with its name, if any.
 
     Notes
     -----
@@ -146,7 +152,7 @@ def spectral_geometry_filter(
         mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose, progress, cancel
     )
     if filter is None:
-        result = sums.solve(None, max_eigenvalue, None)
+        result = sums.solve(None, max_eigenvalue, None, stacklevel=4)
         return result.eigenvalues[sums.start :], result.eigenvectors[:, sums.start :]
     return sums.features(None, max_eigenvalue, lambda _: filter)
 
@@ -236,10 +242,8 @@ def compute_hks(
         mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose, progress, cancel
     )
 
-    def bank(eigenvalues: npt.NDArray[np.float64]) -> FilterBank | Filter:
-        if not (eigenvalues > 0.0).any() and (t_min is None or t_max is None):
-            return get_hks_filter(t_max, t_min, n_scales)
-        return heat_kernel_bank(hks_times(eigenvalues, t_min, t_max, n_scales))
+    def bank(_: npt.NDArray[np.float64]) -> Filter:
+        return get_hks_filter(t_max, t_min, n_scales)
 
     if count == "auto":
         if t_min is None:
@@ -352,6 +356,11 @@ class _Sums:
         return np.dtype(np.float64 if self.precision is None else self.precision)
 
     @property
+    def name(self) -> str:
+        """Of the mesh, for warnings."""
+        return self.mesh.name if isinstance(self.mesh, Mesh) else ""
+
+    @property
     def start(self) -> int:
         """First pair that takes part."""
         return 1 if self.drop_first else 0
@@ -369,6 +378,7 @@ class _Sums:
         n_components: int | None,
         max_eigenvalue: float | None,
         allocate: Callable[[int, int], Array] | None,
+        stacklevel: int = 5,
     ) -> Decomposition:
         """Eigenpairs by their number or up to a threshold."""
         stiffness, mass = self.matrices
@@ -382,6 +392,8 @@ class _Sums:
             allocate=allocate,
             verbose=self.verbose,
             unit=self.mesh.unit if isinstance(self.mesh, Mesh) else "",
+            name=self.name,
+            stacklevel=stacklevel,
             progress=self.progress,
             cancel=self.cancel,
         )
@@ -408,8 +420,11 @@ class _Sums:
             result = self.solve(n_components, max_eigenvalue, allocate)
             eigenvalues = result.eigenvalues[self.start :]
             if time is None and not eigenvalues.any():
-                _warn_of_zeros(max_eigenvalue, result)
+                _warn_of_zeros(max_eigenvalue, result, self.name)
             made, truncation = make(eigenvalues), None
+            if isinstance(made, HeatKernelFilter):
+                made = made.bank(eigenvalues) or made
+            ended = result.n_components == self.surface[1]
             if isinstance(made, FilterBank) and made.tail is not None and len(eigenvalues):
                 features = truncated_features(
                     result,
@@ -421,17 +436,19 @@ class _Sums:
                 )
                 values, truncation = features.values, features.truncation
             else:
-                coefficients = checked_coefficients(made(eigenvalues), eigenvalues)
+                coefficients = checked_coefficients(made(eigenvalues.copy()), eigenvalues)
                 values = accumulate_features(result.rows[self.start :], coefficients)
+                if not ended and eigenvalues.any():
+                    warn_of_open_end(coefficients, eigenvalues, 4, name=self.name)
             values[result.mass == 0.0] = np.nan
-            ended = result.n_components == self.surface[1]
             if time is not None and ended and result.eigenvalues[-1] < required_eigenvalue(time):
-                warnings.warn(mesh_limit(time, *self.surface), TruncationWarning, stacklevel=3)
-        warn_of_truncation(truncation, stacklevel=4)
+                limit = f"{of_mesh(self.name)}{mesh_limit(time, *self.surface)}"
+                warnings.warn(limit, TruncationWarning, stacklevel=3)
+        warn_of_truncation(truncation, stacklevel=4, name=self.name)
         return values.astype(self.dtype, copy=False)
 
 
-def _warn_of_zeros(max_eigenvalue: float | None, result: Decomposition) -> None:
+def _warn_of_zeros(max_eigenvalue: float | None, result: Decomposition, name: str) -> None:
     useful = weyl_eigenvalue(float(result.mass.sum()), _USEFUL_COUNT)
     within = (
         f"are among the {result.n_components} eigenpairs asked for"
@@ -439,9 +456,9 @@ def _warn_of_zeros(max_eigenvalue: float | None, result: Decomposition) -> None:
         else f"lie below max_eigenvalue ({max_eigenvalue:.4g})"
     )
     warnings.warn(
-        f"Only zero eigenvalues, one for each connected component, {within}, so the features are "
-        f"constant on each: about {_USEFUL_COUNT} eigenpairs of this mesh lie below {useful:.2g} "
-        "per squared unit of its coordinates.",
+        f"{of_mesh(name)}Only zero eigenvalues, one for each connected component, {within}, so the "
+        f"features are constant on each: about {_USEFUL_COUNT} eigenpairs of this mesh lie below "
+        f"{useful:.2g} per squared unit of its coordinates.",
         ConstantFeaturesWarning,
         stacklevel=4,
     )

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -338,7 +337,7 @@ def get_hks_filter(
     # Complain now, not after the decomposition.
     n_scales = whole_number(n_scales, "The number of time scales")
     check_times(t_min, t_max)
-    return partial(_automatic_heat_response, t_min, t_max, n_scales, np.dtype(dtype))
+    return HeatKernelFilter(t_min, t_max, n_scales, np.dtype(dtype))
 
 
 def construct_bspline_basis(e_min: float, e_max: float, n_components: int) -> list[BSpline[Any]]:
@@ -419,15 +418,36 @@ def construct_bspline_filter(
     return bspline_bank(e_min, e_max, n_components)
 
 
-def _automatic_heat_response(
-    t_min: float | None,
-    t_max: float | None,
-    n_scales: int,
-    dtype: np.dtype[Any],
-    eigenvalues: npt.ArrayLike,
-) -> npt.NDArray[Any]:
-    spectrum = as_spectrum(eigenvalues)
-    if not (spectrum > 0.0).any():
-        # Of constants nothing decays: whatever the times, the coefficients are 1.
-        return np.ones((n_scales, len(spectrum)), dtype=dtype)
-    return HeatResponse(hks_times(spectrum, t_min, t_max, n_scales))(spectrum).astype(dtype)
+@dataclass(frozen=True)
+class HeatKernelFilter:
+    """What `get_hks_filter` makes: a heat kernel whose times may depend on the eigenvalues.
+
+    Parameters
+    ----------
+    t_min, t_max : float, optional
+        None: chosen from the eigenvalues.
+    n_scales : int
+    dtype : dtype
+        Of the coefficients.
+    """
+
+    t_min: float | None
+    t_max: float | None
+    n_scales: int
+    dtype: np.dtype[Any]
+
+    def __call__(self, eigenvalues: npt.ArrayLike) -> npt.NDArray[Any]:
+        """Coefficients of shape (n_scales, k) for k eigenvalues."""
+        spectrum = as_spectrum(eigenvalues)
+        bank = self.bank(spectrum)
+        if bank is None:
+            # Of constants nothing decays: whatever the times, the coefficients are 1.
+            return np.ones((self.n_scales, len(spectrum)), dtype=self.dtype)
+        return bank(spectrum).astype(self.dtype)
+
+    def bank(self, eigenvalues: FloatArray) -> FilterBank | None:
+        """The filters with their times; None if there is no eigenvalue to choose these from."""
+        chosen = self.t_min is None or self.t_max is None
+        if chosen and not (eigenvalues > 0.0).any():
+            return None
+        return heat_kernel_bank(hks_times(eigenvalues, self.t_min, self.t_max, self.n_scales))

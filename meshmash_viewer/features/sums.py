@@ -16,10 +16,16 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.errors import InputError, TruncationWarning, not_installed
-from meshmash_viewer.features.truncation import Truncation, measure_truncation, missing_sentence
+from meshmash_viewer.errors import InputError, TruncationWarning, not_installed, of_mesh
+from meshmash_viewer.features.truncation import (
+    Truncation,
+    measure_truncation,
+    missing_sentence,
+    percent,
+)
 from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.spectral.alignment import ShownRows
+from meshmash_viewer.spectral.weyl import TOLERANCE
 from meshmash_viewer.units import counted, power_unit
 from meshmash_viewer.vertex_map import named_apart
 
@@ -317,7 +323,8 @@ def compute_features(
     Warns
     -----
     TruncationWarning
-        If more than 1 % of a column is missing, by the estimate.
+        If more than 1 % of a column is missing, by the estimate; of filters that do not tell what
+        they do beyond the last eigenvalue, if one is above 1 % of its largest value there.
 
     Examples
     --------
@@ -366,6 +373,9 @@ def compute_features(
     }
     if warn:
         warn_of_truncation(truncation)
+        some_left = len(eigenvalues) < np.count_nonzero(decomposition.mass)
+        if bank.tail is None and certificate.low is None and some_left:
+            warn_of_open_end(coefficients, eigenvalues)
     values = values.astype(dtype, copy=False)
     return Features(values, bank.columns, power_unit(unit, -2), bank.kind, meta, truncation)
 
@@ -382,11 +392,41 @@ def check_tail(tail: str | None, kind: str) -> None:
         raise InputError(f'tail="weyl" is for heat kernel signatures, not for {kind}.')
 
 
-def warn_of_truncation(truncation: Truncation | None, stacklevel: int = 3) -> None:
-    """Warn in Python of the columns that are flagged, if there are any."""
+def warn_of_truncation(
+    truncation: Truncation | None, stacklevel: int = 3, *, name: str = ""
+) -> None:
+    """Warn in Python of the columns that are flagged, if there are any; `name` is the mesh's."""
     if truncation is not None and (sentence := truncation.sentence()):
         warnings.warn(
-            f"{sentence}: go further up the spectrum, or see Features.truncation.",
+            f"{of_mesh(name)}{sentence}: go further up the spectrum, or see Features.truncation.",
+            TruncationWarning,
+            stacklevel=stacklevel,
+        )
+
+
+def warn_of_open_end(
+    coefficients: FloatArray, eigenvalues: FloatArray, stacklevel: int = 3, *, name: str = ""
+) -> None:
+    """Warn of filters that are not small at the last eigenvalue, of which no more is known.
+
+    Parameters
+    ----------
+    coefficients : ndarray of float64, shape (f, k)
+    eigenvalues : ndarray of float64, shape (k,)
+        Some of those that the mesh has.
+    """
+    largest = np.abs(coefficients).max(axis=1, initial=0.0)
+    last = np.abs(coefficients[:, -1]) if len(eigenvalues) else np.zeros(len(coefficients))
+    shares = np.divide(last, largest, out=np.zeros(len(last)), where=largest > 0.0)
+    count = int((shares > TOLERANCE).sum())
+    if count:
+        filters = "1 filter is" if count == 1 else f"{count} filters are"
+        if len(shares) > count:
+            filters = f"{count} of {len(shares)} filters {'is' if count == 1 else 'are'}"
+        warnings.warn(
+            f"{of_mesh(name)}{filters} not small at the last eigenvalue, {eigenvalues[-1]:.4g}, "
+            f"but up to {percent(float(shares.max()))} of the largest value: what "
+            "lies beyond is missing, how much is not known; go further up the spectrum.",
             TruncationWarning,
             stacklevel=stacklevel,
         )

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
-from meshmash_viewer.errors import InputError, UnprovenWarning
+from meshmash_viewer.errors import InputError, UnprovenWarning, of_mesh
 from meshmash_viewer.laplacian import SparseMatrix
 from meshmash_viewer.progress import ProgressBar, ProgressCallback
 from meshmash_viewer.spectral.weyl import Target
@@ -46,6 +46,8 @@ def find_eigenpairs(
     dtype: npt.DTypeLike | None = None,
     verbose: int = False,
     unit: str = "",
+    name: str = "",
+    stacklevel: int = 3,
     progress: ProgressCallback | None = None,
     **options: Any,
 ) -> Decomposition:
@@ -53,7 +55,8 @@ def find_eigenpairs(
 
     Of a float32 Laplacian, the null space that rounding cost it is restored. `dtype` is that of the
     eigenvectors, None that of `stiffness`; `verbose` draws a progress bar on stderr, and ends it
-    with the proof of completeness in the mesh's `unit`; `progress` gets every report, bar or not.
+    with the proof of completeness in the mesh's `unit`; `name` is the mesh's in a warning, and
+    `stacklevel` that of the warning; `progress` gets every report, bar or not.
 
     Warns
     -----
@@ -74,7 +77,8 @@ def find_eigenpairs(
     if verbose:
         tqdm.write(result.proof(unit), file=sys.stderr)
     if not result.complete:
-        warnings.warn(result.proof(unit), UnprovenWarning, stacklevel=3)
+        text = f"{of_mesh(name)}{result.proof(unit)}"
+        warnings.warn(text, UnprovenWarning, stacklevel=stacklevel)
     return result
 
 
