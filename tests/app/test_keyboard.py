@@ -124,7 +124,9 @@ def tab_through(window: MainWindow) -> list[QWidget]:
     at = [next(n for n, each in enumerate(panels) if each.isAncestorOf(stop)) for stop in inside]
     assert at == sorted(at)
     for number, panel in enumerate(panels):
-        mine = [place(window, stop) for stop, n in zip(inside, at, strict=True) if n == number]
+        stops_here = [stop for stop, n in zip(inside, at, strict=True) if n == number]
+        # what is scrolled out of sight lies nowhere
+        mine = [place(window, stop) for stop in stops_here if not stop.visibleRegion().isEmpty()]
         for above, below in pairwise(mine):
             beside = above.left() < below.left() and panel is not window.mesh_panel
             assert above.center().y() <= below.center().y() + 8 or beside, (above, below)

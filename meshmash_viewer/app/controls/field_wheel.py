@@ -42,10 +42,9 @@ class FieldWheel(QObject):
     def watch(self, within: QWidget) -> None:
         """Watch the fields within a widget, however often they are watched already."""
         for field in (within, *within.findChildren(QWidget)):
+            if field.focusPolicy() == Qt.FocusPolicy.WheelFocus:  # which the wheel itself gives
+                field.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
             if isinstance(field, _FIELDS) and not isinstance(field, QScrollBar):
-                # Qt gives others the focus by the wheel itself
-                if field.focusPolicy() == Qt.FocusPolicy.WheelFocus:
-                    field.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
                 field.installEventFilter(self)
                 if (area := _scroll_area(field)) is not None:
                     area.viewport().installEventFilter(self)
