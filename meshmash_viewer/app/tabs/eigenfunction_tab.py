@@ -58,7 +58,7 @@ class EigenfunctionTab(FieldStepper):
             self._make_slider(
                 "eigenvector_slider",
                 "Eigenfunction",
-                native_text("Arrow keys, or the wheel once it is clicked: one; PgDn, or Ctrl + wheel: ten"),
+                native_text("Arrow keys, or the wheel once it is clicked: one; PgDn: ten"),
             ),
             self._make_index_row(
                 "eigenvector", "Index of the eigenfunction, counted from 0", self.flip_button
