@@ -10,6 +10,7 @@ import pytest
 import scipy.linalg
 import shapes
 
+from meshmash_viewer.decompose import compute_hks, spectral_geometry_filter
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
@@ -338,3 +339,169 @@ def test_bad_requests_are_named(sphere: Mesh) -> None:
         stitcher.split_mesh(100, overlap=-1.0)
     with pytest.raises(InputError, match="n_jobs=0"):
         MeshStitcher(sphere, n_jobs=0)
+    with pytest.raises(InputError, match="overlap_distance and t_max are given"):
+        stitcher.split_mesh(100, overlap_distance=1.0, t_max=1.0)
+    for name in ("overlap_distance", "t_max"):
+        for width in (-1.0, np.nan, np.inf):
+            with pytest.raises(InputError, match=f"{name}={width} is not a width"):
+                stitcher.split_mesh(100, **{name: width})
+    with pytest.raises(InputError, match="max_overlap_neighbors limits"):
+        stitcher.split_mesh(100, max_overlap_neighbors=10)
+    with pytest.raises(InputError, match="give verbose by its name"):
+        MeshStitcher(sphere, True)
+    stitcher.split_mesh(300)
+    with pytest.raises(InputError, match=r"stitch=0\.5 .* by their names"):
+        stitcher.apply(coordinates, 0.5)
+    with pytest.raises(InputError, match="1 results are not of"):
+        stitcher.stitch_features([np.zeros(3)])
+    with pytest.raises(InputError, match="nothing to stitch"):
+        stitcher.apply(lambda piece: None)
+    with pytest.raises(InputError, match="from 0 to 641"):
+        stitcher.subset_apply(coordinates, [642])
+    with pytest.raises(InputError, match=r"shape \(5, 2\) are not of 642 vertices"):
+        stitcher.apply_on_features(lambda piece, rows: rows, np.ones((5, 2)))
+
+
+def test_a_stitcher_is_the_sequence_of_its_pieces(neuron: Mesh) -> None:
+    stitcher = MeshStitcher(neuron, n_jobs=1)
+    assert len(stitcher) == 0
+    submeshes = stitcher.split_mesh(max_vertex_threshold=300)
+    assert submeshes is stitcher
+    assert len(submeshes) == len(stitcher.pieces) == len(stitcher.submeshes) > 2
+    owners = stitcher.submesh_mapping
+    np.testing.assert_array_equal(owners >= 0, neuron.referenced)
+    assert set(owners[owners >= 0]) == set(range(len(stitcher)))
+    for number, (vertices, faces) in enumerate(submeshes):
+        indices = stitcher.submesh_overlap_indices[number]
+        np.testing.assert_array_equal(vertices, neuron.vertices[indices])
+        np.testing.assert_array_equal(faces, stitcher[number][1])
+        assert Mesh(vertices, faces).referenced.all()
+        assert np.isin(np.flatnonzero(owners == number), indices).all()
+    np.testing.assert_array_equal(stitcher[-1][0], stitcher[len(stitcher) - 1][0])
+    with pytest.raises(IndexError):
+        stitcher[len(stitcher)]
+
+
+@pytest.mark.parametrize("scale", [1.0, 1000.0])
+def test_an_overlap_in_units_of_length_is_kept_whole(fine_sphere: Mesh, scale: float) -> None:
+    mesh = Mesh(scale * fine_sphere.vertices, fine_sphere.faces)
+    stitcher = MeshStitcher(mesh).split_mesh(300, overlap_distance=0.3 * scale)
+    graph = edge_graph(mesh)
+    longest = graph.data.max()
+    for number, piece in enumerate(stitcher.pieces):
+        depth = interior_depth(graph, piece)
+        owned = stitcher.submesh_mapping[piece] == number
+        # between two cores the overlap of both is between the vertex and either cut
+        assert depth[owned].min() > 0.3 * scale - longest
+    assert max(map(len, stitcher.pieces)) > 300, "the overlap comes on top"
+    assert np.bincount(stitcher.submesh_mapping).max() < 600
+
+
+def test_the_overlap_may_be_limited_in_vertices(fine_sphere: Mesh) -> None:
+    stitcher = MeshStitcher(fine_sphere, n_jobs=1)
+    free = stitcher.split_mesh(300, overlap_distance=0.5)
+    widest = max(map(len, free.pieces))
+    limited = stitcher.split_mesh(300, overlap_distance=0.5, max_overlap_neighbors=150)
+    assert max(map(len, limited.pieces)) <= 450 < widest
+    np.testing.assert_array_equal(limited.apply(coordinates), fine_sphere.vertices)
+    # those next to a core are always in its piece
+    one_ring = stitcher.split_mesh(300, overlap_distance=0.5, max_overlap_neighbors=0)
+    np.testing.assert_array_equal(one_ring.apply(coordinates), fine_sphere.vertices)
+    (whole,) = stitcher.split_mesh(None)
+    np.testing.assert_array_equal(whole[1], fine_sphere.faces)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3])
+def test_the_overlap_follows_the_longest_time(sphere: Mesh, scale: float) -> None:
+    times = np.array([0.02, 0.05]) * scale**2
+    mesh = Mesh(scale * sphere.vertices, sphere.faces)
+    whole = heat_kernel(mesh, times)
+    stitcher = MeshStitcher(mesh, n_jobs=1).split_mesh(160, t_max=times[-1])
+    results = stitcher.apply(heat_kernel, stitch=False, times=times)
+    found = stitcher.stitch_features(results)
+    assert np.abs(found / whole - 1.0).max() < 1e-3
+    seams = stitcher.seams(results)
+    assert len(seams) > 100
+    assert seams.max() < 1e-3
+
+
+def test_small_components_are_left_out_and_filled(three_spheres: Mesh) -> None:
+    small = shapes.icosphere(0)
+    mesh = Mesh(
+        np.concatenate([small.vertices + 99.0, three_spheres.vertices]),
+        np.concatenate([small.faces, three_spheres.faces + 12]),
+    )
+    stitcher = MeshStitcher(mesh, n_jobs=1)
+    for options in ({}, {"overlap_distance": 0.2}):
+        stitcher.split_mesh(200, min_vertex_threshold=100, **options)
+        np.testing.assert_array_equal(stitcher.submesh_mapping < 0, np.arange(498) < 12)
+        counts = stitcher.apply(lambda piece: np.full(len(piece[0]), 7), fill_value=-1)
+        assert (counts.dtype.kind, counts[0], counts[12]) == ("i", -1, 7)
+        heights = stitcher.apply(lambda piece: piece[0][:, 2].astype(np.float32))
+        assert heights.dtype == np.float32
+        np.testing.assert_array_equal(np.isnan(heights), np.arange(498) < 12)
+    with pytest.raises(InputError, match="in no piece"):
+        stitcher.subset_apply(coordinates, [3, 5])
+
+
+@pytest.mark.parametrize("n_jobs", [1, 2])
+def test_arguments_go_on_to_the_function(fine_sphere: Mesh, n_jobs: int) -> None:
+    stitcher = MeshStitcher(fine_sphere, n_jobs=n_jobs).split_mesh(1200)
+    assert len(stitcher) > 1
+    found = stitcher.apply(
+        lambda piece, axis, scale=1.0: scale * piece[0][:, axis], axis=1, scale=2
+    )
+    np.testing.assert_array_equal(found, 2.0 * fine_sphere.vertices[:, 1])
+    rows = fine_sphere.vertices[:, :2]
+    found = stitcher.apply_on_features(
+        lambda piece, own, shift: piece[0][:, :2] - own + shift, rows, shift=3
+    )
+    np.testing.assert_array_equal(found, np.full((fine_sphere.n_vertices, 2), 3.0))
+
+
+def test_pieces_of_some_vertices_only(fine_sphere: Mesh) -> None:
+    stitcher = MeshStitcher(fine_sphere, n_jobs=1).split_mesh(300)
+    calls: list[int] = []
+
+    def heights(piece: Any) -> np.ndarray:
+        calls.append(len(piece[0]))
+        return piece[0][:, 2]
+
+    wanted = np.flatnonzero(fine_sphere.vertices[:, 2] > 0.95)
+    found = stitcher.subset_apply(heights, wanted, reindex=True)
+    np.testing.assert_array_equal(found, fine_sphere.vertices[wanted, 2])
+    assert len(calls) < len(stitcher)
+    everywhere = stitcher.subset_apply(heights, wanted, fill_value=-9.0)
+    np.testing.assert_array_equal(everywhere[wanted], found)
+    kept = np.isin(stitcher.submesh_mapping, stitcher.submesh_mapping[wanted])
+    np.testing.assert_array_equal(everywhere != -9.0, kept)
+    half = [None if number % 2 else vertices[:, 2] for number, (vertices, _) in enumerate(stitcher)]
+    np.testing.assert_array_equal(
+        np.isnan(stitcher.stitch_features(half)), stitcher.submesh_mapping % 2 == 1
+    )
+
+
+def test_verbose_says_how_it_goes(fine_sphere: Mesh, capfd: pytest.CaptureFixture[str]) -> None:
+    stitcher = MeshStitcher(fine_sphere, n_jobs=1, verbose=True).split_mesh(700)
+    assert capfd.readouterr().err == (
+        f"{len(stitcher)} pieces of at most {max(map(len, stitcher.pieces))} vertices\n"
+    )
+    stitcher.apply(coordinates)
+    assert f"{len(stitcher)} of {len(stitcher)} pieces" in capfd.readouterr().err
+    MeshStitcher(fine_sphere, n_jobs=1).split_mesh(700).apply(coordinates)
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("n_jobs", [1, 2])
+def test_the_first_pair_left_out_is_that_of_the_whole(three_spheres: Mesh, n_jobs: int) -> None:
+    """That of a piece is larger: 1 over its area, not over that of the component."""
+    options = {"max_eigenvalue": 400.0, "drop_first": True}
+    times = {"t_min": 0.02, "t_max": 0.05, "n_components": 3}
+    stitcher = MeshStitcher(three_spheres, n_jobs=n_jobs).split_mesh(60, t_max=0.05)
+    assert len(stitcher) > 5
+    whole = compute_hks(three_spheres, **options, **times)
+    found = stitcher.apply(compute_hks, **options, **times)
+    np.testing.assert_allclose(found, whole, rtol=0.02)
+    low = {"filter": lambda values: np.exp(-0.05 * values), **options}
+    found = stitcher.apply(spectral_geometry_filter, **low)
+    np.testing.assert_allclose(found, whole[:, 2:], rtol=0.02)

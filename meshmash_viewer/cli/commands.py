@@ -241,7 +241,6 @@ def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> lis
 def _check_pieces(options: Namespace) -> None:
     """Complain of what cannot be had in pieces."""
     wrong = {
-        "--drop-first": options.drop_first,
         "--tail": options.tail is not None,
         "--count auto": options.target is None,
         "--component-column": options.component_column,
@@ -266,6 +265,7 @@ def _write_in_pieces(
             chosen_operator(options),
             repairs=options.repair,
             file_mesh=raw if options.whole_mesh else None,
+            drop_first=options.drop_first,
             n_jobs=options.jobs,
             progress=bar,
             cancel=cancel,

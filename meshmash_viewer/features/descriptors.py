@@ -52,6 +52,7 @@ from meshmash_viewer.spectral.eigenpairs import (
     scratch_rows,
 )
 from meshmash_viewer.spectral.weyl import required_eigenvalue, weyl_eigenvalue
+from meshmash_viewer.split.piece import Piece
 from meshmash_viewer.units import whole_number
 
 if TYPE_CHECKING:
@@ -99,7 +100,8 @@ def spectral_geometry_filter(
     max_eigenvalue, band_size, truncate_extra
         See `decompose_laplacian_by_bands`.
     drop_first : bool
-        Leave out the first pair, exactly one, however many zero eigenvalues there are.
+        Leave out the first pair, exactly one, however many zero eigenvalues there are; of a piece
+        that `MeshStitcher` gives, the first pair of the whole mesh.
     decomposition_dtype : dtype
         float64: eigenpairs converge to residuals of 1e-12, or what rounding allows. float32 halves
         the memory of eigenvectors and loosens that to 1e-7; the result has the same dtype. None
@@ -404,6 +406,11 @@ class _Sums:
         mass = np.asarray(self.matrices[1].diagonal(), dtype=np.float64)
         return float(mass.sum()), int(np.count_nonzero(mass))
 
+    @property
+    def first_of_whole(self) -> npt.NDArray[np.float64] | None:
+        """Square of the first eigenvector of the mesh that this is a piece of, to be left out."""
+        return self.mesh.first if self.drop_first and isinstance(self.mesh, Piece) else None
+
     def features(
         self,
         n_components: int | None,
@@ -418,7 +425,10 @@ class _Sums:
         """
         with scratch_rows(self.dtype) as allocate:
             result = self.solve(n_components, max_eigenvalue, allocate)
-            eigenvalues = result.eigenvalues[self.start :]
+            whole = self.first_of_whole
+            # of a piece the first pair is larger, by the ratio of the areas: the right part goes
+            start = self.start if whole is None else 0
+            eigenvalues = result.eigenvalues[start:]
             if time is None and not eigenvalues.any():
                 _warn_of_zeros(max_eigenvalue, result, self.name)
             made, truncation = make(eigenvalues), None
@@ -429,17 +439,20 @@ class _Sums:
                 features = truncated_features(
                     result,
                     made,
-                    drop_first=self.drop_first,
+                    drop_first=start == 1,
                     dtype=self.dtype,
                     tail=tail,
                     known_to=max_eigenvalue if result.complete else None,
                 )
                 values, truncation = features.values, features.truncation
+                coefficients = made(eigenvalues)
             else:
                 coefficients = checked_coefficients(made(eigenvalues.copy()), eigenvalues)
-                values = accumulate_features(result.rows[self.start :], coefficients)
+                values = accumulate_features(result.rows[start:], coefficients)
                 if not ended and eigenvalues.any():
                     warn_of_open_end(coefficients, eigenvalues, 4, name=self.name)
+            if whole is not None:
+                values -= np.outer(whole, coefficients[:, 0])
             values[result.mass == 0.0] = np.nan
             if time is not None and ended and result.eigenvalues[-1] < required_eigenvalue(time):
                 limit = f"{of_mesh(self.name)}{mesh_limit(time, *self.surface)}"

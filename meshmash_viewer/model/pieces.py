@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import FilterBank
+from meshmash_viewer.features.truncation import Truncation, measure_truncation, percent
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.laplacian import OperatorOptions
@@ -21,13 +22,22 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.results import MapGrew, Written
 from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback
-from meshmash_viewer.spectral.weyl import Target, Translation, weyl_eigenvalue
+from meshmash_viewer.spectral.weyl import (
+    TOLERANCE,
+    Target,
+    Translation,
+    weyl_eigenvalue,
+)
+from meshmash_viewer.split.piece import Piece
+from meshmash_viewer.split.stitcher import MeshStitcher
 from meshmash_viewer.units import counted
 
 __all__ = ["LEAST", "PiecesJob", "described_seams", "in_pieces", "usual_pieces", "write_in_pieces"]
 
 #: Fewest vertices that a piece is worth having, and how many are solved in seconds.
 LEAST, _USUAL = 500, 20_000
+#: Times its core that the overlap of a piece has vertices at most, so that work has an end.
+_WIDEST = 11
 
 
 def usual_pieces(n_vertices: int) -> int:
@@ -37,13 +47,17 @@ def usual_pieces(n_vertices: int) -> int:
 
 @dataclass(frozen=True)
 class _Task:
-    """What is done to a piece; it goes to other processes."""
+    """What is done to a piece; it goes to other processes.
+
+    It gives the columns, and two more: the sum of all squares, and the mass of each vertex.
+    """
 
     operator: OperatorOptions
     max_eigenvalue: float
     bank: FilterBank
+    drop_first: bool
 
-    def __call__(self, piece: tuple[Any, Any]) -> npt.NDArray[np.float64]:
+    def __call__(self, piece: Piece) -> npt.NDArray[np.float64]:
         from meshmash_viewer.features.sums import accumulate_features
         from meshmash_viewer.laplacian import cotangent_laplacian
         from meshmash_viewer.spectral.eigensolver import solve
@@ -54,7 +68,12 @@ class _Task:
         pairs = solve(stiffness, mass, max_eigenvalue=self.max_eigenvalue)
         if not pairs.complete:
             raise ArithmeticError(pairs.proof())
-        return accumulate_features(pairs.rows, self.bank(pairs.eigenvalues))
+        coefficients = self.bank(pairs.eigenvalues)
+        density = np.zeros(pairs.rows.shape[1])
+        values = accumulate_features(pairs.rows, coefficients, density)
+        if self.drop_first:
+            values -= np.outer(piece.first, coefficients[:, 0])
+        return np.column_stack([values, density, pairs.mass])
 
 
 def write_in_pieces(
@@ -67,6 +86,7 @@ def write_in_pieces(
     *,
     repairs: Sequence[str] = (),
     file_mesh: Mesh | None = None,
+    drop_first: bool = False,
     n_jobs: int | None = None,
     done: Callable[[npt.NDArray[np.int64], npt.NDArray[np.float64]], None] | None = None,
     progress: ProgressCallback | None = None,
@@ -90,6 +110,8 @@ def write_in_pieces(
         What has been done to the mesh.
     file_mesh : Mesh, optional
         The mesh before that, to write the results at all its vertices.
+    drop_first : bool
+        Whether to leave out the first pair of the whole, which is constant on a component.
     n_jobs : int, optional
         Processes; None for one a core.
     done : callable, optional
@@ -100,7 +122,8 @@ def write_in_pieces(
     Returns
     -------
     dict
-        JSON-able report, with the differences at the seams relative to the values there.
+        JSON-able report, with the differences at the seams relative to the values there, and the
+        columns that differ by more than 1 % in the median.
 
     Raises
     ------
@@ -110,7 +133,6 @@ def write_in_pieces(
     from meshmash_viewer.features.sums import Features
     from meshmash_viewer.io.provenance import export_options
     from meshmash_viewer.io.write import write_features
-    from meshmash_viewer.split.stitcher import MeshStitcher
     from meshmash_viewer.units import power_unit
 
     began = time.perf_counter()
@@ -123,11 +145,16 @@ def write_in_pieces(
     top = Translation(mesh.area, n_vertices=n).eigenvalue(target)[0]
     bank = _common_bank(family, top)
     stitcher = MeshStitcher(mesh, n_jobs=-1 if n_jobs is None else n_jobs)
-    # a piece holds its overlap, too
-    stitcher.split_mesh(max_vertex_threshold=math.ceil(1.35 * n / count))
-    task = _Task(operator, top, bank)
-    results = stitcher.apply(task, stitch=False, done=done, progress=progress, cancel=cancel)
-    seams = stitcher.seams(results)
+    _split(stitcher, bank, n, count)
+    task = _Task(operator, top, bank, drop_first)
+    whole = stitcher.apply(
+        task,
+        stitch=False,
+        done=None if done is None else lambda vertices, rows: done(vertices, rows[:, :-2]),
+        progress=progress,
+        cancel=cancel,
+    )
+    seams = stitcher.seams([rows[:, :-2] for rows in whole])
     options = export_options(
         family.export,
         operator,
@@ -136,28 +163,36 @@ def write_in_pieces(
         repairs,
         whole_mesh=file_mesh is not None,
     )
-    told = {
+    *columns, density, mass = stitcher.stitch_features(whole).T
+    values = np.stack(columns, axis=1)
+    truncation = _truncation(bank, values, density, np.nan_to_num(mass), top)
+    median = np.median(seams, axis=0) if len(seams) else seams.sum(axis=0)
+    found = {
         "pieces": len(stitcher.pieces),
         "largest_piece": max(len(piece) for piece in stitcher.pieces),
         "seam_vertices": len(seams),
         "seam_largest": _columns(np.max(seams, axis=0, initial=0.0)),
-        "seam_median": _columns(np.median(seams, axis=0) if len(seams) else seams.sum(axis=0)),
+        "seam_median": _columns(median),
+        "seam_flagged": [bank.columns[at] for at in np.flatnonzero(median > TOLERANCE)],
+        "truncation": None if truncation is None else truncation.as_dict(),
+        "drop_first": drop_first,
     }
     features = Features(
-        stitcher.stitched(results), bank.columns, power_unit(mesh.unit, -2), family.export
+        values, bank.columns, power_unit(mesh.unit, -2), family.export, found, truncation
     )
     features = features if file_mesh is None else features.on_file(mesh)
-    write_features(path, features, file_mesh or mesh, meta={**options, **told})
+    write_features(path, features, file_mesh or mesh, meta={**options, **found})
+    said = (_flagged_sentence(found), features.missing)
     return {
         "mesh": mesh.name,
         "output": str(path),
         "kind": family.export,
         "n_vertices": len(features.values),
         "max_eigenvalue": top,
-        **told,
+        **found,
         "columns": list(bank.columns),
         "n_features": len(bank.columns),
-        "remarks": [],
+        "remarks": [f"{sentence}." for sentence in said if sentence],
         "seconds": round(time.perf_counter() - began, 3),
     }
 
@@ -212,11 +247,51 @@ class PiecesJob:
             # those that worked on pieces would wait for more for minutes, with their memory
             if (executor := reusable_executor._executor) is not None:
                 executor.shutdown(wait=True, kill_workers=True)
-        return Written(self.path, self.family.label, described_seams(report), warns=False)
+        remarks = report["remarks"]
+        text = ". ".join([described_seams(report), *(each.removesuffix(".") for each in remarks)])
+        return Written(self.path, self.family.label, text, warns=bool(remarks))
 
     def name(self, column: int) -> str:
         """What the map of a column is called."""
         return f"{self.family.short} {column}, in pieces"
+
+
+def _split(stitcher: MeshStitcher, bank: FilterBank, n_vertices: int, count: int) -> None:
+    """Cut into about so many pieces, with an overlap that follows the longest time."""
+    if bank.parameter_power == 2:
+        core = math.ceil(n_vertices / count)
+        stitcher.split_mesh(
+            core, t_max=float(np.max(bank.parameters)), max_overlap_neighbors=_WIDEST * core
+        )
+    else:
+        # a piece holds its overlap, too
+        stitcher.split_mesh(math.ceil(1.35 * n_vertices / count))
+
+
+def _truncation(
+    bank: FilterBank,
+    values: npt.NDArray[np.float64],
+    density: npt.NDArray[np.float64],
+    mass: npt.NDArray[np.float64],
+    top: float,
+) -> Truncation | None:
+    """What the pairs beyond `top` would add, from the sums of squares of those up to it."""
+    used = mass > 0.0
+    n_pairs = max(round(float(mass[used] @ density[used])), 1)
+    return measure_truncation(values, bank, np.full(n_pairs, top), density, mass, known_to=top)
+
+
+def _flagged_sentence(report: dict[str, Any]) -> str:
+    """Say in a sentence without its stop which columns differ too much at seams, if any do."""
+    flagged, median = report["seam_flagged"], report["seam_median"]
+    if not flagged:
+        return ""
+    differ = "differs" if len(flagged) == 1 else "differ"
+    return (
+        f"{len(flagged)} of {counted(len(median), 'column')} {differ} by more than 1 % in the"
+        f" median where pieces meet, the worst by {percent(max(median))}: take fewer pieces, or"
+        " solve the whole"
+    )
 
 
 def described_seams(report: dict[str, Any]) -> str:
@@ -225,7 +300,7 @@ def described_seams(report: dict[str, Any]) -> str:
     return (
         f"{counted(report['pieces'], 'piece')} of at most"
         f" {counted(report['largest_piece'], 'vertex')}; at {report['seam_vertices']:,} vertices"
-        f" beside seams they differ by {100 * worst:.2g} % at most, by {100 * typical:.2g} % in"
+        f" next to seams they differ by {100 * worst:.2g} % at most, by {100 * typical:.2g} % in"
         " the median of the worst column"
     )
 

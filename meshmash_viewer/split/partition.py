@@ -20,7 +20,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
 
-__all__ = ["edge_graph", "interior_depth", "overlapping_pieces"]
+__all__ = ["edge_graph", "interior_depth", "overlapping_pieces", "widened_cores"]
 
 Graph: TypeAlias = "sparse.csr_array[Any]"
 FloatArray: TypeAlias = npt.NDArray[np.float64]
@@ -95,14 +95,58 @@ def overlapping_pieces(
             f"Vertex {vertex} has {degrees[vertex]} neighbours, so no piece of {max_size} vertices "
             f"can hold it: give a max_vertex_threshold above {degrees[vertex]}."
         )
+    small, large = _components(labels, max_size)
+    pieces = _grouped(small, max_size)
+    for component in large:
+        pieces += _cut(graph, component, max_size, width)
+    return pieces
+
+
+def widened_cores(
+    graph: Graph, labels: IntArray, core_size: int, width: float, most: int | None = None
+) -> list[IntArray]:
+    """Cut a graph into cores of at most `core_size` vertices, and widen each by all of `width`.
+
+    Parameters
+    ----------
+    graph, labels, width
+        As of `overlapping_pieces`, but a piece may have any size.
+    most : int, optional
+        Vertices that a core is widened by at most, the nearest ones; its neighbours are always
+        among them.
+
+    Returns
+    -------
+    list of ndarray of int
+        Sorted vertices of each piece. Components that fit are whole, and grouped to fill pieces.
+    """
+    small, large = _components(labels, core_size)
+    pieces = _grouped(small, core_size)
+    for component in large:
+        local = _subgraph(graph, component)
+        waiting = _Cells(local, _CELLS_PER_PIECE * len(component) // core_size).unions(core_size)
+        waiting.reverse()
+        while waiting:
+            core = waiting.pop()
+            if len(core) > core_size:
+                waiting += reversed(_halves(local, core))
+                continue
+            distances = _reached(local, core, width)
+            reached = np.flatnonzero(np.isfinite(distances))
+            if most is not None and len(reached) > len(core) + most:
+                nearest = np.argsort(distances[reached], kind="stable")
+                needed = int(np.count_nonzero(distances[reached] == 0.0))
+                reached = np.sort(reached[nearest[: max(len(core) + most, needed)]])
+            pieces.append(component[reached])
+    return pieces
+
+
+def _components(labels: IntArray, size: int) -> tuple[list[IntArray], list[IntArray]]:
+    """Vertices of each component with at most `size` of them, and of each other one."""
     sizes = np.bincount(labels[labels >= 0])
     order = np.argsort(labels, kind="stable")[np.count_nonzero(labels < 0) :]
     components = np.split(order, np.cumsum(sizes)[:-1]) if len(sizes) else []
-    pieces = _grouped([c for c in components if len(c) <= max_size], max_size)
-    for component in components:
-        if len(component) > max_size:
-            pieces += _cut(graph, component, max_size, width)
-    return pieces
+    return [c for c in components if len(c) <= size], [c for c in components if len(c) > size]
 
 
 def _grouped(components: list[IntArray], max_size: int) -> list[IntArray]:
@@ -139,8 +183,12 @@ def _cut(graph: Graph, component: IntArray, max_size: int, width: float) -> list
             if piece is not None:
                 pieces.append(component[piece])
                 continue
-        waiting += reversed(_parted(_subgraph(local, core), core, np.ones(len(core)), 0.5))
+        waiting += reversed(_halves(local, core))
     return pieces
+
+
+def _halves(graph: Graph, core: IntArray) -> list[IntArray]:
+    return _parted(_subgraph(graph, core), core, np.ones(len(core)), 0.5)
 
 
 def _fitting_core(sizes: IntArray, max_size: int) -> float:
@@ -223,9 +271,7 @@ def _parted(graph: Graph, members: IntArray, weights: FloatArray, share: float) 
 
 def _widened(graph: Graph, core: IntArray, max_size: int, width: float) -> IntArray | None:
     """The core and what is within `width` of it; None where the core has to be cut first."""
-    distances = _distances(graph, core, width)
-    # The neighbours come first, whatever their distance: without them the core itself is cut.
-    distances[graph[core].indices] = 0.0
+    distances = _reached(graph, core, width)
     reached = np.flatnonzero(np.isfinite(distances))
     if len(reached) <= max_size:
         return reached
@@ -234,6 +280,16 @@ def _widened(graph: Graph, core: IntArray, max_size: int, width: float) -> IntAr
         return None
     nearest = np.argsort(distances[reached], kind="stable")[:max_size]
     return np.sort(reached[nearest])
+
+
+def _reached(graph: Graph, core: IntArray, width: float) -> FloatArray:
+    """Distance of every vertex from a core, infinite beyond `width`, but 0 for its neighbours.
+
+    They come first, whatever their distance: without them the core itself is cut.
+    """
+    distances = _distances(graph, core, width)
+    distances[graph[core].indices] = 0.0
+    return distances
 
 
 def _distances(graph: Graph, sources: Any, limit: float = np.inf) -> FloatArray:

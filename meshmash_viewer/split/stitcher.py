@@ -7,38 +7,45 @@ that of the whole mesh, because heat has not yet seen the cut.
 
 from __future__ import annotations
 
+import math
+import sys
 import time
-import traceback
-import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from typing import Any, TypeAlias
+from functools import cached_property, partial
+from typing import Any, TypeAlias, overload
 
 import numpy as np
 import numpy.typing as npt
-from joblib import Parallel, delayed, effective_n_jobs, parallel_config
-from scipy import sparse
-from threadpoolctl import threadpool_limits
 
-from meshmash_viewer.errors import ConstantFeaturesWarning, InputError
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
-from meshmash_viewer.progress import CancelCallback, Cancelled, Progress, ProgressCallback
-from meshmash_viewer.split.partition import edge_graph, interior_depth, overlapping_pieces
+from meshmash_viewer.progress import (
+    CancelCallback,
+    Progress,
+    ProgressBar,
+    ProgressCallback,
+)
+from meshmash_viewer.split.calls import PieceError, results_of_calls
+from meshmash_viewer.split.ownership import owned_pieces
+from meshmash_viewer.split.partition import edge_graph, overlapping_pieces, widened_cores
+from meshmash_viewer.split.piece import Piece
+from meshmash_viewer.split.stitching import seam_differences, stitched
+from meshmash_viewer.units import counted
 
 __all__ = ["MeshStitcher", "PieceError"]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
-#: ``(vertices, faces)`` of one piece, the indices of `faces` counted within it.
-PieceMesh: TypeAlias = tuple[FloatArray, IntArray]
+#: Width of the overlap by the square root of a piece's area, where it is not given.
+_OVERLAP = 0.15
+#: Width of the overlap by √t: what a cut so far away adds to heat is e^(-3²), 0.01 % of it, and
+#: ways along edges are up to 15 % longer than straight ones.
+_REACH = 3.0
 
 
-class PieceError(RuntimeError):
-    """The function failed on a piece; the message names the piece and tells the failure."""
-
-
-class MeshStitcher:
-    """Split, apply, stitch.
+class MeshStitcher(Sequence[Piece]):
+    """Split, apply, stitch; once split, it is the sequence of its pieces as meshes.
 
     Parameters
     ----------
@@ -48,113 +55,176 @@ class MeshStitcher:
         Processes to work in, as joblib counts them: -1 is one for each core, 1 is none beside
         this one. Within ``joblib.parallel_config`` the backend named there is used, which may be
         a cluster.
+    verbose : int
+        1 writes what the mesh was split into, and draws a progress bar, on stderr.
 
     Attributes
     ----------
     mesh : Mesh
-    pieces : tuple of ndarray of int
+    pieces, submesh_overlap_indices : tuple of ndarray of int
         Vertices of each piece, increasing; empty before `split_mesh`.
+    submesh_mapping : ndarray of int, shape (n,)
+        Piece that each vertex has its values from; -1 where it has none.
+    submeshes : list of Piece
+        ``(vertices, faces)`` of each piece.
 
     Examples
     --------
     >>> import trimesh
     >>> stitcher = mv.MeshStitcher(trimesh.creation.icosphere(3), n_jobs=1)
-    >>> stitcher.split_mesh(max_vertex_threshold=400)
-    >>> times = {"t_min": 0.5, "t_max": 2.0}  # the same for all pieces
-    >>> hks = stitcher.apply(lambda piece: mv.compute_hks(piece, count="auto", **times))
-    >>> len(stitcher.pieces) > 1, hks.shape
+    >>> pieces = stitcher.split_mesh(max_vertex_threshold=300, t_max=0.02)
+    >>> hks = stitcher.apply(mv.compute_hks, count="auto", t_min=0.01, t_max=0.02)
+    >>> len(pieces) > 1, hks.shape
     (True, (642, 32))
 
     Without `t_min` and `t_max` every piece would take those of its own spectrum, and a column would
     mean another time on each of them.
     """
 
-    def __init__(self, mesh: MeshLike, n_jobs: int = -1) -> None:
+    def __init__(self, mesh: MeshLike, n_jobs: int | None = -1, verbose: int = False) -> None:
+        if isinstance(n_jobs, bool):
+            raise InputError(f"n_jobs={n_jobs} is no number: give verbose by its name.")
         if n_jobs == 0:
-            raise InputError("n_jobs=0 leaves nobody to work: give 1, or -1 for all cores.")
+            raise InputError("n_jobs=0 does no work: give 1, or -1 for all cores.")
         self.mesh: Mesh = as_mesh(mesh)
         self.n_jobs = n_jobs
+        self.verbose = verbose
         self.pieces: tuple[IntArray, ...] = ()
         self._piece_faces: list[IntArray] = []
-        self._piece_of: IntArray = np.full(self.mesh.n_vertices, -1)
+        self.submesh_mapping: IntArray = np.full(self.mesh.n_vertices, -1)
 
-    def split_mesh(self, max_vertex_threshold: int = 20_000, overlap: float = 0.15) -> None:
+    def __len__(self) -> int:
+        return len(self.pieces)
+
+    @overload
+    def __getitem__(self, index: int) -> Piece: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Piece]: ...
+    def __getitem__(self, index: int | slice) -> Piece | list[Piece]:
+        numbers = range(len(self))[index]
+        return (
+            self.piece_mesh(numbers)
+            if isinstance(numbers, int)
+            else [*map(self.piece_mesh, numbers)]
+        )
+
+    @property
+    def submeshes(self) -> list[Piece]:
+        """Fresh copies of all pieces as ``(vertices, faces)``."""
+        return self[:]
+
+    @property
+    def submesh_overlap_indices(self) -> tuple[IntArray, ...]:
+        """Vertices of each piece, the same as `pieces`."""
+        return self.pieces
+
+    def split_mesh(
+        self,
+        max_vertex_threshold: int | None = 20_000,
+        *,
+        overlap_distance: float | None = None,
+        t_max: float | None = None,
+        overlap: float | None = None,
+        min_vertex_threshold: int | None = 0,
+        max_overlap_neighbors: int | None = None,
+    ) -> MeshStitcher:
         """Cut the mesh into overlapping pieces; they are then in `pieces`.
 
         Parameters
         ----------
-        max_vertex_threshold : int
-            Vertices that a piece may have, its overlap included. Components with no more than
-            that stay whole, and small ones share a piece.
-        overlap : float
-            How far a piece reaches beyond its core, relative to the size of a full piece, which
-            is the square root of its mean area: no unit, and the same for a scaled mesh. Where
-            vertices are so dense that this does not fit, the overlap is narrower, but always
-            holds every neighbour of the core.
+        max_vertex_threshold : int, optional
+            Vertices that a piece may have. Components with no more than that stay whole, and small
+            ones share a piece. With `overlap_distance` or `t_max` the overlap comes on top of it,
+            as wide as it was asked for; otherwise it is among them. None cuts nothing.
+        overlap_distance : float, optional
+            How far a piece reaches beyond its core along the edges, in unit of the mesh.
+        t_max : float, optional
+            Longest diffusion time that is to be right, in squared unit: the overlap is then
+            ``3 √t_max`` and two edges wide. What a cut so far away adds to heat is less than 0.1 %
+            of it.
+        overlap : float, optional
+            The same relative to the size of a full piece, which is the square root of its mean
+            area; 0.15 if none of the three is given. Where vertices are so dense that it does
+            not fit, the overlap is narrower, but always holds every neighbour of the core.
+        min_vertex_threshold : int, optional
+            Components with fewer vertices are left out: they are in no piece.
+        max_overlap_neighbors : int, optional
+            Vertices of an overlap at most, the nearest ones; with `overlap_distance` or `t_max`.
+
+        Returns
+        -------
+        MeshStitcher
+            Itself, the sequence of the pieces.
 
         Raises
         ------
         InputError
-            If the threshold is too small for a vertex and its neighbours, or the overlap is
-            negative or not finite.
+            If the threshold is too small for a vertex and its neighbours, more than one width of
+            the overlap is given, or one is negative or not finite.
         """
-        threshold = int(max_vertex_threshold)
+        mesh = self.mesh
+        threshold = mesh.n_vertices if max_vertex_threshold is None else int(max_vertex_threshold)
         if threshold < 3:
             raise InputError(
                 f"max_vertex_threshold={max_vertex_threshold} is less than a triangle has: "
                 "give some thousands."
             )
-        if not (np.isfinite(overlap) and overlap >= 0.0):
+        _check_width(overlap_distance=overlap_distance, t_max=t_max, overlap=overlap)
+        if max_overlap_neighbors is not None and overlap_distance is None and t_max is None:
             raise InputError(
-                f"overlap={overlap} is not a width: give a number from 0 to about 0.5."
+                "max_overlap_neighbors limits an overlap of a given width: give overlap_distance"
+                " or t_max with it."
             )
-        mesh = self.mesh
-        n_used = int(np.count_nonzero(mesh.referenced))
-        width = overlap * float(np.sqrt(mesh.area * threshold / n_used))
+        labels = mesh.component_labels
+        if min_vertex_threshold:
+            sizes = np.bincount(labels[labels >= 0])
+            kept = np.append(sizes >= min_vertex_threshold, False)
+            labels = np.where(kept[labels], labels, -1)
+            labels = np.unique(labels, return_inverse=True)[1] - int((labels < 0).any())
         graph = edge_graph(mesh)
-        pieces = overlapping_pieces(graph, mesh.component_labels, threshold, width)
+        if t_max is not None:
+            # the cut goes through edges, on either side
+            overlap_distance = _REACH * math.sqrt(t_max) + 2.0 * float(graph.data.mean())
+        if overlap_distance is not None:
+            pieces = widened_cores(
+                graph, labels, threshold, overlap_distance, max_overlap_neighbors
+            )
+        else:
+            n_used = max(int(np.count_nonzero(labels >= 0)), 1)
+            share = _OVERLAP if overlap is None else overlap
+            width = share * float(np.sqrt(mesh.area * threshold / n_used))
+            pieces = overlapping_pieces(graph, labels, threshold, width)
+        self.pieces, self._piece_faces, self.submesh_mapping = owned_pieces(mesh, graph, pieces)
+        if self.verbose and sys.stderr is not None:
+            largest = max(map(len, self.pieces), default=0)
+            sys.stderr.write(
+                f"{counted(len(self), 'piece')} of at most {counted(largest, 'vertex')}\n"
+            )
+        return self
 
-        piece_of = np.full(mesh.n_vertices, -1)
-        deepest = np.full(mesh.n_vertices, -1.0)
-        faces_of_mesh = mesh.faces[mesh.distinct_corners]
-        face = np.repeat(np.arange(len(faces_of_mesh)), 3)
-        faces_at = sparse.csc_array(
-            (np.ones(face.size, dtype=np.int8), (face, faces_of_mesh.ravel())),
-            shape=(len(faces_of_mesh), mesh.n_vertices),
-        )
-        kept = []
-        for number, piece in enumerate(pieces):
-            depth = interior_depth(graph, piece)
-            met, n_corners = np.unique(faces_at[:, piece].indices, return_counts=True)
-            faces = np.searchsorted(piece, faces_of_mesh[met[n_corners == 3]])
-            # A vertex whose faces were all cut off has no place in a mesh of the others.
-            used = np.zeros(len(piece), dtype=np.bool_)
-            used[faces] = True
-            renumbered = np.cumsum(used) - 1
-            piece, depth, faces = piece[used], depth[used], renumbered[faces]
-            better = depth > deepest[piece]
-            piece_of[piece[better]] = number
-            deepest[piece[better]] = depth[better]
-            kept.append((piece, faces))
-        # A piece that is nowhere the deepest would be worked on for nothing.
-        owners, self._piece_of = np.unique(piece_of, return_inverse=True)
-        if owners[0] < 0:
-            owners, self._piece_of = owners[1:], self._piece_of - 1
-        self.pieces = tuple(kept[number][0] for number in owners)
-        self._piece_faces = [kept[number][1] for number in owners]
+    @cached_property
+    def _first(self) -> FloatArray:
+        """Square of the first eigenvector of the mesh, shape (n,)."""
+        mesh = self.mesh
+        on_first = mesh.component_labels == 0
+        area = mesh.face_areas[mesh.distinct_corners & on_first[mesh.faces[:, 0]]].sum()
+        return np.where(on_first, 1.0 / area if area > 0.0 else 0.0, 0.0)
 
-    def piece_mesh(self, number: int) -> PieceMesh:
+    def piece_mesh(self, number: int) -> Piece:
         """Return a fresh copy of one piece as ``(vertices, faces)``."""
-        return self.mesh.vertices[self.pieces[number]], self._piece_faces[number].copy()
+        piece, faces = self.pieces[number], self._piece_faces[number].copy()
+        return Piece.of(self.mesh.vertices[piece], faces, self._first[piece])
 
     def apply(
         self,
-        function: Callable[[PieceMesh], Any],
+        function: Callable[..., Any],
         stitch: bool = True,
         *,
+        fill_value: float = np.nan,
         done: Callable[[IntArray, Any], None] | None = None,
         progress: ProgressCallback | None = None,
         cancel: CancelCallback | None = None,
+        **arguments: Any,
     ) -> Any:
         """Call a function on every piece, in parallel, and put the results together.
 
@@ -164,22 +234,26 @@ class MeshStitcher:
             Takes ``(vertices, faces)`` of a piece; may be a lambda. It runs with one BLAS thread,
             and where pieces are worked on side by side, what it solves takes one core.
             To be stitched, it returns a value or a row of values for each vertex: shape (n_i,)
-            or (n_i, f).
+            or (n_i, f); or None for a piece without values.
         stitch : bool
             Whether to return one array for the whole mesh, each vertex with the value of the
             piece it lies deepest in (farthest from the cut along the edges), or the list of what
             the function returned, in the order of `pieces`.
+        fill_value : float
+            Value of the vertices that are in no piece.
         done : callable, optional
             Called with the vertices that a piece gives its values to, and these values, as soon as
             they are there.
         progress, cancel : callable, optional
             See `meshmash_viewer.progress`; called between pieces.
+        **arguments
+            Of the function, after the piece: ``apply(mv.compute_hks, t_min=…, t_max=…)``.
 
         Returns
         -------
         ndarray, shape (n,) or (n, f), or list
-            Unreferenced vertices are in no piece: they are NaN, and integer results become
-            floating-point where there are any.
+            Unreferenced vertices are in no piece: they have `fill_value`, and integer results
+            become floating-point where there are any and it is NaN.
 
         Raises
         ------
@@ -192,149 +266,204 @@ class MeshStitcher:
 
         Notes
         -----
-        Splits with the defaults where `split_mesh` has not been called.
+        Splits where `split_mesh` has not been called, with an overlap that follows `t_max` if
+        that is among the arguments.
+
+        With ``drop_first=True`` the functions of `meshmash_viewer.decompose` leave out the first
+        pair of the whole mesh, not that of the piece, which is larger there by the ratio of their
+        areas. Their filter is then called with the eigenvalue zero too.
         """
+        if not isinstance(stitch, bool):
+            raise InputError(
+                f"stitch={stitch!r} is neither True nor False: give arguments of the function by"
+                " their names."
+            )
+        if not self.pieces:
+            self.split_mesh(t_max=arguments.get("t_max"))
+        calls = [(number, ()) for number in range(len(self))]
+        with self._bar(progress) as reports:
+            results = self._run(partial(function, **arguments), calls, done, reports, cancel)
+        return self.stitch_features(results, fill_value) if stitch else results
+
+    def apply_on_features(
+        self,
+        function: Callable[..., Any],
+        features: npt.ArrayLike,
+        stitch: bool = True,
+        *,
+        fill_value: float = np.nan,
+        progress: ProgressCallback | None = None,
+        cancel: CancelCallback | None = None,
+        **arguments: Any,
+    ) -> Any:
+        """Call a function on every piece and the rows of features at its vertices; see `apply`.
+
+        Parameters
+        ----------
+        function : callable
+            Takes ``(vertices, faces)`` of a piece, and the rows.
+        features : array_like, shape (n,) or (n, f)
+            A value or a row for each vertex of the mesh.
+        stitch, fill_value, progress, cancel, **arguments
+            See `apply`.
+
+        Raises
+        ------
+        InputError
+            If there is not a row for each vertex.
+        """
+        rows = np.asarray(features)
+        if rows.ndim == 0 or len(rows) != self.mesh.n_vertices:
+            raise InputError(
+                f"Features of shape {rows.shape} are not of {self.mesh.n_vertices:,} vertices: give"
+                " a row for each."
+            )
         if not self.pieces:
             self.split_mesh()
+        calls = [(number, (rows[piece],)) for number, piece in enumerate(self.pieces)]
+        with self._bar(progress) as reports:
+            results = self._run(partial(function, **arguments), calls, None, reports, cancel)
+        return self.stitch_features(results, fill_value) if stitch else results
+
+    def subset_apply(
+        self,
+        function: Callable[..., Any],
+        indices: npt.ArrayLike,
+        *,
+        reindex: bool = False,
+        fill_value: float = np.nan,
+        progress: ProgressCallback | None = None,
+        cancel: CancelCallback | None = None,
+        **arguments: Any,
+    ) -> npt.NDArray[Any]:
+        """Call a function on those pieces only that give some vertices their values; see `apply`.
+
+        Parameters
+        ----------
+        function : callable
+            See `apply`.
+        indices : array_like of int
+            The vertices.
+        reindex : bool
+            Whether to return the rows of these vertices, or one for each vertex of the mesh.
+        fill_value : float
+            Value of vertices whose piece was not worked on.
+        progress, cancel, **arguments
+            See `apply`.
+
+        Raises
+        ------
+        InputError
+            If a vertex does not exist, or all are in no piece.
+        """
+        wanted = np.atleast_1d(np.asarray(indices))
+        n = self.mesh.n_vertices
+        if wanted.dtype.kind not in "iu" or not ((wanted >= 0) & (wanted < n)).all():
+            raise InputError(f"indices are of vertices: give whole numbers from 0 to {n - 1}.")
+        if not self.pieces:
+            self.split_mesh(t_max=arguments.get("t_max"))
+        numbers = np.unique(self.submesh_mapping[wanted])
+        calls = [(int(number), ()) for number in numbers if number >= 0]
+        if not calls:
+            raise InputError(
+                "The vertices are in no piece: no face uses them, or they are in small components."
+            )
+        results: list[Any] = [None] * len(self)
+        with self._bar(progress) as reports:
+            found = self._run(partial(function, **arguments), calls, None, reports, cancel)
+        for (number, _), result in zip(calls, found, strict=True):
+            results[number] = result
+        values = self.stitch_features(results, fill_value)
+        return values[wanted] if reindex else values
+
+    def _bar(self, progress: ProgressCallback | None) -> Any:
+        return ProgressBar("pieces", progress) if self.verbose else nullcontext(progress)
+
+    def _run(
+        self,
+        function: Callable[..., Any],
+        calls: list[tuple[int, tuple[Any, ...]]],
+        done: Callable[[IntArray, Any], None] | None,
+        progress: ProgressCallback | None,
+        cancel: CancelCallback | None,
+    ) -> list[Any]:
+        """Results of calls, each a number of a piece and what the function gets with it."""
+        named = [(self._name(number), partial(self._given, number, more)) for number, more in calls]
         results: list[Any] = []
-        total, began = len(self.pieces), time.monotonic()
-        for result in self._results(function, cancel):
+        began = time.monotonic()
+        for result in results_of_calls(function, named, self.n_jobs, cancel):
             if done is not None:
-                piece = self.pieces[len(results)]
-                own = self._piece_of[piece] == len(results)
+                number = calls[len(results)][0]
+                piece = self.pieces[number]
+                own = self.submesh_mapping[piece] == number
                 done(piece[own], np.asarray(result)[own])
             results.append(result)
             if progress is not None:
-                share = len(results) / total
+                share = len(results) / len(calls)
                 left = (time.monotonic() - began) * (1.0 / share - 1.0)
-                message = f"{len(results)} of {total} pieces"
+                message = f"{len(results)} of {len(calls)} pieces"
                 progress(Progress("pieces", share, remaining=left, message=message))
-        return self.stitched(results) if stitch else results
+        return results
 
-    def seams(self, results: list[Any]) -> FloatArray:
+    def _given(self, number: int, more: tuple[Any, ...]) -> tuple[Any, ...]:
+        return (self.piece_mesh(number), *more)
+
+    def _name(self, number: int) -> str:
+        """What a piece is called in a message."""
+        piece = self.pieces[number]
+        return (
+            f"piece {number + 1} of {len(self)} ({len(piece)} vertices, the first is vertex"
+            f" {piece[0]})"
+        )
+
+    def stitch_features(
+        self, features_by_submesh: Sequence[Any], fill_value: float = np.nan
+    ) -> npt.NDArray[Any]:
+        """Put together what `apply` returned with ``stitch=False``.
+
+        Parameters
+        ----------
+        features_by_submesh : sequence of array_like, each of shape (n_i,) or (n_i, f), or None
+            One for each piece, in the order of `pieces`; None for one without values.
+        fill_value : float
+            Value of the vertices that have none.
+
+        Returns
+        -------
+        ndarray, shape (n,) or (n, f)
+
+        Raises
+        ------
+        InputError
+            If there is not one for each piece, or they do not go together.
+        """
+        return stitched(features_by_submesh, self.pieces, self.submesh_mapping, fill_value)
+
+    def seams(self, results: Sequence[Any]) -> FloatArray:
         """How far neighbouring pieces differ where the one takes over from the other.
 
         Parameters
         ----------
-        results : list of ndarray, each of shape (n_i, f)
+        results : sequence of ndarray, each of shape (n_i, f)
             What `apply` returned with ``stitch=False``.
 
         Returns
         -------
         ndarray of float64, shape (s, f)
-            At each vertex beside a seam that two pieces hold, the difference of their values, over
-            the larger of the two. Without seams, as where each piece is a component of its own,
-            shape (0, f).
+            At each vertex next to a seam that two pieces hold, the difference of their values,
+            over the larger of the two. Without seams, as where each piece is a component of its
+            own, shape (0, f).
         """
-        first, second = edge_graph(self.mesh).tocoo().coords
-        owners = self._piece_of
-        across = (owners[first] != owners[second]) & (owners[first] >= 0) & (owners[second] >= 0)
-        # each vertex beside a seam, its own piece and that of its neighbour
-        told = np.unique(
-            np.stack([first[across], owners[first[across]], owners[second[across]]], axis=1), axis=0
-        )
-        differences = [np.empty((0, np.asarray(results[0]).reshape(len(results[0]), -1).shape[1]))]
-        for one, other in np.unique(told[:, 1:], axis=0):
-            vertices = told[(told[:, 1] == one) & (told[:, 2] == other), 0]
-            vertices = vertices[np.isin(vertices, self.pieces[other])]
-            both = [
-                np.asarray(results[piece])[np.searchsorted(self.pieces[piece], vertices)]
-                for piece in (one, other)
-            ]
-            here, there = (np.reshape(values, (len(vertices), -1)) for values in both)
-            largest = np.maximum(np.abs(here), np.abs(there))
-            differences.append(
-                np.divide(
-                    np.abs(here - there), largest, out=np.zeros(here.shape), where=largest > 0.0
-                )
-            )
-        return np.concatenate(differences)
-
-    def _results(
-        self, function: Callable[[PieceMesh], Any], cancel: CancelCallback | None
-    ) -> Iterator[Any]:
-        """Results in the order of the pieces, as they come.
-
-        After a failure or a cancel no further piece is handed out, and those that are being worked
-        on are waited for: to abort them would kill workers that others may share.
-        """
-        alone = effective_n_jobs(self.n_jobs) == 1
-        stopped = cancel is not None and cancel()
-        outcome: Exception | None = Cancelled() if stopped else None
-
-        def tasks() -> Iterator[Any]:
-            for number, piece in enumerate(self.pieces):
-                if outcome is not None:
-                    return
-                name = (
-                    f"piece {number + 1} of {len(self.pieces)} ({len(piece)} vertices, "
-                    f"the first is vertex {piece[0]})"
-                )
-                yield delayed(_call)(function, self.piece_mesh(number), name, alone)
-
-        # max_nbytes=None: the function gets arrays of its own, not read-only maps of a file.
-        parallel = Parallel(
-            n_jobs=self.n_jobs, return_as="generator", max_nbytes=None, pre_dispatch="n_jobs"
-        )
-        for result in parallel(tasks()):
-            if outcome is not None:
-                continue
-            if isinstance(result, PieceError):
-                outcome = result
-                continue
-            yield result
-            if cancel is not None and cancel():
-                outcome = Cancelled()
-        if outcome is not None:
-            raise outcome
-
-    def stitched(self, results: list[Any]) -> npt.NDArray[Any]:
-        """Put together what `apply` returned with ``stitch=False``."""
-        arrays = [np.asarray(result) for result in results]
-        first = arrays[0]
-        for number, (array, piece) in enumerate(zip(arrays, self.pieces, strict=True)):
-            expected = f"({len(piece)},) or ({len(piece)}, f)"
-            if array.ndim not in (1, 2) or len(array) != len(piece):
-                raise InputError(
-                    f"The function returned shape {array.shape} for piece {number + 1} of "
-                    f"{len(arrays)}: to stitch, return shape {expected}, or ask for stitch=False."
-                )
-            if array.shape[1:] != first.shape[1:]:
-                raise InputError(
-                    f"The function returned shape {array.shape} for piece {number + 1} of "
-                    f"{len(arrays)} but {first.shape} for the first: return the same columns for "
-                    "every piece, or ask for stitch=False."
-                )
-            if array.dtype.kind not in "biufc":
-                raise InputError(
-                    f"The function returned {array.dtype} for piece {number + 1} of "
-                    f"{len(arrays)}: only numbers can be stitched; ask for stitch=False."
-                )
-        dtype = np.result_type(*arrays)
-        complete = bool((self._piece_of >= 0).all())
-        if not complete and dtype.kind in "biu":
-            dtype = np.dtype(np.float64)
-        shape = (self.mesh.n_vertices, *first.shape[1:])
-        whole = np.empty(shape, dtype) if complete else np.full(shape, np.nan, dtype)
-        for number, (array, piece) in enumerate(zip(arrays, self.pieces, strict=True)):
-            own = self._piece_of[piece] == number
-            whole[piece[own]] = array[own]
-        return whole
+        graph = edge_graph(self.mesh)
+        return seam_differences(results, self.pieces, self.submesh_mapping, graph)
 
 
-def _call(function: Callable[[PieceMesh], Any], piece: PieceMesh, name: str, alone: bool) -> Any:
-    """Run in the worker, with one BLAS thread; a failure comes back as a `PieceError`.
-
-    Unless alone, the worker has one core, and what it calls must not plan for those of the others.
-    """
-    share = nullcontext() if alone else parallel_config(backend="sequential")
-    try:
-        with share, threadpool_limits(limits=1), warnings.catch_warnings():
-            # A piece that gathers small components has nothing but constants to offer.
-            warnings.simplefilter("ignore", ConstantFeaturesWarning)
-            return function(piece)
-    except Exception as failure:  # noqa: BLE001  (returned, and raised by the caller)
-        error = PieceError(f"The function failed on {name}: {type(failure).__name__}: {failure}")
-        # A cause does not survive the way between processes; a note does.
-        error.add_note(traceback.format_exc())
-        return error
+def _check_width(**widths: float | None) -> None:
+    """Complain of more than one width of the overlap, or of one that is none."""
+    given = {name: width for name, width in widths.items() if width is not None}
+    if len(given) > 1:
+        raise InputError(f"{' and '.join(given)} are given: give only one of them.")
+    for name, width in given.items():
+        if not (np.isfinite(width) and width >= 0.0):
+            usual = "from 0 to about 0.5" if name == "overlap" else "from 0"
+            raise InputError(f"{name}={width} is not a width: give a number {usual}.")

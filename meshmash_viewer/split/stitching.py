@@ -1,0 +1,132 @@
+"""Values of pieces put together, and how far those of neighbouring pieces differ."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.split.partition import Graph
+from meshmash_viewer.units import counted
+
+__all__ = ["seam_differences", "stitched"]
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+IntArray: TypeAlias = npt.NDArray[np.int64]
+
+
+def stitched(
+    results: Sequence[Any], pieces: Sequence[IntArray], owners: IntArray, fill_value: float
+) -> npt.NDArray[Any]:
+    """Take for each vertex the value of the piece that owns it.
+
+    Parameters
+    ----------
+    results : sequence of array_like, each of shape (n_i,) or (n_i, f), or None
+        One for each piece; None for one without values.
+    pieces : sequence of ndarray of int
+        Vertices of each piece.
+    owners : ndarray of int, shape (n,)
+        Piece of each vertex, -1 for none.
+    fill_value : float
+        Value of the vertices that have none.
+
+    Returns
+    -------
+    ndarray, shape (n,) or (n, f)
+
+    Raises
+    ------
+    InputError
+        If there is not one for each piece, or they do not go together.
+    """
+    if len(results) != len(pieces):
+        raise InputError(
+            f"{len(results)} results are not of {counted(len(pieces), 'piece')}: give one for each,"
+            " None where there is none."
+        )
+    arrays = [None if each is None else np.asarray(each) for each in results]
+    present = [array for array in arrays if array is not None]
+    if not present:
+        raise InputError("There is nothing to stitch: no piece has values.")
+    for number, array in enumerate(arrays):
+        if array is not None:
+            _check(array, present[0], len(pieces[number]), f"piece {number + 1} of {len(pieces)}")
+    known = np.array([array is not None for array in arrays] + [False])[owners]
+    dtype = np.result_type(*present)
+    if not known.all():
+        fill = np.min_scalar_type(fill_value)
+        # a fill is no reason for a narrow float
+        widened = dtype.kind in "biu" and fill.kind == "f"
+        dtype = np.dtype(np.float64) if widened else np.result_type(dtype, fill)
+    shape = (len(owners), *present[0].shape[1:])
+    whole = np.empty(shape, dtype) if known.all() else np.full(shape, fill_value, dtype)
+    for number, (array, piece) in enumerate(zip(arrays, pieces, strict=True)):
+        if array is not None:
+            own = owners[piece] == number
+            whole[piece[own]] = array[own]
+    return whole
+
+
+def _check(array: npt.NDArray[Any], first: npt.NDArray[Any], size: int, name: str) -> None:
+    """Complain of a result that does not go with its piece, or with the first result."""
+    if array.ndim not in (1, 2) or len(array) != size:
+        raise InputError(
+            f"The function returned shape {array.shape} for {name}: to stitch, return shape"
+            f" ({size},) or ({size}, f), or ask for stitch=False."
+        )
+    if array.shape[1:] != first.shape[1:]:
+        raise InputError(
+            f"The function returned shape {array.shape} for {name} but {first.shape} for the"
+            " first: return the same columns for every piece, or ask for stitch=False."
+        )
+    if array.dtype.kind not in "biufc":
+        raise InputError(
+            f"The function returned {array.dtype} for {name}: only numbers can be stitched; ask"
+            " for stitch=False."
+        )
+
+
+def seam_differences(
+    results: Sequence[Any], pieces: Sequence[IntArray], owners: IntArray, graph: Graph
+) -> FloatArray:
+    """Compare the values of two pieces where the one takes over from the other.
+
+    Parameters
+    ----------
+    results, pieces, owners
+        As of `stitched`.
+    graph : sparse array, shape (n, n)
+        With an entry for each edge of the mesh.
+
+    Returns
+    -------
+    ndarray of float64, shape (s, f)
+        At each vertex next to a seam that two pieces hold, the difference of their values, over
+        the larger of the two. Without seams, as where each piece is a component of its own,
+        shape (0, f).
+    """
+    first, second = graph.tocoo().coords
+    across = (owners[first] != owners[second]) & (owners[first] >= 0) & (owners[second] >= 0)
+    # each vertex next to a seam, its own piece and that of its neighbour
+    sides = np.unique(
+        np.stack([first[across], owners[first[across]], owners[second[across]]], axis=1), axis=0
+    )
+    columns = np.asarray(results[0]).reshape(len(results[0]), -1).shape[1]
+    differences = [np.empty((0, columns))]
+    for one, other in np.unique(sides[:, 1:], axis=0):
+        vertices = sides[(sides[:, 1] == one) & (sides[:, 2] == other), 0]
+        vertices = vertices[np.isin(vertices, pieces[other])]
+        both = [
+            np.asarray(results[piece])[np.searchsorted(pieces[piece], vertices)]
+            for piece in (one, other)
+        ]
+        here, there = (np.reshape(values, (len(vertices), -1)) for values in both)
+        largest = np.maximum(np.abs(here), np.abs(there))
+        differences.append(
+            np.divide(np.abs(here - there), largest, out=np.zeros(here.shape), where=largest > 0.0)
+        )
+    return np.concatenate(differences)
