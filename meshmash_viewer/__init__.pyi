@@ -19,6 +19,7 @@ from meshmash_viewer.mesh import Mesh as Mesh
 from meshmash_viewer.mesh import mesh_to_poly as mesh_to_poly
 from meshmash_viewer.surface.curvature import gaussian_curvature as gaussian_curvature
 from meshmash_viewer.surface.curvature import mean_curvature as mean_curvature
+from meshmash_viewer.surface.curvature import mixed_areas as mixed_areas
 from meshmash_viewer.vertex_map import Label as Label
 from meshmash_viewer.vertex_map import VertexMap as VertexMap
 

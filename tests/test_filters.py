@@ -282,3 +282,68 @@ def test_the_parameter_of_a_column_has_the_power_of_the_unit_that_is_stated(scal
         wanted = bank.parameters * scale**bank.parameter_power
         np.testing.assert_allclose(scaled.parameters, wanted, rtol=1e-9)
         assert bank.kind == scaled.kind
+
+
+def _gaussian_bands(spectrum, energies, sigma):
+    """The formula of the paper: normalised Gaussians in log λ over the eigenvalues above zero."""
+    values = np.zeros((len(energies), len(spectrum)))
+    logs = np.log(spectrum[1:])
+    values[:, 1:] = np.exp(-((energies[:, None] - logs) ** 2) / (2.0 * sigma**2))
+    return values / values.sum(axis=1, keepdims=True)
+
+
+def test_wave_kernels_at_energies_that_are_given():
+    low, high = np.log(SPECTRUM[1]), np.log(SPECTRUM[-1])
+    energies = np.linspace(low, high, 9)
+    step = energies[1] - energies[0]
+    for how, sigma in (({"sigma": 0.3}, 0.3), ({}, 7.0 * step), ({"width": 2.0}, 2.0 * step)):
+        bank = wave_kernel_bank(SPECTRUM, energies=energies, **how)
+        np.testing.assert_allclose(
+            bank(SPECTRUM), _gaussian_bands(SPECTRUM, energies, sigma), rtol=1e-9, atol=1e-15
+        )
+        np.testing.assert_allclose(bank.parameters, np.exp(energies))
+    one = wave_kernel_bank(SPECTRUM, energies=[low], sigma=0.1)
+    assert one(SPECTRUM).shape == (1, len(SPECTRUM))
+    backwards = wave_kernel_bank(SPECTRUM, energies=energies[::-1].tolist(), sigma=0.3)
+    np.testing.assert_array_equal(
+        backwards(SPECTRUM),
+        wave_kernel_bank(SPECTRUM, energies=energies, sigma=0.3)(SPECTRUM)[::-1],
+    )
+    assert len(set(backwards.columns)) == 9
+
+
+def test_a_deviation_alone_leaves_the_bands_inside_the_range():
+    low, high = np.log(SPECTRUM[1]), np.log(SPECTRUM[-1])
+    sigma = 0.1 * (high - low)
+    bank = wave_kernel_bank(SPECTRUM, 5, sigma=sigma)
+    energies = np.linspace(low + 2.0 * sigma, high - 2.0 * sigma, 5)
+    np.testing.assert_allclose(bank.parameters, np.exp(energies))
+    np.testing.assert_allclose(
+        bank(SPECTRUM), _gaussian_bands(SPECTRUM, energies, sigma), rtol=1e-9, atol=1e-15
+    )
+    default = wave_kernel_bank(SPECTRUM, 5)
+    same = wave_kernel_bank(SPECTRUM, 5, sigma=7.0 * (high - low) / (4 + 28))
+    np.testing.assert_allclose(same(SPECTRUM), default(SPECTRUM), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ({"energies": []}, "at least one natural logarithm"),
+        ({"energies": [[1.0, 2.0]]}, "1-D list"),
+        ({"energies": [1.0, np.nan]}, "natural logarithm"),
+        ({"energies": [1.0, np.inf]}, "natural logarithm"),
+        ({"energies": [-800.0, 1.0]}, "natural logarithm"),
+        ({"energies": [1.0, 800.0]}, "natural logarithm"),
+        ({"energies": [1.0, 2.0, 1.0]}, "comes twice"),
+        ({"energies": ["low"]}, "list of numbers"),
+        ({"energies": [1.0]}, "give sigma"),
+        ({"energies": [1.0, 2.0], "sigma": 0.0}, "positive"),
+        ({"energies": [1.0, 2.0], "width": -1.0}, "positive"),
+        ({"sigma": np.nan}, "positive"),
+        ({"sigma": 50.0}, "less than a quarter"),
+    ],
+)
+def test_energies_that_are_none_get_a_sentence(how, message):
+    with pytest.raises(InputError, match=message):
+        wave_kernel_bank(SPECTRUM, **how)

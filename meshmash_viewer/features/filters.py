@@ -155,7 +155,12 @@ def heat_kernel_bank(times: npt.ArrayLike) -> FilterBank:
 
 
 def wave_kernel_bank(
-    eigenvalues: npt.ArrayLike, n_energies: int = 100, width: float = 7.0
+    eigenvalues: npt.ArrayLike,
+    n_energies: int = 100,
+    width: float = 7.0,
+    *,
+    energies: npt.ArrayLike | None = None,
+    sigma: float | None = None,
 ) -> FilterBank:
     """Wave kernel signature: Gaussian bands in log λ, each normalised to unit sum [1]_.
 
@@ -167,11 +172,18 @@ def wave_kernel_bank(
         Number of columns.
     width : float
         Standard deviation of the bands, in steps between them.
+    energies : array_like, shape (f,), optional
+        Centres of the bands, natural logarithms of eigenvalues per squared unit, in place of
+        `n_energies` evenly spaced ones.
+    sigma : float, optional
+        Standard deviation of the bands in log λ, in place of `width`.
 
     Raises
     ------
     InputError
-        If the spectrum has no two different eigenvalues above zero, or `n_energies` < 1.
+        If the spectrum has no two different eigenvalues above zero, `n_energies` < 1, an energy
+        comes twice or is not the logarithm of a number, the deviation is not positive or leaves no
+        room for the bands, or it is not given with a single energy.
 
     References
     ----------
@@ -184,21 +196,30 @@ def wave_kernel_bank(
     >>> bank = mv.wave_kernel_bank(eigenvalues, n_energies=3)
     >>> bank(eigenvalues).sum(axis=1)
     array([1., 1., 1.])
+    >>> bank = mv.wave_kernel_bank(eigenvalues, energies=np.log([2.0, 12.0]), sigma=0.1)
+    >>> bank(eigenvalues).round(3)
+    array([[0., 1., 0., 0.],
+           [0., 0., 0., 1.]])
     """
-    response = wave_response(eigenvalues, n_energies, width)
+    if energies is None:
+        response = wave_response(eigenvalues, n_energies, width, sigma)
+    else:
+        response = _wave_response_at(eigenvalues, energies, width, sigma)
     centers = np.exp(response.energies)
     columns = tuple(f"wks_λ={short_text(centers, i)}" for i in range(len(centers)))
     return FilterBank("wks", columns, centers, "λ", -2, response, normalised=True)
 
 
 def wave_response(
-    eigenvalues: npt.ArrayLike, n_energies: int = 100, width: float = 7.0
+    eigenvalues: npt.ArrayLike,
+    n_energies: int = 100,
+    width: float = 7.0,
+    sigma: float | None = None,
 ) -> LogGaussianResponse:
     """The filters of `wave_kernel_bank`, before they are normalised."""
     spectrum = as_spectrum(eigenvalues)
     n_energies = whole_number(n_energies, "The number of energies")
-    if not (np.isfinite(width) and width > 0.0):
-        raise InputError(f"The width of the energy bands is {width:g}: give a positive number.")
+    _check_deviation(width, "width")
     first = first_nonzero_eigenvalue(spectrum)
     low, high = float(np.log(first)), float(np.log(spectrum.max()))
     if not high > low:
@@ -207,9 +228,55 @@ def wave_response(
         )
     # The outermost bands end two deviations inside the range, as in the paper, where the
     # deviation is itself a multiple of the step: solve for the step.
-    step = (high - low) / (n_energies - 1 + 4.0 * width)
-    energies = np.asarray(low + step * (2.0 * width + np.arange(n_energies)), dtype=np.float64)
-    return LogGaussianResponse(energies, width * step, 0.5 * first)
+    if sigma is None:
+        sigma = width * (high - low) / (n_energies - 1 + 4.0 * width)
+    else:
+        _check_deviation(sigma, "sigma")
+        if 4.0 * sigma >= high - low:
+            raise InputError(
+                f"sigma is {sigma:g}, and the eigenvalues reach over {high - low:.4g} in log λ: "
+                "give less than a quarter of that, or the energies too."
+            )
+    step = (high - low - 4.0 * sigma) / max(n_energies - 1, 1)
+    energies = np.asarray(low + 2.0 * sigma + step * np.arange(n_energies), dtype=np.float64)
+    return LogGaussianResponse(energies, sigma, 0.5 * first)
+
+
+def _wave_response_at(
+    eigenvalues: npt.ArrayLike, energies: npt.ArrayLike, width: float, sigma: float | None
+) -> LogGaussianResponse:
+    """The same at energies that are given."""
+    floor = 0.5 * first_nonzero_eigenvalue(as_spectrum(eigenvalues))
+    try:
+        centres = np.array(energies, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError("Energies are a list of numbers, logarithms of eigenvalues.") from None
+    with np.errstate(over="ignore", under="ignore"):
+        places = np.exp(centres)
+    if centres.ndim != 1 or not len(centres) or not np.isfinite(places).all() or not places.all():
+        raise InputError(
+            "Energies are a 1-D list of at least one natural logarithm of an eigenvalue: "
+            f"{_few(centres)} is none."
+        )
+    if len(np.unique(centres)) < len(centres):
+        raise InputError(f"An energy comes twice in {_few(centres)}: give each once.")
+    if sigma is None:
+        _check_deviation(width, "width")
+        if len(centres) == 1:
+            raise InputError("A single energy has no step that its width could follow: give sigma.")
+        sigma = width * float(np.ptp(centres)) / (len(centres) - 1)
+    _check_deviation(sigma, "sigma")
+    return LogGaussianResponse(centres, float(sigma), floor)
+
+
+def _check_deviation(given: float, name: str) -> None:
+    if not (np.isfinite(given) and given > 0.0):
+        raise InputError(f"The {name} of the energy bands is {given:g}: give a positive number.")
+
+
+def _few(values: FloatArray) -> str:
+    """A list as a message shows it."""
+    return np.array2string(values, precision=4, threshold=6, edgeitems=2, separator=", ")
 
 
 def bspline_bank(e_min: float, e_max: float, n_components: int) -> FilterBank:

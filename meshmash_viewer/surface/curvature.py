@@ -12,7 +12,13 @@ from meshmash_viewer.mesh import FloatArray, Mesh, MeshLike, as_mesh
 from meshmash_viewer.surface.edges import edges_of, side_codes, winding_of
 from meshmash_viewer.units import counted
 
-__all__ = ["DIRECTION_FAULT", "direction_fault", "gaussian_curvature", "mean_curvature"]
+__all__ = [
+    "DIRECTION_FAULT",
+    "direction_fault",
+    "gaussian_curvature",
+    "mean_curvature",
+    "mixed_areas",
+]
 
 #: Of the sentence, among what is derived from the mesh.
 DIRECTION_FAULT = "fault of directions"
@@ -134,6 +140,42 @@ def gaussian_curvature(mesh: MeshLike) -> FloatArray:
     return corners.inside(np.asarray(2.0 * np.pi - around))
 
 
+def mixed_areas(mesh: MeshLike) -> FloatArray:
+    """Compute the mixed area of each vertex [1]_, by which the curvatures divide.
+
+    Of a face without an obtuse angle each vertex has the part that is nearer to it than to the two
+    others; of an obtuse one the vertex at the obtuse angle has a half, the others a quarter each.
+    (`compute_vertex_areas` gives each a third of every face.)
+
+    Parameters
+    ----------
+    mesh : MeshLike
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        In squared unit of the mesh; their sum is the area of the mesh. 0 at vertices without faces;
+        faces without area do not count.
+
+    Raises
+    ------
+    InputError
+        If the mesh is not valid.
+
+    References
+    ----------
+    .. [1] Meyer, M., Desbrun, M., Schröder, P. and Barr, A. (2003). "Discrete Differential-Geometry
+       Operators for Triangulated 2-Manifolds." Visualization and Mathematics III.
+
+    Examples
+    --------
+    >>> corners = [[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]]
+    >>> mv.mixed_areas((corners, [[0, 1, 2], [0, 2, 3]]))
+    array([1., 1., 1., 1.])
+    """
+    return _Corners(as_mesh(mesh)).mixed_areas()
+
+
 class _Corners:
     """The faces that have an area, and the cotangents of their angles, shape (m, 3)."""
 
@@ -157,11 +199,11 @@ class _Corners:
 
     def inside(self, totals: FloatArray) -> FloatArray:
         """Totals over the mixed area of each vertex; NaN on the boundary."""
-        areas = self._mixed_areas()
+        areas = self.mixed_areas()
         open_ends = self._on_boundary() | (areas <= 0.0)
         return np.where(open_ends, np.nan, totals / np.where(open_ends, 1.0, areas))
 
-    def _mixed_areas(self) -> FloatArray:
+    def mixed_areas(self) -> FloatArray:
         """The part of the faces nearest to each vertex; of obtuse ones a half and two quarters."""
         obtuse = self.cotangents < 0.0
         shares = np.empty_like(self.cotangents)
