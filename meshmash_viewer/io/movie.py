@@ -1,7 +1,7 @@
-"""Moving pictures to files, one frame at a time: GIF, WebP, APNG, and MP4 where there is ffmpeg.
+"""Movie files, written frame by frame: GIF, WebP, APNG, and MP4 where ffmpeg is installed.
 
-Each frame is coded by itself, GIF, WebP and APNG by Pillow, and written before the next one comes:
-Pillow's own writers of moving pictures hold all frames, and make one of those that are equal.
+Pillow encodes each frame as a still picture, and its data are put into the container here.
+Pillow's own writers of animations hold all frames in memory and merge equal ones.
 """
 
 from __future__ import annotations
@@ -24,23 +24,13 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.io.pipes import closed_pipe_errors
 
-__all__ = [
-    "MOVIE_ENDINGS",
-    "TURN_RATE",
-    "TURN_SECONDS",
-    "check_movie",
-    "estimated_bytes",
-    "missing_encoder",
-    "movie_file",
-]
-
 Frame: TypeAlias = npt.NDArray[np.uint8]
 Add: TypeAlias = Callable[[Frame], None]
 
-#: Frames a second and length of a turn, where nothing else is said.
+#: Default frame rate (1/s), and default length (s) of a turn.
 TURN_RATE, TURN_SECONDS = 25.0, 6.0
-#: Frames a second at most: what files and eyes can tell. The delays of a GIF are hundredths of a
-#: second, and programs take one of a single hundredth for a mistake.
+#: Highest frame rates (1/s). The delays of a GIF are hundredths of a second, and programs slow
+#: down those of a single hundredth.
 _FASTEST, _FASTEST_GIF = 120.0, 50.0
 _LARGEST_WEBP = 16_383
 
@@ -48,8 +38,8 @@ _LARGEST_WEBP = 16_383
 @contextmanager
 def movie_file(
     path: str | Path, size: tuple[int, int], rate: float, n_frames: int
-) -> Iterator[Callable[[Frame], None]]:
-    """Write a movie; it is there when the body has ended, and not at all if that raises.
+) -> Iterator[Add]:
+    """Write a movie; the file appears when the body has ended, and not at all if that raises.
 
     Parameters
     ----------
@@ -58,7 +48,7 @@ def movie_file(
     size : (int, int)
         Width and height in pixels.
     rate : float
-        Frames a second.
+        Frames per second.
     n_frames : int
 
     Yields
@@ -69,7 +59,7 @@ def movie_file(
     Raises
     ------
     InputError
-        See `check_movie`; and if the system refuses.
+        See `check_movie`; and if the file cannot be written.
     """
     path = Path(path)
     check_movie(path, size, rate)
@@ -90,12 +80,12 @@ def movie_file(
 
 
 def check_movie(path: str | Path, size: tuple[int, int], rate: float) -> None:
-    """See, before anything is drawn, that a format can hold what is asked for.
+    """Check, before anything is drawn, that the format supports this size and frame rate.
 
     Raises
     ------
     InputError
-        If the ending is unknown, its encoder is missing, or size or rate are not possible.
+        If the ending is unknown, its encoder is missing, or size or rate are not supported.
     """
     path, (width, height) = Path(path), size
     ending = path.suffix.lower()
@@ -110,7 +100,7 @@ def check_movie(path: str | Path, size: tuple[int, int], rate: float) -> None:
     fastest = _FASTEST_GIF if ending == ".gif" else _FASTEST
     if not 0.0 < rate <= fastest:
         raise InputError(
-            f"A rate of {rate:g} frames a second is none that {ending} can have: choose one above 0"
+            f"{ending} does not support {rate:g} frames per second: choose a rate above 0"
             f" and up to {fastest:g}."
         )
     if ending == ".mp4" and (width % 2 or height % 2):
@@ -123,7 +113,7 @@ def check_movie(path: str | Path, size: tuple[int, int], rate: float) -> None:
 
 
 def missing_encoder(ending: str) -> str:
-    """Why no movie with this ending can be written here, and the way out; empty if it can."""
+    """Why movies with this ending cannot be written, and the remedy; empty if they can."""
     if ending != ".mp4" or _ffmpeg() is not None:
         return ""
     return (
@@ -133,18 +123,7 @@ def missing_encoder(ending: str) -> str:
 
 
 def estimated_bytes(ending: str, frames: Sequence[Frame], rate: float, n_frames: int) -> int:
-    """About how large a movie will be, from its first frames.
-
-    Parameters
-    ----------
-    ending : str
-        One of `MOVIE_ENDINGS`.
-    frames : sequence of ndarray of uint8, shape (height, width, 3)
-        Two or more, or all.
-    rate : float
-    n_frames : int
-        Of the whole movie.
-    """
+    """Estimate the size of a movie of `n_frames` from its first frames (two or more, or all)."""
     height, width, _ = frames[0].shape
     sizes = []
     with tempfile.TemporaryDirectory() as folder:
@@ -159,7 +138,7 @@ def estimated_bytes(ending: str, frames: Sequence[Frame], rate: float, n_frames:
 
 
 def _delays(rate: float, unit: float) -> Iterator[int]:
-    """How long each frame is shown in a unit (s), rounded so that the whole is as long as it is."""
+    """Duration of each frame in units of `unit` seconds; rounding errors do not accumulate."""
     frame = before = 0
     while True:
         frame += 1
@@ -168,16 +147,16 @@ def _delays(rate: float, unit: float) -> Iterator[int]:
         before = end
 
 
-def _coded(frame: Frame, form: str, **options: int) -> bytes:
-    """One frame as a picture of its own."""
+def _encoded(frame: Frame, form: str, **options: int) -> bytes:
+    """One frame as a still picture."""
     from PIL import Image
 
     image: Image.Image = Image.fromarray(np.ascontiguousarray(frame))
     if form == "GIF":
         image = image.quantize(256)
-    coded = io.BytesIO()
-    image.save(coded, form, **options)
-    return coded.getvalue()
+    encoded = io.BytesIO()
+    image.save(encoded, form, **options)
+    return encoded.getvalue()
 
 
 # GIF ------------------------------------------------------------------------------------------
@@ -185,33 +164,29 @@ def _coded(frame: Frame, form: str, **options: int) -> bytes:
 
 @contextmanager
 def _gif(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Iterator[Add]:
-    """GIF89a: every frame with the colours that suit it."""
+    """GIF89a: every frame has a colour table of its own."""
     delays = _delays(rate, 0.01)
     with part.open("wb") as file:
         file.write(b"GIF89a" + struct.pack("<HHBBB", *size, 0x70, 0, 0))
-        file.write(b"\x21\xff\x0bNETSCAPE2.0\x03\x01\x00\x00\x00")  # again and again
+        file.write(b"\x21\xff\x0bNETSCAPE2.0\x03\x01\x00\x00\x00")  # loop without end
 
         def add(frame: Frame) -> None:
-            colors, shape, data = _gif_parts(_coded(frame, "GIF", interlace=0))
+            still = _encoded(frame, "GIF", interlace=0)
+            start = 13 + 3 * (2 << (still[10] & 7))
+            colors = still[13:start]
+            while still[start] == 0x21:  # extensions, of blocks that begin with their length
+                start += 2
+                while still[start]:
+                    start += 1 + still[start]
+                start += 1
+            description, data = still[start : start + 9], still[start + 10 : -1]
             # the number of colours is a power of two: 2 << bits
             bits = (len(colors) // 3).bit_length() - 2
             file.write(struct.pack("<BBBBHBB", 0x21, 0xF9, 4, 0x04, next(delays), 0, 0))
-            file.write(shape + bytes([0x80 | bits]) + colors + data)
+            file.write(description + bytes([0x80 | bits]) + colors + data)
 
         yield add
         file.write(b";")
-
-
-def _gif_parts(picture: bytes) -> tuple[bytes, bytes, bytes]:
-    """Colours, description and data of the picture in a GIF of one."""
-    end = 13 + 3 * (2 << (picture[10] & 7))
-    colors, at = picture[13:end], end
-    while picture[at] == 0x21:  # extensions, each of blocks that begin with their length
-        at += 2
-        while picture[at]:
-            at += 1 + picture[at]
-        at += 1
-    return colors, picture[at : at + 9], picture[at + 10 : -1]
 
 
 # WebP -----------------------------------------------------------------------------------------
@@ -219,23 +194,22 @@ def _gif_parts(picture: bytes) -> tuple[bytes, bytes, bytes]:
 
 @contextmanager
 def _webp(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Iterator[Add]:
-    """RIFF with a chunk a frame, which holds a still picture's."""
+    """RIFF with one chunk per frame, which holds the data of a still WebP."""
     delays = _delays(rate, 0.001)
     sides = b"".join((side - 1).to_bytes(3, "little") for side in size)
     with part.open("wb") as file:
         file.write(b"RIFF\x00\x00\x00\x00WEBP")
         file.write(_riff(b"VP8X", b"\x02\x00\x00\x00" + sides))
-        file.write(_riff(b"ANIM", b"\xff\xff\xff\xff\x00\x00"))  # again and again
+        file.write(_riff(b"ANIM", b"\xff\xff\xff\xff\x00\x00"))  # loop without end
 
         def add(frame: Frame) -> None:
-            still = _coded(frame, "WEBP", quality=88, method=4)
-            data, at = b"", 12
-            while at < len(still):
-                length = 8 + struct.unpack_from("<I", still, at + 4)[0]
+            still, data, start = _encoded(frame, "WEBP", quality=88, method=4), b"", 12
+            while start < len(still):
+                length = 8 + struct.unpack_from("<I", still, start + 4)[0]
                 length += length % 2
-                if still[at : at + 4] in (b"ALPH", b"VP8 ", b"VP8L"):
-                    data += still[at : at + length]
-                at += length
+                if still[start : start + 4] in (b"ALPH", b"VP8 ", b"VP8L"):
+                    data += still[start : start + length]
+                start += length
             place = bytes(6) + sides + next(delays).to_bytes(3, "little") + b"\x02"
             file.write(_riff(b"ANMF", place + data))
 
@@ -262,12 +236,6 @@ def _apng(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Iter
     number = 0
     with part.open("wb") as file:
 
-        def control() -> None:
-            nonlocal number
-            numbers = (number, *size, 0, 0, delay.numerator, delay.denominator, 0, 0)
-            putchunk(file, b"fcTL", struct.pack(">IIIIIHHBB", *numbers))
-            number += 1
-
         def add(frame: Frame) -> None:
             nonlocal number
             first = number == 0
@@ -277,7 +245,9 @@ def _apng(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Iter
                         file.write(b"\x89PNG\r\n\x1a\n")
                         putchunk(file, name, data)
                         putchunk(file, b"acTL", struct.pack(">II", n_frames, 0))
-                    control()
+                    control = (number, *size, 0, 0, delay.numerator, delay.denominator, 0, 0)
+                    putchunk(file, b"fcTL", struct.pack(">IIIIIHHBB", *control))
+                    number += 1
                 elif name == b"IDAT" and first:
                     putchunk(file, name, data)
                 elif name == b"IDAT":
@@ -292,7 +262,7 @@ def _apng(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Iter
 
 
 def _ffmpeg() -> str | None:
-    """The program, as imageio-ffmpeg brings it or as it is installed."""
+    """Path of the program: that of imageio-ffmpeg, or the one that is installed."""
     try:
         import imageio_ffmpeg
 
@@ -303,55 +273,51 @@ def _ffmpeg() -> str | None:
 
 @contextmanager
 def _mp4(part: Path, size: tuple[int, int], rate: float, n_frames: int) -> Iterator[Add]:
-    """H.264, as every browser and slide shows it; frames go through a pipe."""
+    """H.264, which every browser plays; frames are sent to ffmpeg through a pipe."""
     program = _ffmpeg()
-    assert program is not None, "check_movie has seen to that"
-    asked = [
+    assert program is not None, "see check_movie"
+    command = [
+        *(program, "-y", "-loglevel", "error"),
         *("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}"),
         *("-r", str(Fraction(rate).limit_denominator(1001)), "-i", "-"),
         *("-an", "-c:v", "libx264", "-crf", "18", "-pix_fmt", "yuv420p"),
         *("-movflags", "+faststart", "-f", "mp4", str(part)),
     ]
-    with tempfile.TemporaryFile() as said:
+    with tempfile.TemporaryFile() as messages:
         process = subprocess.Popen(
-            [program, "-y", "-loglevel", "error", *asked],
+            command,
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
-            stderr=said,
+            stderr=messages,
             creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
         )
         pipe = process.stdin
         assert pipe is not None
 
-        def fault() -> InputError:
-            process.wait()
-            said.seek(0)
-            words = said.read().decode(errors="replace").split("\n")[0].strip()
-            return InputError(
-                f"ffmpeg cannot write this movie ({words or process.returncode}): write .gif,"
-                ' .webp or .apng, or pip install "meshmash-viewer[movie]" for another ffmpeg.'
-            )
-
         def add(frame: Frame) -> None:
-            try:
-                with closed_pipe_errors():
-                    pipe.write(frame.tobytes())
-            except BrokenPipeError:
-                raise fault() from None
+            with closed_pipe_errors():
+                pipe.write(frame.tobytes())
 
+        failed = True
         try:
-            yield add
-            try:
+            with suppress(BrokenPipeError):  # ffmpeg has ended, and its message says why
+                yield add
                 with closed_pipe_errors():
                     pipe.close()
-            except BrokenPipeError:
-                raise fault() from None
-            if process.wait():
-                raise fault()
+                failed = process.wait() != 0
+            if failed:
+                process.wait()
+                messages.seek(0)
+                message = messages.read().decode(errors="replace").split("\n")[0].strip()
+                raise InputError(
+                    f"ffmpeg cannot write this movie ({message or process.returncode}): write"
+                    ' .gif, .webp or .apng, or pip install "meshmash-viewer[movie]" for another'
+                    " ffmpeg."
+                )
         finally:
             process.kill()
             process.wait()
-            with suppress(OSError):  # what was left in it is not wanted
+            with suppress(OSError):  # unsent frames are of no use
                 pipe.close()
 
 
@@ -362,5 +328,5 @@ _WRITERS: dict[str, Callable[[Path, tuple[int, int], float, int], AbstractContex
     ".apng": _apng,
 }
 
-#: Of movies that can be written; MP4 where there is ffmpeg.
+#: Endings of movies; MP4 needs ffmpeg (see `missing_encoder`).
 MOVIE_ENDINGS = tuple(_WRITERS)
