@@ -97,7 +97,7 @@ class Comparing(QObject):
             self.beside.unread.connect(self.end)
             self.beside.shown.connect(self.shown)
             self._last_look.watch(self.beside.document, self.beside)
-            self._stage.put_beside(self.beside)
+            self._stage.add_second(self.beside)
             self.changed.emit(self.beside.pair)
         for name in LINKS:
             self.beside.pair.link(name, name in links)

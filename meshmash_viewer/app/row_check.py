@@ -1,4 +1,4 @@
-"""Stored eigenpairs compared with their checksums, behind what is already on the screen."""
+"""Background comparison of stored eigenpairs with their checksums."""
 
 from __future__ import annotations
 
@@ -13,22 +13,20 @@ from meshmash_viewer.io.stored_spectrum import Compared
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.progress import CancelCallback, Cancelled
 
-__all__ = ["RowCheck"]
-
-#: Seconds until it begins: the first picture comes first.
-_AFTER = 1.5
-#: Seconds of rest after each row, and of the longer one while somebody changes what is drawn: few
-#: frames of a slider meet a row that is read.
+#: Seconds until it begins, after the first frame.
+_DELAY = 1.5
+#: Seconds of rest after each row, and while the display is being changed, where reading would
+#: delay frames.
 _REST, _REST_IN_USE = 0.004, 0.25
-#: Seconds without a change after which nobody is at it.
+#: Seconds without a change after which the display is not in use.
 _QUIET = 1.0
 
 
 class RowCheck(QObject):
-    """Looks at all rows of a spectrum that was found in the store, once.
+    """Checks all rows of a spectrum from the store, once.
 
-    For what is only looked at. Exports compare what they write themselves, but for rows that have
-    been found whole here while nobody has written to their file since.
+    Exports check the rows that they write themselves, except those found undamaged here in a file
+    that has not changed since.
     """
 
     def __init__(self, document: Document, parent: QObject) -> None:
@@ -37,13 +35,13 @@ class RowCheck(QObject):
         self._wanted: Spectrum | None = None
         self._used = -_QUIET
         low = QThread.Priority.LowPriority
-        self.thread_ = LatestThread(self._check, self._take, _AFTER, self, priority=low)
+        self.thread_ = LatestThread(self._check, self._take, _DELAY, self, priority=low)
         listen(document.display.events, self._note_use)
         listen(document.spectrum_changed, self._refresh)
         self._refresh()
 
     def close(self) -> None:
-        """Give up, and wait for the thread."""
+        """Stop, and wait for the thread."""
         self.thread_.close()
 
     def _note_use(self) -> None:
@@ -61,10 +59,10 @@ class RowCheck(QObject):
                 self.thread_.ask(spectrum)
 
     def _check(self, spectrum: Spectrum, cancel: CancelCallback) -> int | Compared:
-        """Compare row by row; the first that is damaged ends it, and is the answer."""
+        """Compare row by row; returns the index of the first damaged row, if there is one."""
         stored = spectrum.stored
         assert stored is not None
-        state = stored.state  # of before, so that nothing is missed
+        state = stored.state  # read before the rows, so that later changes are noticed
         for index in range(len(spectrum)):
             damaged = stored.damaged([index], cancel)
             if damaged:

@@ -1,4 +1,4 @@
-"""Where the vertices are drawn: rebuilt from eigenfunctions, between, or swinging; in a thread."""
+"""Positions of displayed vertices, reconstructed from eigenfunctions or vibrating."""
 
 from __future__ import annotations
 
@@ -27,22 +27,20 @@ from meshmash_viewer.model.field import Field
 from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.spectral.weyl import Target
 
-__all__ = ["DrawnShape", "ShapeSource", "shape_writer"]
-
 FloatArray = npt.NDArray[np.floating]
 
-#: Milliseconds between two places of a vibration, and seconds that it takes to swing once.
-_SWING, _PERIOD = 33, 1.6
-#: Seconds between partial sums that are drawn on the way to a number far away.
+#: Milliseconds between frames of a vibration, and its period in seconds.
+_FRAME, _PERIOD = 33, 1.6
+#: Seconds between partial sums that are displayed during a long sum.
 _PARTIAL = 0.06
-#: Vertices up to which normals are there at every tick, and seconds without one after which
-#: those of a larger mesh are computed.
+#: Number of vertices up to which every shape has normals, and seconds without a new request after
+#: which those of a larger mesh are computed.
 _SMALL, _REST = 60_000, 0.15
 
 
 @dataclass(eq=False)
 class _Kept:
-    """What the thread has made of one mesh, for its next request."""
+    """Intermediate results for one mesh, reused by the next request."""
 
     sums: tuple[Spectrum, Reconstruction] | None = None
     swings: tuple[Field, FloatArray] | None = None
@@ -53,29 +51,29 @@ class _Request:
     spectrum: Spectrum
     shape: Shape
     kept: _Kept
-    #: A field along whose values the vertices swing, and how far, from -1 to 1.
+    #: Field whose values are the amplitudes of a vibration, and its elongation from -1 to 1.
     field: Field | None = None
     phase: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class DrawnShape:
-    """Where vertices are drawn.
+    """Displayed positions of the vertices.
 
     Parameters
     ----------
     spectrum : Spectrum
-        With the mesh that they are of.
+        Of the displayed mesh.
     points : ndarray of float32, shape (n, 3), or None
-        Relative to the centre that the mesh is drawn about; None where the mesh has them.
+        Relative to the centre of the mesh; None for the positions of the mesh.
     normals : ndarray of float32, shape (n, 3), or None
-        None for those of before.
+        None for the previous ones.
     count : int
-        Of the eigenfunctions in them.
+        Number of eigenfunctions in the sum.
     distance : float
-        Root mean square of how far the surface is from where the mesh has it.
+        Root mean square distance from the positions of the mesh.
     rests : bool
-        Whether this is what was asked for, and nothing swings.
+        Whether this is the requested shape, without a vibration.
     """
 
     spectrum: Spectrum
@@ -87,10 +85,10 @@ class DrawnShape:
 
 
 class ShapeSource(QObject):
-    """Listens to a document and answers with places of vertices.
+    """Computes the displayed shape for a document, in a thread.
 
-    `shape_ready` carries each `DrawnShape`; only the latest request counts, and partial sums are
-    drawn on the way to it. `failed` carries a `Failure`.
+    `shape_ready` carries each `DrawnShape`, also of partial sums; only the latest request is
+    completed. `failed` carries a `Failure`.
     """
 
     shape_ready = Signal(object)
@@ -104,7 +102,7 @@ class ShapeSource(QObject):
         self.drawn: DrawnShape | None = None
         self._kept = _Kept()
         self._thread = LatestThread(self._answer, self._take, parent=self, one_core=True)
-        self._clock = QTimer(self, interval=_SWING)
+        self._clock = QTimer(self, interval=_FRAME)
         self._clock.timeout.connect(self.refresh)
         self._began = 0.0
         events = document.display.events
@@ -113,24 +111,24 @@ class ShapeSource(QObject):
         listen(shown, self.refresh)
 
     def set_field(self, field: Field | None) -> None:
-        """Swing by another field."""
+        """Set the field of the vibration."""
         self._field = field
         if field is None or not field.signed:
             self._document.display.vibrating = False
 
     @property
     def idle(self) -> bool:
-        """Whether what is wanted is drawn, with its normals."""
+        """Whether the requested shape is displayed, with its normals."""
         return not self._thread.working and (self._latest is None or self.drawn is not None)
 
     def _forget(self) -> None:
-        """Hold nothing of the mesh before."""
+        """Drop everything of the previous mesh."""
         self._thread.drop()
         self._latest = self.drawn = None
-        self._kept = _Kept()  # the thread may still write to the one before
+        self._kept = _Kept()  # the thread may still write to the old one
 
     def refresh(self) -> None:
-        """Ask for the shape that the document wants now."""
+        """Request the shape of the current document."""
         display, spectrum = self._document.display, self._document.spectrum
         if spectrum is None or spectrum.mesh is None:
             self._clock.stop()
@@ -142,8 +140,8 @@ class ShapeSource(QObject):
             if not self._clock.isActive():
                 self._began = perf_counter()
                 self._clock.start()
-            swung = math.tau * (perf_counter() - self._began) / _PERIOD
-            request = replace(request, field=self._field, phase=math.sin(swung))
+            phase = math.tau * (perf_counter() - self._began) / _PERIOD
+            request = replace(request, field=self._field, phase=math.sin(phase))
         else:
             self._clock.stop()
         still = request.field is None and not request.shape.shown
@@ -153,7 +151,7 @@ class ShapeSource(QObject):
         self._thread.ask(request)
 
     def close(self) -> None:
-        """Stop the threads and wait for them."""
+        """Stop the thread and wait for it."""
         self._clock.stop()
         self._latest = None
         self._thread.close()
@@ -170,7 +168,7 @@ class ShapeSource(QObject):
         return replace(drawn, normals=_normals(drawn))
 
     def _rebuilt(self, request: _Request, cancel: CancelCallback) -> Reconstruction | None:
-        """The sum that is asked for; partial ones are drawn on the way to it."""
+        """The requested sum; partial sums are emitted meanwhile."""
         spectrum, shape = request.spectrum, request.shape
         if not shape.shown or len(spectrum) < FEWEST_PAIRS:
             return None
@@ -180,15 +178,15 @@ class ShapeSource(QObject):
             sums = Reconstruction(spectrum.mesh, spectrum.rows, spectrum.vertex_areas)
             known = request.kept.sums = spectrum, sums
         sums = known[1]
-        told = perf_counter()
+        emitted = perf_counter()
         for _ in sums.move_to(shape.within(len(spectrum))):
             if cancel():
                 raise Cancelled
-            if perf_counter() - told > _PARTIAL:
+            if perf_counter() - emitted > _PARTIAL:
                 self._thread.answered.emit(request, self._drawn(request, sums))
-                told = perf_counter()
+                emitted = perf_counter()
                 if self._latest is not request and request.field is None:
-                    raise Cancelled  # the next one goes on from here
+                    raise Cancelled  # the next request continues from here
         return sums
 
     def _drawn(self, request: _Request, sums: Reconstruction | None) -> DrawnShape:
@@ -198,7 +196,7 @@ class ShapeSource(QObject):
         geometry = geometry_of(mesh)
         points, distance, count = geometry.points, 0.0, 0
         if sums is not None:
-            # distances before float32, which has no digits for them far from the origin
+            # subtracted before float32, which is too coarse far from the origin
             points = drawn_points(mesh, sums.vertices, geometry.centre)
             if shape.morph != 1.0:
                 points = geometry.points + np.float32(shape.morph) * (points - geometry.points)
@@ -235,7 +233,7 @@ class ShapeSource(QObject):
 
 
 def shape_writer(document: Document, path: Path) -> Callable[[], None]:
-    """What saves the reconstruction that is chosen now, without a vibration."""
+    """A function that saves the current reconstruction, without a vibration."""
     spectrum, shape = document.spectrum, document.display.shape
     assert spectrum is not None and spectrum.mesh is not None  # noqa: PT018  one is shown
     mesh, operator, repairs = (
@@ -260,14 +258,14 @@ def shape_writer(document: Document, path: Path) -> Callable[[], None]:
 
 
 def _normals(drawn: DrawnShape) -> npt.NDArray[np.float32]:
-    """Normals of the surface as it is drawn."""
+    """Normals of the displayed surface."""
     mesh, points = drawn.spectrum.mesh, drawn.points
     assert mesh is not None and points is not None  # noqa: PT018  it has been moved
     return replace(mesh, vertices=points.astype(np.float64)).vertex_normals
 
 
 def _along_normals(mesh: Mesh, values: FloatArray) -> FloatArray:
-    """Normals as long as a field's values are beside the largest, shape (n, 3)."""
+    """Normals times the values of a field over its largest magnitude, shape (n, 3)."""
     known = np.nan_to_num(np.asarray(mesh.on_surface(values), dtype=np.float32))
     most = float(np.abs(known).max(initial=0.0)) or 1.0
     return (known / np.float32(most))[:, np.newaxis] * mesh.vertex_normals

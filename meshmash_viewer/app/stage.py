@@ -1,27 +1,44 @@
-"""The middle of the window: the welcome or the render, with the message bar over it."""
+"""The middle of the window: the welcome page or the render, with the message bar above it."""
 
 from __future__ import annotations
 
-from PySide6.QtCore import Qt
-from PySide6.QtOpenGLWidgets import QOpenGLWidget
-from PySide6.QtWidgets import QSplitter, QStackedLayout, QWidget
+from collections.abc import Sequence
+from pathlib import Path
 
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtOpenGLWidgets import QOpenGLWidget
+from PySide6.QtWidgets import (
+    QBoxLayout,
+    QFrame,
+    QLabel,
+    QPushButton,
+    QScrollArea,
+    QSplitter,
+    QStackedLayout,
+    QWidget,
+)
+
+from meshmash_viewer.app import theme
+from meshmash_viewer.app.controls import icons, make
+from meshmash_viewer.app.controls.layout import column, row
 from meshmash_viewer.app.controls.message_bar import MessageBar
 from meshmash_viewer.app.screen import has_opengl
-from meshmash_viewer.app.welcome import Welcome
 
-__all__ = ["Stage"]
+_RECENT_SHOWN = 5
+#: Side margin of the card, and width of two buttons in a row, in logical pixels.
+_MARGIN, _SIDE_BY_SIDE = 32, 300
 
 
 class Stage(QWidget):
-    """Shows one of two pages; the message bar floats over either."""
+    """Shows the welcome page or the render, with the message bar above."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setObjectName("stage")
         self.setMinimumSize(280, 240)
-        # A window without anything of OpenGL would be made again, and blink, when the render comes;
-        # one with it stays black where there is none.
+        # Without an OpenGL widget, the window would be recreated, and flicker, when the render is
+        # added; with one and without OpenGL it would stay black.
         if has_opengl():
             QOpenGLWidget(self).hide()
         self._pages = QStackedLayout(self)
@@ -31,23 +48,127 @@ class Stage(QWidget):
         self.message_bar = MessageBar(self)
 
     def set_scene(self, scene: QWidget) -> None:
-        """Take the render as the second page."""
+        """Add the render as the second page."""
         self._scene = QSplitter(Qt.Orientation.Horizontal)
         self._scene.setChildrenCollapsible(False)
         self._scene.addWidget(scene)
         self._pages.addWidget(self._scene)
         self.message_bar.raise_()
 
-    def put_beside(self, other: QWidget) -> None:
-        """Put something beside the render, as wide."""
+    def add_second(self, other: QWidget) -> None:
+        """Add a second widget to the right of the render, of the same width."""
         assert self._scene is not None
         self._scene.addWidget(other)
         self._scene.setSizes([1000, 1000])
 
     def show_scene(self, shown: bool) -> None:
-        """Show the render, or the welcome."""
+        """Show the render, or the welcome page."""
         page = self._scene if shown and self._scene is not None else self.welcome
         if self._pages.currentWidget() is not page:
             self._pages.setCurrentWidget(page)
         if self.message_bar.isVisible():
             self.message_bar.raise_()
+
+
+class Welcome(QScrollArea):
+    """Page without a mesh: drop or open a file, the sample, recent files; or what is loading."""
+
+    open_requested = Signal()
+    sample_requested = Signal()
+    recent_requested = Signal(Path)
+
+    def __init__(self) -> None:
+        super().__init__()
+        theme.named(self, "welcome", "Welcome")
+        self.setWidgetResizable(True)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        middle = Qt.AlignmentFlag.AlignCenter
+        self._icon = QLabel(alignment=middle)
+        title = theme.with_role(QLabel("Drop a mesh here", alignment=middle), "title")
+        endings = make.muted(
+            "PLY, OBJ, STL, OFF, GLB, VTP, VTK, NPZ, GIFTI or FreeSurfer surface",
+            alignment=middle,
+            wordWrap=True,
+        )
+        self.open_button = make.button(
+            "Open a file…",
+            "welcome_open_button",
+            "Open a mesh file",
+            self.open_requested,
+            role="primary",
+        )
+        sample = "Open the sample neuron"
+        self.sample_button = make.button(
+            sample, "welcome_sample_button", sample, self.sample_requested
+        )
+        self._recent = column(spacing=0)
+        self._links: list[tuple[QPushButton, str]] = []
+        self.loading_label = make.label(
+            "loading_label", "What is being loaded", role="muted", alignment=middle
+        )
+        self._buttons = row(
+            (self.open_button,), (self.sample_button,), margins=(0, theme.GAP, 0, 0)
+        )
+        parts = self._icon, title, endings, self._buttons, self._recent, self.loading_label
+        self._card = theme.named(QFrame(), "welcome_card")
+        self._card.setMaximumWidth(440)
+        self._card.setLayout(column(*parts, margins=(_MARGIN, 28, _MARGIN, 24)))
+        around = theme.named(QWidget(), "welcome_around")
+        middle_row = row(None, self._card, None)
+        middle_row.setStretchFactor(self._card, 1000)  # takes its maximum width first
+        around.setLayout(column(None, middle_row, None, margins=(theme.GAP,) * 4))
+        self.setWidget(around)
+        theme.notifier().changed.connect(self._refresh)
+        self._refresh()
+        self.set_loading("")
+
+    def set_recent(self, paths: Sequence[Path]) -> None:
+        """List the files opened before, newest first."""
+        while (item := self._recent.takeAt(0)) is not None:
+            if (widget := item.widget()) is not None:
+                widget.deleteLater()
+        self._links.clear()
+        if not paths:
+            return
+        heading = make.muted("Recent")
+        heading.setContentsMargins(4, theme.GAP, 0, 2)
+        self._recent.addWidget(heading)
+        for path in paths[:_RECENT_SHOWN]:
+            button = make.button(
+                "",
+                "",
+                f"Open {path.name}",
+                lambda _checked=False, path=path: self.recent_requested.emit(path),
+                role="link",
+                tip=str(path),
+            )
+            self._recent.addWidget(button)
+            self._links.append((button, f"{path.name}  ·  {path.parent}"))
+        self._fit()
+
+    def set_loading(self, text: str) -> None:
+        """Show what is being loaded; empty for nothing."""
+        self.loading_label.setText(text)
+        self.loading_label.setVisible(bool(text))
+
+    def set_dropping(self, dropping: bool) -> None:
+        """Highlight the card while a file is dragged over the window."""
+        self._card.setProperty("dropping", dropping)
+        theme.restyle(self._card)
+
+    def _refresh(self) -> None:
+        self._icon.setPixmap(icons.pixmap("mesh", theme.palette().accent, 44))
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Fit the buttons and the paths to the width."""
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        """Arrange the buttons, and shorten the paths, to fit the width."""
+        width = min(self.width() - 2 * theme.GAP, self._card.maximumWidth()) - 2 * _MARGIN
+        boxes, narrow = QBoxLayout.Direction, width < _SIDE_BY_SIDE
+        self._buttons.setDirection(boxes.TopToBottom if narrow else boxes.LeftToRight)
+        for button, text in self._links:
+            elided = self.fontMetrics().elidedText(text, Qt.TextElideMode.ElideMiddle, width - 16)
+            button.setText(elided)

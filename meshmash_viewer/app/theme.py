@@ -1,8 +1,8 @@
-"""The look of the window: colours, spacing and type, light or dark, for widgets, plots and render.
+"""Light and dark theme: colours, spacing and fonts of widgets, plots and render.
 
-Panels ask `palette` and `is_dark`, redraw on ``notifier().changed``, and give labels
+Panels read `palette` and `is_dark`, redraw on ``notifier().changed``, and give labels
 a role instead of a style: ``with_role(QLabel("Health"), "heading")``. The roles are "heading" (of a
-section), "muted" (an explanation), "value" (a number that stands in a column), "proof", "warning".
+section), "muted" (an explanation), "value" (a number in a column), "proof" and "warning".
 """
 
 from __future__ import annotations
@@ -29,28 +29,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-__all__ = [
-    "GAP",
-    "MARGIN",
-    "Mode",
-    "Palette",
-    "apply",
-    "change_role",
-    "dress",
-    "is_dark",
-    "mode",
-    "named",
-    "notifier",
-    "pad_fields",
-    "palette",
-    "restyle",
-    "set_mode",
-    "tabular",
-    "with_role",
-]
-
-#: Distance of neighbouring controls and margin of a panel, in logical pixels; all else is a
-#: multiple of 4.
+#: Gap between controls and margin of a panel, in logical pixels.
 GAP = 8
 MARGIN = 12
 
@@ -60,7 +39,7 @@ Kind = TypeVar("Kind")
 
 
 class Mode(StrEnum):
-    """What decides between light and dark."""
+    """Whether the theme follows the system, or is light or dark."""
 
     SYSTEM = "system"
     LIGHT = "light"
@@ -68,7 +47,7 @@ class Mode(StrEnum):
 
 
 class _Color(Generic[Kind]):
-    """A colour, or several, of a palette: one where it is light, another where it is dark."""
+    """A colour, or several, of a palette, for the light and for the dark theme."""
 
     def __init__(self, light: Kind, dark: Kind) -> None:
         self._pair = light, dark
@@ -79,7 +58,7 @@ class _Color(Generic[Kind]):
 
 @dataclass(frozen=True)
 class Palette:
-    """Colours by what they are for, as ``#rrggbb``."""
+    """Colours by their use, as ``#rrggbb``."""
 
     dark: bool
 
@@ -117,46 +96,46 @@ class Palette:
 
 
 class _Notifier(QObject):
-    """Says when the colours have changed."""
+    """Emits `changed` when the colours have changed."""
 
     changed = Signal()
 
 
 class _State:
-    """What was chosen, and what it came to; one for the process, as there is one application."""
+    """Theme of the process."""
 
     mode = Mode.SYSTEM
     dark = False
-    #: Whether the application is ours.
+    #: Whether the application was made by this package.
     ours = False
     style: QStyle | None = None
-    #: What is dressed, the application or its windows, and whether dark.
+    #: Styled objects (the application, or windows), and whether each is dark.
     dressed: ClassVar[WeakKeyDictionary[Any, bool | None]] = WeakKeyDictionary()
     notifier = _Notifier()
 
 
 def notifier() -> _Notifier:
-    """The object whose ``changed`` signal follows every switch of theme."""
+    """The object whose ``changed`` signal is emitted after every change of theme."""
     return _State.notifier
 
 
 def mode() -> Mode:
-    """What decides between light and dark."""
+    """The chosen mode."""
     return _State.mode
 
 
 def is_dark() -> bool:
-    """Whether the dark theme is on."""
+    """Whether the current theme is dark."""
     return _State.dark
 
 
 def palette() -> Palette:
-    """The colours in force."""
+    """The current colours."""
     return Palette(_State.dark)
 
 
 def pad_fields(parent: QWidget) -> None:
-    """Keep numbers off the edges of their fields, and choices off one another, as no sheet can."""
+    """Add margins in number fields and lists of choices, which a style sheet cannot."""
     for spin in parent.findChildren(QAbstractSpinBox):
         spin.lineEdit().setTextMargins(5, 0, 8 if spin.property("role") == "bare" else 0, 0)
     for combo in parent.findChildren(QComboBox):
@@ -166,22 +145,22 @@ def pad_fields(parent: QWidget) -> None:
 
 
 def with_role(widget: WidgetType, role: str) -> WidgetType:
-    """Give a widget its role in the style; returns it."""
+    """Set the role of a widget in the style; returns it."""
     widget.setProperty("role", role)
     if isinstance(widget, QLabel):
-        # a styled label is indented by half an x otherwise, out of line with plain ones
+        # styled labels are indented by default, unlike plain ones
         widget.setIndent(0)
     return widget
 
 
 def change_role(widget: QWidget, role: str) -> None:
-    """Give a widget that is already shown another role."""
+    """Change the role of a displayed widget."""
     if widget.property("role") != role:
         restyle(with_role(widget, role))
 
 
 def restyle(widget: QWidget) -> None:
-    """Let a widget look as its properties now say."""
+    """Apply the style after a change of properties."""
     widget.style().unpolish(widget)
     widget.style().polish(widget)
 
@@ -189,9 +168,9 @@ def restyle(widget: QWidget) -> None:
 def named(
     widget: WidgetType, name: str, accessible: str = "", *, role: str = "", tip: str = ""
 ) -> WidgetType:
-    """Give a widget its ``objectName``, what screen readers call it, role and tooltip; returns it.
+    """Set ``objectName``, accessible name, role and tooltip of a widget; returns it.
 
-    What it has already stays where nothing is given.
+    Empty arguments change nothing.
     """
     widget.setObjectName(name)
     if accessible:
@@ -202,27 +181,27 @@ def named(
 
 
 def tabular(font: QFont) -> QFont:
-    """A copy of a font whose digits all have one width, so that columns of numbers stand still."""
+    """A copy of a font with digits of equal width."""
     copy = QFont(font)
     copy.setFeature(QFont.Tag("tnum"), 1)
     return copy
 
 
 def set_mode(chosen: Mode | str) -> None:
-    """Follow the system, or stay light or dark."""
+    """Choose the mode."""
     _State.mode = Mode(chosen)
     if _State.style is not None:
         _refresh()
 
 
 def apply(application: QApplication) -> None:
-    """Dress an application that is ours alone, and follow the system from now on."""
+    """Style an application made by this package, and follow the system."""
     _State.ours = True
     _begin(application)
 
 
 def dress(window: QWidget) -> None:
-    """Dress a window, and nothing else where the application is somebody else's."""
+    """Style a window; only the window if the application was made by other code."""
     if not _State.ours:
         _begin(window)
     _refresh()
@@ -233,7 +212,7 @@ def _begin(target: QApplication | QWidget) -> None:
         _State.style = QStyleFactory.create("Fusion")
         QApplication.styleHints().colorSchemeChanged.connect(lambda _: _refresh())
     if isinstance(target, QApplication):
-        target.setStyle("Fusion")  # which owns it
+        target.setStyle("Fusion")
     else:
         target.setStyle(_State.style)
     target.setFont(tabular(target.font()))
@@ -248,7 +227,7 @@ def _refresh() -> None:
         Mode.LIGHT: Qt.ColorScheme.Light,
         Mode.DARK: Qt.ColorScheme.Dark,
     }[_State.mode]
-    # title bars of the desktop follow too; X11 without a desktop knows no scheme
+    # also changes the title bars of the desktop; X11 without a desktop has no scheme
     if _State.ours:
         with QSignalBlocker(hints):
             hints.setColorScheme(wanted)
@@ -261,7 +240,7 @@ def _refresh() -> None:
         _State.dressed[target] = _State.dark
         colors, sheet = palette(), _style_sheet(palette(), target.font())
         if not _State.ours:
-            # under a sheet, widgets ask the application for their palette, not the window
+            # with a style sheet, widgets use the palette of the application, not of the window
             basics = f"QWidget {{ color: {colors.text}; }} QDialog, QTabBar QToolButton "
             basics += f"{{ background: {colors.window}; }} "
             basics += f"QWidget:disabled {{ color: {colors.disabled}; }} "
@@ -273,7 +252,7 @@ def _refresh() -> None:
 
 @cache
 def _qt_palette(dark: bool) -> QPalette:
-    """The same one each time: Qt keeps what it has drawn by palette."""
+    """Palette of Qt; cached, since Qt caches drawings by palette."""
     colors = Palette(dark)
     role = QPalette.ColorRole
     result = QPalette()

@@ -28,7 +28,7 @@ OPERATOR = OperatorOptions()
 @pytest.fixture
 def opened(qapp: object, sphere: Mesh, tmp_path: Path, monkeypatch) -> Iterator[tuple]:
     """A document, what it has said, and the file of the rows of its mesh."""
-    monkeypatch.setattr(row_check, "_AFTER", 0.001)
+    monkeypatch.setattr(row_check, "_DELAY", 0.001)
     listener = Listener(tmp_path)
     grew = DecomposeJob(sphere, OPERATOR, Target("count", 30)).run(listener)
     document, parent, said = Document(), QObject(), []

@@ -1,4 +1,4 @@
-"""Line icons, drawn from paths in the colours of the theme."""
+"""Icons drawn from SVG paths in the colours of the theme."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ from PySide6.QtSvg import QSvgRenderer
 
 from meshmash_viewer.app import theme
 
-__all__ = ["PATHS", "application_icon", "icon", "pixmap"]
-
-#: Bodies of 24 × 24 drawings; strokes take the colour that is asked for.
+#: SVG content of 24 × 24 drawings by name.
 PATHS: dict[str, str] = {
     "open": '<path d="M3 18V6a1 1 0 0 1 1-1h5l2 3h8a1 1 0 0 1 1 1v2"/>'
     '<path d="M3 18l3-7h16l-3 7a1 1 0 0 1-1 1H4a1 1 0 0 1-1-1z"/>',
@@ -40,19 +38,7 @@ PATHS: dict[str, str] = {
 
 @lru_cache(maxsize=256)
 def pixmap(name: str, color: str, size: int = 20, ratio: float = 2.0) -> QPixmap:
-    """Draw an icon.
-
-    Parameters
-    ----------
-    name : str
-        A key of `PATHS`, or a drawing like those.
-    color : str
-        Of the strokes, as ``#rrggbb``.
-    size : int
-        In logical pixels.
-    ratio : float
-        Device pixels a logical one.
-    """
+    """Draw an icon: a key of `PATHS` or SVG content, stroke colour, size in logical pixels."""
     drawing = (
         '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 24 24" fill="none" '
         f'stroke="{color}" stroke-width="1.6" stroke-linecap="round" stroke-linejoin="round">'
@@ -68,7 +54,7 @@ def pixmap(name: str, color: str, size: int = 20, ratio: float = 2.0) -> QPixmap
 
 
 def icon(name: str) -> QIcon:
-    """An icon in the colours of the theme in force."""
+    """An icon in the colours of the current theme."""
     colors = theme.palette()
     result = QIcon(pixmap(name, colors.text))
     result.addPixmap(pixmap(name, colors.disabled), QIcon.Mode.Disabled)
@@ -77,7 +63,7 @@ def icon(name: str) -> QIcon:
 
 @lru_cache(maxsize=1)
 def application_icon() -> QIcon:
-    """The program's own icon: an eigenfunction on a triangle mesh, by assets/make_icon.py."""
+    """Icon of the program, made by assets/make_icon.py."""
     picture = QPixmap()
     picture.loadFromData(files("meshmash_viewer.app").joinpath("icon.png").read_bytes())
     return QIcon(picture)

@@ -1,1 +1,1 @@
-"""What the plots draw."""
+"""Plots of the spectrum, and their base class."""

@@ -1,4 +1,4 @@
-"""Eigenvalues against their index, beside Weyl's law."""
+"""Plot of the eigenvalues against their index, with Weyl's law."""
 
 from __future__ import annotations
 
@@ -19,20 +19,18 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.spectral.weyl import weyl_eigenvalue
 from meshmash_viewer.units import named_quantity
 
-__all__ = ["EigenvalueView"]
-
 
 class EigenvalueView:
-    """What is drawn on the spectrum plot while eigenfunctions are looked at.
+    """Contents of the spectrum plot for eigenfunctions.
 
-    The marker can be dragged along, a click selects; zero modes are hollow.
+    A click or a drag of the marker selects an eigenfunction; zero modes are hollow.
 
     Attributes
     ----------
     log : bool
-        Whether the logarithm of the eigenvalues is drawn.
+        Whether the left axis is logarithmic.
     heights : (float, float) or None
-        Range of the left axis; None for that of the eigenvalues.
+        Range of the left axis, None for an automatic one.
     """
 
     heights: ClassVar[tuple[float, float] | None] = None
@@ -45,18 +43,18 @@ class EigenvalueView:
         self.zeros = pg.ScatterPlotItem(pxMode=True)
         self.current = pg.ScatterPlotItem(pxMode=True)
         self.marker = marker(self._drag, self.refresh_current)
-        self.owed = pg.PlotCurveItem()  # unseen: keeps room for the pairs that are still to come
+        self.expected = pg.PlotCurveItem()  # invisible: extends the axes to the requested pairs
         self.items = (
-            self.owed, self.weyl, self.points, self.zeros, self.marker, self.current,
+            self.expected, self.weyl, self.points, self.zeros, self.marker, self.current,
         )  # fmt: skip
-        # a neuron has far more eigenvalues than its area says: the law must not set the scale
+        # neurons have far more eigenvalues than Weyl's law, which must not set the scale
         self.unbounded = (self.weyl, self.marker)
         self.dress()
 
     def dress(self) -> None:
-        """Put on the colours of the theme."""
+        """Apply the colours of the theme."""
         colors = theme.palette()
-        self.owed.setPen(None)
+        self.expected.setPen(None)
         self.weyl.setPen(dashed(colors.reference, 1.5))
         self.points.setPen(None)
         self.points.setBrush(color(colors.accent))
@@ -68,11 +66,11 @@ class EigenvalueView:
         self.marker.setHoverPen(solid(colors.marker, 3.0))
 
     def labels(self) -> tuple[str, str]:
-        """Names of the axes, with units."""
+        """Labels of the axes, with units."""
         return "Index", named_quantity("λ", self._document.unit, -2)
 
     def legend(self) -> str:
-        """What the marks mean, as rich text."""
+        """Legend as rich text."""
         colors, spectrum = theme.palette(), self._document.spectrum
         preview = spectrum is not None and spectrum.preview
         what = "approximate eigenvalue" if preview else "eigenvalue"
@@ -84,10 +82,10 @@ class EigenvalueView:
         return "&nbsp;&nbsp; ".join(parts)
 
     def refresh_spectrum(self) -> None:
-        """Draw what has converged so far; the axis already has room for all that is owed."""
+        """Draw the pairs computed so far, on axes that extend to all requested ones."""
         spectrum, mesh = self._document.spectrum, self._document.mesh
         if spectrum is None or not len(spectrum):
-            for item in (self.points, self.zeros, self.current, self.weyl, self.owed):
+            for item in (self.points, self.zeros, self.current, self.weyl, self.expected):
                 item.setData([], [])
             self.marker.setVisible(False)
             return
@@ -95,13 +93,13 @@ class EigenvalueView:
         index = np.arange(length, dtype=np.float64)
         heights = self._heights(spectrum.eigenvalues, zeros)
         size = 5.0 if length <= 400 else 3.5
-        # approximate ones are pale: the exact ones will take their places
+        # approximate ones are pale
         self.points.setBrush(color(theme.palette().accent, 0.45 if spectrum.preview else 1.0))
         self.points.setData(index[zeros:], heights[zeros:], size=size)
         self.zeros.setData(index[:zeros], heights[:zeros], size=6.0)
         last = max(spectrum.total, length) - 1
         top = heights[-1] if self.log else heights[-1] * max(last, 1) / max(length - 1, 1)
-        self.owed.setData([0.0, float(last)], [heights[0], top])
+        self.expected.setData([0.0, float(last)], [heights[0], top])
         if mesh is not None:
             area = float(mesh.area)
             along = np.linspace(1.0 if self.log else 0.0, max(last, 1), 200)
@@ -110,7 +108,7 @@ class EigenvalueView:
         self.refresh_current()
 
     def refresh_current(self) -> None:
-        """Move the marker to the eigenfunction on the render."""
+        """Move the marker to the displayed eigenfunction."""
         spectrum = self._document.spectrum
         if spectrum is None or not len(spectrum):
             return
@@ -123,7 +121,7 @@ class EigenvalueView:
             self.marker.setValue(index)
 
     def select(self, x: float, _y: float) -> None:
-        """Put the eigenfunction at a place of the plot on the render."""
+        """Display the eigenfunction at a position of the plot."""
         display = self._document.display
         display.show(replace(display[Eigenfunctions], index=self.index_at(x)))
 
@@ -134,12 +132,12 @@ class EigenvalueView:
 
     @property
     def index(self) -> int:
-        """Index of the pair that is chosen, of those that are there."""
+        """Index of the chosen pair, limited to those computed."""
         spectrum, chosen = self._document.spectrum, self._document.display[Eigenfunctions]
         return chosen.index if spectrum is None else chosen.within(spectrum).index
 
     def index_at(self, x: float) -> int:
-        """Index of the pair nearest to a place of the plot."""
+        """Index of the pair nearest to a position of the plot."""
         spectrum = self._document.spectrum
         last = len(spectrum) - 1 if spectrum is not None else 0
         return min(max(round(x), 0), max(last, 0)) if math.isfinite(x) else 0
@@ -151,7 +149,7 @@ class EigenvalueView:
     def _heights(self, eigenvalues: npt.NDArray[np.float64], zeros: int) -> npt.NDArray[np.float64]:
         if not self.log:
             return np.asarray(np.maximum(eigenvalues, 0.0))
-        # zero has no logarithm: zero modes stand a little under the first that is not
+        # zero has no logarithm: zero modes are drawn below the first nonzero eigenvalue
         rest = eigenvalues[zeros:]
         floor = rest[0] / 3.0 if len(rest) else 1.0
         return np.asarray(np.log10(np.concatenate([np.full(zeros, floor), rest])))

@@ -15,28 +15,26 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.scale_marks import linear_texts, power_text
 from meshmash_viewer.app.listening import later
 
-__all__ = ["Plot", "ScientificAxis", "color", "dashed", "hatch", "marker", "solid"]
-
 
 def color(name: str, alpha: float = 1.0) -> QColor:
-    """A colour of the theme, more or less transparent."""
+    """A colour with an opacity."""
     result = QColor(name)
     result.setAlphaF(alpha)
     return result
 
 
 def solid(name: str, width: float = 1.0, alpha: float = 1.0) -> QPen:
-    """A pen as wide in pixels whatever the zoom."""
+    """A pen whose width in pixels does not depend on the zoom."""
     return QPen(pg.mkPen(color(name, alpha), width=width))
 
 
 def dashed(name: str, width: float = 1.0) -> QPen:
-    """A dashed pen as wide in pixels whatever the zoom."""
+    """A dashed pen whose width in pixels does not depend on the zoom."""
     return QPen(pg.mkPen(color(name), width=width, style=Qt.PenStyle.DashLine))
 
 
 def hatch(region: pg.LinearRegionItem) -> None:
-    """Draw a region as in doubt: it needs more eigenpairs."""
+    """Hatch a region, which needs more eigenpairs."""
     name = theme.palette().hatch
     region.setBrush(QBrush(color(name, 0.8), Qt.BrushStyle.BDiagPattern))
     for line in region.lines:
@@ -44,7 +42,7 @@ def hatch(region: pg.LinearRegionItem) -> None:
 
 
 def marker(drag: Callable[[pg.InfiniteLine], None], settle: Callable[[], None]) -> pg.InfiniteLine:
-    """An upright line that can be dragged; `settle` is called when it is let go."""
+    """A vertical line; `drag` is called while it is dragged, `settle` when it is released."""
     line = pg.InfiniteLine(angle=90, movable=True)
     line.setCursor(Qt.CursorShape.SizeHorCursor)
     line.sigDragged.connect(drag)
@@ -53,14 +51,14 @@ def marker(drag: Callable[[pg.InfiniteLine], None], settle: Callable[[], None]) 
 
 
 class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
-    """An axis that writes 2×10⁻⁸ where pyqtgraph would rescale its unit, or round it to 0."""
+    """An axis with labels such as 2×10⁻⁸, which pyqtgraph would rescale or round to 0."""
 
     def __init__(self, orientation: str) -> None:
         super().__init__(orientation)
         self.enableAutoSIPrefix(False)
-        #: Whether it counts: there is nothing between 4 and 5.
+        #: Whether ticks are integers.
         self.whole = False
-        #: Powers of ten from 0 to 1; 0 where it is even.
+        #: Number of powers of ten from 0 to 1; 0 for a linear axis.
         self.decades = 0
 
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str | None]:
@@ -73,7 +71,7 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
         return list(linear_texts([value * scale for value in values], spacing * scale))
 
     def tickSpacing(self, low: float, high: float, size: float) -> list[tuple[float, float]]:
-        """Distances of ticks, the largest first, each with where they begin."""
+        """Spacings of ticks, the largest first, each with an offset."""
         spacing: list[tuple[float, float]] = super().tickSpacing(low, high, size)
         if not self.whole:
             return spacing
@@ -81,7 +79,7 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
         return [(float(step), 0.0) for step in sorted(steps, reverse=True)]
 
     def tickValues(self, low: float, high: float, size: float) -> list[tuple[float, list[float]]]:
-        """Ticks: in log scale whole decades, and 2 to 9 between them."""
+        """Ticks by spacing; on a logarithmic axis decades, and 2 to 9 between them."""
         if not self.logMode:
             return list(super().tickValues(low, high, size)[:2])
         first, last = math.floor(low), math.ceil(high)
@@ -109,14 +107,14 @@ class ScientificAxis(pg.AxisItem):  # type: ignore[misc]  # it ships no types
 class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
     """A plot in the theme's colours.
 
-    The wheel zooms, a drag moves, "Fit" where the axes meet shows everything again.
+    The wheel zooms, a drag pans, and the button "Fit" shows everything.
 
     Signals
     -------
     clicked(float, float)
-        Where, in the plot's own coordinates.
+        Position in plot coordinates.
     hovered(float, float)
-        Likewise; NaN once the pointer has left.
+        Likewise; NaN when the pointer has left.
     """
 
     clicked = Signal(float, float)
@@ -126,7 +124,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
         axes = {side: ScientificAxis(side) for side in ("left", "bottom")}
         super().__init__(axisItems=axes)
         theme.named(self, name, accessible_name)
-        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)  # what it does by mouse, panels do by keys
+        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)  # panels have the keys
         self.setFrameShape(self.Shape.NoFrame)
         self.setMinimumSize(120, 110)
         self.setAntialiasing(True)
@@ -145,7 +143,7 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
         self.dress()
 
     def paint_later(self) -> None:
-        """Paint in a later turn of the event loop: laying out anew takes long enough for one."""
+        """Paint in a later iteration of the event loop, since a new layout takes some time."""
         self.setUpdatesEnabled(False)
         later(self._paint)
 
@@ -153,28 +151,28 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
         self.setUpdatesEnabled(True)
 
     def set_labels(self, bottom: str, left: str) -> None:
-        """Name both axes, units included."""
+        """Set the labels of both axes."""
         if self._labels != {"left": left, "bottom": bottom}:
             self._labels = {"left": left, "bottom": bottom}
             self._dress_axes()
 
     def set_log(self, bottom: bool, left: bool) -> None:
-        """Write powers of ten on an axis; what is drawn is then the logarithm already."""
+        """Label axes with powers of ten; the data must be logarithms already."""
         for side, on in (("bottom", bottom), ("left", left)):
             axis = self.getAxis(side)
             if axis.logMode != on:
                 axis.setLogMode(on)
 
     def set_whole(self, whole: bool) -> None:
-        """Say whether the bottom axis counts, and has whole numbers only."""
+        """Set whether the ticks of the bottom axis are integers."""
         self.getAxis("bottom").whole = whole
 
     def set_decades(self, decades: int) -> None:
-        """Say how many powers of ten the left axis has from 0 to 1; 0 where it is even."""
+        """Set the number of powers of ten from 0 to 1 on the left axis; 0 for a linear axis."""
         self.getAxis("left").decades = decades
 
     def dress(self) -> None:
-        """Put on the colours of the theme."""
+        """Apply the colours of the theme."""
         self.setBackground(theme.palette().surface)
         self._dress_axes()
 
@@ -194,28 +192,28 @@ class Plot(pg.PlotWidget):  # type: ignore[misc]  # as above
             axis.setGrid(False)
 
     def show_all(self) -> None:
-        """Zoom out to everything that is drawn."""
+        """Show everything that is drawn."""
         self.plotItem.vb.enableAutoRange()
         if self._heights is not None:
             self.plotItem.vb.setYRange(*self._heights, padding=0.0)
 
     def set_heights(self, heights: tuple[float, float] | None) -> None:
-        """Fix the range of the left axis, or let it follow what is drawn."""
+        """Fix the range of the left axis; None for an automatic one."""
         self._heights = heights
         self.setMouseEnabled(x=True, y=heights is None)
 
     def pixel_of(self, x: float, y: float) -> QPointF:
-        """Where a point of the plot is on the widget."""
+        """Position of a point of the plot on the widget."""
         return QPointF(self.mapFromScene(self.plotItem.vb.mapViewToScene(QPointF(x, y))))
 
     def resizeEvent(self, event: QResizeEvent | None) -> None:
-        """Keep the button where the axes meet."""
+        """Keep the button in the lower left corner."""
         super().resizeEvent(event)
-        if event is not None:  # pyqtgraph calls it once by itself, before there is a button
+        if event is not None:  # None when pyqtgraph calls it, before there is a button
             self.fit_button.move(0, self.height() - self.fit_button.sizeHint().height())
 
     def leaveEvent(self, event: object) -> None:
-        """Tell that nothing is pointed at any more."""
+        """Emit NaN, since the pointer has left."""
         self.hovered.emit(math.nan, math.nan)
         super().leaveEvent(event)
 

@@ -1,4 +1,4 @@
-"""Filter responses over the eigenvalue, with handles to drag."""
+"""Plot of filter responses over the eigenvalue, with handles to drag."""
 
 from __future__ import annotations
 
@@ -15,33 +15,31 @@ from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.units import named_quantity
 
-__all__ = ["ResponseView"]
-
 _RUG = -0.09
-#: Top of the left axis: above 1 there is room for the grips.
+#: Top of the left axis, with the grips above 1.
 _TOP = 1.32
-#: Share of the height up to which the filter's handle goes; the grips of the ends are above it.
-_HELD = 0.82
+#: Fraction of the height that the filter's handle spans, below the grips of the limits.
+_HANDLE_SPAN = 0.82
 #: Diameter of a grip in pixels.
 _GRIP = 10
-#: Narrowest range of filters that can be dragged, as a share of the known eigenvalues.
+#: Narrowest range of filters, as a fraction of the largest computed eigenvalue.
 _NARROWEST = 1e-3
-#: Places along which a filter is sampled, where it has none of its own.
+#: Number of samples of a response.
 _SAMPLES = 256
 
 
 class ResponseView:
-    """What is drawn on the spectrum plot while features are looked at.
+    """Contents of the spectrum plot for features.
 
-    The filter of the field can be dragged where it is held, and so can the ends of the range where
-    the family has one; a click chooses the filter there. Under them each eigenvalue is a tick.
+    Handles move the filter of the field, and the limits of the range if the family has one; a
+    click chooses the filter there. Ticks at the bottom are eigenvalues.
 
     Attributes
     ----------
     log : bool
-        Whether it is drawn over the logarithm of λ.
+        Whether the bottom axis is logarithmic.
     heights : (float, float)
-        Range of the left axis: the same for all responses, so that it stays while they move.
+        Range of the left axis, the same for all responses.
     """
 
     heights: ClassVar[tuple[float, float] | None] = (_RUG - 0.03, _TOP)
@@ -49,7 +47,7 @@ class ResponseView:
     def __init__(self, document: Document) -> None:
         self._document = document
         self.log = False
-        self._said = ""
+        self._response_text = ""
         self.rug = pg.PlotCurveItem(connect="pairs")
         self.series = tuple(pg.PlotCurveItem(connect="finite") for _ in range(3))
         self.response = pg.PlotCurveItem(fillLevel=0.0)
@@ -60,7 +58,7 @@ class ResponseView:
         for line in (self.low, self.high):
             line.addMarker("o", 0.94, _GRIP)
         self.handle.addMarker("o", 1.0, _GRIP)
-        self.handle.setSpan(0.0, _HELD)
+        self.handle.setSpan(0.0, _HANDLE_SPAN)
         self.handle.setZValue(1.0)
         self.items = (
             self.missing, self.rug, *self.series, self.response, self.low, self.high, self.handle,
@@ -69,7 +67,7 @@ class ResponseView:
         self.dress()
 
     def dress(self) -> None:
-        """Put on the colours of the theme."""
+        """Apply the colours of the theme."""
         colors = theme.palette()
         self.rug.setPen(solid(colors.reference, 1.0, 0.8))
         for item, name in zip(self.series, colors.series[:1] + colors.series[2:], strict=False):
@@ -84,15 +82,15 @@ class ResponseView:
         self.handle.setHoverPen(solid(colors.marker, 3.5))
 
     def labels(self) -> tuple[str, str]:
-        """Names of the axes, with units."""
+        """Labels of the axes, with units."""
         return named_quantity("λ", self._document.unit, -2), self.family.response_label
 
     def legend(self) -> str:
-        """What the marks mean, as rich text."""
+        """Legend as rich text."""
         colors = theme.palette()
         ticks = f'<span style="color:{colors.reference}">|</span> eigenvalues'
         mark = f'<span style="color:{colors.marker}">▬</span>'
-        return f"{mark} {self._said}&nbsp;&nbsp; {ticks}"
+        return f"{mark} {self._response_text}&nbsp;&nbsp; {ticks}"
 
     # -- coordinates ------------------------------------------------------------------------
 
@@ -106,7 +104,7 @@ class ResponseView:
         return 0.0 if self.log and value <= 1.001 * self._floor() else max(value, 0.0)
 
     def _floor(self) -> float:
-        """What stands for zero in log scale: a little under the first eigenvalue above it."""
+        """Position of zero on a logarithmic axis: half of the first nonzero eigenvalue."""
         spectrum = self._document.scaled_spectrum
         if spectrum is None:
             return 1e-30
@@ -115,7 +113,7 @@ class ResponseView:
     # -- from the model ---------------------------------------------------------------------
 
     def refresh_spectrum(self) -> None:
-        """Draw the eigenvalues that have converged, and the responses over them."""
+        """Draw the eigenvalues computed so far, and the responses."""
         spectrum = self._document.scaled_spectrum
         if spectrum is None:
             for item in (self.rug, self.response, *self.series):
@@ -128,7 +126,7 @@ class ResponseView:
         self.refresh_current()
 
     def refresh_current(self) -> None:
-        """Draw the responses as the display has them now."""
+        """Draw the responses for the current parameters."""
         spectrum = self._document.scaled_spectrum
         if spectrum is None:
             return
@@ -136,9 +134,9 @@ class ResponseView:
         for item in (self.response, *self.series, self.handle, self.low, self.high, self.missing):
             item.setVisible(response is not None)
         if response is None:
-            self._said = "none of this field"
+            self._response_text = "no response"
             return
-        self._said = response.legend
+        self._response_text = response.legend
         for offset, item in enumerate(self.series):
             mine = response.others[offset :: len(self.series)]
             gap = np.array([np.nan])
@@ -161,7 +159,7 @@ class ResponseView:
 
     @property
     def family(self) -> Family:
-        """The family whose filters are drawn: features, where what is shown has none."""
+        """The family whose filters are drawn; one of features if the displayed one has none."""
         display = self._document.display
         if display.family.responds():
             return display.family
@@ -177,10 +175,10 @@ class ResponseView:
         x = np.linspace(float(self._x(first)), float(self._x(known)), _SAMPLES)
         return 10.0**x if self.log else x
 
-    # -- from the person --------------------------------------------------------------------
+    # -- from the mouse ---------------------------------------------------------------------
 
     def select(self, x: float, _y: float) -> None:
-        """Choose the filter at a place of the plot."""
+        """Choose the filter at a position of the plot."""
         spectrum, family = self._document.scaled_spectrum, self.family
         if spectrum is None:
             return
@@ -204,7 +202,7 @@ class ResponseView:
         display.put(family.between(value, high) if line is self.low else family.between(low, value))
 
     def _bounds(self, spectrum: Spectrum, line: pg.InfiniteLine) -> tuple[float, float]:
-        """Eigenvalues between which a line can be dragged: no range is left without pairs."""
+        """Limits of dragging a line, such that the range keeps some eigenvalues."""
         values = spectrum.eigenvalues
         known = float(values[-1])
         if line is self.handle:
@@ -221,6 +219,6 @@ class ResponseView:
         return max(values[min(above + 1, len(values) - 1)], low + _NARROWEST * known), known
 
     def _ends(self, spectrum: Spectrum) -> tuple[float, float]:
-        """Range of the filters, as the model has it."""
+        """Range of the filters of the family."""
         response = self.family.response(spectrum, spectrum.eigenvalues[-1:])
         return (0.0, 0.0) if response is None or response.ends is None else response.ends
