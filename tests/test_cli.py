@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import shapes
 
-from meshmash_viewer.app.view import graphics
+from meshmash_viewer.app.view import picture
 from meshmash_viewer.cli import main as cli
 from meshmash_viewer.decompose import (
     compute_geometry_vectors,
@@ -715,8 +715,8 @@ def test_a_report_on_the_machine(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a program that fails")
 def test_a_driver_that_crashes_is_part_of_the_report(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(graphics.sys, "executable", "false")
-    assert graphics.asked_graphics() == "none (its test ended with status 1)"
+    monkeypatch.setattr(picture.sys, "executable", "false")
+    assert picture.asked_graphics() == "none (its test ended with status 1)"
 
 
 def test_version_and_help_load_nothing_heavy(tmp_path: Path) -> None:

@@ -202,7 +202,7 @@ class Commands:
         self._add_map(self._pair.second)
 
     def _add_map(self, document: Document) -> None:
-        from meshmash_viewer.app.dialogs.map_files import ask_for_maps
+        from meshmash_viewer.app.dialogs.files import ask_for_maps
 
         paths = ask_for_maps(self._window, self._settings.folder)
         if paths:
@@ -485,7 +485,7 @@ class Commands:
 
     def system_report(self) -> None:
         """Put what a report of a fault needs to say of this machine on the clipboard."""
-        from meshmash_viewer.app.view.graphics import graphics
+        from meshmash_viewer.app.view.picture import graphics
         from meshmash_viewer.model.system_report import system_report
 
         drawn = "none yet" if self.scene is None else graphics(self.scene.plotter.window_of_vtk)

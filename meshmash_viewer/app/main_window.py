@@ -250,8 +250,10 @@ class MainWindow(QMainWindow):
         return self.scene.plotter
 
     def to_pyvista(self) -> Any:
-        """The mesh with the displayed field (`MeshView.to_pyvista`)."""
-        return self.scene.to_pyvista()
+        """The mesh with the displayed field (`app.view.scene.displayed_surface`)."""
+        from meshmash_viewer.app.view.scene import displayed_surface
+
+        return displayed_surface(self.scene.renderer)
 
     def wait(self, seconds: float = 3600.0) -> None:
         """Handle events until nothing is being read or computed and the wanted field is shown.

@@ -1,21 +1,25 @@
-"""What is taken of the render: pictures, galleries, films and scenes."""
+"""Commands that save the render: pictures, galleries, movies and scenes."""
 
 from __future__ import annotations
 
+import pickle
+import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from PySide6.QtCore import QObject, QThreadPool, Signal
 from PySide6.QtGui import QGuiApplication, QImage
 from PySide6.QtWidgets import QDialog, QMainWindow
 
 from meshmash_viewer.app.faults import notice_of
-from meshmash_viewer.app.scene_writer import SceneWriter
 from meshmash_viewer.app.series_painter import SeriesPainter, picture_file
 from meshmash_viewer.app.settings import Settings
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.io.atomic import remove_left_overs
 from meshmash_viewer.model.document import Document, Notice
-from meshmash_viewer.model.failure import Failure
+from meshmash_viewer.model.failure import Failure, failure_of
 
 if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
@@ -23,32 +27,17 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.picture_dialog import PictureChoice, PictureDialog
     from meshmash_viewer.app.view.mesh_view import MeshView
 
-__all__ = ["Pictures", "ask"]
-
 
 class Pictures:
-    """The commands that save or copy what the render shows, and the dialogs that ask how.
-
-    Parameters
-    ----------
-    window : QMainWindow
-        The parent of dialogs.
-    document : Document
-    settings : Settings
-
-    Attributes
-    ----------
-    scene : MeshView, optional
-        The render, once it is loaded.
-    """
+    """The commands that save or copy the render `scene`, with their dialogs."""
 
     def __init__(self, window: QMainWindow, document: Document, settings: Settings) -> None:
         self._window, self._document, self._settings = window, document, settings
         self.scene: MeshView | None = None
         self._pictured = ""
         self._picture: PictureChoice | None = None
-        #: Dialogs that stand open beside the window, one of each command.
-        self._standing: dict[str, GalleryDialog | MovieDialog] = {}
+        #: Open modeless dialogs by command.
+        self._open_dialogs: dict[str, GalleryDialog | MovieDialog] = {}
         self.painter = SeriesPainter(window)
         self.painter.drawn.connect(lambda _at, path: self._say(f"Picture saved to {path}."))
         self.painter.failed.connect(self._say_not_saved)
@@ -79,7 +68,7 @@ class Pictures:
         self.painter.start(
             self.scene.renderer.twin(),
             choice.size,
-            [Shot()],  # as it is
+            [Shot()],
             self._document.display,
             picture_file(choice.path),
             transparent=choice.transparent,
@@ -87,15 +76,15 @@ class Pictures:
         self._settings.folder = choice.path.parent
 
     def gallery(self) -> None:
-        """Show the columns of the family on the render side by side."""
+        """Open the gallery of the displayed family."""
         from meshmash_viewer.app.dialogs.gallery_dialog import GalleryDialog
 
         scene = self.scene
         assert scene is not None
-        if not self._is_standing("gallery"):
+        if not self._raise_open("gallery"):
             dialog = GalleryDialog(self._document, scene, self._window)
             dialog.save_requested.connect(lambda: self._save_gallery(dialog))
-            self._stand("gallery", dialog, "Picture")
+            self._open("gallery", dialog, "Picture")
 
     def _save_gallery(self, gallery: GalleryDialog) -> None:
         from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
@@ -112,39 +101,39 @@ class Pictures:
         ask(dialog, save)
 
     def save_movie(self) -> None:
-        """Ask for motion, size, rate and place, and film the render."""
+        """Open the dialog that makes a movie."""
         from meshmash_viewer.app.dialogs.movie_dialog import MovieDialog
 
         scene, mesh = self.scene, self._document.mesh
         assert scene is not None and mesh is not None  # noqa: PT018  the command needs them
-        if not self._is_standing("movie"):
+        if not self._raise_open("movie"):
             path = self._settings.folder / (mesh.name or "mesh")
-            self._stand("movie", MovieDialog(self._document, scene, path, self._window), "Movie")
+            self._open("movie", MovieDialog(self._document, scene, path, self._window), "Movie")
 
-    def _is_standing(self, name: str) -> bool:
-        """Bring a dialog forward that stands open beside the window, if it does."""
-        dialog = self._standing.get(name)
+    def _raise_open(self, name: str) -> bool:
+        """Raise the dialog of a command if it is open; returns whether it is."""
+        dialog = self._open_dialogs.get(name)
         if dialog is not None:
             dialog.raise_()
             dialog.activateWindow()
         return dialog is not None
 
-    def _stand(self, name: str, dialog: GalleryDialog | MovieDialog, what: str) -> None:
-        """Open a dialog beside the window, which says what it has saved."""
+    def _open(self, name: str, dialog: GalleryDialog | MovieDialog, what: str) -> None:
+        """Open a modeless dialog, and notify when it has saved its file."""
 
         def say_saved(path: Path) -> None:
             self._settings.folder = path.parent
             self._say(f"{what} saved to {path}.")
 
-        self._standing[name] = dialog
+        self._open_dialogs[name] = dialog
         dialog.saved.connect(say_saved)
-        dialog.finished.connect(lambda: self._standing.pop(name, None))
+        dialog.finished.connect(lambda: self._open_dialogs.pop(name, None))
         dialog.finished.connect(dialog.deleteLater)
         dialog.show()
 
     def save_scene(self) -> None:
-        """Ask for format and place, and save the mesh with its field as a scene."""
-        from meshmash_viewer.app.dialogs.scene_dialog import SceneDialog
+        """Ask for format and file, and save the mesh with its field as a scene."""
+        from meshmash_viewer.app.dialogs.picture_dialog import SceneDialog
 
         mesh = self._document.mesh
         assert mesh is not None
@@ -152,13 +141,15 @@ class Pictures:
         ask(dialog, lambda: self._write_scene(dialog.path))
 
     def _write_scene(self, path: Path) -> None:
+        from meshmash_viewer.app.view.scene import displayed_surface
+
         assert self.scene is not None
         self._settings.folder = path.parent
         self._say(f"Writing {path.name} …")
-        self._scenes.write(self.scene.to_pyvista(), path)
+        self._scenes.write(displayed_surface(self.scene.renderer), path)
 
     def copy_picture(self) -> None:
-        """Put the render on the clipboard."""
+        """Copy the render to the clipboard."""
         assert self.scene is not None
         picture = self.scene.picture()
         height, width, _ = picture.shape
@@ -167,11 +158,11 @@ class Pictures:
         self._say("Picture copied.")
 
     def close(self) -> None:
-        """Finish the pictures that are being written, and close what stands open."""
+        """Finish the pictures that are being written, and close open dialogs."""
         self.painter.wait()
         self._scenes.close()
-        for dialog in list(self._standing.values()):
-            dialog.done(0)  # a film that is being made is given up
+        for dialog in list(self._open_dialogs.values()):
+            dialog.done(0)  # cancels a movie that is being made
 
     def _say_not_saved(self, failure: Failure) -> None:
         text = f"The picture was not saved: {failure.text}"
@@ -181,8 +172,61 @@ class Pictures:
         self._document.notify(Notice(text))
 
 
+class SceneWriter(QObject):
+    """Writes scenes one after another, in subprocesses: pyvista takes seconds, with the lock.
+
+    Signals
+    -------
+    written(Path)
+    failed(Failure)
+    """
+
+    written = Signal(object)
+    failed = Signal(object)
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._pool = QThreadPool(self)
+        self._pool.setMaxThreadCount(1)
+        self._processes: list[subprocess.Popen[bytes]] = []
+        self._closed = False
+
+    def write(self, surface: Any, path: Path) -> None:
+        """Write a pyvista PolyData, see `app.view.scene.displayed_surface`."""
+        from meshmash_viewer.app.view.scene import child_command
+
+        pipe = subprocess.PIPE
+        process = subprocess.Popen(
+            child_command(), stdin=pipe, stdout=subprocess.DEVNULL, stderr=pipe
+        )
+        self._processes.append(process)
+        self._pool.start(lambda: self._write(process, surface, path))
+
+    def close(self) -> None:
+        """Cancel what is being written."""
+        self._closed = True
+        for process in self._processes:
+            process.kill()
+        self._pool.waitForDone()
+
+    def _write(self, process: subprocess.Popen[bytes], surface: Any, path: Path) -> None:
+        try:
+            message = process.communicate(pickle.dumps((surface, path)))[1].decode(errors="replace")
+            if process.returncode:
+                raise InputError(message) if process.returncode == 2 else RuntimeError(message)
+        except Exception as fault:  # noqa: BLE001  reported
+            if not self._closed:
+                self.failed.emit(failure_of(fault, f"Writing {path.name}"))
+        else:
+            self.written.emit(path)
+        finally:
+            process.kill()  # it may still wait for input
+            self._processes.remove(process)
+            remove_left_overs(path.parent)  # of a killed process
+
+
 def ask(dialog: QDialog, accepted: Callable[[], None] | None = None) -> None:
-    """Open a dialog, which is gone when it has been answered."""
+    """Open a dialog, and delete it when it is closed."""
     if accepted is not None:
         dialog.accepted.connect(accepted)
     dialog.finished.connect(dialog.deleteLater)

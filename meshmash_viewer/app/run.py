@@ -261,7 +261,7 @@ def tend_garbage(window: MainWindow) -> None:
 
     _collectors.append(GarbageCollector())
     gc.freeze()
-    window.scene.first_frame.connect(gc.freeze)
+    window.scene.frames.first_drawn.connect(gc.freeze)
 
 
 class _Loader(QObject):

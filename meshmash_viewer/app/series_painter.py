@@ -1,4 +1,4 @@
-"""Draws series of pictures without keeping the window waiting."""
+"""Series of pictures, drawn in the background of the window."""
 
 from __future__ import annotations
 
@@ -25,19 +25,16 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.view.picture import OffScreen
     from meshmash_viewer.app.view.series import Shot
 
-__all__ = ["Picture", "SeriesPainter", "Sink", "picture_file"]
-
-#: As `OffScreen.draw` returns it.
+#: See `OffScreen.draw`.
 Picture: TypeAlias = npt.NDArray[np.uint8]
-#: What takes the pictures, one by one with their number and caption, and is told
-#: when there are no more: entered and left, by an exception if the series was stopped, in the
-#: thread that feeds it.
+#: Receives the pictures one by one, with number and caption. The context is entered and left in
+#: the painter's thread, by an exception if the series was stopped.
 Sink: TypeAlias = AbstractContextManager["Callable[[int, Picture, Caption | None], Any]"]
 
 
 @dataclass(eq=False)
 class _Run:
-    """One series: what is held of it is one picture, however many there are."""
+    """One series, of which one picture is in memory at a time."""
 
     drawing: MeshRenderer
     size: tuple[int, int]
@@ -47,22 +44,22 @@ class _Run:
     transparent: bool
     picked: npt.NDArray[np.int64] | None
     stopped: bool = False
-    #: The picture that the thread waits for, with its caption.
+    #: Picture and caption that the thread waits for.
     answer: Future[tuple[Picture, Caption | None]] = field(default_factory=Future)
     window: OffScreen | None = None
 
 
 class SeriesPainter(QObject):
-    """Makes one series after the other: fields and files in a thread, frames in the window's.
+    """Draws series one after another: fields and files in a thread, frames in the main thread.
 
     Signals
     -------
     drawn(int, object)
-        A picture was taken; what the sink made of it.
+        Number of a picture, and what the sink returned for it.
     finished()
-        All were, and the sink has been left.
+        All pictures have been drawn, and the sink has been left.
     failed(Failure)
-        Why they were not; a series that is stopped says nothing.
+        The series failed; not emitted if it was stopped.
     """
 
     drawn = Signal(int, object)
@@ -84,7 +81,7 @@ class SeriesPainter(QObject):
 
     @property
     def busy(self) -> bool:
-        """Whether a series is on its way."""
+        """Whether a series is being drawn."""
         return bool(self._runs)
 
     def start(
@@ -98,29 +95,18 @@ class SeriesPainter(QObject):
         transparent: bool = False,
         picked: npt.NDArray[np.int64] | None = None,
     ) -> None:
-        """Draw a series, after those that are on their way.
+        """Draw a series, after those requested before.
 
-        Parameters
-        ----------
-        drawing : MeshRenderer
-            Nobody else's (`MeshRenderer.twin`).
-        size : (int, int)
-            Of each picture in pixels.
-        shots : sequence of Shot
-        display : Display
-            With colours, limits and lines; nobody else's.
-        sink : Sink
-        transparent : bool
-            Leave the background out.
-        picked : ndarray of int64, optional
-            See `answered`.
+        `drawing` must be in no other window (`MeshRenderer.twin`); `size` of each picture is in
+        pixels; `display` has colours, limits and lines, and must not be changed afterwards. For
+        `picked` see `compute_shot`.
         """
         run = _Run(drawing, size, shots, display, sink, transparent, picked)
         self._runs.append(run)
         self._pool.start(lambda: self._work(run))
 
     def stop(self) -> None:
-        """Give up what is on its way; the sinks undo what they have done."""
+        """Stop all series; the sinks leave no files."""
         for run in self._runs:
             run.stopped = True
             run.answer.cancel()
@@ -128,19 +114,19 @@ class SeriesPainter(QObject):
         self._runs = []
 
     def close(self) -> None:
-        """Give up, and wait until nothing is left of it."""
+        """Stop all series, and wait for the thread."""
         self.stop()
         self._pool.waitForDone()
 
     def wait(self) -> None:
-        """Wait until all is done (before closing, and in tests)."""
+        """Wait until all series have been drawn (before closing, and in tests)."""
         while self.busy:
             QCoreApplication.sendPostedEvents(self)
             time.sleep(0.002)
 
     def _work(self, run: _Run) -> None:
-        """Make one series, in the thread."""
-        from meshmash_viewer.app.view.series import answered
+        """Draw one series, in the thread."""
+        from meshmash_viewer.app.view.series import compute_shot
 
         live = LiveFeatures()
         fault: Exception | None = None
@@ -149,15 +135,15 @@ class SeriesPainter(QObject):
                 return
             with run.sink as take:
                 for at, shot in enumerate(run.shots):
-                    found = answered(shot, run.display, live, run.picked)
+                    found = compute_shot(shot, run.display, live, run.picked)
                     run.answer = Future()
                     self._due.emit(run, shot, found)
-                    if run.stopped:  # before there was something to cancel
+                    if run.stopped:  # before there was an answer to cancel
                         raise Cancelled
                     self._took.emit(run, at, take(at, *run.answer.result()))
-                    if run.stopped:  # while it was taken
+                    if run.stopped:  # while the sink took it
                         raise Cancelled
-        except Exception as error:  # noqa: BLE001  said to the person
+        except Exception as error:  # noqa: BLE001  reported
             fault = error
         self._ended.emit(run, fault)
 
@@ -166,12 +152,12 @@ class SeriesPainter(QObject):
     @Slot(object, object, object)
     def _draw(self, run: _Run, shot: Shot, found: Field | None) -> None:
         from meshmash_viewer.app.view.picture import OffScreen
-        from meshmash_viewer.app.view.series import put_on
+        from meshmash_viewer.app.view.series import show_shot
 
         if run.stopped:
             return
         try:
-            put_on(run.drawing, shot, found, run.display)
+            show_shot(run.drawing, shot, found, run.display)
             if run.window is None:
                 run.window = OffScreen(run.drawing, run.size, run.transparent)
             run.answer.set_result((run.window.draw(), run.drawing.caption))
@@ -203,7 +189,7 @@ def _close(run: _Run) -> None:
 
 @contextmanager
 def picture_file(path: Path) -> Iterator[Callable[[int, Picture, Caption | None], Path]]:
-    """A sink that writes a series of one picture, and says where it is."""
+    """A sink that writes one picture, and returns its path."""
     from meshmash_viewer.app.view.picture import straight
     from meshmash_viewer.io.write import write_picture
 

@@ -240,11 +240,11 @@ def movie(options: Namespace) -> int:
 def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> tuple[dict[str, Any], str]:
     from meshmash_viewer.app.view.series import (
         Shot,
-        answered,
+        compute_shot,
         draw_series,
-        put_on,
         series_view,
         shots_of,
+        show_shot,
         turntable,
     )
 
@@ -268,7 +268,7 @@ def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> tuple[dict[s
         if column is not None:
             shown = sweep(family, spectrum, chosen_columns(str(column), most))[0]
         one = shots_of([shown], spectrum, mesh, mesh.area_sample(), _AS_IT_COMES)[0]
-        put_on(drawing, one, answered(one, display, LiveFeatures()), display)
+        show_shot(drawing, one, compute_shot(one, display, LiveFeatures()), display)
         view = series_view(drawing, size, turning=True)
         shots = [Shot(view=each) for each in turntable(drawing, view, count)]
     check_movie(path, size, rate)

@@ -25,6 +25,7 @@ from meshmash_viewer.app import run
 from meshmash_viewer.app.faults import FaultBoundary
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.series_painter import picture_file
+from meshmash_viewer.app.view import mesh_view
 from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.app.view.series import Shot
 from meshmash_viewer.errors import InputError
@@ -254,12 +255,13 @@ def test_a_picture_that_cannot_be_drawn_is_said_and_the_next_one_is_written(
 
 
 def test_a_task_of_the_render_that_fails_is_waited_for_no_longer(
-    qtbot: QtBot, shown: MainWindow
+    qtbot: QtBot, shown: MainWindow, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene = shown.scene
     notices: list[Notice] = []
+    monkeypatch.setattr(mesh_view, "RayTarget", lambda *_: 1 / 0)
     with FaultBoundary(notices.append):
-        scene._run(lambda: 1 / 0, notices.append)
+        scene.set_mesh(scene.mesh)
         qtbot.waitUntil(lambda: bool(notices), timeout=PATIENCE)
     assert "ZeroDivisionError" in notices[0].text
     qtbot.waitUntil(lambda: scene.at_rest, timeout=PATIENCE)

@@ -15,7 +15,7 @@ from PySide6.QtWidgets import QDialog, QListWidget
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.view import stand_in
+from meshmash_viewer.app.view import frames
 from meshmash_viewer.fields import FAMILIES
 
 LEFT = Qt.MouseButton.LeftButton
@@ -93,7 +93,7 @@ def test_thumbnails_of_a_large_mesh_are_drawn_of_a_small_one(
     whole = thumbnails(opened(qtbot, window))
     window.findChild(QDialog, "gallery_dialog").close()
     qtbot.waitUntil(lambda: not window.findChildren(QDialog, "gallery_dialog"), timeout=PATIENCE)
-    monkeypatch.setattr(stand_in, "COARSE_VERTICES", 170)
+    monkeypatch.setattr(frames, "COARSE_VERTICES", 170)
     small = thumbnails(opened(qtbot, window))
     assert len(small) == len(whole) == 20
     differences = [np.abs(one - other).mean() for one, other in zip(whole, small, strict=True)]

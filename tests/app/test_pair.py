@@ -24,6 +24,7 @@ from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
 from meshmash_viewer.app.view.mesh_view import MeshView
+from meshmash_viewer.app.view.scene import displayed_surface
 from meshmash_viewer.features.comparison import Comparison, compare_shapes, unit_area_spectrum
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.hks import HeatKernelSignature
@@ -169,7 +170,7 @@ def test_figures_are_the_librarys(
 def bars(window: MainWindow, opened: Beside) -> list[tuple[float, float]]:
     """What both colour bars say."""
     scenes = (window.scene, opened.scene)
-    return [tuple(scene.to_pyvista().user_dict["limits"]) for scene in scenes]
+    return [tuple(displayed_surface(scene.renderer).user_dict["limits"]) for scene in scenes]
 
 
 def test_both_colour_bars_say_the_same_numbers(
@@ -214,7 +215,7 @@ def test_both_colour_bars_say_the_same_numbers(
     np.testing.assert_allclose(bars(window, opened), both, rtol=1e-6)
     window.comparing.end()
     rest(window)
-    assert tuple(window.scene.to_pyvista().user_dict["limits"]) == pytest.approx(own)
+    assert tuple(window.to_pyvista().user_dict["limits"]) == pytest.approx(own)
     display.limits = None
 
 
@@ -265,7 +266,7 @@ def test_a_field_does_not_wait_for_one_that_takes_long_or_fails(
     monkeypatch.setattr(source.live, "compute", slow)
     window.document.display.change(Eigenfunctions, index=9)
     title = document.display.family.title()
-    wait_for(lambda: scene.to_pyvista().active_scalars_name == title)
+    wait_for(lambda: displayed_surface(scene.renderer).active_scalars_name == title)
     assert source.comes
     go_on.set()
     monkeypatch.undo()
@@ -290,7 +291,7 @@ def test_a_copy_shows_the_same_and_is_looked_at_alike(
     mine, other = window.field_source.field, opened.field_source.field
     assert other.family.name == "hks"
     np.testing.assert_allclose(other.values[PLACE] * 2.5**2, mine.values, rtol=1e-3)
-    drawn = opened.scene.to_pyvista().active_scalars
+    drawn = displayed_surface(opened.scene.renderer).active_scalars
     np.testing.assert_allclose(drawn[PLACE], mine.values, rtol=1e-3)
     np.testing.assert_allclose(*bars(window, opened), rtol=1e-6)
     # turned by the mouse, the other turns with it
@@ -328,7 +329,7 @@ def test_a_pin_has_its_match_and_colours_are_carried(
     check = part(window, QCheckBox, "pair_carry_check")
     QTest.mouseClick(check, LEFT, pos=QPoint(8, 8))
     catch_up()
-    surface = opened.scene.to_pyvista()
+    surface = displayed_surface(opened.scene.renderer)
     mine = window.field_source.field.values
     np.testing.assert_allclose(surface.active_scalars[PLACE], mine, rtol=1e-6)
 
@@ -422,7 +423,7 @@ def test_a_map_dropped_on_the_second_is_shown_on_it(
     assert window.document.mesh.maps == ()
     assert window.document.display.kind == "map"
     np.testing.assert_allclose(
-        opened.scene.to_pyvista().active_scalars, OTHER.vertices[:, 2], rtol=1e-6
+        displayed_surface(opened.scene.renderer).active_scalars, OTHER.vertices[:, 2], rtol=1e-6
     )
     # one of another length costs a sentence, and what was there stays
     bar = window.stage.message_bar
@@ -437,7 +438,7 @@ def test_a_map_dropped_on_the_second_is_shown_on_it(
     wait_for(lambda: bool(window.document.mesh.maps))
     window.document.remove_map("height.npy")
     opened.document.remove_map("height.npy")
-    ask = "meshmash_viewer.app.dialogs.map_files.ask_for_maps"
+    ask = "meshmash_viewer.app.dialogs.files.ask_for_maps"
     monkeypatch.setattr(ask, lambda *_: [folder / "height.npy"])
     button = part(window, QPushButton, "second_map_button")
     button.setFocus()

@@ -14,7 +14,6 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QDialog
 from pytestqt.qtbot import QtBot
 
-from meshmash_viewer.app.dialogs import scene_dialog
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.view import scene
 from meshmash_viewer.errors import InputError
@@ -79,7 +78,6 @@ def test_a_page_without_trame_is_one_sentence(
     assert mesh is not None
     with pytest.raises(InputError, match="trame"):
         scene.write_scene(mesh_to_poly(mesh), tmp_path / "plate.html")
-    assert scene_dialog.missing_pages() == scene.missing_pages()
 
 
 def test_closing_ends_what_is_being_written(

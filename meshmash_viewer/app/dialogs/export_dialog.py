@@ -1,4 +1,4 @@
-"""Exporting features or eigenpairs: what, in which format, where, and what will be in the file."""
+"""Dialog that exports features or eigenpairs, and previews the contents of the file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import reserved_note, show_quietly
 from meshmash_viewer.app.controls.file_row import FileRow
 from meshmash_viewer.app.controls.layout import column, grid, row
-from meshmash_viewer.app.dialogs.saving import SaveDialog
+from meshmash_viewer.app.dialogs.files import SaveDialog
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.truncation import missing_sentence
 from meshmash_viewer.fields import EXPORTS
@@ -36,12 +36,10 @@ from meshmash_viewer.plug_ins import known_plug_ins
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import named_apart
 
-__all__ = ["FORMATS", "ExportDialog", "Format"]
-
 
 @dataclass(frozen=True)
 class Format:
-    """A format as people choose it; `number` and `place` are bytes a value and a vertex."""
+    """A row of the table of formats; `number` and `place` are bytes per value and per vertex."""
 
     name: str
     ending: str
@@ -51,18 +49,18 @@ class Format:
 
     @property
     def pattern(self) -> str:
-        """As a file dialog takes it."""
+        """Name filter of a file dialog."""
         return f"{self.name} (*{self.ending})"
 
 
 #: The formats of features, most complete first.
 FORMATS = (
-    Format("NumPy archive", ".npz", "features, names, λ, mesh, how it was made", 8, 72),
-    Format("NumPy array", ".npy", "the bare numbers; .json beside it", 8, 0),
-    Format("CSV", ".csv", "a table for any program; .json beside it", 18, 6),
+    Format("NumPy archive", ".npz", "features, names, λ, mesh, provenance", 8, 72),
+    Format("NumPy array", ".npy", "the bare numbers; details in a .json file", 8, 0),
+    Format("CSV", ".csv", "a table for any program; details in a .json file", 18, 6),
     Format("Parquet", ".parquet", "a table for pandas, Polars and R", 8, 0),
     Format("VTK PolyData", ".vtp", "the mesh with its columns, for ParaView", 8, 80),
-    Format("PLY", ".ply", "the mesh with one property a column", 4, 50),
+    Format("PLY", ".ply", "the mesh with one property per column", 4, 50),
     Format("GIFTI functional", ".func.gii", "maps for neuroimaging tools", 5, 0),
     *(
         Format(each.package, each.name, "what that plug-in writes", 8, 0)
@@ -72,21 +70,15 @@ FORMATS = (
 )
 
 
-#: What is said of the rows of a mesh that has lost vertices.
+#: Remark on the rows of a mesh from which vertices were removed.
 _ROWS = " Rows have the index of their vertex in the file."
 
 
 class ExportDialog(SaveDialog):
-    """Asks for all that an `ExportJob` needs; `job` answers.
+    """Asks for the parameters of an `ExportJob`; `job` returns it.
 
-    Parameters
-    ----------
-    document : Document
-        With a mesh and at least one eigenpair.
-    folder : Path
-        Where to suggest a file.
-    ending : str
-        Of the format to begin with, if what is exported can be written in it.
+    The document has a mesh and at least one eigenpair. A file in `folder` is suggested, in the
+    format with an `ending` if that can hold what is exported.
     """
 
     def __init__(
@@ -194,7 +186,7 @@ class ExportDialog(SaveDialog):
         self._change_kind()
         self._choose_ending(ending)
 
-    # -- what was chosen ------------------------------------------------------------------
+    # -- choices ------------------------------------------------------------------
 
     @property
     def kind(self) -> str:
@@ -207,7 +199,7 @@ class ExportDialog(SaveDialog):
         return FORMATS[max(self.table.currentRow(), 0)]
 
     def job(self) -> ExportJob:
-        """All of it, as the work to be done."""
+        """The chosen export."""
         return ExportJob(
             self._mesh,
             self._spectrum.operator or self._document.operator,
@@ -222,13 +214,13 @@ class ExportDialog(SaveDialog):
         )
 
     def _chosen(self) -> Family:
-        """The family to export, as the window has it."""
+        """The family to export, with the parameters shown in the window."""
         family = EXPORTS[self.kind]
         chosen = self._document.display.fields.get(family.name) or family()
         return chosen.measured_from([pin.vertex for pin in self._document.pins])
 
     def _family(self, used: Spectrum) -> Family:
-        """With ranges for as many pairs as are used, so that the screen and the file agree."""
+        """The family with its ranges resolved for the eigenpairs that are used."""
         chosen = self._chosen()
         if chosen.counted:
             chosen = replace(chosen, **{chosen.counted: self.count_spin.value()})
@@ -286,7 +278,7 @@ class ExportDialog(SaveDialog):
         table.selectRow(0)
 
     def _holds(self, chosen: Format) -> bool:
-        """Whether a format can hold what is exported: only two of them hold eigenpairs."""
+        """Whether a format can hold what is exported; only two formats hold eigenpairs."""
         return self._chosen().makes_features() or chosen.ending in EIGENPAIR_WRITERS
 
     def _change_kind(self) -> None:
@@ -319,7 +311,7 @@ class ExportDialog(SaveDialog):
         self._refresh()
 
     def _follow_name(self) -> None:
-        """Take the format whose ending was typed."""
+        """Choose the format whose ending was typed."""
         name = self.file_row.edit.text().strip().lower()
         if not name.endswith(self.format.ending):
             self._choose_ending(next((e.ending for e in FORMATS if name.endswith(e.ending)), ""))
@@ -351,7 +343,7 @@ class ExportDialog(SaveDialog):
         self._refresh_remark()
 
     def _columns(self) -> tuple[list[str], str]:
-        """Names of the columns as they will be written, and a sentence on them."""
+        """Names of the columns in the file, and a sentence about them."""
         used, unit = self._used(), self._mesh.unit
         self._missing = ""
         family = self._family(used)

@@ -1,4 +1,4 @@
-"""Help: every command with its keys, and what the mouse does, from the table of commands."""
+"""Help dialog, with all commands, keys and mouse gestures, and the about dialog."""
 
 from __future__ import annotations
 
@@ -20,8 +20,6 @@ from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.app.keys import native_keys, native_text
 from meshmash_viewer.defects import versions
-
-__all__ = ["AboutDialog", "HelpDialog"]
 
 _WHAT = (
     "Laplacian eigenfunctions, heat kernel signatures and spectral bands of triangle meshes, live "
@@ -97,7 +95,7 @@ class HelpDialog(QDialog):
 
 
 class AboutDialog(QMessageBox):
-    """Version, licence and methods, with the versions of what it stands on for bug reports."""
+    """Version, licence and methods, with the versions of libraries for bug reports."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

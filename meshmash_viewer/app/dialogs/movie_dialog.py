@@ -1,4 +1,4 @@
-"""Filming the render: a sweep through columns or a turn, its size, rate, length and place."""
+"""Dialog that makes a movie of the render: a sweep through columns, or a turn of the mesh."""
 
 from __future__ import annotations
 
@@ -6,30 +6,22 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from PySide6.QtCore import QTimer, Signal
 from PySide6.QtGui import QStandardItemModel
-from PySide6.QtWidgets import (
-    QComboBox,
-    QLabel,
-    QProgressBar,
-    QPushButton,
-    QWidget,
-)
+from PySide6.QtWidgets import QComboBox, QLabel, QPushButton, QWidget
 
 from meshmash_viewer.app import theme
-from meshmash_viewer.app.controls.column_range import ColumnRange
-from meshmash_viewer.app.controls.facts import keep_room, show_quietly
+from meshmash_viewer.app.controls.facts import show_quietly
 from meshmash_viewer.app.controls.layout import grid, row
 from meshmash_viewer.app.controls.spin import DecimalField, WholeField
-from meshmash_viewer.app.dialogs.saving import FormatDialog
-from meshmash_viewer.app.listening import follow, stop_listening
-from meshmash_viewer.app.series_painter import Picture, SeriesPainter
+from meshmash_viewer.app.dialogs.files import FormatDialog
+from meshmash_viewer.app.dialogs.series import SeriesDialog
+from meshmash_viewer.app.listening import follow
+from meshmash_viewer.app.series_painter import Picture
 from meshmash_viewer.app.view.annotations import Caption
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.mesh_view import MeshView
-from meshmash_viewer.app.view.series import Shot, series_view, shots_of, turntable
+from meshmash_viewer.app.view.series import Shot, series_view, turntable
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.sweep import film, n_columns, n_frames
@@ -43,63 +35,32 @@ from meshmash_viewer.io.movie import (
 )
 from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.failure import Failure
 from meshmash_viewer.model.field import request_of, shown_family
 from meshmash_viewer.units import counted
-
-__all__ = ["MovieDialog"]
 
 _SWEEP, _TURN = "sweep", "turn"
 _NAMES = {".mp4": "MP4 (H.264)", ".gif": "GIF", ".webp": "WebP", ".apng": "APNG"}
 _LARGEST = 8192
-#: Frames that the size is told from, and milliseconds that a choice must rest before that.
-_MEASURED, _REST = 6, 500
+#: Number of frames that the size is estimated from, and milliseconds from a change to the estimate.
+_MEASURED, _DELAY = 6, 500
 
 
-class MovieDialog(FormatDialog):
-    """Asks for all of a film, says how long and how large it will be, and makes it.
+class MovieDialog(SeriesDialog, FormatDialog):
+    """Asks for the parameters of a movie of the render, shows its length and size, and makes it.
 
-    Parameters
-    ----------
-    document : Document
-        With a mesh.
-    scene : MeshView
-        Whose camera and look the film has.
-    path : Path
-        Suggested file, without its ending.
-
-    Signals
-    -------
-    saved(Path)
-        The film is there.
+    `path` is the suggested file without its ending.
     """
-
-    saved = Signal(object)
 
     def __init__(
         self, document: Document, scene: MeshView, path: Path, parent: QWidget | None = None
     ) -> None:
-        self._document, self._scene = document, scene
-        self._mesh = document.mesh
         super().__init__("movie", "Save movie", path, _NAMES, missing_encoder, "ffmpeg", parent)
-        self._about = ""
-        self._shown: tuple[Any, ...] = ()
-        self._painter, self._measuring = SeriesPainter(self), SeriesPainter(self)
-        self._painter.drawn.connect(self._show_progress)
-        self._painter.finished.connect(self._say_saved)
-        self._painter.failed.connect(self._say_failed)
-        self._measuring.drawn.connect(self._show_estimate)
-        self._measuring.failed.connect(self._say_failed)
-        scene.small_ready.connect(self._measure)
-        self._rest = QTimer(self, singleShot=True, interval=_REST)
-        self._rest.timeout.connect(self._measure)
+        self._set_up(document, scene, "movie", _DELAY)
+        self._size_text = ""
         self._build()
-        display = document.display
-        for signal in (
-            display.events.kind, display.events.fields, document.spectrum_changed,
-            document.mesh_changed,
-        ):  # fmt: skip
-            follow(signal, self._follow_model)
+        events = document.display.events
+        signals = events.kind, events.fields, document.spectrum_changed, document.mesh_changed
+        follow(signals, self._follow_model)
         self._follow_model()
 
     # -- building -----------------------------------------------------------------------------
@@ -108,25 +69,20 @@ class MovieDialog(FormatDialog):
         self.motion_combo = theme.named(QComboBox(), "movie_motion_combo", "What moves")
         self.motion_combo.addItem("", _SWEEP)
         self.motion_combo.addItem("Once around the mesh", _TURN)
-        self.range = ColumnRange("movie")
         self.range_label = QLabel("Columns")
         self.width_spin = self._pixels("movie_width_spin", "Width", 1280)
         self.height_spin = self._pixels("movie_height_spin", "Height", 720)
         self.rate_spin = DecimalField(
             minimum=0.5, maximum=120.0, decimals=1, suffix=" frames/s", value=TURN_RATE
         )
-        theme.named(self.rate_spin, "movie_rate_spin", "Frames a second")
+        theme.named(self.rate_spin, "movie_rate_spin", "Frames per second")
         self.seconds_spin = DecimalField(
             minimum=0.05, maximum=3600.0, decimals=2, suffix=" s", value=TURN_SECONDS
         )
         theme.named(self.seconds_spin, "movie_seconds_spin", "Length in seconds")
         self.length_label = theme.named(QLabel(), "movie_length_label", "Length", role="value")
-        self.progress_bar = theme.named(QProgressBar(), "movie_progress_bar", "Frames drawn")
-        self.progress_bar.setTextVisible(False)
-        keep_room(self.progress_bar)
-        self.progress_bar.hide()
         self.accept_button = theme.named(QPushButton("Save"), "movie_save_button", role="primary")
-        self._asked = (
+        self._inputs = (
             self.motion_combo, self.range, self.width_spin, self.height_spin, self.rate_spin,
             self.seconds_spin, self.format_combo, self.file_row,
         )  # fmt: skip
@@ -152,7 +108,7 @@ class MovieDialog(FormatDialog):
         self.format_combo.currentIndexChanged.connect(self._refresh)
 
     def _pixels(self, name: str, text: str, value: int) -> WholeField:
-        # even, as MP4 must be; odd ones can be typed
+        # steps keep sizes even, which MP4 requires; odd ones can be typed
         spin = WholeField(minimum=16, maximum=_LARGEST, suffix=" px", value=value, singleStep=2)
         return theme.named(spin, name, f"{text} in pixels")
 
@@ -160,21 +116,21 @@ class MovieDialog(FormatDialog):
 
     @property
     def frame_size(self) -> tuple[int, int]:
-        """Width and height of the film in pixels."""
+        """Width and height of the movie in pixels."""
         return self.width_spin.value(), self.height_spin.value()
 
     @property
     def turns(self) -> bool:
-        """Whether the mesh turns, rather than that columns go by."""
+        """Whether the mesh turns; otherwise columns follow one another."""
         return bool(self.motion_combo.currentData() == _TURN)
 
     def _frames(self) -> tuple[list[Family], int, float]:
-        """What each frame shows, nothing for a turn; how many there are, and how many a second.
+        """Family of each frame (none for a turn), number of frames, and frames per second.
 
         Raises
         ------
         InputError
-            If there is no such film.
+            If there is no such movie.
         """
         spectrum, display = self._document.spectrum, self._document.display
         rate, seconds = self.rate_spin.value(), self.seconds_spin.value()
@@ -184,41 +140,37 @@ class MovieDialog(FormatDialog):
         families, rate = film(shown_family(display), spectrum, self.range.columns, rate, seconds)
         return families, len(families), rate
 
-    def _shots(self, drawing: MeshRenderer, *, dressed: bool) -> tuple[list[Shot], float]:
-        """All frames, and how many of them a second show; the drawing gets its view.
+    def _shots(self, drawing: MeshRenderer, *, has_field: bool) -> tuple[list[Shot], float]:
+        """All frames, and the frame rate; sets the view of the drawing.
 
-        `dressed` says that the drawing has its field already, if that stays.
+        `has_field` says that the drawing shows its field already, which a turn does not change.
         """
-        document, ready = self._document, self._document.ready
-        assert ready is not None
         families, count, rate = self._frames()
-        seen = self._scene.plotter.pixels()[:2]
-        drawing.view = series_view(drawing, self.frame_size, seen, turning=not families)
-        if not families or document.spectrum is None:
-            request = None if dressed else request_of(document)
-            return [Shot(request, each) for each in turntable(drawing, drawing.view, count)], rate
-        sample = ready.mesh.area_sample() if ready.sample is None else ready.sample
-        chosen = document.display.fields
-        return shots_of(families, document.spectrum, ready.mesh, sample, chosen), rate
+        drawing.view = series_view(
+            drawing, self.frame_size, self._pixels_on_screen, turning=not families
+        )
+        if families:
+            return self._shots_of(families), rate
+        request = None if has_field else request_of(self._document)
+        return [Shot(request, each) for each in turntable(drawing, drawing.view, count)], rate
 
     # -- following ----------------------------------------------------------------------------
 
     def _follow_model(self) -> None:
-        """Another family is another film; one that is being made goes on."""
+        """Offer the columns of the displayed family; a movie that is being made goes on."""
         document, display = self._document, self._document.display
         if document.mesh is not self._mesh:
-            self.reject_all()
+            self._painter.close()
+            self.reject()
             return
         family = shown_family(display)
-        now = family.name, family.at_rest(), document.spectrum
-        if self._painter.busy or now == self._shown:
+        state = family.name, family.at_rest(), document.spectrum
+        if self._painter.busy or state == self._state:
             return
         most = n_columns(family, document.spectrum) if document.spectrum else 1
-        columns = range(most)
-        if self._shown[:1] == now[:1] and self.range.columns[-1] < most:
-            columns = self.range.columns
-        self._shown = now
-        self.range.choose(columns, most)
+        same_family = self._state[:1] == state[:1]
+        self._state = state
+        self._choose_range(most, range(most), keep=same_family)
         self.motion_combo.setItemText(0, f"Through the columns: {family.label}")
         model = self.motion_combo.model()
         assert isinstance(model, QStandardItemModel)
@@ -228,7 +180,7 @@ class MovieDialog(FormatDialog):
         self._suggest_length()
 
     def _suggest_length(self) -> None:
-        """Suggest a rate and a length that suit what moves."""
+        """Suggest a frame rate and a length for the chosen motion."""
         rate, seconds = TURN_RATE, TURN_SECONDS
         spectrum = self._document.spectrum
         if not self.turns and spectrum:
@@ -240,12 +192,12 @@ class MovieDialog(FormatDialog):
         self._refresh()
 
     def _refresh(self) -> None:
-        """Say how long the film will be, or why there is none."""
-        self._about = ""
-        self._measuring.stop()
+        """Show the length of the movie, or why it is not possible."""
+        self._size_text = ""
+        self._draft_painter.stop()
         for widget in (self.range_label, self.range):
             widget.setEnabled(not self.turns)
-        self._rest.start()
+        self._delay.start()
         self._refresh_remark()
 
     def _refresh_remark(self) -> None:
@@ -255,7 +207,7 @@ class MovieDialog(FormatDialog):
         try:
             _, count, rate = self._frames()
             text = f"{counted(count, 'frame')}, {count / rate:.4g} s"
-            text += f", {self._about or 'measuring the size …'}"
+            text += f", {self._size_text or 'measuring the size …'}"
         except InputError as error:
             fault = str(error)
         super()._refresh_remark()
@@ -265,96 +217,67 @@ class MovieDialog(FormatDialog):
 
     # -- making -------------------------------------------------------------------------------
 
-    def _measure(self) -> None:
-        """Draw some frames to tell the size of the film: of a small mesh, so that nobody waits."""
-        small = None if self._painter.busy else self._scene.small_twin()
+    def _draw_draft(self) -> None:
+        """Draw some frames of a coarse mesh, to estimate the size of the movie."""
+        small = None if self._painter.busy else self._scene.frames.small_twin()
         if small is None:
             return
         drawing, picked = small
         try:
-            shots, rate = self._shots(drawing, dressed=picked is None)
+            shots, rate = self._shots(drawing, has_field=picked is None)
         except InputError:
             return
         first, display = shots[:_MEASURED], replace(self._document.display)
-        sink = _measured(self.ending, rate, len(first), len(shots))
-        self._measuring.stop()
-        self._measuring.start(drawing, self.frame_size, first, display, sink, picked=picked)
+        sink = _estimate(self.ending, rate, len(first), len(shots))
+        self._draft_painter.stop()
+        self._draft_painter.start(drawing, self.frame_size, first, display, sink, picked=picked)
 
-    def _show_estimate(self, _at: int, about: object) -> None:
-        if isinstance(about, int):
-            self._about = f"about {written_bytes(about)}"
+    def _show_draft(self, _at: int, made: object) -> None:
+        if isinstance(made, int):
+            self._size_text = f"about {written_bytes(made)}"
             self._refresh_remark()
 
-    def _accept(self) -> None:
-        """Make the film; the dialog stays until it is there."""
-        fault = self.file_row.fault(self._output)
-        if fault:
-            self.remark_label.setText(fault)
-            return
+    def _save(self) -> None:
+        """Make the movie; the dialog closes when it is finished."""
         drawing = self._scene.renderer.twin()
         try:
-            shots, rate = self._shots(drawing, dressed=True)
+            shots, rate = self._shots(drawing, has_field=True)
         except InputError as error:
             self.remark_label.setText(str(error))
             return
-        self._rest.stop()
-        self._measuring.stop()
-        self.progress_bar.setRange(0, len(shots))
-        self.progress_bar.setValue(0)
-        self.remark_label.setText("")
-        sink = _filmed(self.path, self.frame_size, rate, len(shots))
-        display = replace(self._document.display)
-        self._painter.start(drawing, self.frame_size, shots, display, sink)
-        self._show_making(True)
+        self._delay.stop()
+        self._draft_painter.stop()
+        sink = _movie_sink(self.path, self.frame_size, rate, len(shots))
+        self._save_series(drawing, self.frame_size, shots, sink)
 
-    def _show_making(self, making: bool) -> None:
-        self.progress_bar.setVisible(making)
-        for widget in self._asked:
-            widget.setEnabled(not making)
-        self.accept_button.setEnabled(not making)
-        if not making:
+    def _show_saving(self, saving: bool) -> None:
+        self.progress_bar.setVisible(saving)
+        for widget in (*self._inputs, self.accept_button):
+            widget.setEnabled(not saving)
+        if not saving:
             self.range.setEnabled(not self.turns)
+            self._refresh_remark()
 
-    def _show_progress(self, at: int, _made: object) -> None:
-        done, frames = at + 1, self.progress_bar.maximum()
-        self.progress_bar.setValue(done)
-        self.length_label.setText(f"{done:,} of {counted(frames, 'frame')}")
+    def _show_progress(self, at: int, made: object) -> None:
+        super()._show_progress(at, made)
+        frames = counted(self.progress_bar.maximum(), "frame")
+        self.length_label.setText(f"{at + 1:,} of {frames}")
 
-    def _say_saved(self) -> None:
+    def _finish(self) -> None:
         self.saved.emit(self.path)
         self.accept()
 
-    def _say_failed(self, failure: Failure) -> None:
-        self._show_making(False)
-        self._refresh_remark()
-        self.remark_label.setText(failure.text)
-
     def reject(self) -> None:
-        """Give up the film that is being made, of which nothing is left; or close."""
+        """Cancel the movie that is being made, without leaving a file; otherwise close."""
         if self._painter.busy:
             self._painter.close()
-            self._show_making(False)
-            self._refresh_remark()
+            self._show_saving(False)
         else:
             super().reject()
 
-    def reject_all(self) -> None:
-        """Give up, and close."""
-        self._painter.close()
-        self.reject()
-
-    def done(self, result: int) -> None:
-        """Leave nothing that draws."""
-        stop_listening(self)
-        self._rest.stop()
-        for painter in (self._painter, self._measuring):
-            painter.close()
-        self._scene.small_ready.disconnect(self._measure)
-        super().done(result)
-
 
 @contextmanager
-def _filmed(
+def _movie_sink(
     path: Path, size: tuple[int, int], rate: float, count: int
 ) -> Iterator[Callable[[int, Picture, Caption | None], None]]:
     with movie_file(path, size, rate, count) as add:
@@ -362,10 +285,10 @@ def _filmed(
 
 
 @contextmanager
-def _measured(
+def _estimate(
     ending: str, rate: float, count: int, of: int
 ) -> Iterator[Callable[[int, Picture, Caption | None], int | None]]:
-    """With the last picture tells about how many bytes the whole film will have."""
+    """A sink that estimates, with the last picture, the size of the whole movie in bytes."""
     frames = []
 
     def take(at: int, picture: Picture, _caption: Caption | None) -> int | None:

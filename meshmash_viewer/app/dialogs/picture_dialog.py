@@ -1,4 +1,4 @@
-"""Saving the render as a picture: size, background, place."""
+"""Dialogs that save the render, as a picture or as a scene."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from meshmash_viewer.app.controls.facts import show_quietly
 from meshmash_viewer.app.controls.file_row import FileRow
 from meshmash_viewer.app.controls.layout import grid, row
 from meshmash_viewer.app.controls.spin import WholeField
-from meshmash_viewer.app.dialogs.saving import SaveDialog
-
-__all__ = ["PictureChoice", "PictureDialog"]
+from meshmash_viewer.app.dialogs.files import FormatDialog, SaveDialog
+from meshmash_viewer.app.view.scene import missing_pages
 
 _LARGEST = 16_384
 _PRESETS = (
@@ -23,11 +22,15 @@ _PRESETS = (
     ("Column of a paper, 85 mm at 600 dpi", (2008, 1506)),
     ("Page of a paper, 180 mm at 600 dpi", (4252, 3189)),
 )
+_SCENES = {
+    ".gltf": "glTF, for Blender, PowerPoint and viewers",
+    ".html": "HTML page, for any browser",
+}
 
 
 @dataclass(frozen=True)
 class PictureChoice:
-    """What was asked for: width and height in pixels, and the row of the list that says so."""
+    """Choices of the dialog: file, width and height in pixels, row of the list of sizes."""
 
     path: Path
     size: tuple[int, int]
@@ -36,16 +39,10 @@ class PictureChoice:
 
 
 class PictureDialog(SaveDialog):
-    """Asks how large, on what background, and where.
+    """Asks for the size, the background and the file of a picture.
 
-    Parameters
-    ----------
-    screen : (int, int)
-        Width and height of the render in pixels.
-    path : Path
-        Suggested file.
-    before : PictureChoice, optional
-        What was chosen the last time; the path aside, it is suggested again.
+    `screen` is the size of the render in pixels, `path` the suggested file; the other choices of
+    `before` are suggested again.
     """
 
     def __init__(
@@ -90,7 +87,7 @@ class PictureDialog(SaveDialog):
 
     @property
     def choice(self) -> PictureChoice:
-        """All of it, to be suggested the next time."""
+        """The current choices."""
         size, preset = (self.width_spin.value(), self.height_spin.value()), self.preset_combo
         transparent = self.transparent_check.isChecked()
         return PictureChoice(self.path, size, preset.currentIndex(), transparent)
@@ -110,3 +107,25 @@ class PictureDialog(SaveDialog):
 
     def _note_custom(self) -> None:
         self.preset_combo.setCurrentIndex(self.preset_combo.count() - 1)
+
+
+class SceneDialog(FormatDialog):
+    """Asks for the format and the file of a scene; `path` is suggested, without its ending."""
+
+    def __init__(self, path: Path, parent: QWidget | None = None) -> None:
+        super().__init__("scene", "Save scene", path, _SCENES, _missing_for, "trame", parent)
+        self.accept_button = theme.named(QPushButton("Save"), "scene_save_button", role="primary")
+        self._arrange(
+            grid(
+                (QLabel("Format"), self.format_combo),
+                (QLabel("File"), self.file_row),
+                (None, self.remark_label),
+                spacing=(theme.MARGIN, theme.GAP),
+            )
+        )
+        self.setMinimumWidth(520)
+        self._refresh_remark()
+
+
+def _missing_for(ending: str) -> str:
+    return missing_pages() if ending == ".html" else ""

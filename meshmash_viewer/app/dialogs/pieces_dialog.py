@@ -1,4 +1,4 @@
-"""Computing features in pieces: which, in how many, up to where, and the file."""
+"""Dialog that computes a feature piece by piece."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.file_row import FileRow
 from meshmash_viewer.app.controls.layout import grid
-from meshmash_viewer.app.dialogs.saving import SaveDialog
+from meshmash_viewer.app.dialogs.files import SaveDialog
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.fields.family import Family
@@ -19,14 +19,13 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pieces import LEAST, PiecesJob, in_pieces, usual_pieces
 from meshmash_viewer.units import counted, format_quantity
 
-__all__ = ["PiecesDialog"]
-
 
 class PiecesDialog(SaveDialog):
     """Asks for a feature, the number of pieces, and the file.
 
-    The feature has the parameters of its tab, and what it would take from the spectrum of the whole
-    mesh from Weyl's law; the pieces go as far up their spectra as the Mesh panel asks of the whole.
+    The feature has the parameters of its tab; those that depend on the spectrum of the whole mesh
+    are taken from Weyl's law. The spectrum of each piece is computed up to the target of the Mesh
+    panel.
     """
 
     def __init__(self, document: Document, folder: Path, parent: QWidget | None = None) -> None:
@@ -38,7 +37,7 @@ class PiecesDialog(SaveDialog):
             try:
                 found = in_pieces(document.display.fields[name], mesh, document.target)
             except InputError:
-                continue  # it needs the spectrum of the whole mesh
+                continue  # needs the spectrum of the whole mesh
             self._families[name] = found
         patterns = " ".join(f"*{ending}" for ending in WRITERS)
         path = folder / f"{mesh.name or 'mesh'}_pieces.npz"
@@ -74,21 +73,21 @@ class PiecesDialog(SaveDialog):
             )
         )
         self.setMinimumWidth(560)
-        self.count_spin.valueChanged.connect(self._say_size)
-        self._say_size()
+        self.count_spin.valueChanged.connect(self._show_size)
+        self._show_size()
         self._refresh_remark()
 
-    def _say_size(self) -> None:
+    def _show_size(self) -> None:
         document, count = self._document, self.count_spin.value()
         size = round(self._mesh.n_vertices / count)
         top, _ = document.translation().eigenvalue(document.target)
         self.size_label.setText(
-            f"About {counted(size, 'vertex')} each, and what they overlap by, up to"
-            f" λ = {format_quantity(top, document.unit, -2)} as the Mesh panel says."
+            f"About {counted(size, 'vertex')} each, plus the overlap, up to"
+            f" λ = {format_quantity(top, document.unit, -2)}, the target of the Mesh panel."
         )
 
     def job(self) -> PiecesJob:
-        """What was chosen."""
+        """The chosen job."""
         document = self._document
         family = self._families[self.family_combo.currentData()]
         return PiecesJob(

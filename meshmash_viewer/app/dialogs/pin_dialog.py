@@ -1,4 +1,4 @@
-"""Pinning a vertex whose index is known."""
+"""Dialog that pins a vertex by its index."""
 
 from __future__ import annotations
 
@@ -11,21 +11,11 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.quantities import parse_whole
 
-__all__ = ["PinDialog"]
-
 
 class PinDialog(QDialog):
-    """Asks for an index; it stays open while what is typed is none.
+    """Asks for an index in the file of a mesh; it stays open until a valid one is typed.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Whose file the index is of.
-
-    Attributes
-    ----------
-    vertex : int
-        The vertex of the mesh, once the dialog is accepted.
+    `vertex` is the index in the mesh, once the dialog is accepted.
     """
 
     def __init__(self, mesh: Mesh, parent: QWidget | None = None) -> None:

@@ -13,7 +13,7 @@ from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import column, row
 from meshmash_viewer.app.controls.segments import Segments
-from meshmash_viewer.app.dialogs.map_files import ask_for_maps
+from meshmash_viewer.app.dialogs.files import ask_for_maps
 from meshmash_viewer.app.listening import later
 from meshmash_viewer.app.tabs.field_stepper import FieldStepper
 from meshmash_viewer.app.tabs.filter_parameters import FilterParameters

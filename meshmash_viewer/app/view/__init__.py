@@ -1,1 +1,1 @@
-"""What draws: a mesh with a field, its marks and its overlay, with VTK and without Qt."""
+"""Render of meshes with fields and annotations, by VTK."""

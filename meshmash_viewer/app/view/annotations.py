@@ -1,21 +1,17 @@
-"""What is written over the mesh: title, colour bar, scale bar, axes and pins, as actors of VTK."""
+"""Annotations of the render: title, colour bar, scale bar, axes and pins, as VTK actors."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
 from itertools import zip_longest
-from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 import numpy.typing as npt
 import pyvista
 import vtkmodules.vtkRenderingFreeType
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
-from vtkmodules.vtkCommonCore import VTK_FONT_FILE
 from vtkmodules.vtkFiltersSources import vtkRegularPolygonSource
 from vtkmodules.vtkRenderingAnnotation import vtkAxisActor2D
 from vtkmodules.vtkRenderingCore import (
@@ -26,49 +22,42 @@ from vtkmodules.vtkRenderingCore import (
     vtkPolyDataMapper2D,
     vtkRenderer,
     vtkTextActor,
-    vtkTextProperty,
-    vtkTextRenderer,
 )
 
 from meshmash_viewer.app.view.camera import Margins, View
-from meshmash_viewer.app.view.colors import NAN_COLOR, ColorMap, RenderTheme, color_table, rgb
-from meshmash_viewer.app.view.ticks import exponent_text, scale_bar_text, ticks
+from meshmash_viewer.app.view.colors import NAN_COLOR, ColorMap, color_table, rgb
+from meshmash_viewer.app.view.text import (
+    EDGE,
+    Page,
+    exponent_text,
+    scale_bar_text,
+    set_line,
+    set_plate,
+    set_style,
+    text_size,
+    ticks,
+)
 from meshmash_viewer.units import round_length
 
-__all__ = [
-    "BAR_SPACE",
-    "Annotations",
-    "Caption",
-    "Page",
-    "Pin",
-    "fitted",
-    "font_file",
-    "margins",
-    "text_size",
-    "title_size",
-]
-
-# All sizes are in points: VTK makes pixels of those of a font by the resolution of its window,
-# `Page.scale` does it for the others.
-#: From the picture's edge to what is written.
-_EDGE = 16
-#: What the colour bar with its labels takes of the right, and where it begins there; how wide it
-#: is, what is between it and labels, and at least between these and the picture's edge.
-BAR_SPACE, _BAR_EDGE, _BAR, _BESIDE, _NEAR = 108, 88, 14, 6, 4
-_MOST_LABELS = 7
-#: Sizes of the title of a field, of its quantity, of the scale bar, and of labels.
+# All sizes are in points. VTK converts those of fonts to pixels by the resolution of its window,
+# `Page.scale` converts the others.
+#: Width of the colour bar with its labels, its distance from the right edge, its own width, the
+#: gap to its labels, and their smallest distance from the edge.
+BAR_SPACE, _BAR_EDGE, _BAR, _GAP, _PAD = 108, 88, 14, 6, 4
+_MAX_LABELS = 7
+#: Font sizes of title, quantity, scale bar and labels.
 TITLE, QUANTITY, _SCALE, _LABEL = 15, 12, 12, 11
-#: Side of the square that the axes are in.
+#: Side of the square with the axes.
 _AXES = 92
-#: Red, green and blue of the x, y and z axis, apart in brightness too.
+#: Colours of the x, y and z axis, which differ in brightness too.
 _AXIS_COLORS = ("#d1495b", "#3f9b5c", "#3b76c4")
-#: The rim of a pin, and what its number stands on.
+#: Rim of a pin, and background of its number.
 _DARK = "#14181d"
 
 
 @dataclass(frozen=True)
 class Caption:
-    """What is written about the field.
+    """Title, unit, limits and colours of the displayed field.
 
     Parameters
     ----------
@@ -77,15 +66,15 @@ class Caption:
     quantity : str
         Second line, such as an eigenvalue or a time with its unit.
     unit : str
-        Unit of the values on the colour bar.
+        Unit of the values.
     low, high : float
-        Ends of the colour bar.
+        Limits of the colour bar.
     colormap : ColorMap
         Name of one of matplotlib's colour maps, or the colours of labels.
     missing : bool
         Whether some vertices have no value.
     lines : float, optional
-        What lines are apart by; 0 for those of zero alone, None for no lines.
+        Spacing of lines; 0 for zero lines alone, None for no lines.
     """
 
     title: str
@@ -105,7 +94,7 @@ class Caption:
 
 @dataclass(frozen=True)
 class Pin:
-    """A marked vertex: where it is in the mesh's coordinates, and how it looks."""
+    """A marked vertex: position in mesh coordinates, colour, label, whether it is hidden."""
 
     position: tuple[float, float, float]
     color: str
@@ -113,109 +102,41 @@ class Pin:
     hidden: bool
 
 
-@dataclass(frozen=True)
-class Page:
-    """What is written on: a size in pixels, pixels to a point, and colours.
-
-    Parameters
-    ----------
-    theme : RenderTheme
-    width, height : int
-    scale : float
-    plates : bool
-        Whether text has a plate of the background's colour behind it, seen where the mesh is.
-    """
-
-    theme: RenderTheme
-    width: int
-    height: int
-    scale: float
-    plates: bool = True
-
-
 def margins(captioned: bool, width: int, height: int, scale: float) -> Margins:
-    """What the annotations take of a picture, for fitting the mesh beside them."""
+    """Margins that annotations take of a picture, for fitting the mesh between them."""
     if width < 260 * scale or height < 200 * scale:
         return Margins(*(8.0 * scale,) * 4)
     return Margins(
         left=28 * scale,
         right=(BAR_SPACE if captioned else 28) * scale,
-        # below the title there is room for the number of a pin
+        # includes the number of a pin below the title
         top=(76 if captioned else 28) * scale,
         bottom=58 * scale,
     )
 
 
 def title_size(caption: Caption) -> tuple[int, int]:
-    """Width and height in points that title and quantity take with a margin on all sides."""
+    """Width and height in points of title and quantity, with margins."""
     lines = ((caption.title, TITLE, True), (caption.quantity, QUANTITY, False))
     wide = max(text_size(text, size, bold)[0] for text, size, bold in lines)
-    return wide + 3 * _EDGE, 40 + 2 * _EDGE
-
-
-@cache
-def font_file(bold: bool) -> str:
-    """DejaVu Sans as matplotlib brings it: VTK's own fonts lack Greek letters and superscripts."""
-    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
-    return str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name)
-
-
-def _style(properties: vtkTextProperty, size: float, color: str, bold: bool = False) -> None:
-    properties.SetFontFamily(VTK_FONT_FILE)
-    properties.SetFontFile(font_file(bold))
-    properties.SetFontSize(round(size))
-    properties.SetColor(*rgb(color))
-    properties.BoldOff()
-    properties.ItalicOff()
-    properties.ShadowOff()
-
-
-def _stand_on(properties: vtkTextProperty, page: Page, height: float) -> None:
-    """Put a plate behind a text: in the colour of the background there, seen over the mesh only."""
-    # in steps of two levels, which nobody sees: VTK opens the font again for each colour beyond 30
-    share = round(8.0 * height / page.height) / 8.0
-    properties.SetBackgroundColor(*page.theme.ground(share))
-    properties.SetBackgroundOpacity(0.6 if page.plates else 0.0)
-
-
-@lru_cache(maxsize=1024)
-def text_size(text: str, size: float, bold: bool) -> tuple[int, int]:
-    """Width and height of a line of text in pixels where one of them is a point."""
-    properties, box = vtkTextProperty(), [0, 0, 0, 0]
-    _style(properties, size, "#000000", bold)
-    vtkTextRenderer.GetInstance().GetBoundingBox(properties, text, box, 72)
-    return box[1] - box[0] + 1, box[3] - box[2] + 1
-
-
-def fitted(text: str, width: float, width_of: Callable[[str], float]) -> str:
-    """The text, or as much of it as fits into a width with an ellipsis."""
-    if width_of(text) <= width:
-        return text
-    while text and width_of(text + "…") > width:
-        text = text[:-1].rstrip()
-    return text + "…" if text else ""
+    return wide + 3 * EDGE, 40 + 2 * EDGE
 
 
 class Annotations:
-    """The actors, in a renderer.
-
-    Parameters
-    ----------
-    renderer : vtkRenderer
-    """
+    """The actors of all annotations in a renderer."""
 
     def __init__(self, renderer: vtkRenderer) -> None:
         self._renderer = renderer
         self.title, self.quantity = vtkTextActor(), vtkTextActor()
         self.bar, self.no_value, self.scale = _Strip(256), _Strip(1), vtkAxisActor2D()
         self.bar_title, self.no_value_label = vtkTextActor(), vtkTextActor()
-        #: Kept from one field to the next: VTK's own bar makes them anew, for two milliseconds.
-        self.bar_labels = tuple(vtkTextActor() for _ in range(_MOST_LABELS))
+        #: Reused for every field: VTK's own bar makes new ones, which takes 2 ms.
+        self.bar_labels = tuple(vtkTextActor() for _ in range(_MAX_LABELS))
         self.pins: list[vtkActor2D] = []
-        #: The axes are seen from where the mesh is, at another place: a renderer of their own.
+        #: Renderer of the axes, which share the direction of the camera, but not its position.
         self.corner = vtkRenderer()
         self._colormap: ColorMap = ""
-        self._said: tuple[Page, Caption | None] | None = None
+        self._shown: tuple[Page, Caption | None] | None = None
         self._pinned: tuple[Page, Sequence[Pin]] | None = None
         for actor in self.actors:
             actor.SetLayerNumber(1)
@@ -237,7 +158,7 @@ class Annotations:
 
     @property
     def actors(self) -> tuple[vtkActor2D, ...]:
-        """All that are in the renderer."""
+        """All actors in the renderer."""
         return (self.title, self.quantity, *self._bar_actors, self.scale, *self.pins)
 
     @property
@@ -248,16 +169,16 @@ class Annotations:
     def show(
         self, page: Page, view: View | None, caption: Caption | None, unit: str, pins: Sequence[Pin]
     ) -> None:
-        """Say this; without a view there is no mesh, and nothing is said."""
+        """Update the annotations; without a view all are hidden."""
         if view is None:
             caption, pins = None, ()
-        if self._said != (page, caption):  # making a bar anew takes longer than all else
-            self._said = page, caption
+        if self._shown != (page, caption):  # setting the bar takes longest
+            self._shown = page, caption
             self._set_title(page, caption)
             self._set_bar(page, caption)
         self._set_scale(page, view, unit)
         self._set_axes(page, view)
-        if self._pinned != (page, pins):  # actors are made of them
+        if self._pinned != (page, pins):
             self._pinned = page, pins
             self._set_pins(page, pins)
 
@@ -265,12 +186,12 @@ class Annotations:
 
     def _set_title(self, page: Page, caption: Caption | None) -> None:
         title, quantity = ("", "") if caption is None else (caption.title, caption.quantity)
-        left, top = _EDGE * page.scale, page.height - _EDGE * page.scale
-        _set_line(self.title, title, TITLE, page, page.theme.ink, (left, top), bold=True)
+        left, top = EDGE * page.scale, page.height - EDGE * page.scale
+        set_line(self.title, title, TITLE, page, page.theme.ink, (left, top), bold=True)
         if page.height <= 160 * page.scale:
             quantity = ""
         at = left, top - 24 * page.scale
-        _set_line(self.quantity, quantity, QUANTITY, page, page.theme.faint_ink, at)
+        set_line(self.quantity, quantity, QUANTITY, page, page.theme.faint_ink, at)
 
     # -- colour bar -------------------------------------------------------------------------
 
@@ -279,7 +200,7 @@ class Annotations:
         # below title and quantity, which may be as wide as the picture
         tall = min(300 * scale, 0.5 * page.height, page.height - 150 * scale)
         shown = caption is not None and tall >= 70 * scale and page.width >= 220 * scale
-        # labels have no order that a bar could show; their names are in the panel
+        # labels have no bar; their names are in the panel
         shown = shown and caption is not None and isinstance(caption.colormap, str)
         for actor in self._bar_actors:
             actor.SetVisibility(shown)
@@ -291,22 +212,28 @@ class Annotations:
         left, below = page.width - _BAR_EDGE * scale, (page.height - tall) / 2 - 15 * scale
         self.bar.place(left, below, _BAR * scale, tall)
         values, form, exponent = ticks(
-            caption.low, caption.high, min(max(int(tall / (34 * scale)), 2), _MOST_LABELS)
+            caption.low, caption.high, min(max(int(tall / (34 * scale)), 2), _MAX_LABELS)
         )
         factor = " ".join(part for part in (exponent_text(exponent), caption.unit) if part)
         above = below + tall + 8 * scale
-        _set_line(self.bar_title, factor, _LABEL, page, theme.faint_ink, (left, above), edge=_NEAR)
-        beside = left + (_BAR + _BESIDE) * scale
+        set_line(self.bar_title, factor, _LABEL, page, theme.faint_ink, (left, above), edge=_PAD)
+        label_left = left + (_BAR + _GAP) * scale
         low, high = (end / 10.0**exponent for end in (caption.low, caption.high))
         for label, value in zip_longest(self.bar_labels, values):
             at = below if value is None else below + tall * (value - low) / (high - low)
             text = "" if value is None else form % value
-            _set_line(label, text, _LABEL, page, theme.ink, (beside, at), edge=_NEAR)
+            set_line(label, text, _LABEL, page, theme.ink, (label_left, at), edge=_PAD)
         self.no_value.actor.SetVisibility(caption.missing)
         self.no_value.place(left, below - 19 * scale, _BAR * scale, 10 * scale)
         text, at = "no value" if caption.missing else "", below - 14 * scale
-        _set_line(
-            self.no_value_label, text, _LABEL, page, theme.faint_ink, (beside, at), edge=_NEAR
+        set_line(
+            self.no_value_label,
+            text,
+            _LABEL,
+            page,
+            theme.faint_ink,
+            (label_left, at),
+            edge=_PAD,
         )
 
     # -- scale bar --------------------------------------------------------------------------
@@ -328,15 +255,15 @@ class Annotations:
             return
         pixel = view.length_per_pixel(width, height)
         length = round_length(min(150 * scale, 0.25 * width) * pixel)
-        right, up = width - _EDGE * scale, 34 * scale
+        right, up = width - EDGE * scale, 34 * scale
         self.scale.GetPoint1Coordinate().SetValue(right - length / pixel, up)
         self.scale.GetPoint2Coordinate().SetValue(right, up)
         self.scale.SetTitle(scale_bar_text(length, unit))
         self.scale.SetTickLength(round(5 * scale))
         self.scale.GetProperty().SetLineWidth(2.0 * scale)
         self.scale.GetProperty().SetColor(*rgb(page.theme.ink))
-        _style(self.scale.GetTitleTextProperty(), _SCALE, page.theme.ink)
-        _stand_on(self.scale.GetTitleTextProperty(), page, 16 * scale)
+        set_style(self.scale.GetTitleTextProperty(), _SCALE, page.theme.ink)
+        set_plate(self.scale.GetTitleTextProperty(), page, 16 * scale)
 
     # -- axes -------------------------------------------------------------------------------
 
@@ -348,8 +275,8 @@ class Annotations:
         side = _AXES * page.scale
         self.corner.SetViewport(0.0, 0.0, min(side / page.width, 1.0), side / page.height)
         for label, across in zip(self._axis_labels, view.axes[:2].T, strict=True):
-            _style(label.GetTextProperty(), _LABEL, page.theme.ink)
-            # one that points to the eye would be written over the others
+            set_style(label.GetTextProperty(), _LABEL, page.theme.ink)
+            # the label of an axis towards the eye would cover the others
             label.SetVisibility(bool(np.hypot(*across) > 0.25))
         camera = self.corner.GetActiveCamera()
         camera.SetPosition(*(5.0 * view.axes[2]))
@@ -367,12 +294,7 @@ class Annotations:
 
 
 class _Strip:
-    """Cells of colour on top of one another, as an actor.
-
-    Parameters
-    ----------
-    count : int
-    """
+    """A vertical strip of `count` coloured cells, as an actor."""
 
     def __init__(self, count: int) -> None:
         self._unit = pyvista.Plane(center=(0.5, 0.5, 0.0), i_resolution=1, j_resolution=count)
@@ -383,12 +305,12 @@ class _Strip:
         self.actor.SetMapper(mapper)
 
     def paint(self, colors: npt.NDArray[np.uint8]) -> None:
-        """Take colours from the lowest cell to the highest, shape (count, 4)."""
-        shades: Any = colors  # whole numbers, which the types of pyvista leave out
+        """Set the colours from the lowest cell to the highest, shape (count, 4)."""
+        shades: Any = colors  # the types of pyvista lack arrays of integers
         self._drawn.cell_data.set_scalars(shades, "colors")
 
     def place(self, left: float, below: float, wide: float, tall: float) -> None:
-        """Put it somewhere, in pixels from the lower left of the picture."""
+        """Set position and size, in pixels from the lower left of the picture."""
         self.actor.SetPosition(round(left), round(below))
         size = round(wide), round(tall), 0
         if size != self._size:
@@ -396,31 +318,8 @@ class _Strip:
             self._drawn.points = self._unit.points * size
 
 
-def _set_line(
-    actor: vtkTextActor,
-    text: str,
-    size: float,
-    page: Page,
-    ink: str,
-    at: tuple[float, float],
-    *,
-    bold: bool = False,
-    edge: float = _EDGE,
-) -> None:
-    """Write a line from a place on, as far as so many points from the right; none if empty."""
-    actor.SetVisibility(bool(text))
-    if not text:
-        return
-    left, up = at
-    free = (page.width - left) / page.scale - edge
-    actor.SetInput(fitted(text, free, lambda part: text_size(part, size, bold)[0]))
-    _style(actor.GetTextProperty(), size, ink, bold)
-    _stand_on(actor.GetTextProperty(), page, up - 6 * page.scale)
-    actor.SetPosition(round(left), round(up))
-
-
 def _new_axes() -> vtkActor:
-    """Three arrows in one actor: VTK's own axes are made anew for each frame, for a millisecond."""
+    """Three arrows in one actor; VTK's own axes are made anew for each frame, in 1 ms."""
     arrows = []
     for direction, color in zip(((1, 0, 0), (0, 1, 0), (0, 0, 1)), _AXIS_COLORS, strict=True):
         arrow = pyvista.Arrow(
@@ -448,7 +347,7 @@ def _new_axis_label(axis: int) -> vtkTextActor:
 
 
 def _pin_actors(pin: Pin, page: Page) -> list[vtkActor2D]:
-    """Discs with a number; of a pin behind the mesh, fainter ones."""
+    """Discs with a number, fainter for a pin behind the mesh."""
     scale, opacity = page.scale, 0.55 if pin.hidden else 1.0
     if pin.hidden:
         discs = [_disc(pin, 5.6, _DARK, 0.35, scale), _disc(pin, 4.6, pin.color, 0.7, scale)]
@@ -457,26 +356,25 @@ def _pin_actors(pin: Pin, page: Page) -> list[vtkActor2D]:
         discs = [_disc(pin, *look, scale) for look in looks]
     if not pin.label:
         return discs
-    beside = (13.0 * scale, 12.0 * scale)
+    offset = (13.0 * scale, 12.0 * scale)
     number = vtkTextActor()
     number.SetInput(pin.label)
-    _style(number.GetTextProperty(), 10, "#ffffff", bold=True)
+    set_style(number.GetTextProperty(), 10, "#ffffff", bold=True)
     number.GetTextProperty().SetOpacity(opacity)
     number.GetTextProperty().SetJustificationToCentered()
     number.GetTextProperty().SetVerticalJustificationToCentered()
     at = number.GetPositionCoordinate()
     at.SetCoordinateSystemToViewport()
-    at.SetReferenceCoordinate(_world(pin))
-    at.SetValue(*beside)
-    return [*discs, _disc(pin, 8.0, _DARK, 0.75 * opacity, scale, beside), number]
+    at.SetReferenceCoordinate(_at_vertex(vtkCoordinate(), pin))
+    at.SetValue(*offset)
+    return [*discs, _disc(pin, 8.0, _DARK, 0.75 * opacity, scale, offset), number]
 
 
-def _world(pin: Pin) -> vtkCoordinate:
-    """The vertex, wherever it is on the screen: the camera takes the pin along."""
-    place = vtkCoordinate()
-    place.SetCoordinateSystemToWorld()
-    place.SetValue(*pin.position)
-    return place
+def _at_vertex(coordinate: vtkCoordinate, pin: Pin) -> vtkCoordinate:
+    """Set a coordinate to the vertex, which VTK projects in each frame."""
+    coordinate.SetCoordinateSystemToWorld()
+    coordinate.SetValue(*pin.position)
+    return coordinate
 
 
 def _disc(
@@ -485,18 +383,16 @@ def _disc(
     color: str,
     opacity: float,
     scale: float,
-    beside: tuple[float, float] = (0.0, 0.0),
+    offset: tuple[float, float] = (0.0, 0.0),
 ) -> vtkActor2D:
     circle, mapper, disc = vtkRegularPolygonSource(), vtkPolyDataMapper2D(), vtkActor2D()
     circle.SetNumberOfSides(40)
     circle.SetRadius(radius * scale)
-    circle.SetCenter(*beside, 0.0)
+    circle.SetCenter(*offset, 0.0)
     circle.GeneratePolylineOff()
     mapper.SetInputConnection(circle.GetOutputPort())
     disc.SetMapper(mapper)
     disc.GetProperty().SetColor(*rgb(color))
     disc.GetProperty().SetOpacity(opacity)
-    place = disc.GetPositionCoordinate()
-    place.SetCoordinateSystemToWorld()
-    place.SetValue(*pin.position)
+    _at_vertex(disc.GetPositionCoordinate(), pin)
     return disc

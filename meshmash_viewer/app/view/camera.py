@@ -1,4 +1,4 @@
-"""The camera as plain numbers: a parallel projection, so that a scale bar holds everywhere."""
+"""Camera as plain numbers, with a parallel projection, in which one scale holds everywhere."""
 
 from __future__ import annotations
 
@@ -11,14 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from meshmash_viewer.mesh import Mesh
 
-__all__ = ["Margins", "View", "default_axes", "fitted_view", "sampled_points"]
-
 FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Margins:
-    """Pixels at the edges that the fitted mesh leaves to the overlay."""
+    """Pixels at the edges that a fitted mesh leaves free for annotations."""
 
     left: float = 0.0
     right: float = 0.0
@@ -28,12 +26,12 @@ class Margins:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Where the camera looks, in mesh coordinates.
+    """Position, orientation and zoom of the camera, in mesh coordinates.
 
     Parameters
     ----------
     focus : ndarray, shape (3,)
-        The point in the middle of the picture, about which it turns.
+        The point in the centre of the picture, about which it rotates.
     axes : ndarray, shape (3, 3)
         Unit vectors to the right, up and towards the eye, as rows.
     half_size : float
@@ -69,11 +67,11 @@ class View:
         return np.asarray(self.focus + across * self.axes[0] + along * self.axes[1])
 
     def turned(self, right: float, up: float, roll: float = 0.0) -> View:
-        """Turn the mesh by angles in radians, as if it were pushed to the right and up."""
+        """Rotate the mesh by angles in radians, as if pushed to the right and up."""
         axes = self.axes
         for axis, angle in ((1, -right), (0, up), (2, -roll)):
             axes = Rotation.from_rotvec(angle * axes[axis]).apply(axes)
-        u, _, vt = np.linalg.svd(axes)  # keeps the axes orthonormal over thousands of turns
+        u, _, vt = np.linalg.svd(axes)  # keeps the axes orthonormal over thousands of rotations
         return replace(self, axes=u @ vt)
 
     def moved(self, dx: float, dy: float, width: int, height: int) -> View:
@@ -102,7 +100,7 @@ class View:
         Raises
         ------
         ValueError
-            If it is not one.
+            If it is invalid.
         """
         try:
             focus = np.array(state["focus"], dtype=np.float64)
@@ -119,7 +117,7 @@ class View:
 
 def _compactness(mesh: Mesh) -> float:
     """Isoperimetric quotient 36 pi V² / A³: 1 for a ball, near 0 for a neurite or a sheet."""
-    # A sample of the faces: an estimate will do, and two million of them take a while.
+    # estimated from a sample of the faces: two million of them take a while
     faces = mesh.faces[:: max(1, mesh.n_faces // 50_000)]
     corners = mesh.vertices[faces] - mesh.vertices[faces[0, 0]]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -130,7 +128,7 @@ def _compactness(mesh: Mesh) -> float:
 
 
 def _stands_on(mesh: Mesh, axis: int) -> bool:
-    """Whether the lower end along an axis is a base: a fiftieth of the area is flat on it."""
+    """Whether more than 2 % of the area lies at the lower end along an axis, as of a base."""
     corners = mesh.vertices[mesh.faces[:: max(1, mesh.n_faces // 50_000)]]
     edges = corners[:, 1:] - corners[:, :1]
     areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
@@ -140,18 +138,18 @@ def _stands_on(mesh: Mesh, axis: int) -> bool:
 
 
 def sampled_points(mesh: Mesh) -> FloatArray:
-    """Some hundred thousand at most of the vertices that faces use, shape (m, 3)."""
+    """A sample of at most some 100,000 of the vertices that faces use, shape (m, 3)."""
     points = mesh.vertices[mesh.referenced]
     return np.asarray(points[:: max(1, len(points) // 100_000)])
 
 
 def default_axes(mesh: Mesh, points: FloatArray | None = None) -> FloatArray:
-    """Right, up and eye directions from which a mesh is best seen first, as rows, shape (3, 3).
+    """Right, up and eye directions of the first view of a mesh, as rows, shape (3, 3).
 
-    Spindly meshes (neurons) have no up: they lie with their longest principal axis across the
-    picture and their shortest towards the eye. Bodies stand on their feet, y up as in graphics
-    or z up where the unit is that of medical images or the mesh stands tall on a flat base,
-    turned by a third of a right angle so that depth shows. `points` are its `sampled_points`.
+    Meshes that fill little of their box (neurons) have their longest principal axis along the
+    width of the picture and their shortest towards the eye. Others have y up as in graphics, or z
+    up where the unit is that of medical images or the mesh stands tall on a flat base, and are
+    rotated by 30 degrees to show depth. `points` are its `sampled_points`.
     """
     points = sampled_points(mesh) if points is None else points
     if mesh.unit in ("nm", "µm") or _compactness(mesh) < 0.01:
@@ -167,10 +165,10 @@ def default_axes(mesh: Mesh, points: FloatArray | None = None) -> FloatArray:
     flat = [axis for axis in range(3) if axis != up_axis]
     eye_axis = min(flat, key=lambda axis: extent[axis])
     if extent[eye_axis] > 0.6 * max(extent[axis] for axis in flat):
-        eye_axis = flat[1]  # no long side: the front, +z of a y-up and -y of a z-up body
+        eye_axis = flat[1]  # without a long side, from +z if y is up and from -y if z is up
     middle = (low[eye_axis] + high[eye_axis]) / 2
     front = -1.0 if (up_axis, eye_axis) == (2, 1) else 1.0
-    # A half of something, such as the left hemisphere of a brain, shows its outer side.
+    # one half of an object, such as a hemisphere of a brain, shows its outer side
     side = np.sign(middle) if abs(middle) > 0.2 * extent[eye_axis] else front
     up, eye = np.eye(3)[up_axis], side * np.eye(3)[eye_axis]
     view = View(np.zeros(3), np.array([np.cross(up, eye), up, eye]), 1.0)
@@ -178,14 +176,14 @@ def default_axes(mesh: Mesh, points: FloatArray | None = None) -> FloatArray:
 
 
 def _signed(axis: FloatArray) -> FloatArray:
-    """The axis with its largest component positive, so that a view does not depend on luck."""
+    """The axis with its largest component positive, since singular vectors have any sign."""
     return axis * (1.0 if axis[np.argmax(np.abs(axis))] > 0.0 else -1.0)
 
 
 def fitted_view(
     points: FloatArray, axes: FloatArray, width: int, height: int, margins: Margins
 ) -> View:
-    """The view along given axes in which points of shape (m, 3) just fit between the margins."""
+    """The view along given axes in which points, shape (m, 3), fill what the margins leave."""
     centre = points.mean(axis=0)
     seen = (points - centre) @ axes.T
     low, high = seen.min(axis=0), seen.max(axis=0)

@@ -1,4 +1,4 @@
-"""Colours of the render: themes, and tables of named colour maps."""
+"""Colours of the render: themes and tables of colour maps."""
 
 from __future__ import annotations
 
@@ -12,12 +12,10 @@ from matplotlib import colormaps
 
 from meshmash_viewer.errors import InputError
 
-__all__ = ["DARK", "LIGHT", "NAN_COLOR", "ColorMap", "RenderTheme", "color_table", "rgb"]
-
 #: A name of one of matplotlib's colour maps, or the colours of labels 0, 1, 2 … as "#rrggbb".
 ColorMap: TypeAlias = str | tuple[str, ...]
 
-#: Where a field has no value: a grey that neither end nor middle of a colour map has.
+#: Colour of vertices without a value: a grey that no colour map has.
 NAN_COLOR = "#8c8c8c"
 
 
@@ -34,7 +32,7 @@ class RenderTheme:
     halo: str
 
     def ground(self, share: float) -> tuple[float, ...]:
-        """Red, green and blue of the background at a share of its height from below."""
+        """Red, green and blue of the background at a fraction of its height from below."""
         share = min(max(share, 0.0), 1.0)
         ends = zip(rgb(self.background_bottom), rgb(self.background_top), strict=True)
         return tuple(low + share * (high - low) for low, high in ends)
@@ -70,7 +68,7 @@ def rgb(color: str) -> tuple[float, float, float]:
 def color_table(name: ColorMap, count: int = 256) -> npt.NDArray[np.uint8]:
     """Colours of one of matplotlib's colour maps, or of labels, shape (count, 4), RGBA.
 
-    Each of up to `count` labels has an equal part of the table.
+    Each of at most `count` labels has an equal part of the table.
 
     Raises
     ------
@@ -80,7 +78,7 @@ def color_table(name: ColorMap, count: int = 256) -> npt.NDArray[np.uint8]:
     if isinstance(name, tuple):
         colors = np.array([[*rgb(each), 1.0] for each in name])
         places = np.arange(count) * len(name) // count
-        # that of the middle of each part is the label's own, also where parts are hardly wider
+        # the middle of each part has exactly the colour of its label, however narrow it is
         places[((np.arange(len(name)) + 0.5) * count / len(name)).astype(int)] = range(len(name))
         labelled = np.round(255.0 * colors[places]).astype(np.uint8)
         labelled.setflags(write=False)

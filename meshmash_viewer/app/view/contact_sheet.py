@@ -1,4 +1,4 @@
-"""Many small pictures on one sheet, each with its caption and its colours; without Qt and VTK."""
+"""Contact sheet: small pictures with captions and colour bars in one image, by Pillow."""
 
 from __future__ import annotations
 
@@ -9,22 +9,21 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from meshmash_viewer.app.view.annotations import Caption, fitted, font_file
+from meshmash_viewer.app.view.annotations import Caption
 from meshmash_viewer.app.view.colors import DARK, LIGHT
+from meshmash_viewer.app.view.text import fitted, font_file
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.units import format_quantity
 
-__all__ = ["ContactSheet"]
-
-#: Least width and height in pixels of a picture on a sheet: smaller ones show nothing.
+#: Smallest width and height in pixels of a picture.
 _LEAST = 24
-#: Heights in those of a line of text: of a caption, and of the strip with the ends of the colours.
+#: Heights of a caption and of a colour bar with its limits, in lines of text.
 _CAPTION, _STRIP = 1.5, 1.5
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """Pixels: of the head, of the pictures and of the text under them."""
+    """Sizes in pixels of the title, of a cell, of the picture in it and of its text."""
 
     columns: int
     head: int
@@ -34,30 +33,10 @@ class _Layout:
 
 
 class ContactSheet:
-    """A sheet that is filled picture by picture.
+    """A sheet to which pictures are added one by one; InputError if it is too small.
 
-    Parameters
-    ----------
-    captions : sequence of str
-        One for each picture.
-    size : (int, int)
-        Width and height of the sheet in pixels.
-    aspect : float
-        Width over height of what the pictures show.
-    title : str
-        Above all of them.
-    dark, transparent : bool
-        Light text on a dark ground; no ground at all.
-
-    Attributes
-    ----------
-    picture_size : (int, int)
-        In which the pictures are to be drawn, without a background.
-
-    Raises
-    ------
-    InputError
-        If the sheet is too small for so many.
+    `size` is that of the sheet in pixels, `aspect` the width over height of the mesh in the
+    pictures. They are to be drawn in `picture_size` without a background.
     """
 
     def __init__(
@@ -85,7 +64,7 @@ class ContactSheet:
         widest = max((self._font(1.0).getlength(text) for text in captions), default=1.0)
         free = 0.94 * self._layout.cell[0]
         self._caption_font = self._font(min(1.0, max(free / max(widest, 1.0), 0.7)))
-        head = self._font(1.25, bold=True, of=self._layout.head / 2.6)
+        head = self._font(1.25, bold=True, height=self._layout.head / 2.6)
         edge = self._layout.head * 0.4
         self._draw.text(
             (edge, self._layout.head / 2),
@@ -96,18 +75,16 @@ class ContactSheet:
         )
 
     def _font(
-        self, share: float, *, bold: bool = False, of: float | None = None
+        self, share: float, *, bold: bool = False, height: float = 0.0
     ) -> ImageFont.FreeTypeFont:
-        height = self._layout.text if of is None else of
-        return ImageFont.truetype(font_file(bold), max(share * height, 6.0))
+        return ImageFont.truetype(font_file(bold), max(share * (height or self._layout.text), 6.0))
 
     def put(self, at: int, picture: npt.NDArray[np.uint8], caption: Caption) -> None:
-        """Take a picture of `picture_size`, RGBA, with what is said of its field."""
+        """Add a picture, RGBA of `picture_size`, with its colour bar."""
         layout, text = self._layout, self._layout.text
         row, column = divmod(at, layout.columns)
-        # what is left over at the right goes to both sides
-        beside = (self._sheet.width - layout.columns * layout.cell[0]) // 2
-        left = beside + column * layout.cell[0]
+        unused = self._sheet.width - layout.columns * layout.cell[0]
+        left = unused // 2 + column * layout.cell[0]
         top = layout.head + row * layout.cell[1]
         place = left + (layout.cell[0] - layout.picture[0]) // 2, top
         self._sheet.alpha_composite(Image.fromarray(picture), place)
@@ -123,7 +100,7 @@ class ContactSheet:
         self._draw_strip(middle, below + (_CAPTION + 0.35 * _STRIP) * text, caption)
 
     def _draw_strip(self, middle: float, at: float, caption: Caption) -> None:
-        """The colours between their two ends, in the middle of a cell."""
+        """Draw the colour bar between its limits, centred in a cell."""
         font, gap = self._font(0.72), 0.4 * self._layout.text
         low = format_quantity(caption.low, "", digits=2)
         high = f"{format_quantity(caption.high, '', digits=2)} {caption.unit}".rstrip()
@@ -144,7 +121,7 @@ class ContactSheet:
             self._draw.text((place, at), text, fill=self._theme.faint_ink, font=font, anchor=anchor)
 
     def pixels(self) -> npt.NDArray[np.uint8]:
-        """The sheet as it is now, RGBA, shape (height, width, 4)."""
+        """The sheet, RGBA, shape (height, width, 4)."""
         return np.asarray(self._sheet)
 
 
@@ -158,12 +135,12 @@ def _layout(columns: int, count: int, size: tuple[int, int], aspect: float) -> _
     edge = round(0.4 * head)
     wide = (size[0] - 2 * edge) // columns
     tall = (size[1] - head - edge) // rows
-    # as large as the caption of an eigenvalue needs, and no larger than the title
+    # as large as the caption of an eigenfunction allows, and no larger than the title
     text = min(max(wide / 15.0, 7.0), 0.36 * head, 0.2 * tall)
     picture = round(0.96 * wide), int(tall - (_CAPTION + _STRIP) * text)
     return _Layout(columns, head, (wide, tall), picture, text)
 
 
 def _drawn_width(layout: _Layout, aspect: float) -> float:
-    """How wide something of an aspect is drawn."""
+    """Width in which a mesh of this aspect ratio is drawn."""
     return min(layout.picture[0], layout.picture[1] * aspect)

@@ -1,4 +1,4 @@
-"""What a mesh is drawn from, made once and off the interface thread."""
+"""Arrays that a mesh is drawn from, made once, in any thread."""
 
 from __future__ import annotations
 
@@ -10,22 +10,20 @@ import numpy.typing as npt
 from meshmash_viewer.app.view.camera import default_axes, sampled_points
 from meshmash_viewer.mesh import Mesh
 
-__all__ = ["Geometry", "drawn_points", "geometry_of"]
-
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """Arrays as VTK takes them, and what the first view is made from.
+    """Arrays for VTK, and the data of the first view.
 
     Parameters
     ----------
     centre : ndarray of float64, shape (3,)
-        Middle of the mesh, in its coordinates.
+        Centre of the mesh, in its coordinates.
     points : ndarray of float32, shape (n, 3)
         `drawn_points`: relative to `centre`, so that single precision is enough.
     faces : ndarray of int32, shape (m, 3)
     bounds : ndarray of float64, shape (2, 3)
-        Lowest and highest of `points`.
+        Bounding box of `points`.
     sample : ndarray of float64, shape (s, 3)
         `camera.sampled_points`.
     axes : ndarray of float64, shape (3, 3)
@@ -41,10 +39,9 @@ class Geometry:
 
 
 def geometry_of(mesh: Mesh) -> Geometry:
-    """What a mesh is drawn from.
+    """Geometry of a mesh, computed once.
 
-    Some tenths of a second at a million vertices, so a thread should ask before the interface
-    does; asked again, or for the same mesh in another unit, it is there.
+    Takes some tenths of a second at a million vertices, so the first call belongs in a thread.
     """
     known = mesh.derived.get((Geometry, mesh.unit))
     if known is None:
@@ -61,10 +58,10 @@ def geometry_of(mesh: Mesh) -> Geometry:
 def drawn_points(
     mesh: Mesh, vertices: npt.NDArray[np.float64], centre: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float32]:
-    """Vertices of a mesh, or where they have moved, relative to a centre, shape (n, 3).
+    """Positions of the vertices of a mesh relative to a centre, shape (n, 3).
 
-    Those that no face uses are not drawn, and may be where single precision does not reach: they
-    are at the nearest place within the bounds of the surface.
+    Unreferenced vertices are not drawn, and may be outside the range of single precision: they
+    are moved into the bounds of the surface.
     """
     if len(unused := mesh.unreferenced):
         vertices = vertices.copy()

@@ -1,4 +1,4 @@
-"""The whole picture: mesh, field, lines, pins and what is written, for any window that shows it."""
+"""Drawing of a mesh with its field, lines, pins and annotations, for any VTK window."""
 
 from __future__ import annotations
 
@@ -18,39 +18,31 @@ from vtkmodules.vtkRenderingCore import (
     vtkRenderWindow,
 )
 
-from meshmash_viewer.app.view.annotations import Annotations, Caption, Page, Pin, margins
+from meshmash_viewer.app.view.annotations import Annotations, Caption, Pin, margins
 from meshmash_viewer.app.view.camera import View, fitted_view
 from meshmash_viewer.app.view.colors import DARK, LIGHT, ColorMap, color_table, rgb
 from meshmash_viewer.app.view.geometry import geometry_of
 from meshmash_viewer.app.view.surface import Surface
+from meshmash_viewer.app.view.text import Page
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.surface.clustering import CoarseMesh
 from meshmash_viewer.surface.rays import RayTarget
 
-__all__ = ["MeshRenderer"]
-
 
 class MeshRenderer:
-    """What is drawn, without a window: `add_to` one, and `prepare` runs per frame.
+    """A drawing without a window: `add_to` one, and call `prepare` before each frame.
 
-    The renderer is in mesh coordinates, and so is what others add to it. Our own actors hold
-    their points relative to the middle of the mesh, where single precision is enough, and stand
-    there; VTK multiplies matrices in double precision.
-
-    Parameters
-    ----------
-    dark : bool
-        Which theme.
-    renderer : vtkRenderer, optional
-        That of a plotter; a new one if none is given.
+    The renderer (that of a plotter, or a new one) is in mesh coordinates, also for actors that
+    others add. Our own actors hold points relative to the centre of the mesh, where single
+    precision is enough, and are positioned there; VTK multiplies matrices in double precision.
     """
 
     def __init__(self, dark: bool = False, renderer: vtkRenderer | None = None) -> None:
         self.renderer = vtkRenderer() if renderer is None else renderer
         self.renderer.SetUseDepthPeeling(False)
         self.renderer.AutomaticLightCreationOff()
-        # From over the left shoulder, and a weak one from the other side; both go with the eye.
+        # from above left, and a weak one from the right; both move with the camera
         for x, y, z, intensity in ((-0.5, 0.7, 1.6, 0.92), (0.9, -0.5, 0.8, 0.30)):
             light = vtkLight()
             light.SetLightTypeToCameraLight()
@@ -63,36 +55,36 @@ class MeshRenderer:
         self.mesh: Mesh | None = None
         self.normals: npt.NDArray[np.float32] | None = None
         self.centre = np.zeros(3)
-        #: Points and directions by which the whole mesh is shown from its best side.
+        #: Sampled points and default axes of the first view, see `Geometry`.
         self.sample, self.axes = np.zeros((1, 3)), np.eye(3)
         self._bounds = np.zeros((2, 3))
-        #: Where vertices are drawn that are not where the mesh has them, relative to `centre`.
+        #: Displayed points relative to `centre` and normals, if they are not those of the mesh.
         self.moved: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]] | None = None
         self.view: View | None = None
         self._placed: tuple[View | None, int] = (None, 0)
         self._hidden: tuple[Any, ...] = ()
         self._pins_placed: list[Pin] = []
         self.caption: Caption | None = None
-        #: Written in the place of the quantity while another field is being computed.
+        #: Text in place of the quantity while another field is being computed.
         self.awaited = ""
         self.surface: Surface | None = None
         self.coarse: Surface | None = None
-        #: What lines of sight are cast against, once it is there.
+        #: Search structure of picking and of hidden pins, once it has been made.
         self.picker: RayTarget | None = None
         self._coarse_mesh: CoarseMesh | None = None
         self._pins: tuple[tuple[int, str, str], ...] = ()
-        #: Whether anything is written over the mesh.
+        #: Whether annotations are drawn.
         self.annotated = True
         self.set_theme(dark)
 
-    # -- what is drawn ----------------------------------------------------------------------
+    # -- contents ---------------------------------------------------------------------------
 
     def smooth_afterwards(self, smooth: bool) -> None:
-        """Smooth edges in the finished frame, where more samples a pixel would take too long."""
+        """Smooth edges in the finished frame, which is faster than multisampling."""
         self.renderer.SetUseFXAA(smooth)
 
     def set_theme(self, dark: bool) -> None:
-        """Colours of the background and of all that is not the field."""
+        """Set the colours of the background and of everything but the field."""
         self.dark = dark
         self.theme = DARK if dark else LIGHT
         self.renderer.SetBackground(*rgb(self.theme.background_bottom))
@@ -103,11 +95,11 @@ class MeshRenderer:
 
     @property
     def _surfaces(self) -> list[Surface]:
-        """The mesh and its stand-in, as far as they are there."""
+        """The mesh and its stand-in, if there are any."""
         return [surface for surface in (self.surface, self.coarse) if surface is not None]
 
     def set_mesh(self, mesh: Mesh | None, normals: npt.NDArray[np.float32] | None) -> None:
-        """Take a mesh with normals of shape (n, 3), or none; field and pins go."""
+        """Draw a mesh with normals of shape (n, 3), or none, without field and pins."""
         for surface in self._surfaces:
             self.renderer.RemoveActor(surface.actor)
         self.surface = self.coarse = self.picker = self._coarse_mesh = self.moved = None
@@ -127,14 +119,10 @@ class MeshRenderer:
         points: npt.NDArray[np.float32] | None,
         normals: npt.NDArray[np.float32] | None = None,
     ) -> None:
-        """Draw the vertices elsewhere; nothing can be picked.
+        """Draw the vertices at other positions, and drop `picker`.
 
-        Parameters
-        ----------
-        points : ndarray of float32, shape (n, 3), or None
-            Relative to `centre`; None for where the mesh has them.
-        normals : ndarray of float32, shape (n, 3), optional
-            Those of before, if none are given.
+        `points`, shape (n, 3), are relative to `centre`, None for those of the mesh; `normals`,
+        shape (n, 3), are by default those displayed before.
         """
         if self.mesh is None or self.surface is None or self.normals is None:
             return
@@ -148,20 +136,20 @@ class MeshRenderer:
             self.moved = (points, normals)
             self.surface.move(points, normals)
         self.picker = None
-        # what moves reaches beyond the mesh, and is not to be cut off
+        # vertices may move beyond the mesh, and must not be clipped
         room = 0.0 if points is None else 0.3 * np.ptp(geometry.bounds, axis=0).max()
         self._bounds = geometry.bounds + np.array([[-room], [room]])
         self._hidden = ()
 
     @property
     def drawn(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-        """Where the vertices are drawn relative to `centre`, and normals, both of shape (n, 3)."""
+        """Displayed points relative to `centre`, and normals, both of shape (n, 3)."""
         assert self.mesh is not None
         assert self.normals is not None
         return self.moved or (geometry_of(self.mesh).points, self.normals)
 
     def place(self, vertex: int) -> npt.NDArray[np.float64]:
-        """Where a vertex is drawn, shape (3,), in mesh coordinates."""
+        """Displayed position of a vertex, shape (3,), in mesh coordinates."""
         assert self.mesh is not None
         if self.moved is None and self.mesh.referenced[vertex]:
             return np.asarray(self.mesh.vertices[vertex])
@@ -169,7 +157,7 @@ class MeshRenderer:
 
     @property
     def drawn_vertices(self) -> npt.NDArray[np.float64]:
-        """Where all of them are drawn, shape (n, 3), in mesh coordinates."""
+        """Displayed positions of all vertices, shape (n, 3), in mesh coordinates."""
         assert self.mesh is not None
         if self.moved is None and not len(self.mesh.unreferenced):
             return self.mesh.vertices
@@ -189,13 +177,9 @@ class MeshRenderer:
         return surface
 
     def set_coarse(self, coarse: CoarseMesh, dot_size: float = 0.0) -> None:
-        """Take a stand-in that `show_coarse` draws in place of the mesh, and of one before it.
+        """Set the stand-in, which `show_coarse` draws in place of the mesh.
 
-        Parameters
-        ----------
-        coarse : CoarseMesh
-        dot_size : float
-            Pixels; other than 0, only the vertices are drawn, in dots of that size.
+        With a `dot_size` in pixels, vertices are drawn as dots, without faces.
         """
         if self.coarse is not None:
             self.renderer.RemoveActor(self.coarse.actor)
@@ -206,7 +190,7 @@ class MeshRenderer:
             self.coarse.show_as_dots(dot_size)
 
     def show_coarse(self, shown: bool) -> None:
-        """Draw the stand-in, if it is there yet, or the mesh."""
+        """Draw the stand-in, if there is one, or the mesh."""
         if self.surface is not None:
             self.surface.actor.SetVisibility(not shown)
         if self.coarse is not None:
@@ -227,12 +211,12 @@ class MeshRenderer:
         unit: str = "",
         lines: float | None = None,
     ) -> None:
-        """Colour the mesh by values of shape (n,), or by none; the rest is that of a `Caption`.
+        """Colour the mesh by values of shape (n,), or by none; see `Caption` for the others.
 
         Raises
         ------
         ValueError
-            If there is not one value a vertex, or no such colour map.
+            If the shape differs, or there is no such colour map.
         """
         if self.mesh is None or self.surface is None:
             return
@@ -244,7 +228,7 @@ class MeshRenderer:
                     f"A field of shape {values.shape} does not fit a mesh of "
                     f"{self.mesh.n_vertices} vertices."
                 )
-            color_table(colormap)  # refuses what is none before anything is changed
+            color_table(colormap)  # raises before anything is changed
             low, high = (float(limit) for limit in limits)
             missing = self.surface.write(values)
             self.caption = Caption(title, quantity, unit, low, high, colormap, missing, lines)
@@ -254,7 +238,7 @@ class MeshRenderer:
     def show(
         self, field: Field, limits: tuple[float, float], colormap: ColorMap, *, lined: bool
     ) -> None:
-        """Colour the mesh by a field, with all that it says of itself, and its lines."""
+        """Colour the mesh by a field, with its caption and its lines."""
         assert self.mesh is not None
         self.set_field(
             self.mesh.on_surface(field.values),
@@ -267,38 +251,28 @@ class MeshRenderer:
         )
 
     @property
-    def said(self) -> Caption | None:
-        """What is written about the field, and that another one is awaited."""
+    def shown_caption(self) -> Caption | None:
+        """The caption, with the text `awaited` while another field is being computed."""
         if self.caption is None or not self.awaited:
             return self.caption
         return replace(self.caption, quantity=self.awaited)
 
     def set_pins(self, pins: Sequence[tuple[int, str, str]]) -> None:
-        """Mark vertices in their colours, each with a label."""
+        """Mark vertices: index, colour and label of each."""
         self._pins = tuple(pins)
 
-    # -- the eye ----------------------------------------------------------------------------
+    # -- camera and frame -------------------------------------------------------------------
 
     def fit_view(
         self, width: int, height: int, scale: float, axes: npt.NDArray[np.float64] | None = None
     ) -> None:
-        """Show the whole mesh along given axes, or from its best side."""
+        """Show the whole mesh along given axes, by default those of `default_axes`."""
         space = margins(self.caption is not None, width, height, scale)
         axes = self.axes if axes is None else axes
         self.view = fitted_view(self.sample, axes, width, height, space)
 
     def prepare(self, width: int, height: int, scale: float, plates: bool = True) -> None:
-        """Set field, camera and annotations for a frame of this size.
-
-        Parameters
-        ----------
-        width, height : int
-            In pixels.
-        scale : float
-            Pixels to one point of what is written.
-        plates : bool
-            Whether that has plates in the colour of the background behind it.
-        """
+        """Set field, camera and annotations for a frame; see `Page` for the arguments."""
         if self.shows_coarse:
             self._write_coarse()
         if self.mesh is not None and self.view is None:
@@ -310,10 +284,10 @@ class MeshRenderer:
         page = Page(self.theme, width, height, scale, plates)
         unit = "" if self.mesh is None else self.mesh.unit
         view = self.view if self.annotated else None
-        self.annotations.show(page, view, self.said, unit, self._placed_pins())
+        self.annotations.show(page, view, self.shown_caption, unit, self._placed_pins())
 
     def _write_coarse(self) -> None:
-        """Give the stand-in values and places of the mesh at its vertices."""
+        """Give the stand-in the values and positions of its vertices."""
         assert self.surface is not None
         assert self.coarse is not None
         assert self._coarse_mesh is not None
@@ -326,8 +300,8 @@ class MeshRenderer:
         camera = self.renderer.GetActiveCamera()
         known_view, known_time = self._placed
         if known_view is view and known_time != camera.GetMTime():
-            view = self.view = _view_of(camera, width, height)  # somebody else has turned it
-        # Not the surface's own bounds: VTK goes through all faces to find them.
+            view = self.view = _view_of(camera, width, height)  # moved by a script
+        # bounds of the surface by VTK would take a pass through all faces
         boxes = [self.centre + self._bounds]
         for box in (prop.GetBounds() for prop in self.added()):
             if box is not None and box[0] <= box[1]:
@@ -360,10 +334,10 @@ class MeshRenderer:
             ]
         return self._pins_placed
 
-    # -- what others have added ---------------------------------------------------------------
+    # -- actors added by scripts, windows, copies -------------------------------------------
 
     def added(self) -> Iterator[vtkProp]:
-        """Actors in the renderer that are not ours."""
+        """Actors in the renderer that scripts have added."""
         ours = {id(surface.actor) for surface in self._surfaces}
         ours |= set(map(id, self.annotations.actors))
         props = self.renderer.GetViewProps()
@@ -373,7 +347,7 @@ class MeshRenderer:
                 yield prop
 
     def _add_copies(self, props: Iterator[vtkProp]) -> None:
-        """Take actors of another window: the data are shared, what the card holds is not."""
+        """Add copies of the actors of another window, which share the data."""
         for prop in props:
             copy = prop.NewInstance()
             copy.ShallowCopy(prop)
@@ -387,25 +361,25 @@ class MeshRenderer:
             self.renderer.AddViewProp(copy)
 
     def add_to(self, window: vtkRenderWindow) -> None:
-        """Draw into a window from now on."""
+        """Add the drawing to a window."""
         window.SetNumberOfLayers(2)
         if not window.HasRenderer(self.renderer):
             window.AddRenderer(self.renderer)
         window.AddRenderer(self.annotations.corner)
 
     def remove_from(self, window: vtkRenderWindow) -> None:
-        """Let go of a window."""
+        """Remove the drawing from a window."""
         window.RemoveRenderer(self.annotations.corner)
         window.RemoveRenderer(self.renderer)
 
     def leave_background(self) -> None:
-        """Leave nothing behind the mesh, black and clear."""
+        """Make the background transparent."""
         self.renderer.GradientBackgroundOff()
         self.renderer.SetBackground(0.0, 0.0, 0.0)
         self.renderer.SetBackgroundAlpha(0.0)
 
     def twin(self) -> MeshRenderer:
-        """The same picture for another window; the arrays of mesh and field are shared."""
+        """Copy the drawing for another window; the arrays of mesh and field are shared."""
         other = MeshRenderer(self.dark)
         other._add_copies(self.added())
         if self.mesh is None:
@@ -421,6 +395,17 @@ class MeshRenderer:
             other.surface.dress(self.caption)
             other.caption = self.caption
         return other
+
+    def coarse_twin(self) -> tuple[MeshRenderer, npt.NDArray[np.int64]] | None:
+        """Copy the stand-in without its field, with its vertices of the mesh; None without one."""
+        mesh, coarse = self.mesh, self._coarse_mesh
+        if mesh is None or coarse is None or self.coarse is None or self.coarse.dotted:
+            return None
+        other, picked = MeshRenderer(self.dark), coarse.representatives
+        small = Mesh(mesh.vertices[picked], coarse.faces, unit=mesh.unit)
+        other.set_mesh(small, self.drawn[1][picked])
+        other.view = self.view
+        return other, picked
 
 
 def _view_of(camera: vtkCamera, width: int, height: int) -> View:

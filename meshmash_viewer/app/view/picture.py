@@ -1,9 +1,10 @@
-"""Pictures without a window, and without Qt; on a machine without a display where VTK can."""
+"""Pictures drawn off screen, without Qt and, where VTK supports it, without a display."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -27,8 +28,10 @@ __all__ = [
     "text_scale",
 ]
 
-#: Of all pixels together: a driver holds some 8 bytes for each, and has to have room for them.
-_MOST_SAMPLES = 1 << 28
+#: Seconds after which a graphics driver is given up.
+_DRIVER_TIMEOUT = 30.0
+#: Largest number of samples of all pixels, of which a driver stores some 8 bytes each.
+_MAX_SAMPLES = 1 << 28
 
 
 def render_picture(
@@ -51,24 +54,24 @@ def render_picture(
     ----------
     mesh : Mesh
     values : ndarray, shape (n,), or None
-        A value a vertex, NaN where there is none; None draws the bare mesh.
+        One value per vertex, NaN where there is none; None draws the mesh without a field.
     path : str or Path
-        Where the PNG goes; an older file is replaced only when the new one is whole.
+        Of the PNG; an existing file is replaced once the new one is complete.
     size : (int, int)
         Width and height in pixels.
     colormap : str
         Name of one of matplotlib's colour maps.
     limits : (float, float) or None
-        Ends of the colour bar; None takes the smallest and the largest value, or a range
+        Limits of the colour bar. By default the smallest and the largest value, or a range
         symmetric about zero if there are values of both signs.
     title, quantity : str
         First and second line of the caption.
     unit : str
         Unit of the values.
     transparent : bool
-        Leave the background out.
+        Draw no background.
     dark : bool
-        Light text on a dark ground.
+        Use the dark theme.
     """
     drawing = MeshRenderer(dark)
     drawing.set_mesh(mesh, mesh.vertex_normals)
@@ -77,7 +80,7 @@ def render_picture(
         limits = _limits(values, limits)
         drawing.set_field(mesh.on_surface(values), limits, colormap, title, quantity, unit)
     pixels = draw_picture(drawing, size, transparent)
-    # Late: the writers load more than a picture on the screen needs.
+    # imported late: the writers load more than a picture on the screen needs
     from meshmash_viewer.io.write import write_picture
 
     write_picture(path, pixels)
@@ -86,7 +89,7 @@ def render_picture(
 def _limits(
     values: npt.NDArray[np.float32], wanted: tuple[float, float] | None
 ) -> tuple[float, float]:
-    """Ends of the colour bar, the lower below the upper for a constant field, too."""
+    """Limits of the colour bar, of which the lower is below the upper for constant fields, too."""
     if wanted is not None:
         return LockedLimits(*wanted).limits(values)
     signed = bool((values < 0.0).any() and (values > 0.0).any())
@@ -96,13 +99,13 @@ def _limits(
 def draw_picture(
     drawing: MeshRenderer, size: tuple[int, int], transparent: bool = False
 ) -> npt.NDArray[np.uint8]:
-    """Draw off the screen; returns RGBA, shape (height, width, 4), first row on top."""
+    """Draw off screen; returns RGBA, shape (height, width, 4), first row on top."""
     with contextlib.closing(OffScreen(drawing, size, transparent)) as window:
         return straight(window.draw())
 
 
 def straight(picture: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """RGBA of a picture as `OffScreen.draw` returns it; needs no graphics, any thread can do it."""
+    """RGBA with straight alpha of a picture from `OffScreen.draw`, in any thread."""
     rgba = np.full((*picture.shape[:2], 4), 255, dtype=np.uint8)
     rgba[..., : picture.shape[2]] = picture
     if picture.shape[2] == 4:
@@ -112,18 +115,9 @@ def straight(picture: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
 
 
 class OffScreen:
-    """A window that nobody sees, for one picture of a drawing or for many of the same size.
+    """An off-screen window that draws pictures of one size in pixels; text grows with it.
 
-    What is written grows with the picture, so that text stays as legible as on the screen.
-
-    Parameters
-    ----------
-    drawing : MeshRenderer
-        Nobody else's (`MeshRenderer.twin`).
-    size : (int, int)
-        Width and height in pixels.
-    transparent : bool
-        Leave the background out.
+    The drawing must be in no other window (`MeshRenderer.twin`).
     """
 
     def __init__(
@@ -133,7 +127,7 @@ class OffScreen:
         self.size = int(size[0]), int(size[1])
         self._window = new_window()
         self._window.SetOffScreenRendering(True)
-        self._window.SetMultiSamples(max(min(8, _MOST_SAMPLES // (self.size[0] * self.size[1])), 1))
+        self._window.SetMultiSamples(max(min(8, _MAX_SAMPLES // (self.size[0] * self.size[1])), 1))
         self._window.SetAlphaBitPlanes(transparent)
         self._window.SetSize(*self.size)
         drawing.add_to(self._window)
@@ -142,13 +136,12 @@ class OffScreen:
         self._window.SetDPI(round(72 * text_scale(self.size)))
 
     def draw(self) -> npt.NDArray[np.uint8]:
-        """Draw it as it is now.
+        """Draw the current state.
 
         Returns
         -------
         ndarray of uint8, shape (height, width, 3 or 4)
-            First row on top. With four channels, colours are multiplied by the opacity (`straight`
-            undoes it).
+            First row on top. Four channels have premultiplied alpha, see `straight`.
         """
         width, height = self.size
         self.drawing.prepare(width, height, text_scale(self.size), plates=not self.transparent)
@@ -156,29 +149,53 @@ class OffScreen:
         pixels = vtkUnsignedCharArray()
         corners = (0, 0, width - 1, height - 1)
         if self.transparent:
-            # The samples of a pixel are averaged here once more: VTK averages light, not colours
-            # times opacity, for the frame on the screen.
+            # averages the samples of a pixel with their opacity, unlike the frame on the screen
             self._window.GetRGBACharPixelData(*corners, 0, pixels, 0)
         else:
-            # The frame as it would be on the screen; averaged already, while it was drawn.
+            # the frame of the screen, whose samples have been averaged already
             self._window.GetPixelData(*corners, 1, pixels, 0)
         rows: npt.NDArray[np.uint8] = vtk_to_numpy(pixels).reshape(height, width, -1)
         return np.ascontiguousarray(rows[::-1])
 
     def close(self) -> None:
-        """Give back what it takes of the card."""
+        """Release the memory of the graphics card."""
         self.drawing.remove_from(self._window)
         self._window.Finalize()
 
 
 def text_scale(size: tuple[int, int]) -> float:
-    """Pixels to one point of what is written on a picture."""
+    """Pixels per point of text on a picture."""
     return max(1.0, min(size[0] / 1000, size[1] / 750))
 
 
 def new_window() -> vtkRenderWindow:
-    """A render window that needs no display where there is none."""
+    """A render window, on a machine without a display one that needs none."""
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
-        # Asked for by name: the general one tries the display first, and complains.
+        # the default window would try the display first, and warn
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     return vtkRenderWindow()
+
+
+def graphics(window: vtkRenderWindow) -> str:
+    """Name and version of the OpenGL driver of a window that has rendered a frame."""
+    lines = window.ReportCapabilities().splitlines()
+    values = dict(line.split(":", 1) for line in lines if ":" in line)
+    names = "OpenGL renderer string", "OpenGL version string"
+    return ", ".join(values[name].strip() for name in names if name in values) or "none"
+
+
+def asked_graphics() -> str:
+    """Name and version of the OpenGL driver, found in a subprocess, which some drivers crash."""
+    command = [sys.executable, "-m", __name__]
+    try:
+        answer = subprocess.run(command, capture_output=True, text=True, timeout=_DRIVER_TIMEOUT)
+    except subprocess.TimeoutExpired:
+        return f"no answer within {_DRIVER_TIMEOUT:.0f} s"
+    return answer.stdout.strip() or f"none (its test ended with status {answer.returncode})"
+
+
+if __name__ == "__main__":
+    window = new_window()
+    window.SetOffScreenRendering(True)
+    window.Render()
+    sys.stdout.write(graphics(window))

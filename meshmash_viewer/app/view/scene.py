@@ -1,4 +1,4 @@
-"""The mesh with its field as a scene that other programs and browsers show, by pyvista."""
+"""Scene files of the displayed mesh with its field, for other programs and browsers."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from meshmash_viewer.app.view.colors import LIGHT, NAN_COLOR
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.io.write import check_output
+from meshmash_viewer.mesh import mesh_to_poly
 
 if TYPE_CHECKING:
     import pyvista
 
-__all__ = ["child_command", "missing_pages", "serve", "write_scene"]
+    from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 
-#: What makes web pages, see the extra "html".
+#: Libraries that make web pages, see the extra "html".
 _PAGE_MAKERS = ("trame_pyvista", "nest_asyncio2")
 
 
 def missing_pages() -> str:
-    """Why no HTML page can be written here, and the way out; empty if it can."""
+    """Why HTML pages cannot be written, and the remedy; empty if they can."""
     if all(importlib.util.find_spec(name) is not None for name in _PAGE_MAKERS):
         return ""
     return (
@@ -32,20 +33,49 @@ def missing_pages() -> str:
     )
 
 
-def write_scene(surface: pyvista.PolyData, path: str | Path) -> None:
-    """Write a surface in the colours of its field, in its own coordinates.
+def displayed_surface(drawing: MeshRenderer) -> pyvista.PolyData:
+    """Copy the mesh as it is drawn, in its own coordinates, with the displayed field.
 
-    Parameters
-    ----------
-    surface : pyvista.PolyData
-        From `MeshView.to_pyvista`; without a field it is plain.
-    path : str or Path
-        Ends in ".gltf" (glTF with everything inside) or ".html" (a page that needs no server).
+    Returns
+    -------
+    pyvista.PolyData
+        The field is its active scalars, named by its title, NaN where there is no value;
+        ``user_dict`` has ``"quantity"``, ``"unit"``, ``"colormap"`` (of labels the colours) and
+        ``"limits"``.
+
+    Raises
+    ------
+    ValueError
+        If no mesh is displayed.
+    """
+    if drawing.mesh is None:
+        raise ValueError("No mesh is shown: open one first.")
+    surface: pyvista.PolyData = mesh_to_poly(drawing.mesh)
+    if drawing.drawn_vertices is not drawing.mesh.vertices:
+        surface.points = drawing.drawn_vertices
+    caption = drawing.caption
+    if caption is not None and drawing.surface is not None:
+        surface.point_data[caption.title] = drawing.surface.shown_values()
+        surface.set_active_scalars(caption.title)
+        named = caption.colormap
+        surface.user_dict = {
+            "quantity": caption.quantity,
+            "unit": caption.unit,
+            "colormap": named if isinstance(named, str) else list(named),
+            "limits": [caption.low, caption.high],
+        }
+    return surface
+
+
+def write_scene(surface: pyvista.PolyData, path: str | Path) -> None:
+    """Write a surface from `displayed_surface` in the colours of its field.
+
+    The path ends in ".gltf" (one self-contained file) or ".html" (a page that needs no server).
 
     Raises
     ------
     InputError
-        If the ending is another one, trame is missing for a page, or the system refuses.
+        If the ending is unknown, trame is missing, or the file cannot be written.
     """
     path = Path(path)
     check_output(path, "scene")
@@ -79,7 +109,7 @@ def write_scene(surface: pyvista.PolyData, path: str | Path) -> None:
 
 
 def child_command() -> list[str]:
-    """Command line of a process that writes the pickled surface and path on its standard input."""
+    """Command line of a process that runs `serve`."""
     code = (
         "import sys; sys.path[:] = sys.argv[1:]; "
         "from meshmash_viewer.app.view.scene import serve; serve()"
@@ -88,7 +118,10 @@ def child_command() -> list[str]:
 
 
 def serve() -> None:
-    """Write the scene that comes on standard input; what can be mended is said, with status 2."""
+    """Write the scene whose pickled surface and path come on standard input.
+
+    An `InputError` is printed to standard error, with exit status 2.
+    """
     surface, path = pickle.load(sys.stdin.buffer)
     try:
         write_scene(surface, path)

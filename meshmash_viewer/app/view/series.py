@@ -1,4 +1,4 @@
-"""Many pictures of one mesh: what each of them shows, and from where. Without Qt."""
+"""Series of pictures of one mesh, with the field and the view of each; without Qt."""
 
 from __future__ import annotations
 
@@ -19,21 +19,10 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field
 
-__all__ = [
-    "Shot",
-    "answered",
-    "aspect",
-    "draw_series",
-    "put_on",
-    "series_view",
-    "shots_of",
-    "turntable",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """One picture: the field, or that which is there, and the view, or that which is there."""
+    """Field and view of one picture; None leaves those of the drawing."""
 
     request: FieldRequest | None = None
     view: View | None = None
@@ -46,17 +35,10 @@ def shots_of(
     sample: npt.NDArray[np.int64],
     chosen: Mapping[str, Family],
 ) -> list[Shot]:
-    """A shot of each; the parameters that they leave open are filled in.
+    """A shot of each family, with its open parameters resolved.
 
-    Parameters
-    ----------
-    families : sequence of Family
-    spectrum : Spectrum
-    mesh : Mesh
-    sample : ndarray of int64
-        Vertices that limits are taken over (`Mesh.area_sample`).
-    chosen : mapping of str to Family
-        Every family, for one may build on another.
+    Limits are taken from the vertices `sample` (`Mesh.area_sample`); `chosen` are all families by
+    name, since one may build on another.
     """
     resolved = (each.resolved(spectrum, chosen) for each in families)
     return [
@@ -65,15 +47,15 @@ def shots_of(
     ]
 
 
-def answered(
+def compute_shot(
     shot: Shot,
     display: Display,
     live: LiveFeatures,
     picked: npt.NDArray[np.int64] | None = None,
 ) -> Field | None:
-    """Compute what a shot shows, by the direct sum where there is one; any thread can do it.
+    """Compute the field of a shot, by the direct sum if there is one; in any thread.
 
-    `picked` are the vertices of the field's mesh that are those of the drawing's, if not all.
+    `picked` are the vertices of the mesh that the drawing has, None for all.
     """
     if shot.request is None:
         return None
@@ -81,13 +63,13 @@ def answered(
     if found is None:
         live.prepare(shot.request)
         found = compute_field(shot.request, live)
-    assert found is not None, "its table is there"
-    found.colors(display)  # now, for it takes a while and is known afterwards
+    assert found is not None, "its table has been prepared"
+    found.colors(display)  # takes a while, and is cached
     return found if picked is None else found.carried(picked)
 
 
-def put_on(drawing: MeshRenderer, shot: Shot, field: Field | None, display: Display) -> None:
-    """Show a shot with its field, in the colours and with the lines that a display has."""
+def show_shot(drawing: MeshRenderer, shot: Shot, field: Field | None, display: Display) -> None:
+    """Set the view and the field of a shot, with the colours and lines of a display."""
     if shot.view is not None:
         drawing.view = shot.view
     if field is not None:
@@ -101,11 +83,11 @@ def draw_series(
     display: Display,
     transparent: bool = False,
 ) -> Iterator[npt.NDArray[np.uint8]]:
-    """Draw one picture after the other (`OffScreen.draw`), all of one size; none is kept."""
+    """Draw pictures of one size one after another, see `OffScreen.draw`."""
     live = LiveFeatures()
     with contextlib.closing(OffScreen(drawing, size, transparent)) as window:
         for shot in shots:
-            put_on(drawing, shot, answered(shot, display, live), display)
+            show_shot(drawing, shot, compute_shot(shot, display, live), display)
             yield window.draw()
 
 
@@ -116,19 +98,10 @@ def series_view(
     *,
     turning: bool = False,
 ) -> View:
-    """The view that pictures of a size share: along the drawing's own, if it has one.
+    """The view that pictures of a size share, along the axes of the drawing's view.
 
-    Parameters
-    ----------
-    drawing : MeshRenderer
-        With a mesh.
-    size : (int, int)
-        Of the pictures in pixels.
-    seen : (int, int), optional
-        Of what the drawing's view was chosen on. If it showed only a part of the mesh, the
-        pictures show that part; otherwise the whole mesh fills them.
-    turning : bool
-        Whether the mesh has to fit while it turns about the picture's vertical.
+    If that view shows only a part of the mesh in a picture of size `seen`, the part is shown;
+    otherwise the whole mesh fills the pictures, `turning` also while it turns about the vertical.
     """
     width, height = size
     view, points = drawing.view, drawing.sample
@@ -145,18 +118,18 @@ def series_view(
 
 
 def turntable(drawing: MeshRenderer, view: View, count: int) -> list[View]:
-    """Views all around: the mesh turns once about the vertical of a view through its middle."""
+    """Views of one turn of the mesh about the vertical of a view, through its centre."""
     middle = _middle(drawing.sample, view.axes)
-    beside = view.axes @ (view.focus - middle)
+    offset = view.axes @ (view.focus - middle)
     views = []
     for frame in range(count):
         turned = view.turned(2.0 * np.pi * frame / count, 0.0)
-        views.append(replace(turned, focus=middle + beside @ turned.axes))
+        views.append(replace(turned, focus=middle + offset @ turned.axes))
     return views
 
 
 def aspect(drawing: MeshRenderer) -> float:
-    """Width over height of the mesh as it is seen."""
+    """Width over height of the mesh in its view."""
     axes = drawing.axes if drawing.view is None else drawing.view.axes
     wide, high = np.ptp(drawing.sample @ axes[:2].T, axis=0)
     return float(np.clip(wide / max(high, 1e-300), 0.25, 4.0))
@@ -177,7 +150,7 @@ def _middle(
 def _cylinder(
     points: npt.NDArray[np.float64], axes: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """The outline of what points sweep over when they turn about the vertical, shape (4, 3)."""
+    """Corners, shape (4, 3), of the area that points sweep as they turn about the vertical."""
     middle = _middle(points, axes)
     seen = (points - middle) @ axes.T
     reach = float(np.hypot(seen[:, 0], seen[:, 2]).max())

@@ -1,4 +1,4 @@
-"""The surface and the lines on it, as an actor whose arrays share memory with NumPy."""
+"""Actor of a surface, coloured by a field in the shader, with arrays that NumPy shares."""
 
 from __future__ import annotations
 
@@ -14,16 +14,14 @@ from meshmash_viewer.app.view.annotations import Caption
 from meshmash_viewer.app.view.colors import LIGHT, NAN_COLOR, RenderTheme, color_table, rgb
 from meshmash_viewer.vertex_map import MOST_LABELS
 
-__all__ = ["Surface"]
-
-#: Lit from the eye's side, whichever way round the corners of a face are: raw meshes mix both.
+#: Faces are lit from the eye's side in either orientation, since raw meshes mix both.
 _FACING = """//VTK::Normal::Impl
   if (normalVCVSOutput.z < 0.0) { normalVCVSOutput = -normalVCVSOutput; }
 """
-#: Darker where the surface turns away, so that pale values keep an outline on a pale ground;
+#: Darkens the silhouette, so that pale values stand out from a pale background;
 #: `normalVCVSOutput.z` is the cosine between the normal and the line of sight. The normal of a
-#: tube of radius r turns by 1/r a pixel: one that is a few pixels wide would be all rim, and has
-#: none.
+#: tube of radius r rotates by 1/r per pixel: tubes of a few pixels would be dark all over, and are
+#: left out.
 _RIM = """//VTK::Light::Impl
   vec2 turning = vec2(length(dFdx(normalVCVSOutput.xy)), length(dFdy(normalVCVSOutput.xy)));
   float turn = max(turning.x, turning.y) * pixelsToPoint;
@@ -31,13 +29,13 @@ _RIM = """//VTK::Light::Impl
   rim *= 1.0 - smoothstep(0.0, 0.5, abs(normalVCVSOutput.z));
   fragOutput0.rgb *= 1.0 - 0.42 * rim;
 """
-#: Lines two points wide where the field is zero, or at a multiple of a spacing: as far from them
-#: as the field is over its slope on the screen. Those of zero are the fainter the thinner a branch
-#: is that is less than 10 points wide, and gone at 6: they would hide its colours.
+#: Lines, two points wide, where the field is zero or a multiple of a spacing; the distance from a
+#: line is the field over its slope on the screen. Zero lines fade on branches from 10 to 6 points
+#: in width, whose colours they would hide.
 _LINES = """
   float level = lineSpacing > 0.0 ? lineSpacing * max(round(fieldVC / lineSpacing), 1.0) : 0.0;
   vec2 rise = abs(vec2(dFdx(fieldVC), dFdy(fieldVC)));
-  float most = max(max(rise.x, rise.y), 1e-37);  // squares of tiny values would be none
+  float most = max(max(rise.x, rise.y), 1e-37);  // squares of tiny values would be 0
   float slope = most * length(rise / most) * pixelsToPoint;
   float away = abs(fieldVC - level);
   if (linesShown > 0 && slope > 0.0 && away < 2.0 * slope && abs(fieldVC) < 1e20) {
@@ -49,11 +47,11 @@ _LINES = """
     fragOutput0.rgb = mix(fragOutput0.rgb, lineColor, line);
   }
 """
-#: The field goes to the graphics card as it is and is coloured there, from a table of as many
-#: colours as there may be labels, or of 256 that are there twice: VTK's own colouring computes
-#: texture coordinates on the processor, 25 ms for a million vertices.
+#: Size of the table by which the graphics card colours the field: the largest number of labels;
+#: the 256 colours of a map are repeated. VTK's own colouring computes texture coordinates on the
+#: processor, which takes 25 ms for a million vertices.
 _COLORS = MOST_LABELS
-#: Stands for "no value": not every driver knows NaN when it sees it.
+#: Replaces NaN, which not every driver detects.
 _MISSING = np.float32(-3e38)
 _FIELD_IN = """//VTK::Normal::Dec
 in float fieldMC;
@@ -68,12 +66,12 @@ _FIELD_OUT = """//VTK::Color::Dec
 in float fieldVC;
 flat in float labelVC;
 """
-#: Values are interpolated and then coloured: large faces show the right colours inside. Labels are
-#: not: between the third and the ninth there are no others, so a face has that of one corner.
+#: Values are interpolated before they are coloured, so that large faces show the right colours.
+#: Labels are not interpolated: a face has the label of one corner.
 _FIELD_COLOR = f"""//VTK::Color::Impl
   if (fieldShown > 0) {{
     float along = ((fieldLabels > 0 ? labelVC : fieldVC) - fieldLow) * fieldScale;
-    // In a face with one such corner, too: at its far edge, rounding may turn the sign.
+    // also in faces with one such corner, where rounding may change the sign
     bool missing = !(abs(along) < 1e20);
     int place = missing ? 0 : int(clamp(along, 0.0, {_COLORS - 1}.0));
     int packedColor = missing ? fieldMissing : fieldColors[place];
@@ -86,14 +84,9 @@ _FIELD_COLOR = f"""//VTK::Color::Impl
 
 
 class Surface:
-    """An actor whose points, faces and field share memory with NumPy.
+    """A surface with a field; the arrays are shared with NumPy.
 
-    Parameters
-    ----------
-    points : ndarray of float32, shape (n, 3)
-        Near the origin, so that single precision is enough.
-    faces : ndarray of int, shape (m, 3)
-    normals : ndarray of float32, shape (n, 3)
+    Points, float32 of shape (n, 3), should be near the origin for their precision.
     """
 
     def __init__(
@@ -103,7 +96,6 @@ class Surface:
         normals: npt.NDArray[np.float32],
     ) -> None:
         self.values = np.zeros(len(points), dtype=np.float32)
-        # VTK holds a reference to each array that it was given without a copy.
         self._array = numpy_to_vtk(self.values)
         self._array.SetName("field")
         cells = vtkCellArray()
@@ -136,14 +128,14 @@ class Surface:
         self._uniforms.SetUniformi("fieldMissing", int(NAN_COLOR[1:], 16))
         self.set_scale(1.0)
         self.set_theme(LIGHT)
-        # a shader knows what has been set once
+        # a uniform variable must be set once before it is used
         self.dress(Caption("", "", "", 0.0, 1.0, "viridis"))
         self.dress(None)
 
     def move(self, points: npt.NDArray[np.float32], normals: npt.NDArray[np.float32]) -> None:
-        """Draw the vertices elsewhere, with other normals, both of shape (n, 3).
+        """Set points and normals, both of shape (n, 3).
 
-        They are not copied, and must not be changed while they are shown.
+        They are not copied, and must not be changed while they are displayed.
         """
         arrows = numpy_to_vtk(np.ascontiguousarray(normals, dtype=np.float32))
         arrows.SetName("normals")
@@ -153,29 +145,28 @@ class Surface:
         self.data.Modified()
 
     def write(self, values: npt.NDArray[np.floating]) -> bool:
-        """Show values of shape (n,), NaN where there is none; returns whether there are such.
+        """Set the values, shape (n,), NaN where there is none; returns whether there is any NaN.
 
-        They are not copied, and must not be changed while they are shown.
+        They are not copied, and must not be changed while they are displayed.
         """
-        # Field values are never changed, so the array that came is shown and no copy of it.
         shown = np.ascontiguousarray(values, dtype=np.float32)
-        # The least is NaN as soon as one entry is: one pass, without a temporary array.
+        # the minimum is NaN if any entry is: one pass without a temporary array
         missing = bool(np.isnan(shown.min(initial=0.0)))
         if missing:
             shown = np.where(np.isnan(shown), _MISSING, shown)
         self._array.SetVoidArray(shown, len(shown), 1)
-        self._array._numpy_reference = shown  # held as long as VTK has its address
+        self._array._numpy_reference = shown  # keeps it alive while VTK has its address
         self._array.Modified()
         self.data.Modified()
         self.values = shown
         return missing
 
     def shown_values(self) -> npt.NDArray[np.float32]:
-        """A copy of the values that are shown, NaN where there is none."""
+        """A copy of the displayed values, NaN where there is none."""
         return np.where(self.values == _MISSING, np.float32(np.nan), self.values)
 
     def dress(self, caption: Caption | None) -> None:
-        """Colour by the field as is written about it, with its lines; or in one colour."""
+        """Colour by the field, with colours, limits and lines of a caption; None for one colour."""
         self._uniforms.SetUniformi("fieldShown", int(caption is not None))
         if caption is None:
             return
@@ -192,21 +183,21 @@ class Surface:
         self._uniforms.SetUniformf("lineSpacing", caption.lines or 0.0)
 
     def show_as_dots(self, size: float) -> None:
-        """Draw the corners of the faces and not the faces, in dots that many pixels wide."""
+        """Draw vertices instead of faces, as dots of a diameter in pixels."""
         look = self.actor.GetProperty()
         look.SetRepresentationToPoints()
         look.SetPointSize(size)
 
     @property
     def dotted(self) -> bool:
-        """Whether it is drawn in dots."""
+        """Whether vertices are drawn instead of faces."""
         return bool(self.actor.GetProperty().GetRepresentation() == VTK_POINTS)
 
     def set_scale(self, scale: float) -> None:
-        """Set how many pixels make a point, which the rim is drawn in."""
+        """Set the number of pixels per point, for the width of lines and silhouettes."""
         self._uniforms.SetUniformf("pixelsToPoint", scale)
 
     def set_theme(self, theme: RenderTheme) -> None:
-        """Take the colours of the lines, and of the surface where it shows no field."""
+        """Set the colours of the lines, and of the surface without a field."""
         self.actor.GetProperty().SetColor(*rgb(theme.surface))
         self._uniforms.SetUniform3f("lineColor", rgb(theme.line))

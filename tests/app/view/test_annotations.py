@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmash_viewer.app.view.annotations import text_size, title_size
+from meshmash_viewer.app.view.annotations import title_size
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture
+from meshmash_viewer.app.view.text import text_size
 from meshmash_viewer.mesh import Mesh
 
 pytestmark = pytest.mark.pixels

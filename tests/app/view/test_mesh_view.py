@@ -15,10 +15,10 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMainWindow
 from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
 
-import meshmash_viewer.app.view.mesh_view as scene_module
-import meshmash_viewer.app.view.stand_in as stand_in_module
+import meshmash_viewer.app.view.frames as frames_module
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.app.view.render_widget import Ring
+from meshmash_viewer.app.view.scene import displayed_surface
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Pin
 
@@ -40,7 +40,7 @@ def scene(qtbot, complaints) -> Iterator[MeshView]:
     window.setCentralWidget(scene)
     window.resize(640, 480)
     qtbot.addWidget(window)
-    with qtbot.waitSignal(scene.first_frame, timeout=20_000):
+    with qtbot.waitSignal(scene.frames.first_drawn, timeout=20_000):
         window.show()
     yield scene
     scene.close()
@@ -195,7 +195,7 @@ def test_many_fields_are_one_frame(scene: MeshView, sphere: Mesh, qtbot) -> None
         assert scene.renderer.surface is surface
         np.testing.assert_array_equal(surface.values, mesh.vertices[:, axis].astype(np.float32))
     qtbot.waitUntil(lambda: bool(frames), timeout=5000)
-    QTest.qWait(scene_module.REST + 100)
+    QTest.qWait(frames_module.REST + 100)
     # One for all three, and one with smooth edges at rest where a processor draws.
     assert len(frames) <= 2
 
@@ -343,9 +343,9 @@ def test_pictures_of_any_size_and_without_background(scene: MeshView, sphere: Me
 def test_slow_frames_get_a_stand_in_while_something_moves(
     scene: MeshView, qtbot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scene._rest.setInterval(1000)  # long enough to look at what moves
-    monkeypatch.setattr(stand_in_module, "SLOW_FRAME", 0.0)
-    monkeypatch.setattr(stand_in_module, "COARSE_VERTICES", 500)
+    scene.frames.rest.setInterval(1000)  # long enough to look at what moves
+    monkeypatch.setattr(frames_module, "SLOW_FRAME", 0.0)
+    monkeypatch.setattr(frames_module, "COARSE_VERTICES", 500)
     mesh = show(scene, shapes.icosphere(4), qtbot)
     drawing = scene.renderer
     scene.plotter.render()
@@ -368,23 +368,23 @@ def test_slow_frames_get_a_stand_in_while_something_moves(
 def test_a_large_mesh_is_seen_before_its_stand_in_is_there(
     scene: MeshView, qtbot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stand_in_module, "COARSE_VERTICES", 500)
-    scene._rest.setInterval(5000)  # long enough to look at what comes first
-    made, cluster = threading.Event(), stand_in_module.cluster_vertices
+    monkeypatch.setattr(frames_module, "COARSE_VERTICES", 500)
+    scene.frames.rest.setInterval(5000)  # long enough to look at what comes first
+    made, cluster = threading.Event(), frames_module.cluster_vertices
 
     def slowly(*arguments):
         made.wait(20.0)
         return cluster(*arguments)
 
-    monkeypatch.setattr(stand_in_module, "cluster_vertices", slowly)
-    scene._stand_in.software = True
+    monkeypatch.setattr(frames_module, "cluster_vertices", slowly)
+    scene.frames.software = True
     mesh = shapes.icosphere(6)
     scene.set_mesh(mesh, mesh.vertex_normals)
     try:
         scene.set_field(field(mesh.vertices[:, 2]), (-1.0, 1.0), "RdBu_r")
         drawing = scene.renderer
         qtbot.waitUntil(lambda: drawing.shows_coarse and drawing.caption is not None, timeout=5000)
-        assert not scene.shows_stand_in
+        assert not scene.frames.shows_stand_in
         assert not drawing.surface.actor.GetVisibility()
         # of the part that a sphere takes of the picture, the dots take about all
         frame = on_screen(scene)
@@ -392,7 +392,7 @@ def test_a_large_mesh_is_seen_before_its_stand_in_is_there(
         assert (np.abs(red - blue) > 40).mean() > 0.5
     finally:
         made.set()
-    qtbot.waitUntil(lambda: scene.shows_stand_in, timeout=5000)
+    qtbot.waitUntil(lambda: scene.frames.shows_stand_in, timeout=5000)
     actors = drawing.renderer.GetActors()
     assert actors.GetNumberOfItems() == 2  # mesh and stand-in: the dots are gone
     qtbot.waitUntil(lambda: scene.at_rest, timeout=10_000)
@@ -492,13 +492,13 @@ def test_the_camera_of_the_plotter_is_that_of_the_view(
 
 def test_what_is_shown_goes_to_pyvista(scene: MeshView, sphere: Mesh, qtbot) -> None:
     with pytest.raises(ValueError, match="open one"):
-        scene.to_pyvista()
+        displayed_surface(scene.renderer)
     mesh = show(scene, Mesh(sphere.vertices + 1e6, sphere.faces, "nm"), qtbot)
-    assert scene.to_pyvista().active_scalars is None
+    assert displayed_surface(scene.renderer).active_scalars is None
     values = sphere.vertices[:, 0].astype(np.float32)
     values[:4] = np.nan
     scene.set_field(field(values), (-0.5, 0.25), "viridis")
-    surface = scene.to_pyvista()
+    surface = displayed_surface(scene.renderer)
     np.testing.assert_array_equal(surface.points, mesh.vertices)
     assert surface.active_scalars_name == "Eigenfunction 5"
     np.testing.assert_array_equal(surface.active_scalars, values)
@@ -514,7 +514,7 @@ def test_a_screen_of_another_scale_gets_a_frame_of_its_size(
     show(scene, sphere, qtbot)
     scene.set_field(field(sphere.vertices[:, 0]), (-1.0, 1.0), "RdBu_r")
     on_screen(scene)
-    QTest.qWait(2 * scene_module.REST)
+    QTest.qWait(2 * frames_module.REST)
     qtbot.waitUntil(lambda: scene.at_rest, timeout=5000)
     QTest.qWait(100)  # no frame is due any more
     window, before = scene.plotter.ren_win, scene.plotter.ren_win.GetSize()

@@ -14,11 +14,11 @@ from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import render_picture, straight
 from meshmash_viewer.app.view.series import (
     Shot,
-    answered,
+    compute_shot,
     draw_series,
-    put_on,
     series_view,
     shots_of,
+    show_shot,
     turntable,
 )
 from meshmash_viewer.fields import FAMILIES
@@ -78,14 +78,14 @@ def test_a_picture_of_a_series_is_the_one_of_its_field(plate: Mesh, tmp_path: Pa
 
 def test_a_field_carried_to_another_mesh_has_no_value_where_there_is_no_match(plate: Mesh) -> None:
     (shot,) = eigenfunctions(plate, range(5, 6))
-    field = answered(shot, Display(), LiveFeatures())
+    field = compute_shot(shot, Display(), LiveFeatures())
     assert field is not None
     drawing, matches = drawing_of(plate), np.arange(plate.n_vertices)
-    put_on(drawing, shot, field.carried(matches), Display())
+    show_shot(drawing, shot, field.carried(matches), Display())
     assert drawing.caption is not None
     assert not drawing.caption.missing
     matches[:50] = -1
-    put_on(drawing, shot, field.carried(matches), Display())
+    show_shot(drawing, shot, field.carried(matches), Display())
     assert drawing.caption.missing
 
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshmash_viewer.app.view.ticks import exponent_text, scale_bar_text, ticks
+from meshmash_viewer.app.view.text import exponent_text, scale_bar_text, ticks
 from meshmash_viewer.units import round_length
 
 

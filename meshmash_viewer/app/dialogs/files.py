@@ -1,4 +1,4 @@
-"""What the dialogs that end with a file have in common."""
+"""Dialogs that ask for a file: base classes of those that save one, and opening maps."""
 
 from __future__ import annotations
 
@@ -7,7 +7,14 @@ from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QStandardItemModel
-from PySide6.QtWidgets import QComboBox, QDialog, QDialogButtonBox, QPushButton, QWidget
+from PySide6.QtWidgets import (
+    QComboBox,
+    QDialog,
+    QDialogButtonBox,
+    QFileDialog,
+    QPushButton,
+    QWidget,
+)
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.facts import reserved_note
@@ -15,21 +22,15 @@ from meshmash_viewer.app.controls.field_wheel import FieldWheel
 from meshmash_viewer.app.controls.file_row import FileRow
 from meshmash_viewer.app.controls.layout import Part, column
 from meshmash_viewer.app.controls.spin import typed_fields
-
-__all__ = ["FormatDialog", "SaveDialog"]
+from meshmash_viewer.io.maps import MAP_ENDINGS
+from meshmash_viewer.io.read import READERS
 
 
 class SaveDialog(QDialog):
-    """Asks for a file among other things; it stays open while that cannot be written.
+    """Asks for a file among other things; it stays open while the file cannot be written.
 
-    Subclasses make `accept_button`, and put all they ask for in `_arrange`.
-
-    Parameters
-    ----------
-    kind : str
-        What is written, as `check_output` takes it; its widgets are called after it.
-    title : str
-    file_row : FileRow
+    Subclasses make `accept_button`, and lay out their widgets by `_arrange`. `kind` is what is
+    written, as in `check_output`, and the prefix of the names of the widgets.
     """
 
     accept_button: QPushButton
@@ -48,7 +49,7 @@ class SaveDialog(QDialog):
         return self.file_row.path
 
     def _arrange(self, *parts: Part, spacing: int = theme.MARGIN) -> None:
-        """Put parts over the two buttons."""
+        """Lay out the parts above the two buttons."""
         self.accept_button.setDefault(True)
         self.accept_button.pressed.connect(self._note_refusal)
         buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Cancel)
@@ -61,13 +62,13 @@ class SaveDialog(QDialog):
         FieldWheel(self).watch(self)
 
     def say_refusal(self, sentence: str) -> None:
-        """Say why a field refuses what was typed; see `controls.spin.show_refusal`."""
+        """Show why a field refuses what was typed; see `controls.spin.show_refusal`."""
         self._refresh_remark()
         if sentence:
             self.remark_label.setText(sentence)
 
     def _note_refusal(self) -> None:
-        """Note whether the press of the button has ended the typing of what is refused."""
+        """Note whether pressing the button committed a value that a field has refused."""
         self._refused = any(each.just_refused for each in typed_fields(self))
 
     def _refresh_remark(self) -> None:
@@ -75,30 +76,23 @@ class SaveDialog(QDialog):
         self.remark_label.setText(self.file_row.remark)
 
     def _accept(self) -> None:
-        if self._refused:  # it is said, and what is there instead has not been seen yet
+        if self._refused:  # the field shows another value now, which the user has not seen yet
             return
         fault = self.file_row.fault(self._output)
         if fault:
             self.remark_label.setText(fault)
         else:
-            self.accept()
+            self._save()
+
+    def _save(self) -> None:
+        self.accept()
 
 
 class FormatDialog(SaveDialog):
-    """One that asks for a format, too; the ending of a name that is typed chooses it as well.
+    """Asks for a format as well; typing a file name with another ending chooses that format.
 
-    Parameters
-    ----------
-    kind, title
-        As of `SaveDialog`.
-    path : Path
-        Suggested file, without its ending.
-    formats : mapping of str to str
-        Names by ending.
-    missing : callable
-        Why no file with an ending can be written here; empty if it can.
-    needs : str
-        What such a format lacks, in a word.
+    `formats` are names by ending; the suggested `path` has none. `missing` takes an ending and
+    returns why such files cannot be written, empty if they can; `needs` is the missing library.
     """
 
     def __init__(
@@ -130,7 +124,7 @@ class FormatDialog(SaveDialog):
 
     @property
     def ending(self) -> str:
-        """Of the format."""
+        """Ending of the chosen format."""
         return str(self.format_combo.currentData())
 
     def _pattern(self, ending: str) -> str:
@@ -150,3 +144,18 @@ class FormatDialog(SaveDialog):
         anywhere = " ".join(filter(None, self._missing.values()))
         self.remark_label.setText(here or self.remark_label.text() or anywhere)
         self.accept_button.setEnabled(self.accept_button.isEnabled() and not here)
+
+
+def ask_for_maps(parent: QWidget, folder: Path) -> list[Path]:
+    """Ask for files with values per vertex; an empty list if the dialog is cancelled."""
+    patterns = " ".join(
+        [*(f"*{ending}" for ending in MAP_ENDINGS), "*.npz", "*.gii", "lh.*", "rh.*"]
+    )
+    meshes = " ".join(f"*{ending}" for ending in READERS)
+    chosen, _ = QFileDialog.getOpenFileNames(
+        parent,
+        "Add maps",
+        str(folder),
+        f"Values per vertex ({patterns});;Meshes with such values ({meshes});;All files (*)",
+    )
+    return [Path(name) for name in chosen]

@@ -1,0 +1,187 @@
+"""Frames of the render, with a coarse stand-in for large meshes while they are slow."""
+
+from __future__ import annotations
+
+import math
+from time import perf_counter
+
+import numpy as np
+import numpy.typing as npt
+from PySide6.QtCore import QObject, QTimer, Signal
+
+from meshmash_viewer.app.latest_thread import LatestThread
+from meshmash_viewer.app.listening import frame_drawn
+from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
+from meshmash_viewer.app.view.render_widget import RenderWidget
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.surface.clustering import CoarseMesh, cluster_vertices, scatter
+
+#: Milliseconds without movement after which the full mesh is drawn again.
+REST = 220
+#: Seconds from which a frame is slow, and from which it has no multisampling, even at rest.
+SLOW_FRAME, VERY_SLOW_FRAME = 0.045, 0.3
+#: Approximate number of vertices of a stand-in; meshes of up to twice as many have none.
+COARSE_VERTICES = 40_000
+#: Number of frames that are measured for each mesh, after the first, which compiles shaders.
+MEASURED_FRAMES = 4
+#: Number of dots drawn until the stand-in has been made, and their diameter in points.
+DOTS, DOT_SIZE = 36_000, 6.0
+#: Names of OpenGL drivers that run on the processor.
+_SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swiftshader")
+
+
+class Frames(QObject):
+    """Draws frames when the canvas is painted, and measures them.
+
+    Where frames of a large mesh are slow, a coarse stand-in is drawn while something moves. On a
+    processor, frames of a large mesh are taken to be slow before any has been measured.
+    """
+
+    #: The first frame is on the screen.
+    first_drawn = Signal()
+    #: A script has moved the camera.
+    camera_moved = Signal()
+    #: `small_twin` returns a drawing from now on.
+    stand_in_made = Signal()
+
+    def __init__(self, drawing: MeshRenderer, canvas: RenderWidget, parent: QObject) -> None:
+        super().__init__(parent)
+        self._drawing, self._canvas = drawing, canvas
+        self._first = True
+        #: Whether OpenGL runs on the processor.
+        self.software = False
+        self.rest = QTimer(self, interval=REST, singleShot=True)
+        self.rest.timeout.connect(self._come_to_rest)
+        self._coarsening: LatestThread[Mesh] = LatestThread(
+            _stand_in_of, self._take_stand_in, parent=self
+        )
+        self.begin()
+        canvas.frame_due.connect(self._draw)
+        canvas.drag_ended.connect(self._come_to_rest)
+
+    def begin(self) -> None:
+        """Forget the frames and the stand-in of the previous mesh."""
+        self._coarsening.drop()
+        self.rest.stop()
+        self._seconds, self._measured, self._requested = 0.0, 0, False
+        self._expect_slow_frames()
+
+    def move(self) -> None:
+        """Request a frame of something that moves."""
+        if self.slow:
+            self.rest.start()
+        self._canvas.render()
+
+    def close(self) -> None:
+        """Draw no more frames, and wait for the thread."""
+        self._canvas.frame_due.disconnect(self._draw)
+        self.rest.stop()
+        self._coarsening.close()
+
+    @property
+    def slow(self) -> bool:
+        """Whether frames of the full mesh are slow."""
+        return self._seconds > SLOW_FRAME
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the full mesh is drawn, and no stand-in is being made."""
+        return not self.rest.isActive() and not self._coarsening.working
+
+    @property
+    def shows_stand_in(self) -> bool:
+        """Whether the last frame showed the stand-in, rather than dots or the full mesh."""
+        coarse = self._drawing.coarse
+        return self._drawing.shows_coarse and coarse is not None and not coarse.dotted
+
+    def small_twin(self) -> tuple[MeshRenderer, npt.NDArray[np.int64] | None] | None:
+        """A copy of the drawing for thumbnails; of a large mesh a coarse one without its field.
+
+        Returns
+        -------
+        MeshRenderer and ndarray of int64, or None
+            The vertices of the copy, None for all of them. Without a stand-in of a large mesh,
+            one is requested and the result is None until `stand_in_made`.
+        """
+        if not self._large:
+            return self._drawing.twin(), None
+        self._request_stand_in()
+        return self._drawing.coarse_twin()
+
+    @property
+    def _large(self) -> bool:
+        """Whether the mesh has many more vertices than its stand-in would."""
+        mesh = self._drawing.mesh
+        return mesh is not None and mesh.n_vertices > 2 * COARSE_VERTICES
+
+    def _expect_slow_frames(self) -> None:
+        """Begin with the stand-in of a large mesh on a processor."""
+        if self.software and self._large:
+            self._seconds = math.inf
+            self._request_stand_in()
+            self.rest.start()
+
+    def _come_to_rest(self) -> None:
+        if self._canvas.dragging:
+            self.rest.start()
+        else:
+            self._canvas.render()
+
+    def _request_stand_in(self) -> None:
+        """Make the stand-in of a large mesh, once; dots are drawn until it is finished."""
+        mesh = self._drawing.mesh
+        if mesh is not None and self._large and not self._requested:
+            self._requested = True
+            dots = scatter(mesh.faces, DOTS)
+            self._drawing.set_coarse(dots, DOT_SIZE * self._canvas.pixels()[2])
+            self._coarsening.ask(mesh)
+
+    def _take_stand_in(self, mesh: Mesh, made: CoarseMesh | Exception) -> None:
+        if mesh is not self._drawing.mesh:
+            return
+        if isinstance(made, Exception):
+            raise made
+        self._drawing.set_coarse(made)
+        self.stand_in_made.emit()
+        if self.rest.isActive():
+            self._canvas.render()
+
+    def _draw(self) -> None:
+        """Draw a frame; called by the canvas when Qt paints."""
+        drawing, window = self._drawing, self._canvas.window_of_vtk
+        if self._first:  # the driver is known once the window is on the screen
+            capabilities = window.ReportCapabilities().lower()
+            self.software = any(name in capabilities for name in _SOFTWARE)
+            self._expect_slow_frames()
+        at_rest = not self.rest.isActive()
+        coarse = not at_rest and self.slow and self._requested
+        drawing.show_coarse(coarse)
+        # Multisampling may double the time of a frame: slow frames have it at rest only, and very
+        # slow ones are smoothed afterwards instead.
+        quickly = self.slow and (self._seconds > VERY_SLOW_FRAME or not at_rest)
+        window.SetMultiSamples(0 if quickly else 4)
+        drawing.smooth_afterwards(quickly and at_rest)
+        started, view = perf_counter(), drawing.view
+        drawing.prepare(*self._canvas.pixels())
+        if view is not None and drawing.view is not view:
+            self.camera_moved.emit()
+        self._canvas.draw()
+        measuring = self.software or self._measured <= MEASURED_FRAMES
+        if measuring:
+            window.WaitForCompletion()  # otherwise a graphics card is still drawing
+        took = perf_counter() - started
+        frame_drawn()
+        if self._first:
+            self._first = False
+            self.first_drawn.emit()
+        elif drawing.surface is not None and not coarse and measuring:
+            self._measured += 1
+            if self._measured > 1:  # the first one also compiled shaders
+                self._seconds = took
+            if self.slow:
+                self._request_stand_in()
+
+
+def _stand_in_of(mesh: Mesh, _cancel: object) -> CoarseMesh:
+    """The stand-in of a mesh; takes a second at a million vertices."""
+    return cluster_vertices(mesh.vertices, mesh.faces, COARSE_VERTICES)

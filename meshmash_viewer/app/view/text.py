@@ -1,0 +1,147 @@
+"""Text of annotations: fonts, lines, ticks of a colour bar, and the label of a scale bar."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from math import ceil, floor, log10
+from pathlib import Path
+
+import matplotlib
+import vtkmodules.vtkRenderingFreeType
+import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
+from vtkmodules.vtkCommonCore import VTK_FONT_FILE
+from vtkmodules.vtkRenderingCore import vtkTextActor, vtkTextProperty, vtkTextRenderer
+
+from meshmash_viewer.app.view.colors import RenderTheme, rgb
+from meshmash_viewer.units import format_quantity, superscript
+
+#: Distance in points of text from the edge of the picture.
+EDGE = 16
+#: Next larger and next smaller unit of each, with the factor between them.
+_LARGER = {"nm": ("µm", 1000.0), "µm": ("mm", 1000.0), "mm": ("m", 1000.0)}
+_SMALLER = {"m": ("mm", 1000.0), "mm": ("µm", 1000.0), "µm": ("nm", 1000.0)}
+
+
+@dataclass(frozen=True)
+class Page:
+    """Size of the picture in pixels, pixels per point (`scale`), and colours of annotations.
+
+    With `plates`, text has a translucent background, which is visible in front of the mesh.
+    """
+
+    theme: RenderTheme
+    width: int
+    height: int
+    scale: float
+    plates: bool = True
+
+
+@cache
+def font_file(bold: bool) -> str:
+    """Path of matplotlib's DejaVu Sans; VTK's fonts lack Greek letters and superscripts."""
+    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+    return str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name)
+
+
+def set_style(properties: vtkTextProperty, size: float, color: str, bold: bool = False) -> None:
+    """Set font, size in points and colour of a text."""
+    properties.SetFontFamily(VTK_FONT_FILE)
+    properties.SetFontFile(font_file(bold))
+    properties.SetFontSize(round(size))
+    properties.SetColor(*rgb(color))
+    properties.BoldOff()
+    properties.ItalicOff()
+    properties.ShadowOff()
+
+
+def set_plate(properties: vtkTextProperty, page: Page, height: float) -> None:
+    """Give a text at a height the translucent background of a plate, in the colour there."""
+    # in invisible steps: VTK opens the font again for each colour beyond 30
+    share = round(8.0 * height / page.height) / 8.0
+    properties.SetBackgroundColor(*page.theme.ground(share))
+    properties.SetBackgroundOpacity(0.6 if page.plates else 0.0)
+
+
+@lru_cache(maxsize=1024)
+def text_size(text: str, size: float, bold: bool) -> tuple[int, int]:
+    """Width and height in points of a line of text."""
+    properties, box = vtkTextProperty(), [0, 0, 0, 0]
+    set_style(properties, size, "#000000", bold)
+    vtkTextRenderer.GetInstance().GetBoundingBox(properties, text, box, 72)
+    return box[1] - box[0] + 1, box[3] - box[2] + 1
+
+
+def fitted(text: str, width: float, width_of: Callable[[str], float]) -> str:
+    """Truncate a text with an ellipsis to a width, measured by `width_of`."""
+    if width_of(text) <= width:
+        return text
+    while text and width_of(text + "…") > width:
+        text = text[:-1].rstrip()
+    return text + "…" if text else ""
+
+
+def set_line(
+    actor: vtkTextActor,
+    text: str,
+    size: float,
+    page: Page,
+    ink: str,
+    at: tuple[float, float],
+    *,
+    bold: bool = False,
+    edge: float = EDGE,
+) -> None:
+    """Write a line from a position, truncated at `edge` points from the right edge."""
+    actor.SetVisibility(bool(text))
+    if not text:
+        return
+    left, up = at
+    free = (page.width - left) / page.scale - edge
+    actor.SetInput(fitted(text, free, lambda part: text_size(part, size, bold)[0]))
+    set_style(actor.GetTextProperty(), size, ink, bold)
+    set_plate(actor.GetTextProperty(), page, up - 6 * page.scale)
+    actor.SetPosition(round(left), round(up))
+
+
+def scale_bar_text(length: float, unit: str) -> str:
+    """Format a length in a unit of its size: 2000 nm is "2 µm"."""
+    while unit in _LARGER and length >= 1000.0:
+        unit, factor = _LARGER[unit]
+        length /= factor
+    while unit in _SMALLER and length < 0.1:
+        unit, factor = _SMALLER[unit]
+        length *= factor
+    if not unit:
+        return f"{length:g} units" if 1e-4 <= length < 1e6 else f"{length:.0e} units"
+    return format_quantity(length, unit)
+
+
+def exponent_text(exponent: int) -> str:
+    """Format a power of ten as a factor such as "×10⁻⁵"; empty for 0."""
+    return f"×10{superscript(exponent)}" if exponent else ""
+
+
+def ticks(low: float, high: float, most: int = 6) -> tuple[list[float], str, int]:
+    """Round values within ``[low, high]`` with one common power of ten, at most `most` (2 or more).
+
+    Returns the values divided by ``10**exponent``, the format of their labels for the operator
+    ``%``, and the exponent, 0 if plain numbers are short.
+    """
+    largest = max(abs(low), abs(high))
+    exponent = floor(log10(largest)) if largest > 0.0 else 0
+    if -3 < exponent < 4:
+        exponent = 0
+    # 10.0**-320 is subnormal, which the quotients tolerate
+    low, high = low / 10.0**exponent, high / 10.0**exponent
+    # the smallest round step that gives at most that many ticks
+    power = 10.0 ** floor(log10((high - low) / (most + 1)))
+    for step in (factor * power for factor in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)):
+        first, last = ceil(low / step - 1e-6), floor(high / step + 1e-6)
+        if last - first < most:
+            break
+    decimals = max(0, -floor(log10(step) + 1e-9))
+    # a narrow range far from zero needs all digits
+    form = f"%.{decimals}f" if decimals <= 6 else "%.9g"
+    return [k * step for k in range(first, last + 1)], form, exponent
