@@ -24,8 +24,6 @@ from decimal import Decimal
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.units import METRES, power_unit
 
-__all__ = ["Quantity", "parse_number", "parse_quantity", "parse_whole"]
-
 #: Characters of a text that a sentence repeats, and that a number may have.
 _SHOWN, _LONGEST = 40, 100
 #: Powers of ten beyond these are none of a float.

@@ -6,8 +6,6 @@ import re
 
 from meshmash_viewer.errors import InputError, printable
 
-__all__ = ["STRUCTURES", "named_structure", "structure_of_file"]
-
 _PAIRED = (
     "Cortex", "Accumbens", "Amygdala", "Caudate", "CerebellarWhiteMatter", "Cerebellum",
     "CerebralWhiteMatter", "DiencephalonVentral", "Hippocampus", "Pallidum", "Putamen", "Thalamus",

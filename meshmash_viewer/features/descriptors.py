@@ -58,8 +58,6 @@ from meshmash_viewer.units import whole_number
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
-__all__ = ["compute_geometry_vectors", "compute_hks", "spectral_geometry_filter"]
-
 Array: TypeAlias = npt.NDArray[np.floating[Any]]
 #: Any accepted form of a mesh, or its ``(L, M)``.
 MeshOrMatrices: TypeAlias = Any

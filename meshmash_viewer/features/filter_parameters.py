@@ -11,19 +11,6 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.weyl import weyl_eigenvalue
 from meshmash_viewer.units import whole_number
 
-__all__ = [
-    "ZERO_SHARE",
-    "as_parameters",
-    "as_spectrum",
-    "check_times",
-    "checked_coefficients",
-    "count_zeros",
-    "first_nonzero_eigenvalue",
-    "hks_time_range",
-    "hks_times",
-    "short_text",
-]
-
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 #: Eigenvalues below this share of the largest are zero but for rounding.

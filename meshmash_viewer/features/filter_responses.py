@@ -16,14 +16,6 @@ import numpy.typing as npt
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-__all__ = [
-    "HeatResponse",
-    "LogGaussianResponse",
-    "SplineResponse",
-    "StepResponse",
-    "TailedResponse",
-]
-
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 

@@ -11,8 +11,6 @@ import numpy.typing as npt
 from meshmash_viewer.features.map_spectrum import inner_products, partial_sum
 from meshmash_viewer.mesh import Mesh
 
-__all__ = ["Reconstruction"]
-
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 #: Pairs that are added at a time: some hundredths of a second at a million vertices.

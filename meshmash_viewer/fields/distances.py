@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
-__all__ = ["MEASURES", "Distances"]
-
 #: Steps of the arrow keys from the shortest to the longest time.
 _STEPS = 32
 _ABOVE_ZERO = 1e-300

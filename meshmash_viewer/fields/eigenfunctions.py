@@ -23,8 +23,6 @@ from meshmash_viewer.units import format_quantity, named_quantity, power_unit, s
 if TYPE_CHECKING:
     from meshmash_viewer.features.comparison import Correspondence
 
-__all__ = ["Eigenfunctions"]
-
 
 def _indices(value: object) -> frozenset[int]:
     return frozenset(listing(whole(0, MOST_INDEX), 1_000_000)(value))

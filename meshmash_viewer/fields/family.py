@@ -27,19 +27,6 @@ if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
-__all__ = [
-    "MOST_COUNT",
-    "Answer",
-    "Family",
-    "Option",
-    "Profile",
-    "Response",
-    "Samples",
-    "Table",
-    "is_vertex",
-    "parameter",
-]
-
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 ColumnArray: TypeAlias = npt.NDArray[np.float32]
 

@@ -42,8 +42,6 @@ from meshmash_viewer.units import format_number, format_quantity, named_quantity
 if TYPE_CHECKING:
     from meshmash_viewer.features.comparison import Correspondence
 
-__all__ = ["READY", "Filters"]
-
 #: Ready filters: what they are called, and their formulas.
 READY: dict[str, str] = {
     "Low-pass": "x < c",

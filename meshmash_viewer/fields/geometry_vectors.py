@@ -17,8 +17,6 @@ from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.spectral.weyl import weyl_eigenvalue
 from meshmash_viewer.units import format_range, named_quantity
 
-__all__ = ["GeometryVectors"]
-
 #: Along the support of one band, as it is drawn.
 _SAMPLES = 33
 

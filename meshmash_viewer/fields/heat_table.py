@@ -19,8 +19,6 @@ from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.progress import CancelCallback
 
-__all__ = ["HeatTable", "build_heat_table"]
-
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 ColumnArray: TypeAlias = npt.NDArray[np.float32]
 

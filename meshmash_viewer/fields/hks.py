@@ -33,8 +33,6 @@ from meshmash_viewer.quantities import parse_quantity
 from meshmash_viewer.spectral.weyl import resolved_time
 from meshmash_viewer.units import format_quantity, named_quantity
 
-__all__ = ["HeatKernelSignature", "resolved_from"]
-
 #: Times of a profile's curve; the exported ones are dots on it.
 _FINE = 96
 _ABOVE_ZERO = 1e-300

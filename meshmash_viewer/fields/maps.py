@@ -42,9 +42,6 @@ from meshmash_viewer.surface.curvature import DIRECTION_FAULT
 from meshmash_viewer.units import format_number, format_quantity, power_unit
 from meshmash_viewer.vertex_map import Label, VertexMap
 
-__all__ = ["CURVATURES", "VIEWS", "OwnMaps"]
-
-
 #: Maps that every mesh has: the power of the length in their unit, and the public function.
 CURVATURES: dict[str, tuple[int, str]] = {
     "Mean curvature": (-1, "mean_curvature"),

@@ -21,8 +21,6 @@ from meshmash_viewer.fields.family import Answer, ColumnArray, FloatArray
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.progress import CancelCallback
 
-__all__ = ["MOST_COLUMNS", "PairTable", "build_pair_table", "summed"]
-
 #: Columns of smooth filters, and bends of a broken line.
 _SMOOTH, _BENDS = 12, 40
 #: Columns that are stored.

@@ -17,24 +17,6 @@ from typing import Any, TypeAlias
 
 from meshmash_viewer.errors import InputError, printable
 
-__all__ = [
-    "MOST_INDEX",
-    "MOST_NAME",
-    "Check",
-    "Refused",
-    "checked_text",
-    "choice",
-    "flag",
-    "listing",
-    "named",
-    "none_or",
-    "number",
-    "record",
-    "text",
-    "understood",
-    "whole",
-]
-
 Check: TypeAlias = Callable[[Any], Any]
 
 #: Indices and counts are whole numbers of 32 bits, as the window's fields are.

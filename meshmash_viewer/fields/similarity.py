@@ -15,8 +15,6 @@ from meshmash_viewer.fields.schema import MOST_INDEX, whole
 from meshmash_viewer.fields.spectrum import Spectrum, grew
 from meshmash_viewer.progress import CancelCallback
 
-__all__ = ["Similarity", "SimilarityTable", "build_similarity_table"]
-
 #: Share of the variance that may be left out: an error of 2e-3 is half a step of colour.
 _VARIANCE = 4e-6
 #: How many spreads from the median a vertex may be before its length stops to count.

@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.certificate import Certificate
 
-__all__ = ["Multiplet", "Spectrum", "first_nonzero", "grew", "same_pairs"]
-
-
 #: Numbers read (pairs times vertices) by a sum that nobody feels.
 _SMALL = 3_000_000
 

@@ -10,8 +10,6 @@ from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.units import counted
 
-__all__ = ["FAR", "SWEPT", "chosen_columns", "evenly", "film", "n_columns", "n_frames", "sweep"]
-
 #: Families with positions to go through, by name.
 SWEPT: dict[str, type[Family]] = {
     name: family for name, family in FAMILIES.items() if family.position

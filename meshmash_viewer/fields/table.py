@@ -22,8 +22,6 @@ from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.fields.wks import WaveKernelSignature
 from meshmash_viewer.plug_ins import plug_ins, warn
 
-__all__ = ["EXPORTS", "FAMILIES", "FEATURES"]
-
 _LISTED: tuple[type[Family], ...] = (
     Eigenfunctions,
     HeatKernelSignature,

@@ -14,8 +14,6 @@ from meshmash_viewer.fields.family import FloatArray, Response
 from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.units import format_quantity, format_range, named_quantity
 
-__all__ = ["WaveKernelSignature"]
-
 
 @dataclass(frozen=True)
 class WaveKernelSignature(BankColumns):

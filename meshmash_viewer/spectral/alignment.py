@@ -14,8 +14,6 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Alignment", "ShownRows", "align", "align_multiplets", "close_neighbours"]
-
 FloatArray: TypeAlias = npt.NDArray[np.floating[Any]]
 
 #: Vertices at a time in the inner products.

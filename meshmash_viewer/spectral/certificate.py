@@ -7,8 +7,6 @@ from typing import Any, Literal
 
 from meshmash_viewer.units import counted, format_quantity, format_range, power_unit
 
-__all__ = ["Certificate", "Method"]
-
 #: How a number of eigenvalues came to be known: the signs of a factorization (Sylvester's law of
 #: inertia), all of them from the dense matrix, one zero a connected component, or not at all.
 Method = Literal["inertia", "dense", "null space", "none"]

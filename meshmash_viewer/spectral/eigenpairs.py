@@ -22,15 +22,6 @@ from meshmash_viewer.units import whole_number
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
-__all__ = [
-    "DEFAULT_MAX_EIGENVALUE",
-    "check_bands",
-    "chosen_extent",
-    "find_eigenpairs",
-    "refuse_two_extents",
-    "scratch_rows",
-]
-
 Array: TypeAlias = npt.NDArray[np.floating[Any]]
 
 #: The documented default of the descriptors' `max_eigenvalue`.

@@ -28,8 +28,6 @@ from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.split.partition import edge_graph
 from meshmash_viewer.surface.space_curve import curve_order
 
-__all__ = ["Preview", "expected_error", "preview_eigenpairs"]
-
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
 SparseMatrix: TypeAlias = Any

@@ -18,8 +18,6 @@ from scipy.sparse.linalg import splu
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.certificate import Certificate
 
-__all__ = ["verify_pairs"]
-
 FloatArray = npt.NDArray[np.float64]
 #: Eigenvectors in rows, shape (k, n), NaN at vertices without mass.
 Rows = npt.NDArray[np.floating[Any]]

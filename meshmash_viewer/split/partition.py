@@ -20,8 +20,6 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
 
-__all__ = ["edge_graph", "interior_depth", "overlapping_pieces", "widened_cores"]
-
 Graph: TypeAlias = "sparse.csr_array[Any]"
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]

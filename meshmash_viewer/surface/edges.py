@@ -9,8 +9,6 @@ import numpy.typing as npt
 
 from meshmash_viewer.mesh import FloatArray, IntArray, Mesh, first_equal
 
-__all__ = ["Edges", "Winding", "duplicates", "edges_of", "side_codes", "winding_of"]
-
 
 @dataclass(frozen=True, eq=False)
 class Edges:

@@ -10,8 +10,6 @@ import numpy.typing as npt
 from meshmash_viewer.progress import CancelCallback, Cancelled
 from meshmash_viewer.surface.space_curve import curve_order
 
-__all__ = ["Hit", "RayTarget"]
-
 FloatArray = npt.NDArray[np.float64]
 
 #: Faces of which boxes are measured at a time, and boxes that are opened at a time.

@@ -7,8 +7,6 @@ import numpy as np
 from meshmash_viewer.mesh import IntArray
 from meshmash_viewer.surface.edges import side_codes
 
-__all__ = ["join_seams"]
-
 
 def join_seams(places: IntArray, faces: IntArray) -> IntArray:
     """Join the vertices of open edges that lie on one another.

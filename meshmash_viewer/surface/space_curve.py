@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["curve_order"]
-
 
 def curve_order(points: npt.NDArray[np.floating]) -> npt.NDArray[np.int64]:
     """Position of points, shape (m, 3), along a curve through the cells of a grid (Morton 1966).

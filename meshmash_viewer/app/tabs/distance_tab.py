@@ -11,8 +11,9 @@ from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.facts import Facts, note, show_note, show_quietly
 from meshmash_viewer.app.controls.layout import row
 from meshmash_viewer.app.tabs.field_stepper import PinChooser, PlayButton
+from meshmash_viewer.features.distances import MEASURES
 from meshmash_viewer.features.truncation import percent
-from meshmash_viewer.fields.distances import MEASURES, Distances
+from meshmash_viewer.fields.distances import Distances
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.units import format_quantity

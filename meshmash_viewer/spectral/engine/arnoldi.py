@@ -14,8 +14,6 @@ from meshmash_viewer.spectral.engine.orthogonality import orthonormalise
 from meshmash_viewer.spectral.engine.pencil import Pencil
 from meshmash_viewer.spectral.engine.request import Request
 
-__all__ = ["PairsAround", "pairs_around"]
-
 FloatArray = npt.NDArray[np.float64]
 
 #: Pairs beyond those wanted that the inverse is asked for.

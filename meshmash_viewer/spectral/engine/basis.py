@@ -21,8 +21,6 @@ from meshmash_viewer.spectral.engine.orthogonality import (
     subtract,
 )
 
-__all__ = ["BLOCK", "KrylovBasis", "RitzPairs"]
-
 FloatArray = npt.NDArray[np.float64]
 
 #: Vectors that are solved for at once.

@@ -8,8 +8,6 @@ from collections.abc import Iterator, MutableMapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
-__all__ = ["limit_accelerate", "one_blas_thread"]
-
 
 def limit_accelerate(environment: MutableMapping[str, str]) -> None:
     """Limit Accelerate of macOS to one thread, in processes that start with these variables.

@@ -17,8 +17,6 @@ from typing import Any
 
 from meshmash_viewer.errors import InputError
 
-__all__ = ["check_compiler", "compiled", "import_compiler"]
-
 _REMEDY = "install it into this environment with: python -m pip install numba"
 
 

@@ -10,8 +10,6 @@ import numpy.typing as npt
 
 from meshmash_viewer.spectral.engine.pencil import Pencil
 
-__all__ = ["component_pairs", "dense_pairs", "dense_residuals"]
-
 FloatArray = npt.NDArray[np.float64]
 
 

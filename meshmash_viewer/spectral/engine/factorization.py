@@ -12,8 +12,6 @@ from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.engine.pencil import Pencil
 from meshmash_viewer.spectral.engine.repeated import RepeatedComponents
 
-__all__ = ["Factor", "FactorizationError", "OrderedPencil", "StopFlag", "order_pencil"]
-
 FloatArray = npt.NDArray[np.float64]
 #: One byte, shared with running kernels; any other value than 0 stops them.
 StopFlag = npt.NDArray[np.uint8]

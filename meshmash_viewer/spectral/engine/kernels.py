@@ -10,17 +10,6 @@ import numpy as np
 
 from meshmash_viewer.spectral.engine.compiler import compiled, import_compiler
 
-__all__ = [
-    "added",
-    "collect_rows",
-    "load",
-    "multiply_block",
-    "multiply_block_exactly",
-    "quotients_block",
-    "remove_null_block",
-    "store",
-]
-
 numba = import_compiler()
 
 U1, U2, U3, U4, U5, U6, U7, U8 = (np.uint64(i) for i in range(1, 9))

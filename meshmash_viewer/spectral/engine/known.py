@@ -12,8 +12,6 @@ from meshmash_viewer.spectral.engine.lanczos import measure_pairs
 from meshmash_viewer.spectral.engine.pencil import Pencil
 from meshmash_viewer.spectral.engine.plan import SpectrumPlan
 
-__all__ = ["KnownPairs", "pairs_that_fit"]
-
 FloatArray = npt.NDArray[np.float64]
 
 #: Residual, relative to the eigenvalue, of a pair that is believed.

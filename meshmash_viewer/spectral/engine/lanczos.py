@@ -25,16 +25,6 @@ from meshmash_viewer.spectral.engine.orthogonality import (
     project_out,
 )
 
-__all__ = [
-    "Interval",
-    "IntervalPairs",
-    "UnclearBorder",
-    "find_pairs",
-    "measure_pairs",
-    "run_slices",
-    "usual_rows",
-]
-
 FloatArray = npt.NDArray[np.float64]
 
 #: Rows of a basis, by pairs and for none, at which a look for all of them is worth it.

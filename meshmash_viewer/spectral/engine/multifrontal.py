@@ -11,8 +11,6 @@ import numpy as np
 from meshmash_viewer.spectral.engine.compiler import compiled, import_compiler
 from meshmash_viewer.spectral.engine.kernels import added, load, store
 
-__all__ = ["factor_numeric", "solve_block"]
-
 numba = import_compiler()
 
 _PANEL = 48

@@ -7,15 +7,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import numpy.typing as npt
 
-__all__ = [
-    "independent_gram",
-    "multiply_in_place",
-    "orthonormalise",
-    "orthonormalise_block",
-    "project_out",
-    "subtract",
-]
-
 FloatArray = npt.NDArray[np.float64]
 
 #: Columns of rows that a product works on at once: they stay in the cache between its two ends.

@@ -14,8 +14,6 @@ import numpy.typing as npt
 
 from meshmash_viewer.spectral.engine.pencil import Pencil
 
-__all__ = ["Allocate", "Extend", "Output", "PairsCallback", "fix_sign"]
-
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 #: ``(k, n) -> array of shape (k, n)`` that the rows are written into.
 Allocate: TypeAlias = Callable[[int, int], npt.NDArray[np.floating[Any]]]

@@ -9,8 +9,6 @@ from meshmash_viewer.progress import Progress, ProgressCallback
 from meshmash_viewer.spectral.engine.basis import BLOCK
 from meshmash_viewer.spectral.engine.lanczos import usual_rows
 
-__all__ = ["Pace"]
-
 #: What matrices and order take, and the counts, in steps of an iteration: measured on meshes of 50
 #: to 420 thousand vertices (`benchmarks/progress.py` shows how well it is told).
 _MATRICES, _COUNTS = 18.0, 14.0

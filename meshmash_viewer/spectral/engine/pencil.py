@@ -18,8 +18,6 @@ from scipy.sparse.csgraph import connected_components
 
 from meshmash_viewer.errors import InputError
 
-__all__ = ["Pencil", "reduce_pencil"]
-
 FloatArray = npt.NDArray[np.float64]
 
 _EPSILON = float(np.finfo(np.float64).eps)

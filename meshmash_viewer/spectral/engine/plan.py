@@ -21,8 +21,6 @@ from meshmash_viewer.spectral.engine.factorization import (
 )
 from meshmash_viewer.spectral.engine.lanczos import Interval
 
-__all__ = ["SpectrumPlan"]
-
 T = TypeVar("T")
 
 #: A border may lie this far, in parts of a slice, from where it was meant to be: where counting

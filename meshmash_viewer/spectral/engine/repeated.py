@@ -18,8 +18,6 @@ from scipy import sparse
 from meshmash_viewer.spectral.engine.dense import component_pairs
 from meshmash_viewer.spectral.engine.pencil import Pencil
 
-__all__ = ["AlonePairs", "RepeatedComponents"]
-
 FloatArray = npt.NDArray[np.float64]
 
 #: Fewer components of one size than this are left to the Krylov basis.

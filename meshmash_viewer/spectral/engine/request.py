@@ -13,8 +13,6 @@ from meshmash_viewer.progress import CancelCallback, ProgressCallback
 from meshmash_viewer.spectral.engine.compiler import check_compiler
 from meshmash_viewer.spectral.engine.output import Allocate, Extend, PairsCallback
 
-__all__ = ["Request"]
-
 
 @dataclass(frozen=True, eq=False)
 class Request:

@@ -45,8 +45,6 @@ from meshmash_viewer.spectral.engine.workers import (
     worker_count,
 )
 
-__all__ = ["Run"]
-
 FloatArray = npt.NDArray[np.float64]
 
 #: A threshold keeps eigenvalues up to this relative distance above it: rounding.

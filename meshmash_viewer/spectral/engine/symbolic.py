@@ -17,8 +17,6 @@ import scipy.sparse as sp
 
 from meshmash_viewer.spectral.engine.compiler import import_compiler
 
-__all__ = ["Structure", "analyse", "elimination_order"]
-
 numba = import_compiler()
 
 IndexArray = npt.NDArray[np.int64]

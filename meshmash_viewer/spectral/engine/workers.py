@@ -6,16 +6,6 @@ import numpy as np
 
 from meshmash_viewer.spectral.engine.factorization import OrderedPencil
 
-__all__ = [
-    "can_be_dense",
-    "core_count",
-    "is_dense",
-    "memory_of_run",
-    "slice_count",
-    "slice_sizes",
-    "worker_count",
-]
-
 #: Pairs a slice should hold: more make its basis dear, fewer its factor and its ends. In float32
 #: pairs converge in fewer steps, and small slices take a third less memory in the same time.
 _SLICE_PAIRS, _LEAN_SLICE_PAIRS = 140, 50
