@@ -60,7 +60,7 @@ def test_slices_have_their_shifts_where_was_counted() -> None:
     assert [interval.shift in spectrum.counted for interval in slices] == [True, True]
     for interval in slices:
         inside = int(0.95 * interval.shift) + 1 - interval.first
-        assert 0.25 * interval.owed < inside < 0.75 * interval.owed
+        assert 0.25 * interval.n_expected < inside < 0.75 * interval.n_expected
     assert set(spectrum.kept) == {interval.shift for interval in slices}
 
 
@@ -70,11 +70,11 @@ def test_a_long_run_begins_with_a_small_slice() -> None:
     plan = SpectrumPlan(spectrum, STOP, sizes, n_jobs=2)  # type: ignore[arg-type]
     top = plan.find_top(300, 305)
     small, first, second = plan.slices(0.0, top)
-    assert 8 <= small.owed <= 25
+    assert 8 <= small.n_expected <= 25
     assert small.shift == small.high, "its border was counted, and that factor serves it"
     assert small.shift in spectrum.kept
     assert first.shift in spectrum.kept
-    assert first.owed == pytest.approx(second.owed, rel=0.3)
+    assert first.n_expected == pytest.approx(second.n_expected, rel=0.3)
     assert len(spectrum.counted) == len(set(spectrum.counted)) <= 5
 
 
@@ -212,13 +212,13 @@ def test_slices_share_out_the_spectrum(seed: int, settled: bool, n_jobs: int) ->
     first = spectrum.pencil.n_null
     for interval, before in zip(slices, [None, *slices], strict=False):
         assert interval.first == first
-        assert interval.owed == spectrum.below(interval.high) - first > 0
+        assert interval.n_expected == spectrum.below(interval.high) - first > 0
         assert interval.low < interval.shift <= interval.high
         if before is not None:
             # What the count below leaves in doubt is looked at from both sides.
             overlap = before.high - interval.low
             assert overlap == pytest.approx(0.5 * before.clearance, rel=1e-3)
-        first += interval.owed
+        first += interval.n_expected
     # Most of them where a multiple eigenvalue leaves no place for a border.
     assert len(spectrum.made) <= (60 if settled else 48)
 

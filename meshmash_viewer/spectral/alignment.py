@@ -1,8 +1,9 @@
-"""Exact eigenfunctions turned so that they look like the approximate ones shown before them.
+"""Alignment of exact eigenfunctions with the approximate ones shown before them.
 
-The sign of an eigenfunction is arbitrary, and within a multiplet any rotation is as good. When
-exact pairs take the place of a preview, the free choice is made such that nothing flips on the
-render. Files and features keep the solver's own choice: features do not depend on it.
+The sign of an eigenfunction is arbitrary, and within a multiplet any orthogonal combination is an
+eigenfunction too. When exact pairs replace a preview, signs and combinations are chosen such that
+the render changes least. Files and features keep the solver's own choice: features do not depend on
+it.
 """
 
 from __future__ import annotations
@@ -22,26 +23,26 @@ _BLOCK = 1 << 16
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """An orthogonal matrix of blocks along the diagonal.
+    """A block-diagonal orthogonal matrix.
 
     Parameters
     ----------
     blocks : tuple of (int, ndarray)
         First row of each block and its orthogonal matrix, of shape (1, 1) for a sign; rows in no
-        block stay as they are.
+        block are unchanged.
     """
 
     blocks: tuple[tuple[int, npt.NDArray[np.float64]], ...] = ()
 
     def block_of(self, index: int) -> tuple[int, npt.NDArray[np.float64]] | None:
-        """The block that a row is in."""
+        """Return the block that contains a row, or None."""
         for start, matrix in self.blocks:
             if start <= index < start + len(matrix):
                 return start, matrix
         return None
 
     def sign(self, index: int) -> float | None:
-        """1 or -1 where a row is only turned round; None within a rotated multiplet."""
+        """Return 1 or -1 if at most the sign of a row changes; None within a rotated multiplet."""
         block = self.block_of(index)
         if block is None:
             return 1.0
@@ -68,8 +69,8 @@ def align(
     mass : ndarray of float64, shape (n,)
         Vertex areas.
     before : Alignment, optional
-        Found when there were fewer exact rows; its blocks are kept, but for the last one, whose
-        multiplet may have grown.
+        Result for fewer exact rows; its blocks are kept except the last one, whose multiplet may
+        have grown.
     """
     blocks = list(before.blocks[:-1]) if before is not None else []
     known = blocks[-1][0] + len(blocks[-1][1]) if blocks else 0
@@ -87,8 +88,8 @@ def align_multiplets(
 ) -> Alignment:
     """Find rotations within multiplets that bring rows closest to those of a corresponding mesh.
 
-    Each multiplet is turned to the rows of the other that lie in its span, wherever they are in
-    the order of theirs; a row that is in no multiplet stays as it is.
+    Each multiplet is rotated towards the rows of the other mesh that lie in its span, at any
+    index; rows outside of multiplets are unchanged.
 
     Parameters
     ----------
@@ -112,14 +113,14 @@ def align_multiplets(
 def _multiplets(
     eigenvalues: npt.NDArray[np.float64], start: int, stop: int
 ) -> Iterator[tuple[int, int]]:
-    """First index and the one behind the last of each run of near-equal ones between two."""
+    """Yield first and last index (exclusive) of each run of near-equal values in [start, stop)."""
     edges = np.flatnonzero(~close_neighbours(eigenvalues)) + 1
     ends = [*edges[(edges > start) & (edges < stop)].tolist(), *([stop] if start < stop else [])]
     return zip([start, *ends[:-1]], ends, strict=False)
 
 
 def _nearest_orthogonal(products: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """The matrix with shown ≈ matrix @ rows, of products ``rows M shownᵀ``."""
+    """Return the matrix with shown ≈ matrix @ rows, given the products ``rows M shownᵀ``."""
     left, _, right = np.linalg.svd(products)
     return np.asarray((left @ right).T)
 
@@ -127,8 +128,8 @@ def _nearest_orthogonal(products: npt.NDArray[np.float64]) -> npt.NDArray[np.flo
 def close_neighbours(
     eigenvalues: npt.NDArray[np.float64], gap: float = 1e-6
 ) -> npt.NDArray[np.bool_]:
-    """Whether each eigenvalue and the next are of one multiplet, by a relative gap, (k - 1,)."""
-    # zeros of several components are one multiplet: their size is rounding, not meaning
+    """Return whether each eigenvalue and the next belong to one multiplet, shape (k - 1,)."""
+    # zeros of several components are one multiplet: they differ by rounding only
     floor = 1e-9 * np.max(eigenvalues, initial=0.0)
     return np.asarray(np.diff(eigenvalues) <= np.maximum(gap * eigenvalues[1:], floor))
 
@@ -136,21 +137,21 @@ def close_neighbours(
 def _inner(
     rows: FloatArray, shown: FloatArray, mass: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """Products ``rows M shownᵀ``; where there is nothing in common the identity is added."""
+    """Return the products ``rows M shownᵀ`` plus a tiny multiple of the identity."""
     total = np.zeros((len(rows), len(shown)))
     for begin in range(0, rows.shape[1], _BLOCK):
         part = slice(begin, begin + _BLOCK)
         weighted = np.nan_to_num(np.asarray(rows[:, part], dtype=np.float64)) * mass[part]
         total += weighted @ np.nan_to_num(np.asarray(shown[:, part], dtype=np.float64)).T
-    # the slightest preference for how the rows are, so that products of zero turn nothing
+    # so that rows without overlap are not rotated
     return total + 1e-9 * np.eye(*total.shape)
 
 
 class ShownRows:
-    """Eigenfunctions as they are drawn: exact ones aligned, then approximate ones.
+    """Eigenfunctions as drawn: aligned exact rows, then the rows of `preview` from `n_exact` on.
 
-    Reads like an array of shape (k, n): by a row, a slice or an array of rows, and within them
-    by vertex, slice or array. Of `preview` the rows from `n_exact` on come after the exact ones.
+    Indexed like an array of shape (k, n): by a row, a slice or an array of rows, and within them
+    by vertex, slice or array.
     """
 
     def __init__(
@@ -175,10 +176,10 @@ class ShownRows:
 
     def __getitem__(self, key: Any) -> FloatArray:
         rows, columns = key if isinstance(key, tuple) else (key, slice(None))
-        wanted = np.arange(self.shape[0])[rows]
-        if wanted.ndim == 0:
-            return self._row(int(wanted), columns)
-        found = [self._row(int(index), columns) for index in wanted]
+        indices = np.arange(self.shape[0])[rows]
+        if indices.ndim == 0:
+            return self._row(int(indices), columns)
+        found = [self._row(int(index), columns) for index in indices]
         if not found:
             return np.zeros((0, self.shape[1]))[:, columns]
         return np.stack(found)

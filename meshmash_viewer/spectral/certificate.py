@@ -1,4 +1,4 @@
-"""What proves that eigenpairs are right and that none is missing: data, and its sentence."""
+"""Certificates: evidence that eigenpairs are accurate and that none is missing."""
 
 from __future__ import annotations
 
@@ -7,42 +7,41 @@ from typing import Any, Literal
 
 from meshmash_viewer.units import counted, format_quantity, format_range, power_unit
 
-#: How a number of eigenvalues came to be known: the signs of a factorization (Sylvester's law of
-#: inertia), all of them from the dense matrix, one zero a connected component, or not at all.
+#: How eigenvalues were counted: by the signs of a factorization (Sylvester's law of inertia), from
+#: the dense matrix, as one zero for each connected component, or not at all.
 Method = Literal["inertia", "dense", "null space", "none"]
 
-#: Worst residual and orthonormality that pairs may have and still count as proven.
+#: Largest residual and orthonormality defect of proven pairs.
 _TOLERANCES = {"float64": (1e-6, 1e-8), "float32": (1e-3, 1e-4)}
 
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """How far eigenpairs can be trusted.
+    """Counts and errors of eigenpairs, with the verdict that follows from them.
 
     Parameters
     ----------
     method : {"inertia", "dense", "null space", "none"}
         How the number of eigenvalues was found, independently of the iteration.
     counted : int
-        Number of eigenvalues that there are up to `bound` (from `low`).
+        Number of eigenvalues of the matrix up to `bound` (from `low`).
     found : int
-        How many of these were found; the pairs of a decomposition are the lowest of them, or
+        Number of these that were found; the pairs of a decomposition are the lowest of them, or
         those nearest a shift.
     bound : float, optional
-        Eigenvalue that the count goes to; None where it has no end.
+        Upper end of the counted interval; None if it is unbounded.
     low : float, optional
-        Where the count begins, for pairs around a shift; None for the lowest.
+        Lower end of the counted interval, for pairs around a shift; None for the lowest pairs.
     residual : float
         The worst ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``; for zeros, relative to 4π / area.
     residual_index : int
-        Pair that has it.
+        Index of the pair with that residual.
     orthonormality : float
         Largest entry of ``|ΦᵀMΦ - I|``.
     precision : {"float64", "float32"}
-        Of the eigenvectors, which decides what can be asked of these two.
+        Of the eigenvectors; it sets the tolerances of `residual` and `orthonormality`.
     remark : str
-        What a reader of the numbers has to know besides, such as that the threshold is an
-        eigenvalue; a part of a sentence, without a full stop.
+        Further information, such as that the threshold is an eigenvalue; without a full stop.
     """
 
     method: Method
@@ -58,7 +57,7 @@ class Certificate:
 
     @property
     def lacks(self) -> tuple[str, ...]:
-        """What keeps the pairs from being proven; empty if nothing does."""
+        """Reasons why the pairs are not proven; empty if they are."""
         residual, orthonormality = _TOLERANCES[self.precision]
         lacks = []
         if self.method == "none":
@@ -79,18 +78,18 @@ class Certificate:
 
     @property
     def complete(self) -> bool:
-        """Whether the pairs are proven: as many as counted, residuals and products in tolerance."""
+        """Whether as many pairs were found as counted, with errors within tolerance."""
         return not self.lacks
 
     def count_sentence(self, unit: str = "") -> str:
-        """How many eigenvalues there are, and how that is known; lengths are in `unit`."""
+        """Describe how many eigenvalues were counted and how; lengths are in `unit`."""
         if self.method == "none":
             return "no count"
         if self.method == "dense":
             return f"all {counted(self.counted, 'eigenvalue')} computed"
         if self.method == "null space":
             return "one zero for each connected component"
-        assert self.bound is not None  # what has been counted has an end
+        assert self.bound is not None  # a count by inertia has an upper end
         found = counted(self.counted, "eigenvalue")
         if self.low is not None:
             between = format_range(self.low, self.bound, unit, -2, word="to")
@@ -98,12 +97,12 @@ class Certificate:
         return f"{found} counted below {format_quantity(self.bound, unit, -2)}"
 
     def sentence(self, n_pairs: int, unit: str = "") -> str:
-        """Say in one line how many pairs there are and how well they are proven.
+        """Describe in one line the number of pairs, their count and their errors.
 
         Parameters
         ----------
         n_pairs : int
-            Number of pairs in hand.
+            Number of pairs.
         unit : str
             Length unit of the mesh; "" where it has none.
 
@@ -124,13 +123,13 @@ class Certificate:
         return " · ".join([*parts, *([self.remark] if self.remark else [])])
 
     def as_dict(self, unit: str = "") -> dict[str, Any]:
-        """The certificate with its verdict, for JSON; lengths are in `unit`."""
+        """Return certificate and verdict as a dictionary for JSON; lengths are in `unit`."""
         verdict = {"complete": self.complete, "lacks": list(self.lacks)}
         return {**asdict(self), "unit": power_unit(unit, -2), **verdict}
 
     @classmethod
     def from_dict(cls, given: dict[str, Any]) -> Certificate:
-        """Read what `as_dict` wrote, or raise a `ValueError`; the verdict is found anew."""
+        """Build a certificate from the output of `as_dict`; raise `ValueError` if it is invalid."""
         number = (int, float)
         kinds: dict[str, Any] = {"bound": (*number, type(None)), "low": (*number, type(None))}
         kinds |= dict.fromkeys(("method", "precision", "remark"), str)

@@ -1,4 +1,4 @@
-"""Eigenpairs as a function asks for them: its arguments, precision, progress bar and memory."""
+"""Eigenpairs for the documented functions: arguments, precision, progress bar and memory."""
 
 from __future__ import annotations
 
@@ -42,17 +42,17 @@ def find_eigenpairs(
     progress: ProgressCallback | None = None,
     **options: Any,
 ) -> Decomposition:
-    """Call `meshmash_viewer.spectral.eigensolver.solve` as a documented function does.
+    """Call `meshmash_viewer.spectral.eigensolver.solve` with a progress bar and a warning.
 
-    Of a float32 Laplacian, the null space that rounding cost it is restored. `dtype` is that of the
-    eigenvectors, None that of `stiffness`; `verbose` draws a progress bar on stderr, and ends it
-    with the proof of completeness in the mesh's `unit`; `name` is the mesh's in a warning, and
-    `stacklevel` that of the warning; `progress` gets every report, bar or not.
+    The null space of a float32 Laplacian, which rounding destroys, is restored first. `dtype` is
+    that of the eigenvectors, None that of `stiffness`; `verbose` draws a progress bar on stderr and
+    prints the certificate in the mesh's `unit` at the end; `name` is the mesh's in a
+    warning, and `stacklevel` that of the warning; `progress` receives every report.
 
     Warns
     -----
     UnprovenWarning
-        If the certificate lacks something.
+        If the certificate is not complete.
     """
     from tqdm import tqdm
 
@@ -74,10 +74,10 @@ def find_eigenpairs(
 
 
 def _with_exact_null_space(stiffness: SparseMatrix) -> SparseMatrix:
-    """Undo what rounding to float32 did to the row sums of a Laplacian.
+    """Restore the zero row sums of a Laplacian that was rounded to float32.
 
-    Constants are its null space; off by 1e-7 of the largest eigenvalue, they would be lost among
-    the lowest ones. A matrix whose rows do not sum to zero even in float32 is left as it is.
+    Constants are its null space; with an error of 1e-7 of the largest eigenvalue they would mix
+    with the lowest eigenfunctions. Rows that do not sum to zero even in float32 are unchanged.
     """
     exact = sparse.csr_array(stiffness).astype(np.float64)
     excess = np.asarray(exact.sum(axis=1)).ravel()
@@ -87,7 +87,7 @@ def _with_exact_null_space(stiffness: SparseMatrix) -> SparseMatrix:
 
 
 def check_bands(max_eigenvalue: float, band_size: int) -> None:
-    """Complain of a threshold that no eigenvalue lies below, or of an empty band."""
+    """Raise `InputError` for a negative threshold or an empty band."""
     if not max_eigenvalue >= 0.0:
         raise InputError(
             f"max_eigenvalue is {max_eigenvalue}: no eigenvalue of a Laplacian is negative, "
@@ -99,9 +99,9 @@ def check_bands(max_eigenvalue: float, band_size: int) -> None:
 def chosen_extent(
     max_eigenvalue: float, count: int | str | None, wavelength: float | None
 ) -> tuple[int | None, float | None]:
-    """Number of pairs or threshold, whichever is asked for.
+    """Return the number of pairs and the threshold, one of which is None.
 
-    `InputError` is raised if more than one of the three is given, or a value makes no sense.
+    `InputError` is raised if more than one of the three is given, or a value is out of range.
     """
     refuse_two_extents(max_eigenvalue, count, wavelength)
     if count is not None:
@@ -116,22 +116,22 @@ def chosen_extent(
 def refuse_two_extents(
     max_eigenvalue: float, count: int | str | None, wavelength: float | None
 ) -> None:
-    """Complain if more than one of the three ways to limit a spectrum is given."""
+    """Raise `InputError` if more than one of the three limits of a spectrum is given."""
     given = {
         "max_eigenvalue": max_eigenvalue != DEFAULT_MAX_EIGENVALUE,
         "count": count is not None,
         "wavelength": wavelength is not None,
     }
-    names = [name for name, there in given.items() if there]
+    names = [name for name, is_given in given.items() if is_given]
     if len(names) > 1:
         raise InputError(f"{' and '.join(names)} are given: give only one of them.")
 
 
 @contextmanager
 def scratch_rows(dtype: np.dtype[Any]) -> Iterator[Callable[[int, int], Array]]:
-    """Lend an allocator of rows, shape (k, n), in memory if they fit, else in a temporary file.
+    """Provide an allocator of rows, shape (k, n), in memory if they fit, else in a temporary file.
 
-    The rows are gone when the context is left.
+    The rows are deleted when the context is left.
     """
     with ExitStack() as files:
 

@@ -1,9 +1,10 @@
 """Low eigenpairs of L φ = λ M φ, with the proof that none is missing.
 
 `solve` gives a `Decomposition`; `iterate` gives the pairs in batches as they converge. Both are
-the same computation, done by `meshmash_viewer.spectral.engine`: the null space is known exactly and
-deflated, the rest is cut into slices of the spectrum whose content the inertia of a factor
-counts beforehand, and each slice is found by shifted block Lanczos, several at a time.
+the same computation, in `meshmash_viewer.spectral.engine`: the null space is known exactly and
+deflated; the rest of the spectrum is cut into slices, whose eigenvalues are counted beforehand by
+the inertia of a factor; the pairs of each slice are found by shifted block Lanczos, several slices
+at a time.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ class Decomposition:
     residuals : ndarray of float64, shape (k,)
         ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``; for the null space, relative to Weyl's spacing 4π / area.
     certificate : Certificate
-        What proves that none is missing, with the worst residual and the orthonormality.
+        Evidence that none is missing, with the worst residual and the orthonormality.
     timings : dict of float
         Seconds by stage.
     mass : ndarray of float64, shape (n,)
@@ -85,11 +86,11 @@ class Decomposition:
     @overload
     def __getitem__(self, index: slice) -> tuple[FloatArray, ...]: ...
     def __getitem__(self, index: int | slice) -> FloatArray | tuple[FloatArray, ...]:
-        """Eigenvalues for 0, eigenvectors for 1, as of the pair."""
+        """Return the eigenvalues for index 0, the eigenvectors for 1."""
         return (self.eigenvalues, self.eigenvectors)[index]
 
     def __len__(self) -> int:
-        """2, as of the pair; `n_components` is the number of eigenpairs."""
+        """Return 2, the length of the tuple; `n_components` is the number of eigenpairs."""
         return 2
 
     @property
@@ -104,7 +105,7 @@ class Decomposition:
 
     @property
     def complete(self) -> bool:
-        """Whether the certificate proves the pairs: all there are, and each within tolerance."""
+        """Whether the certificate proves that no pair is missing and all are within tolerance."""
         return self.certificate.complete
 
     @property
@@ -113,24 +114,16 @@ class Decomposition:
         return self.certificate.orthonormality
 
     def proof(self, unit: str = "") -> str:
-        """Say in one line how many pairs there are and how well they are proven.
+        """Describe in one line the number of pairs, their count and their errors.
 
-        Parameters
-        ----------
-        unit : str
-            Length unit of the mesh, for the eigenvalue that the count goes to.
+        `unit` is the length unit of the mesh, "" for none.
         """
         return self.certificate.sentence(self.n_components, unit)
 
     def on_file(self, mesh: Mesh) -> Decomposition:
-        """The same at all vertices of the file of a repaired mesh, as `Mesh.on_file`.
+        """Expand to all vertices of the file of a repaired mesh, as `Mesh.on_file`.
 
-        Of vertices that were merged one has the mass, the others none.
-
-        Parameters
-        ----------
-        mesh : Mesh
-            The mesh of these n vertices.
+        Of merged vertices one has the mass, the others none. `mesh` is the one decomposed.
         """
         mass = np.zeros(mesh.n_file_vertices)
         mass[mesh.file_indices] = self.mass
@@ -140,8 +133,8 @@ class Decomposition:
         """Recompute the certificate independently of the solver.
 
         Residuals and all inner products are computed anew, and eigenvalues are counted from
-        another factorization, up to the bound of the certificate or, where not all pairs below
-        that are in hand, to the highest gap between them.
+        another factorization, up to the bound of the certificate or, if these pairs are not all
+        those below it, up to the highest gap between them.
 
         Parameters
         ----------
@@ -153,19 +146,19 @@ class Decomposition:
         Returns
         -------
         Certificate
-            Its `complete` says whether these pairs stand; the numbers are those measured here.
+            The numbers measured here; `complete` is the verdict.
 
         Raises
         ------
         InputError
-            If the matrices are of another size.
+            If the size of the matrices differs.
         """
         return verify_pairs(self.eigenvalues, self.rows, self.certificate, stiffness, mass)
 
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Consecutive pairs that have just become final.
+    """Consecutive pairs, final when they are yielded.
 
     Parameters
     ----------
@@ -215,7 +208,7 @@ def solve(
     stiffness : sparse matrix or array, shape (n, n)
         Symmetric positive semidefinite L.
     mass : sparse matrix or array, shape (n, n), or ndarray, shape (n,)
-        Diagonal M; vertices without mass are left out and come back as NaN.
+        Diagonal M; eigenvectors are NaN at vertices without mass.
     n_components : int, optional
         Number of pairs; all of them if it exceeds their number.
     max_eigenvalue : float, optional
@@ -223,41 +216,40 @@ def solve(
     sigma : float, optional
         With `n_components`: the pairs nearest sigma. None or a negative value: the lowest.
     tol : float
-        Wanted residual relative to λ; never below what float64 can give.
+        Requested residual relative to λ, limited by float64 precision.
     dtype : dtype
-        float64 or float32, of the rows; float32 loosens `tol` to 1e-7 and cuts the spectrum finer:
+        float64 or float32, of the rows. float32 relaxes `tol` to 1e-7 and uses smaller slices:
         about a third less memory. None is float64.
     n_jobs : int, optional
-        Slices of the spectrum at a time, in threads; None for as many as cores and memory allow.
+        Number of slices computed in parallel threads; None for as many as cores and memory allow.
     known : Decomposition, optional
-        Lowest pairs of the same problem, found earlier; only the others are computed, and these
-        are given out again to the last bit. Those with an eigenvalue of NaN are missing.
+        Lowest pairs of the same problem, found earlier; they are returned bit by bit, and only
+        the others are computed. An eigenvalue of NaN marks a missing pair.
     allocate : callable, optional
-        ``(k, n) -> array`` the rows are written into, called once when k is known.
+        ``(k, n) -> array`` that the rows are written into, called once when k is known.
     extend : callable, optional
-        ``(k, n, kept) -> array``, called instead where known pairs are kept: an array in which the
-        rows of the indices `kept` are those of `known` already. They are not written to.
+        ``(k, n, kept) -> array``, called instead if known pairs are kept: an array whose rows of
+        indices `kept` are already those of `known`. They are not written to.
     on_pairs : callable, optional
         ``(start, eigenvalues, residuals)``, called after those rows are final.
     early : bool
-        Whether a run that takes long gives some sixteen of the lowest pairs first, in less than
-        half the time; all together then take about a tenth longer.
+        Whether a long run yields about sixteen of the lowest pairs first, in less than half the
+        time; the whole run then takes about a tenth longer.
     progress, cancel : callable, optional
-        Reports, and a question asked often; `Cancelled` is raised after it returns True.
+        Receives reports; is called often, and `Cancelled` is raised after it returns True.
     op_inv : LinearOperator or array, optional
-        ``(L - sigma M)^-1``, by which the pairs are then found (with ARPACK); needs
-        `n_components`. One factorization still counts them; if some are missing, the solver finds
-        all of them itself.
+        ``(L - sigma M)^-1``, with which ARPACK finds the pairs; requires `n_components`. They are
+        still counted by one factorization; if some are missing, the solver recomputes all.
     ncv : int, optional
-        Number of Lanczos vectors that ARPACK keeps; with `op_inv` only, since the solver's own
-        bases grow as they need to.
+        Number of Lanczos vectors of ARPACK, with `op_inv` only: the solver's own bases grow as
+        needed.
 
     Raises
     ------
     InputError
-        If the matrices or the request make no sense.
+        If the matrices or the request are invalid.
     Cancelled
-        If `cancel` said so.
+        If `cancel` returned True.
 
     Examples
     --------
@@ -309,7 +301,7 @@ def iterate(
 ) -> Iterator[Batch]:
     """Yield the pairs in batches as they converge, lowest first; arguments as for `solve`.
 
-    The computation runs on while a batch is looked at. Closing the iterator cancels it.
+    The computation continues while a batch is processed. Closing the iterator cancels it.
 
     Examples
     --------
@@ -320,10 +312,10 @@ def iterate(
     16
     """
     run = Run(stiffness, mass, Request(n_components=n_components, **options))
-    with closing(run.batches()) as places:
-        for place in places:
+    with closing(run.batches()) as batches:
+        for at in batches:
             out = run.output
-            yield Batch(place.start, out.eigenvalues[place], out.rows[place], out.residuals[place])
+            yield Batch(at.start, out.eigenvalues[at], out.rows[at], out.residuals[at])
 
 
 def estimate_memory(
@@ -335,16 +327,16 @@ def estimate_memory(
     n_null: int = 1,
     dtype: npt.DTypeLike = np.float64,
 ) -> int:
-    """Predict the bytes a run takes beyond the matrices given, its rows included.
+    """Predict the bytes that a run allocates, its rows included, the given matrices not.
 
     Parameters
     ----------
     n, nnz, k : int
-        Vertices, stored entries of L, pairs.
+        Numbers of vertices, of stored entries of L, and of pairs.
     n_jobs : int, optional
-        Slices at a time; None for as many as there are cores.
+        Number of slices computed in parallel; None for one on each core.
     n_null : int
-        Components of the mesh, whose constants are known beforehand.
+        Number of connected components, whose constants are known.
     dtype : dtype
         float64 or float32, of the rows.
     """

@@ -1,11 +1,11 @@
 """Approximate eigenfunctions of a large mesh within seconds, from a few thousand cells.
 
-Seeds are spread over the surface and every vertex joins the seed that is nearest along edges.
-Heat flows between two cells that touch; how easily, follows from the cotangent weights of the
-edges that cross their border and from the distance of their centroids: a finite-volume Laplacian
-of the cells, which also holds where a branch is so thin that its cells form a mere chain. Its
-eigenvectors, interpolated between centroids, look like the true eigenfunctions long before those
-are computed. They are pictures, not results: see `expected_error`.
+Seeds are spread over the surface, and every vertex joins the cell of the seed that is nearest along
+edges. Heat flows between two cells that touch; the conductance follows from the cotangent weights
+of the edges that cross their border and from the distance of their centroids. This is a
+finite-volume Laplacian of the cells, valid also where a branch is so thin that its cells form a
+chain. Its eigenvectors, interpolated between centroids, resemble the true eigenfunctions. They are
+for display only: see `expected_error`.
 
 The idea of coarse levels is that of Nasikun and Hildebrandt (2022), "The Hierarchical Subspace
 Iteration Method for Laplace-Beltrami Eigenproblems", ACM Transactions on Graphics 41(2).
@@ -32,14 +32,14 @@ FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
 SparseMatrix: TypeAlias = Any
 
-#: Cells for each pair that is asked for, and the fewest and most of all.
+#: Cells for each requested pair, and the smallest and largest number of cells.
 _CELLS_PER_PAIR, _FEWEST, _MOST = 100, 2500, 8000
-#: Cells that a component gets at least, if it gets any; one with fewer than three times as many
-#: vertices gets one for each.
+#: Minimum number of cells of a component that has any. A component with up to three times as many
+#: vertices has one cell for each vertex.
 _CELLS_OF_COMPONENT = 30
 #: Neighbouring cells that a vertex is interpolated from, besides its own.
 _NEIGHBOURS = 8
-#: Vertices that are looked at together.
+#: Vertices processed at a time.
 _BLOCK = 1 << 16
 
 
@@ -52,11 +52,11 @@ class Preview:
     eigenvalues : ndarray of float64, shape (k,)
         In the inverse squared unit of the mesh.
     rows : ndarray of float32, shape (k, n)
-        Of unit norm in M, orthogonal only roughly; NaN at unreferenced vertices.
+        Of unit norm in M, roughly orthogonal; NaN at unreferenced vertices.
     error : float
         Expected relative error of an eigenvalue.
     n_cells : int
-        Number of cells that they were computed on.
+        Number of cells.
     """
 
     eigenvalues: FloatArray
@@ -66,9 +66,9 @@ class Preview:
 
 
 def expected_error(n_cells: int, n_pairs: int) -> float:
-    """Relative error of the eigenvalues, as found on meshes of all kinds.
+    """Return the relative error of the eigenvalues, an empirical fit over many meshes.
 
-    The cells' error grows with the number of waves across a cell, so with pairs over cells.
+    The error grows with the number of waves across a cell, that is with pairs over cells.
     """
     return 0.02 + 2.0 * n_pairs / max(n_cells, 1)
 
@@ -81,11 +81,11 @@ def preview_eigenpairs(
     allocate: Callable[[int, int], npt.NDArray[np.float32]] | None = None,
     cancel: CancelCallback | None = None,
 ) -> Preview:
-    """Approximate the lowest pairs of a mesh, one zero eigenvalue a component included.
+    """Approximate the lowest pairs of a mesh, including one zero eigenvalue for each component.
 
-    Fewer than asked for if the cells have no more. There are about 100 cells a pair, but 2500 to
-    8000, unless given. ``allocate(k, n)`` returns where the rows are written, float32;
-    `cancel` is asked between the steps, and `Cancelled` raised after it returns True.
+    There are fewer pairs than requested if the cells have no more. `n_cells` is by default 100 for
+    each pair, limited to 2500 to 8000. ``allocate(k, n)`` returns the float32 array for the rows;
+    `cancel` is called between the steps, and `Cancelled` raised after it returns True.
     """
     if n_cells is None:
         n_cells = min(max(_CELLS_PER_PAIR * n_pairs, _FEWEST), _MOST)
@@ -126,7 +126,7 @@ def _ask(cancel: CancelCallback | None) -> None:
 
 
 def _spread_seeds(mesh: Mesh, areas: FloatArray, n_cells: int, n_pairs: int) -> IntArray:
-    """Vertices spread evenly over the area of each component that matters, shape (s,)."""
+    """Spread vertices evenly over the area of each component that is large enough, shape (s,)."""
     labels = mesh.component_labels
     used = np.flatnonzero(labels >= 0)
     code = curve_order(mesh.vertices[used])
@@ -137,14 +137,14 @@ def _spread_seeds(mesh: Mesh, areas: FloatArray, n_cells: int, n_pairs: int) -> 
     stops = np.append(starts[1:], len(used))
     chosen = []
     total = float(areas.sum())
-    # Weyl's estimate of the last eigenvalue that is asked for, with room for its error
+    # four times Weyl's estimate of the last requested eigenvalue, a margin for its error
     last = 4.0 * 4.0 * np.pi * n_pairs / total
     for start, stop in zip(starts, stops, strict=True):
         members = used[start:stop]
         places = mesh.vertices[members]
         length = float(np.linalg.norm(places.max(axis=0) - places.min(axis=0)))
         if stop - start < 3 or length <= 0.0 or (np.pi / (2.0 * length)) ** 2 > last:
-            continue  # too small for a wave that low: its constant is all there is
+            continue  # too small for a wave that low: its constant suffices
         area = np.cumsum(areas[members])
         count = max(round(n_cells * area[-1] / total), _CELLS_OF_COMPONENT)
         if stop - start <= 3 * count:
@@ -156,7 +156,7 @@ def _spread_seeds(mesh: Mesh, areas: FloatArray, n_cells: int, n_pairs: int) -> 
 
 
 def _nearest_seeds(mesh: Mesh, seeds: IntArray) -> IntArray:
-    """Index of the seed that is nearest along edges, shape (n,); -1 where none is reached."""
+    """Find the seed that is nearest along edges, shape (n,); -1 where none is reached."""
     if not len(seeds):
         return np.full(mesh.n_vertices, -1)
     _, _, nearest = dijkstra(
@@ -170,7 +170,7 @@ def _nearest_seeds(mesh: Mesh, seeds: IntArray) -> IntArray:
 def _measure(
     mesh: Mesh, areas: FloatArray, cells: IntArray, seeds: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Area and centroid of each cell, shapes (s,) and (s, 3)."""
+    """Compute area and centroid of each cell, shapes (s,) and (s, 3)."""
     inside = cells >= 0
     members, weights = cells[inside], areas[inside]
     cell_areas = np.bincount(members, weights, len(seeds)).astype(np.float64)
@@ -183,10 +183,10 @@ def _measure(
 
 
 def _rounded(mesh: Mesh, cells: IntArray, centroids: FloatArray) -> IntArray:
-    """Let each vertex join the nearest centroid among its cell and the neighbours of that.
+    """Assign each vertex to the nearest centroid among its cell and the neighbours of that cell.
 
-    Distances along edges depend on how edges run; straight ones give borders that are
-    perpendicular to the line between two centroids, on which the flux between them relies.
+    Distances along edges depend on the direction of edges. Euclidean distances give borders
+    perpendicular to the line between two centroids, as the flux formula assumes.
     """
     near = _neighbours(_cell_stiffness(mesh, cells, centroids))
     joined = cells.copy()
@@ -200,15 +200,15 @@ def _rounded(mesh: Mesh, cells: IntArray, centroids: FloatArray) -> IntArray:
 def _candidates(
     mesh: Mesh, cells: IntArray, centroids: FloatArray, near: IntArray
 ) -> Iterator[tuple[slice, IntArray, FloatArray]]:
-    """Blocks of vertices, the cells around each, and their centroids' squared distances, (m, 9).
+    """Yield blocks of vertices, the cells around each, and squared distances to them, (m, 9).
 
-    For a vertex in no cell they mean nothing.
+    The values are undefined for vertices in no cell.
     """
     for start in range(0, len(cells) if len(near) else 0, _BLOCK):
         part = slice(start, start + _BLOCK)
         candidates = near[cells[part]]
         squared = np.zeros(candidates.shape)
-        outside = cells[part] < 0  # which may be anywhere
+        outside = cells[part] < 0
         for axis in range(3):
             places = np.where(outside, 0.0, mesh.vertices[part, axis])
             squared += (centroids[candidates, axis] - places[:, None]) ** 2
@@ -216,11 +216,11 @@ def _candidates(
 
 
 def _cell_stiffness(mesh: Mesh, cells: IntArray, centroids: FloatArray) -> SparseMatrix:
-    """Finite-volume Laplacian of the cells, csr, shape (s, s), no unit.
+    """Build the finite-volume Laplacian of the cells, csr, shape (s, s), no unit.
 
     For a function that is linear along the line between two centroids, the flux across the
-    border is the sum over edges that cross it of cotangent weight times difference. That sum
-    over the distance of the centroids is the weight of the two cells.
+    border is the sum of cotangent weight times difference over the edges that cross it. That sum
+    divided by the distance of the centroids is the weight of the two cells.
     """
     n, (p, q, r) = len(centroids), cells[mesh.faces.T]
     crossed = ((p != q) | (q != r)) & (p >= 0) & (q >= 0) & (r >= 0) & (mesh.face_areas > 0.0)
@@ -233,14 +233,14 @@ def _cell_stiffness(mesh: Mesh, cells: IntArray, centroids: FloatArray) -> Spars
         cotangents = 0.5 * _products(u, v) / areas
         one, other = corners[:, second], corners[:, third]
         between = centroids[one] - centroids[other]
-        # how much such a function differs along the edge; not at all within a cell
+        # difference of such a function along the edge; 0 within a cell
         change = _products(u - v, between) / np.maximum(_products(between, between), 1e-300)
         flows.append((0.5 * cotangents * change, one, other))
     weights, a, b = (np.concatenate(part) for part in zip(*flows, strict=True))
     flow = coo_array((weights, (a, b)), shape=(n, n)).tocsr()
     flow = (flow + flow.T).tocsr()
-    # Obtuse faces may turn a short border negative, and heat does not flow uphill. Among single
-    # vertices these are the cotangent weights themselves, which are right as they are.
+    # Obtuse faces can make the weight of a short border negative, which has no physical meaning:
+    # set it to 0. Between cells of one vertex these are the cotangent weights, which are exact.
     single = np.bincount(cells[cells >= 0], minlength=n) == 1
     both = flow.tocoo()
     both.data[(both.data < 0.0) & ~(single[both.row] & single[both.col])] = 0.0
@@ -249,7 +249,7 @@ def _cell_stiffness(mesh: Mesh, cells: IntArray, centroids: FloatArray) -> Spars
 
 
 def _products(one: FloatArray, other: FloatArray) -> FloatArray:
-    """Inner product of each row of one with that of the other."""
+    """Return the inner products of corresponding rows."""
     return np.asarray(np.einsum("ij,ij->i", one, other))
 
 
@@ -263,23 +263,23 @@ def _cell_eigenpairs(
     n_pairs: int,
     cancel: CancelCallback | None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Eigenpairs of the cells above the null space: (k,) and (s, k)."""
+    """Compute eigenpairs of the cells above the null space: shapes (k,) and (s, k)."""
     n_null = len(np.unique(components))
-    wanted = min(n_pairs + n_null, len(components))
-    if wanted <= n_null:
+    count = min(n_pairs + n_null, len(components))
+    if count <= n_null:
         return np.zeros(0), np.zeros((len(components), 0))
-    found = solve(stiffness, diags_array(cell_areas), wanted, tol=1e-6, n_jobs=1, cancel=cancel)
+    found = solve(stiffness, diags_array(cell_areas), count, tol=1e-6, n_jobs=1, cancel=cancel)
     above = found.eigenvalues > 1e-9 * found.eigenvalues[-1]
     vectors = np.nan_to_num(found.rows[above].T)
     return found.eigenvalues[above], np.ascontiguousarray(vectors)
 
 
 def _write_constants(rows: npt.NDArray[np.float32], labels: IntArray, areas: FloatArray) -> None:
-    """The null space: one constant of unit norm a component, zero elsewhere."""
+    """Write the null space: a constant of unit norm on each component, zero elsewhere."""
     used = labels >= 0
     component_areas = np.bincount(labels[used], areas[used])
     rows[:] = 0.0
-    for component in np.flatnonzero(component_areas[: len(rows)]):  # without area it has no norm
+    for component in np.flatnonzero(component_areas[: len(rows)]):  # without area no norm
         rows[component, labels == component] = component_areas[component] ** -0.5
 
 
@@ -292,9 +292,9 @@ def _interpolate(
     vectors: FloatArray,
     cancel: CancelCallback | None,
 ) -> None:
-    """Write values at vertices between those at the centroids around them, shape (k, n).
+    """Interpolate from the surrounding centroids to vertices, into `rows` of shape (k, n).
 
-    The weight of a centroid is smooth, highest there, and zero where a candidate comes and goes.
+    The weight of a centroid is a smooth function that is 0 where the set of candidates changes.
     """
     near = _neighbours(stiffness)
     values = vectors.astype(np.float32)
@@ -303,7 +303,7 @@ def _interpolate(
         _ask(cancel)
         reach = 1.05 * squared.max(axis=1, keepdims=True) + 1e-300
         weights = (1.0 - squared / reach) ** 2 / (squared + 1e-3 * reach)
-        # where there are fewer candidates the last one is repeated
+        # padding repeats the last candidate
         weights[candidates == np.roll(candidates, 1, axis=1)] = 0.0
         weights[cells[part] < 0] = 0.0
         total = weights.sum(axis=1, keepdims=True)
@@ -315,9 +315,9 @@ def _interpolate(
 
 
 def _neighbours(stiffness: SparseMatrix) -> IntArray:
-    """Each cell and the neighbours it exchanges most with, shape (s, 9).
+    """Return each cell and its neighbours of largest weight, shape (s, 9).
 
-    Where there are fewer, the last one is repeated; next to itself, so that it can be told.
+    Rows with fewer neighbours are padded with the cell itself.
     """
     n = stiffness.shape[0]
     matrix = stiffness.tocoo()
@@ -333,7 +333,7 @@ def _neighbours(stiffness: SparseMatrix) -> IntArray:
 
 
 def _normalise(rows: npt.NDArray[np.float32], areas: FloatArray) -> None:
-    """Unit norm in M, and the entry of largest magnitude positive, as the solver has it."""
+    """Scale rows to unit norm in M, the entry of largest magnitude positive, as the solver does."""
     for row in rows:
         norm = float(np.sqrt(np.sum(areas * np.square(row, dtype=np.float64))))
         largest = row[int(np.argmax(np.abs(row)))]

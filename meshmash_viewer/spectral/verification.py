@@ -1,7 +1,7 @@
-"""Checking eigenpairs once more, by other means than those that found them.
+"""Independent verification of eigenpairs.
 
-Residuals and inner products come from SciPy's products with L and M themselves, and eigenvalues
-are counted from another factorization: SuperLU's, in another order, or the dense matrix.
+Residuals and inner products are computed with SciPy's products, and eigenvalues are counted from
+another factorization (SuperLU, in another order) or the dense matrix.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ FloatArray = npt.NDArray[np.float64]
 #: Eigenvectors in rows, shape (k, n), NaN at vertices without mass.
 Rows = npt.NDArray[np.floating[Any]]
 
-#: Up to this many vertices the dense matrix counts.
+#: Up to this many vertices eigenvalues are counted with the dense matrix.
 _DENSE = 1500
-#: Rows that are looked at together.
+#: Rows processed at a time.
 _ROWS = 64
-#: Gaps, relative to 4π / area and to an eigenvalue, in which a count is sure of itself.
+#: Smallest gap, relative to 4π / area and to an eigenvalue, in which a count is reliable.
 _GAP = 1e-7
-#: Pairs at the upper end among which a gap is looked for.
+#: Number of pairs at the upper end among which a gap is searched.
 _TAIL = 64
 
 
 def verify_pairs(
     values: FloatArray, rows: Rows, given: Certificate, stiffness: Any, mass: Any
 ) -> Certificate:
-    """Recompute what a certificate states; `Decomposition.verify` documents it."""
+    """Recompute a certificate; see `Decomposition.verify`."""
     n = rows.shape[1]
     matrix: Any = sp.csr_array(stiffness).astype(np.float64)
     given_mass: Any = mass
@@ -48,7 +48,7 @@ def verify_pairs(
         )
     used = np.flatnonzero(diagonal > 0.0)
     matrix, diagonal = sp.csr_array(matrix[used][:, used]), diagonal[used]
-    # To a power of two, as the solver has it: both know the same eigenvalues for next to zero.
+    # To a power of two, as in the solver: both treat the same eigenvalues as zero.
     spacing = float(np.exp2(np.round(np.log2(4.0 * np.pi / float(diagonal.sum())))))
     defects = _residuals(values, rows, matrix, diagonal, used)
     residuals = defects / np.where(values > 1e-9 * spacing, values, spacing)
@@ -76,9 +76,9 @@ def _blocks(k: int) -> Iterator[slice]:
 def _residuals(
     values: FloatArray, rows: Rows, matrix: Any, diagonal: FloatArray, used: npt.NDArray[np.intp]
 ) -> FloatArray:
-    """‖Lφ - λMφ‖ / ‖Mφ‖ of every pair, summed in more digits where the platform has them.
+    """Compute ‖Lφ - λMφ‖ / ‖Mφ‖ of every pair, in extended precision where the platform has it.
 
-    Of rows in float32 what their rounding explains is taken off.
+    For rows in float32 the error explained by their rounding is subtracted.
     """
     exact = matrix.astype(np.longdouble)
     residuals = np.empty(len(values))
@@ -96,7 +96,7 @@ def _residuals(
 
 
 def _norms(rows: npt.NDArray[np.longdouble]) -> npt.NDArray[np.longdouble]:
-    """Norms of rows, scaled: squares of small numbers vanish, and those of large ones overflow."""
+    """Compute norms of rows, scaled so that squares neither underflow nor overflow."""
     largest = np.abs(rows).max(axis=1)
     largest[largest == 0.0] = 1.0
     scaled = np.asarray(rows / largest[:, None], dtype=np.float64)
@@ -123,7 +123,7 @@ def _count(
     diagonal: FloatArray,
     spacing: float,
 ) -> tuple[int, int, float | None, float | None]:
-    """Eigenvalues that there are and that were found, up to a bound, from another."""
+    """Return numbers of eigenvalues counted and found, and upper and lower end of the interval."""
     if len(values) == len(diagonal):
         return len(diagonal), len(values), None, None
     # An eigenvalue is known no better than its residual.
@@ -134,7 +134,7 @@ def _count(
     low, first = None, 0
     if given.low is not None:
         if not len(wide):
-            # One eigenvalue and copies of it, of which some may not have been asked for.
+            # One multiple eigenvalue, of which some copies may not have been requested.
             ends = float(values[0] - gap[0]), float(values[-1] + gap[-1])
             below, upto = (_below(matrix, diagonal, end, spacing) for end in ends)
             copies = upto - below
@@ -142,22 +142,22 @@ def _count(
         first = int(wide[0]) + 1
         low = 0.5 * float(values[first - 1] + values[first])
     elif len(wide) and given.found > len(values):
-        # Not all that were found were kept: nearest a shift, equal ones at the lower end, zeros
-        # for instance, may be left out.
+        # More pairs were found than kept: of those nearest a shift, equal ones at the lower end
+        # (zeros for instance) may be missing.
         above = int(wide[0]) + 1
         edge = 0.5 * float(values[above - 1] + values[above])
         left_out = _below(matrix, diagonal, edge, spacing) - above
         if 0 < left_out <= given.found - len(values):
             low, first = edge, above
-    # The bound that the solver counted to, if all below it are here; else the highest gap
-    # between pairs in hand.
+    # The bound of the given certificate if all pairs below it are given, else the highest gap
+    # between the given pairs.
     last, bound = len(values), given.bound
     if bound is None or given.found != len(values):
         within = wide[wide >= max(len(values) - _TAIL, first)]
         if not len(within):
             within = wide[-1:]
         if not len(within):
-            # Below all of them, by more than what rounding makes of zeros.
+            # Below all of them, by more than the rounding of zeros.
             bound, last = float(values[0] - max(gap[0], noise)) if len(values) else -noise, 0
         else:
             last = int(within[-1]) + 1
@@ -169,7 +169,7 @@ def _count(
 
 
 def _below(matrix: Any, diagonal: FloatArray, bound: float, spacing: float) -> int:
-    """Eigenvalues below a bound, by Sylvester's law of inertia."""
+    """Count eigenvalues below a bound by Sylvester's law of inertia."""
     if len(diagonal) <= _DENSE:
         root = np.sqrt(diagonal)
         reduced = matrix.toarray() / root[:, None] / root

@@ -1,9 +1,9 @@
-"""How many eigenvalues a surface has, and how long their waves are.
+"""Weyl's law: numbers of eigenvalues, wavelengths and diffusion times of a surface.
 
-Weyl's law: a surface of area A has about ``A λ / 4π`` eigenvalues below λ, whatever its shape.
-It is exact in the limit only. Along thin branches, nearly one-dimensional at long wavelengths, and
-with many components the first hundred eigenvalues can lie ten times lower than it says, so every
-number from here is to be shown as an estimate.
+A surface of area A has about ``A λ / 4π`` eigenvalues below λ, independent of its shape. The law is
+asymptotic. Along thin branches, nearly one-dimensional at long wavelengths, and with many
+components the first hundred eigenvalues can be ten times lower, so every number computed here has
+to be displayed as an estimate.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ __all__ = [
     "weyl_eigenvalue",
 ]
 
-#: Share of a feature that may be missing for want of eigenpairs before it is flagged.
+#: Share of a feature that may be missing, due to too few eigenpairs, before it is flagged.
 TOLERANCE = 0.01
-#: Margin of the eigenvalue that is predicted to be enough: columns differ from their mean.
+#: Margin of the eigenvalue predicted to be sufficient: columns differ from their mean.
 _MARGIN = 1.1
-#: Sizes beyond this and its inverse are no lengths of meshes: their squares are no numbers.
+#: Largest length of a mesh; its inverse is the smallest. Squares of others overflow.
 _LARGEST = 1e150
-#: How far eigenvalues may lie beyond those that Weyl's law gives the first and the last pair.
+#: Smallest and largest eigenvalue relative to Weyl's estimates of the first and the last.
 _BELOW, _ABOVE = 1e-6, 1e3
-#: What a `Target` can be.
+#: Kinds of `Target`.
 TARGET_KINDS = ("count", "max_eigenvalue", "wavelength", "time")
 
 
@@ -65,46 +65,45 @@ def weyl_eigenvalue(area: float, count: float) -> float:
 
 
 def wavelength(eigenvalue: float) -> float:
-    """Length of a wave of this eigenvalue, ``2π / √λ``; infinite for zero."""
+    """Return the wavelength of an eigenvalue, ``2π / √λ``; infinite for zero."""
     return 2.0 * math.pi / math.sqrt(eigenvalue) if eigenvalue > 0.0 else math.inf
 
 
 def wavelength_eigenvalue(length: float) -> float:
-    """Eigenvalue of a wave of this length, ``(2π / length)²``."""
+    """Return the eigenvalue of a wavelength, ``(2π / length)²``."""
     return (2.0 * math.pi / length) ** 2
 
 
 def resolved_time(eigenvalue: float) -> float:
-    """Diffusion time from which pairs up to an eigenvalue miss less than `TOLERANCE` of HKS.
+    """Return the shortest time at which pairs up to an eigenvalue give HKS within `TOLERANCE`.
 
-    Where the surface looks flat HKS is ``1 / 4πt``, of which ``exp(-λ t)`` is missing.
+    Where the surface is nearly flat HKS is ``1 / 4πt``, of which ``exp(-λ t)`` is missing.
     """
     return -_MARGIN * math.log(TOLERANCE) / eigenvalue if eigenvalue > 0.0 else math.inf
 
 
 def required_eigenvalue(time: float) -> float:
-    """Largest eigenvalue that has to be known for a time: the inverse of `resolved_time`."""
+    """Return the largest eigenvalue required for a time: the inverse of `resolved_time`."""
     return -_MARGIN * math.log(TOLERANCE) / time
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """How much of the spectrum is asked for.
+    """The requested part of the spectrum.
 
     Parameters
     ----------
     kind : "count", "max_eigenvalue", "wavelength" or "time"
         What `value` is: a number of eigenpairs, the largest eigenvalue to include (per squared
-        unit), the shortest wavelength to include (unit), or the shortest time of which the heat
-        kernel signature is to miss less than `TOLERANCE` (squared unit).
+        unit), the shortest wavelength to include (unit), or the shortest time at which the heat
+        kernel signature is to be resolved within `TOLERANCE` (squared unit).
     value : float
         Positive; a whole number for a count.
 
     Raises
     ------
     InputError
-        If the value is not positive and of a size whose square is a number, or a count is not a
-        whole number.
+        If the value is not positive or its square overflows, or a count is not a whole number.
     """
 
     kind: Literal["count", "max_eigenvalue", "wavelength", "time"] = "count"
@@ -127,18 +126,18 @@ class Target:
             raise InputError(f"{name} is {self.value:g}: no mesh has one of that size.")
         if self.kind == "count" and self.value != int(self.value):
             raise InputError(f"{name} is {self.value:g}: give a whole number.")
-        # plain numbers, as JSON has them: a field gives 50.0, an array its own kind
+        # plain Python numbers, for JSON
         plain = int(self.value) if self.kind == "count" else float(self.value)
         object.__setattr__(self, "value", plain)
 
     @property
     def n_components(self) -> int | None:
-        """Number of pairs asked for, or None where an eigenvalue bounds them."""
+        """Requested number of pairs; None for other kinds."""
         return int(self.value) if self.kind == "count" else None
 
     @property
     def max_eigenvalue(self) -> float | None:
-        """Largest eigenvalue asked for, per squared unit, or None where a count bounds them."""
+        """Largest requested eigenvalue, per squared unit; None for a count."""
         if self.kind == "count":
             return None
         if self.kind == "time":
@@ -148,22 +147,22 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Translation:
-    """Count, largest eigenvalue, wavelength and time, each in terms of the others, for one mesh.
+    """Conversion between count, largest eigenvalue, wavelength and time for one mesh.
 
-    Where eigenpairs are known the answer is exact; beyond them Weyl's law goes on from the last
-    one, with its slope but not its error so far, which along thin branches is a factor of ten, and
-    to no more pairs than the mesh has vertices.
+    Within the known eigenvalues the result is exact. Beyond them Weyl's law is continued from the
+    last known one, which removes its error so far (a factor of ten along thin branches), up to as
+    many pairs as the mesh has vertices.
 
     Parameters
     ----------
     area : float
         Of the surface, positive, in squared length units.
     eigenvalues : ndarray of float64, shape (k,)
-        Those known, ascending and complete from the first; empty where none are.
+        Known eigenvalues, ascending and complete from the first; may be empty.
     n_vertices : float
-        Of the surface: that many pairs there are in all.
+        Number of vertices, which is the total number of pairs.
     known_to : float
-        Eigenvalue up to which the known ones are proven to be all, beyond the last of them.
+        Eigenvalue up to which no further one exists; at least the last known one.
     """
 
     area: float
@@ -172,7 +171,7 @@ class Translation:
     known_to: float = 0.0
 
     def eigenvalue(self, target: Target) -> tuple[float, bool]:
-        """Largest eigenvalue that a target asks for, and whether that is exact."""
+        """Return the largest eigenvalue of a target, and whether it is exact."""
         bound = target.max_eigenvalue
         if bound is not None:
             return bound, True
@@ -182,21 +181,21 @@ class Translation:
         return self._last + weyl_eigenvalue(self.area, count - known), False
 
     def wavelength(self, target: Target) -> tuple[float, bool]:
-        """Shortest wavelength that a target asks for, and whether that is exact."""
+        """Return the shortest wavelength of a target, and whether it is exact."""
         if target.kind == "wavelength":
             return float(target.value), True
         eigenvalue, exact = self.eigenvalue(target)
         return wavelength(eigenvalue), exact
 
     def time(self, target: Target) -> tuple[float, bool]:
-        """Shortest time of a heat kernel signature that a target resolves, and if that is exact."""
+        """Return the shortest time resolved by a target, and whether it is exact."""
         if target.kind == "time":
             return float(target.value), True
         eigenvalue, exact = self.eigenvalue(target)
         return resolved_time(eigenvalue), exact
 
     def count(self, target: Target) -> tuple[int, bool]:
-        """Number of eigenpairs that a target asks for, and whether that is exact."""
+        """Return the number of eigenpairs of a target, and whether it is exact."""
         bound, known = target.max_eigenvalue, len(self.eigenvalues)
         if bound is None:
             return int(min(target.value, self.n_vertices)), True
@@ -210,7 +209,7 @@ class Translation:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Sizes between which all eigenvalues but zero of a mesh like this lie for certain."""
+        """Safe lower and upper bound of all nonzero eigenvalues of the mesh."""
         if not self.area > 0.0:
             return 1e-140, 1e140
         last = min(self.n_vertices, 1e140)

@@ -1,9 +1,9 @@
-"""The machinery behind `meshmash_viewer.spectral.eigensolver`, in reading order.
+"""Implementation of `meshmash_viewer.spectral.eigensolver`, in reading order.
 
-`request` checks what is asked, `pencil` reduces (L, M) to one symmetric matrix in natural units,
+`request` checks the arguments, `pencil` reduces (L, M) to one symmetric matrix in natural units,
 `symbolic`, `multifrontal` and `factorization` order and factor shifted copies of it and count
 eigenvalues, `plan` cuts the spectrum into slices by such counts, `lanczos` finds all pairs of
-slices side by side, `output` makes them final, and `run` drives it all.
-`workers` says how many slices run at once, `compiler` how kernels are made; `arnoldi` serves an
-inverse given from outside.
+slices in parallel, `output` makes them final, and `run` controls the whole computation.
+`workers` chooses the number of parallel slices, `compiler` compiles kernels; `arnoldi` uses an
+inverse given by the caller.
 """

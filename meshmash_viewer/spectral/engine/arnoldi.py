@@ -1,4 +1,4 @@
-"""Pairs through an inverse that the caller brings along, by SciPy's ARPACK."""
+"""Eigenpairs by SciPy's ARPACK with an inverse given by the caller."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from meshmash_viewer.spectral.engine.request import Request
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Pairs beyond those wanted that the inverse is asked for.
+#: Number of additional pairs that are computed.
 _EXTRA = 6
 
 
 @dataclass(frozen=True, eq=False)
 class PairsAround:
-    """The pairs nearest a shift, as a Krylov basis found them, which may have missed some.
+    """The pairs nearest a shift found by a Krylov basis, which may have missed some.
 
     Parameters
     ----------
@@ -31,11 +31,11 @@ class PairsAround:
     rows : ndarray, shape (p, n)
         Orthonormal.
     low, high : float
-        An interval around the shift, with wide gaps at its ends.
+        Interval around the shift, with wide gaps at its ends.
     count : int
-        Pairs that were found inside it, which are a few more than those above.
+        Number of pairs found inside it, a few more than those above.
     first : int
-        How many of these are below the first of those above.
+        Number of these below the first of those above.
     """
 
     values: FloatArray
@@ -47,10 +47,10 @@ class PairsAround:
 
 
 def pairs_around(pencil: Pencil, request: Request, check: Callable[[], None]) -> PairsAround | None:
-    """The pairs that a request with `op_inv` asks for; None if ARPACK finds fewer.
+    """Compute the pairs of a request with `op_inv`; return None if ARPACK finds fewer.
 
-    A few more than asked for are found, so that the interval in which they are counted can end in
-    the widest gap behind the last one.
+    A few more are computed, so that the interval in which they are counted can end in the widest
+    gap after the last requested one.
     """
     assert request.n_components is not None
     wanted, n_rest = request.n_components, pencil.n - pencil.n_null
@@ -62,7 +62,7 @@ def pairs_around(pencil: Pencil, request: Request, check: Callable[[], None]) ->
     shift = (request.target or 0.0) / pencil.unit
     distance = np.abs(values - shift)
     order = np.argsort(distance, kind="stable")
-    # Beyond the last one found lie others, so zeros count only as far as that.
+    # Beyond the last pair found others are unknown, so zeros count only up to that distance.
     order = order[distance[order] <= distance[pencil.n_null :].max(initial=0.0)]
     if len(order) <= wanted:
         return None
@@ -81,18 +81,11 @@ def pairs_around(pencil: Pencil, request: Request, check: Callable[[], None]) ->
 def _pairs_of_inverse(
     pencil: Pencil, inverse: Any, k: int, ncv: int | None, check: Callable[[], None]
 ) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues (k,), ascending, and rows (k, n) beyond the null space; fewer if some fail.
+    """Compute eigenvalues (k,), ascending, and rows (k, n) beyond the null space.
 
-    Parameters
-    ----------
-    pencil : Pencil
-    inverse : LinearOperator or array, shape (n_all, n_all)
-        ``(L - σ M)^-1``; the pairs are those nearest its σ.
-    k : int
-    ncv : int, optional
-        Size of the Krylov basis.
-    check : callable
-        Called before each application.
+    There are fewer if some fail. `inverse` is ``(L - σ M)^-1``, shape (n_all, n_all), and the pairs
+    are those nearest σ; `ncv` is the size of the Krylov basis; `check` is called before each
+    application.
     """
     from scipy.sparse.linalg import ArpackError, ArpackNoConvergence, LinearOperator, eigsh
 
@@ -131,5 +124,5 @@ def _pairs_of_inverse(
         rows = rows[:0]
     orthonormalise(rows)
     small = rows @ (pencil.matrix @ rows.T)
-    values, turn = np.linalg.eigh(0.5 * (small + small.T))
-    return values, turn.T @ rows
+    values, rotation = np.linalg.eigh(0.5 * (small + small.T))
+    return values, rotation.T @ rows

@@ -1,10 +1,10 @@
-"""A block Krylov basis of the deflated inverse of a shifted matrix, and what it knows of its pairs.
+"""Block Krylov basis of the deflated inverse of a shifted matrix, and its Ritz pairs.
 
-Rounding makes the basis lose its orthogonality along the Ritz vectors nearest the shift: there
-the inverse magnifies most, and each solve brings about 1e-10 of them in anew. So these few are
-taken off every new block (selective orthogonalisation, Parlett & Scott 1979), and with them gone
-the rest drifts so slowly that a pass over the whole basis is needed only every few steps, when
-inner products with random sums of its rows say so (partial reorthogonalisation, Simon 1984).
+Rounding makes the basis lose orthogonality along the Ritz vectors nearest the shift: there the
+inverse magnifies most, and each solve adds about 1e-10 of them. So these few are projected out of
+every new block (selective orthogonalisation, Parlett & Scott 1979). The remaining loss is so slow
+that the whole basis has to be orthogonalised only every few steps, when inner products with random
+sums of its rows exceed a limit (partial reorthogonalisation, Simon 1984).
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from meshmash_viewer.spectral.engine.orthogonality import (
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Vectors that are solved for at once.
+#: Number of vectors in a block.
 BLOCK = 8
-#: Ritz vectors nearest the shift that every new block is kept orthogonal to.
+#: Number of Ritz vectors nearest the shift that every new block is made orthogonal to.
 _NEAREST = 24
-#: Rows at which they are looked for first.
+#: Size of the basis at which they are computed first.
 _FIRST_LOOK = 5 * BLOCK
-#: Inner products that blocks may have; their squares are what T is wrong by.
+#: Largest allowed inner product between blocks; its square is the error of T.
 _SEMIORTHOGONAL = 1e-7
-#: Random sums of all rows, and of what is known beforehand, through which they are watched.
+#: Number of random sums of all rows and known vectors, with which orthogonality is monitored.
 _MIXTURES = 4
 
 
@@ -56,17 +56,10 @@ class RitzPairs:
 
 
 def _relative(shared: FloatArray, gram: FloatArray) -> float:
-    """How far a block with these inner products, once orthonormal, is from orthogonal to a basis.
+    """Estimate how far a block, once orthonormal, is from orthogonal to the basis.
 
-    Its inner products with random sums of all rows are as large as all of its inner products
-    together, and hardly ever much less.
-
-    Parameters
-    ----------
-    shared : ndarray, shape (8, m)
-        With the sums.
-    gram : ndarray, shape (8, 8)
-        With itself.
+    `shared`, shape (8, m), are its inner products with random sums of all rows, which are rarely
+    much smaller than the norm of all its inner products; `gram`, shape (8, 8), those with itself.
     """
     try:
         shared = np.linalg.solve(np.linalg.cholesky(gram), shared)
@@ -76,7 +69,7 @@ def _relative(shared: FloatArray, gram: FloatArray) -> float:
 
 
 class KrylovBasis:
-    """Grows block by block from a random start.
+    """A block Krylov basis, extended block by block from a random start.
 
     Parameters
     ----------
@@ -86,13 +79,13 @@ class KrylovBasis:
     found : ndarray, shape (f, n)
         Orthonormal rows to stay orthogonal to.
     capacity : int
-        Rows that there is room for.
+        Maximum number of rows.
     seed : sequence of int
     stop : ndarray of uint8, shape (1,)
     careful : bool
-        Orthogonalise every block against all, whatever it costs.
+        Orthogonalise every block against the whole basis.
     left_out : ndarray of bool, shape (n,), optional
-        Vertices of whole components on which all rows are to be zero.
+        Vertices of whole components on which all rows are zero.
     """
 
     def __init__(
@@ -121,19 +114,19 @@ class KrylovBasis:
         self.size = 0
         self.rows = np.empty((capacity + 2 * BLOCK, self._n))
         first = self.rows[:BLOCK]
-        # The inverse mixes no components: what is zero on one stays so.
+        # The inverse does not mix components: rows stay zero on those left out.
         self._apply(self._without(self._random.random((BLOCK, self._n)) - 0.5), first)
         if not orthonormalise_block(first)[1]:
             first[:] = np.linalg.qr(first.T)[0].T
 
     def _without(self, rows: FloatArray) -> FloatArray:
-        """Rows that are zero on the components left out."""
+        """Set rows to zero on the components left out."""
         if self._left_out is not None:
             rows[:, self._left_out] = 0.0
         return rows
 
     def _apply(self, block: FloatArray, result: FloatArray) -> None:
-        """The deflated inverse times rows of shape (8, n)."""
+        """Apply the deflated inverse to rows of shape (8, n)."""
         if self._stop[0]:
             raise Cancelled("stopped inside a slice")
         columns = self._columns
@@ -146,9 +139,9 @@ class KrylovBasis:
             project_out(result, self._found)
 
     def extend(self) -> None:
-        """One Lanczos step: the next block, and a block column of T.
+        """Perform one Lanczos step: append a block, and a block column of T.
 
-        The inner products of one pass over the vectors are what the next subtracts.
+        The inner products of one pass over the vectors are subtracted in the next pass.
         """
         b, rows, size = BLOCK, self.rows, self.size
         nearest = self._nearest
@@ -185,7 +178,7 @@ class KrylovBasis:
         self.size = size + b
 
     def _mix_known(self) -> FloatArray:
-        """Random sums of the null space and of the pairs found before, shape (4, n)."""
+        """Return random sums of the null space and of the pairs found before, shape (4, n)."""
         pencil, random = self._ordered.pencil, self._random
         signs = random.choice([-1.0, 1.0], size=(_MIXTURES, pencil.n_null + 1))
         # Vertices that are not in a null component have the direction 0, the label -1.
@@ -194,9 +187,9 @@ class KrylovBasis:
         return np.asarray(mixture + signs @ self._found)
 
     def _project_known_out(self, new: FloatArray) -> None:
-        """Take the null space and the pairs found before off rows, in place."""
+        """Project the null space and the pairs found before out of rows, in place."""
         pencil = self._ordered.pencil
-        if pencil.n_null == 1:  # nearly every closed mesh: one product instead of two transposes
+        if pencil.n_null == 1:  # the usual case: one product instead of two transposes
             project_out(new, pencil.null_direction[None])
         else:
             for start in range(0, len(new), BLOCK):
@@ -208,7 +201,7 @@ class KrylovBasis:
             project_out(new, self._found)
 
     def _find_nearest(self, size: int) -> None:
-        """Ritz vectors of the largest values of the inverse that look settled."""
+        """Compute Ritz vectors of the largest values of the inverse that have nearly converged."""
         pairs = RitzPairs(self._projection[:size, :size], self._coupling)
         largest = np.argsort(-np.abs(pairs.mu), kind="stable")[:_NEAREST]
         settled = pairs.errors[largest] < _SEMIORTHOGONAL * np.abs(pairs.mu).max()
@@ -218,12 +211,12 @@ class KrylovBasis:
         self._nearest_at = size
 
     def _replace_lost(self, new: FloatArray, size: int) -> FloatArray:
-        """Where the Krylov space has run out, go on with fresh directions, uncoupled."""
+        """Replace linearly dependent directions of a block by random ones, uncoupled from T."""
         from scipy.linalg import qr
 
         scale = max(float(np.abs(np.diagonal(self._projection)[:size]).max()), 1e-300)
-        # Pivots bring the lost directions to the end: in place they would hold, and drop, parts
-        # of the columns behind them.
+        # Pivoting moves the lost directions to the end: otherwise parts of later columns would be
+        # lost with them.
         directions, triangle, pivots = qr(new.T, mode="economic", pivoting=True)
         following = np.empty((BLOCK, BLOCK))
         following[pivots] = triangle.T
@@ -239,27 +232,27 @@ class KrylovBasis:
         return following
 
     def ritz(self) -> RitzPairs:
-        """What is known so far."""
+        """Return the Ritz pairs of the present basis."""
         return RitzPairs(self._projection[: self.size, : self.size], self._coupling)
 
     def vectors(self, pairs: RitzPairs, chosen: npt.NDArray[np.int64]) -> FloatArray:
-        """Turn the basis into vectors of the chosen pairs, after one more, implicit, application.
+        """Compute vectors of the chosen pairs, after one more implicit application of the inverse.
 
         Returns
         -------
         ndarray, shape (p, n)
-            Nearly orthonormal, in the memory of the basis, which ends with this: there would have
-            to be that much beside it. The rest of it goes back to the system.
+            Nearly orthonormal. They reuse the memory of the basis, which is invalid afterwards; the
+            rest of its memory is freed.
         """
         size = self.size
         weights = np.empty((len(chosen), size + BLOCK))
         weights[:, :size] = pairs.weights[:, chosen].T
         last = pairs.coupling.T @ pairs.weights[size - BLOCK :, chosen]
         weights[:, size:] = last.T / pairs.mu[chosen, None]
-        # Pairs of an inverse are nearly of length 1 already; the weights' length makes them so.
+        # Normalising the weights makes the rows, nearly of norm 1 already, so.
         weights /= np.linalg.norm(weights, axis=1)[:, None]
         rows, self.rows = self.rows, np.zeros((0, self._n))
         multiply_in_place(weights, rows[: size + BLOCK], rows[: len(chosen)])
-        # No view of it is left.
+        # No view of it exists any more.
         rows.resize((len(chosen), self._n), refcheck=False)
         return rows

@@ -1,4 +1,4 @@
-"""One thread for BLAS while eigenpairs are computed, whoever else computes at the same time."""
+"""Limit of BLAS to one thread while eigenpairs are computed."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from contextlib import contextmanager
 
 
 def limit_accelerate(environment: MutableMapping[str, str]) -> None:
-    """Limit Accelerate of macOS to one thread, in processes that start with these variables.
+    """Limit Accelerate on macOS to one thread, in processes started with these variables.
 
-    NumPy's wheels use it there, and nothing limits it once it is loaded. A value that the user has
-    set stays.
+    NumPy's wheels use it there, and it cannot be limited once it is loaded. A value set by the user
+    is kept.
     """
     if sys.platform == "darwin":
         environment.setdefault("VECLIB_MAXIMUM_THREADS", "1")
@@ -21,12 +21,12 @@ def limit_accelerate(environment: MutableMapping[str, str]) -> None:
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Limit BLAS to one thread: several make products of thin matrices slower, not faster.
+    """Limit BLAS to one thread: several threads make products of thin matrices slower.
 
-    With most BLAS the limit is the whole process's: set and restored by each solve, one that ends
-    would lift the limit of another, or restore it for good. So a thread of its own holds it, from
-    the first solve that begins to the last that ends. Where BLAS counts threads for each thread
-    that calls it (OpenMP), the calling one is limited as well.
+    With most BLAS libraries the limit applies to the whole process. If each solve set and restored
+    it, a solve that ends would lift the limit of another one, or restore a wrong limit permanently.
+    So a separate thread holds the limit from the start of the first solve to the end of the last.
+    Where the limit applies to the calling thread (OpenMP), that one is limited as well.
     """
     from threadpoolctl import threadpool_limits
 
@@ -39,7 +39,7 @@ def one_blas_thread() -> Iterator[None]:
 
 
 class _Limit:
-    """The limit of the process, while anybody needs it."""
+    """The limit of the process, held while there are users."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

@@ -1,6 +1,6 @@
-"""The compiler of the kernels, numba: nothing is computed without it, and it is asked for first.
+"""Compilation of kernels with numba, and the folder of its cache.
 
-Every kernel has it from here: how kernels are compiled, and where they are kept.
+numba is required: `check_compiler` is called before anything is computed.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _REMEDY = "install it into this environment with: python -m pip install numba"
 
 
 def check_compiler() -> None:
-    """Look for the compiler without importing it, which takes a third of a second.
+    """Check that numba is installed without importing it, which takes a third of a second.
 
     Raises
     ------
@@ -33,12 +33,12 @@ def check_compiler() -> None:
 
 
 def import_compiler() -> Any:
-    """The module `numba`.
+    """Import numba.
 
     Raises
     ------
     InputError
-        If it is not installed, or does not work with what is installed beside it.
+        If it is not installed, or incompatible with other installed packages.
     """
     check_compiler()
     try:
@@ -52,16 +52,10 @@ def import_compiler() -> Any:
 
 
 def compiled(signature: str, *fast: str) -> Callable[[Any], Any]:
-    """Compile a function of straight lines of equal sums at once, without the interpreter lock.
+    """Make a decorator that compiles a function now, to run without the interpreter lock.
 
-    The straight-line vectoriser doubles the speed of such code; numba leaves it off unless told.
-
-    Parameters
-    ----------
-    signature : str
-        In numba's notation.
-    *fast : str
-        What the arithmetic may be rearranged by, such as "contract".
+    The superword-level (SLP) vectoriser, off by default in numba, doubles the speed of the kernels
+    here. `signature` is in numba's notation, `fast` are flags of ``fastmath`` such as "contract".
     """
     numba = import_compiler()
 
@@ -83,9 +77,9 @@ def _can_write_below(folder: Path) -> bool:
 
 
 def _provide_cache(settings: Any) -> None:
-    """Give numba a folder of this process where it would find none and refuse to work.
+    """Set a temporary cache folder if numba has no writable one, without which it fails.
 
-    A system-wide installation used by an account without a home has neither of numba's two places.
+    This is so for a system-wide installation used by an account without a home folder.
     """
     import platformdirs
 

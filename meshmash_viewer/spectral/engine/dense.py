@@ -14,9 +14,9 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def dense_pairs(pencil: Pencil, check: Callable[[], None]) -> tuple[FloatArray, Any]:
-    """All pairs beyond the known null space: ascending values, shape (r,), and sparse columns.
+    """Compute all pairs beyond the known null space: ascending values (r,) and sparse columns.
 
-    Component by component, since one may be a million times as stiff as another.
+    Components are solved one by one, since one may be a million times as stiff as another.
     """
     from scipy import sparse
     from scipy.sparse.csgraph import connected_components
@@ -51,14 +51,14 @@ def dense_pairs(pencil: Pencil, check: Callable[[], None]) -> tuple[FloatArray, 
 def component_pairs(
     matrix: FloatArray, constant: FloatArray | None, highest: float | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """All pairs of a component's matrix, (c, c), or those up to a value: ascending, and columns.
+    """Compute all pairs of a component's matrix, (c, c), or those up to `highest`, ascending.
 
-    `constant` is its null vector where that is known, and is left out.
+    `constant` is its null vector if that is known; it is left out.
     """
     from scipy.linalg import eigh
 
     if constant is not None:
-        # Lifted above all others, the constant does not mix with small eigenvalues.
+        # Shifted above all other eigenvalues, the constant does not mix with the lowest ones.
         lift = 1.1 * np.abs(matrix).sum(axis=0).max()
         matrix = matrix + lift * np.outer(constant, constant)
     if highest is not None:
@@ -71,9 +71,9 @@ def component_pairs(
 
 
 def dense_residuals(pencil: Pencil, values: FloatArray, rows: FloatArray) -> FloatArray:
-    """Residuals of pairs, ``‖Lφ - λMφ‖ / ‖Mφ‖`` in the reduced unit, shape (p,)."""
+    """Compute residuals ``‖Lφ - λMφ‖ / ‖Mφ‖`` in the reduced unit, shape (p,)."""
     weight = pencil.root_mass
-    # Sums in more digits, where the platform has them: what is measured is not their rounding.
+    # In extended precision, where the platform has it, to measure less rounding.
     image = (pencil.matrix.astype(np.longdouble) @ rows.T.astype(np.longdouble)).T
     defect = np.asarray(image - values[:, None] * rows, dtype=np.float64) * weight
     sizes = np.linalg.norm(rows * weight, axis=1)

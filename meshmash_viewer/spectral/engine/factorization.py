@@ -13,22 +13,22 @@ from meshmash_viewer.spectral.engine.pencil import Pencil
 from meshmash_viewer.spectral.engine.repeated import RepeatedComponents
 
 FloatArray = npt.NDArray[np.float64]
-#: One byte, shared with running kernels; any other value than 0 stops them.
+#: One byte, shared with running kernels; any value other than 0 stops them.
 StopFlag = npt.NDArray[np.uint8]
 
-#: Largest backward error of the probe solve that a factor may show.
+#: Largest allowed backward error of the probe solve.
 _PROBE_TOLERANCE = 1e-9
-#: Parts of a nudge by which a shift is moved, as powers of ten.
+#: Powers of ten times the nudge by which a shift is moved.
 _POWERS = (-6, -4, -2, -1, 0)
 
 
 class FactorizationError(RuntimeError):
-    """No usable factor near the wanted shift."""
+    """No usable factor near the requested shift."""
 
 
 @dataclass(eq=False)
 class OrderedPencil:
-    """A pencil in elimination order, and what its factors have in common.
+    """A pencil in elimination order, with the symbolic structure of its factors.
 
     Parameters
     ----------
@@ -37,11 +37,11 @@ class OrderedPencil:
     structure : Structure
         Blocks of the factor.
     kept : dict
-        Factors that were made to count and will be asked for again, by shift.
+        Factors made for counting that will be reused, by shift.
     steps : int
-        Blocks that iterations have solved for so far: how far they are.
+        Number of blocks solved so far, a measure of progress.
     repeated : RepeatedComponents, optional
-        Components whose pairs are known.
+        Components solved separately.
     """
 
     pencil: Pencil
@@ -51,26 +51,19 @@ class OrderedPencil:
     repeated: RepeatedComponents | None = None
 
     def solve_repeated(self, highest: float) -> None:
-        """Compute the pairs up to a value on components of which there are many."""
+        """Compute the pairs up to a value on components of which there are many copies."""
         self.repeated = RepeatedComponents(self.pencil, highest)
 
     def factor(self, shift: float, nudge: float, stop: StopFlag) -> Factor:
-        """Factor at a shift or, where a pivot vanishes, beside it.
+        """Factor at a shift or, if a pivot vanishes, close to it.
 
-        Any shift may meet a pivot that is nearly zero, though no eigenvalue is near. It is then
-        moved to both sides, by a nudge at most, the least first: 1e-6 of it, 1e-5 and so on.
-
-        Parameters
-        ----------
-        shift : float
-        nudge : float
-            How far it may be moved.
-        stop : ndarray of uint8, shape (1,)
+        At any shift a pivot may be nearly zero, though no eigenvalue is near. The shift is then
+        moved to both sides by 1e-6 `nudge`, 1e-4 `nudge` and so on, up to `nudge`.
 
         Raises
         ------
         FactorizationError
-            If no shift gave a sound factor.
+            If no shift gave a stable factor.
         Cancelled
             If `stop` was set.
         """
@@ -87,7 +80,7 @@ class OrderedPencil:
         raise FactorizationError(f"no stable factor near shift {shift:.6g}")
 
     def factor_at(self, shift: float, stop: StopFlag) -> Factor | None:
-        """Factor at this shift and no other; None if a pivot vanishes or nearly does."""
+        """Factor at exactly this shift; return None if a pivot vanishes or nearly does."""
         try:
             factor = Factor(self, shift, stop)
         except FactorizationError:
@@ -97,7 +90,7 @@ class OrderedPencil:
     def multiply(
         self, block: FloatArray, exactly: bool = False, magnitudes: bool = False
     ) -> FloatArray:
-        """``A @ block`` or ``|A| @ block``, (n, 8), if wanted with sums in twice the precision."""
+        """Compute ``A @ block`` or ``|A| @ block``, (n, 8), optionally in twice the precision."""
         from meshmash_viewer.spectral.engine import kernels
 
         multiply = kernels.multiply_block_exactly if exactly else kernels.multiply_block
@@ -108,7 +101,7 @@ class OrderedPencil:
         return result
 
     def quotients(self, block: FloatArray, images: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Rayleigh quotients of normalised columns (n, 8), and residuals in the norm of M."""
+        """Compute Rayleigh quotients of normalised columns (n, 8), and residuals in the M norm."""
         from meshmash_viewer.spectral.engine.kernels import quotients_block
 
         values, residuals = np.zeros(8), np.zeros(8)
@@ -132,7 +125,7 @@ class OrderedPencil:
 
 
 def order_pencil(pencil: Pencil) -> OrderedPencil:
-    """Put a pencil in elimination order and analyse its factor."""
+    """Permute a pencil to elimination order and analyse the structure of its factor."""
     from meshmash_viewer.spectral.engine.symbolic import analyse, elimination_order
 
     ordered = pencil.permuted(elimination_order(pencil.matrix))
@@ -156,9 +149,9 @@ class Factor:
     count_below : int
         Number of eigenvalues below the shift.
     error : float
-        Backward error of a probe solve: it grows with every pivot that is nearly zero.
+        Backward error of a probe solve, which grows if a pivot is nearly zero.
     blur : float
-        How far that moves eigenvalues near the shift, to first order.
+        First-order change of eigenvalues near the shift due to that error.
 
     Raises
     ------
@@ -212,13 +205,13 @@ class Factor:
         solve_block(*structure, self._blocks, self._inverse, block.reshape(-1))
 
     def _probe(self, pencil: Pencil) -> tuple[float, float]:
-        """Error and blur of a solve with a fixed right-hand side, beside the known null space."""
+        """Measure error and blur of a solve with a fixed right-hand side without null space."""
         n = pencil.n
         block = np.zeros((n, 8))
         probe = np.cos(np.arange(n, dtype=np.float64))
         pencil.remove_null(probe)
         block[:, 0] = probe
-        # A useless factor may overflow here; its error is then no number, and below no bound.
+        # An unstable factor may overflow here; its error is then NaN or infinite.
         with np.errstate(over="ignore", invalid="ignore"):
             self.solve(block)
             answer = block[:, 0]
@@ -227,5 +220,5 @@ class Factor:
             size = abs(answer)
             scale = pencil.magnitudes @ size + abs(self.shift) * size + abs(probe)
             error = np.linalg.norm(defect) / np.linalg.norm(scale)
-            # To first order an eigenvalue moves by yᵀ E y, and the answer is rich in those y.
+            # To first order an eigenvalue moves by yᵀ E y, with y the eigenvectors near the shift.
             return float(error), float(size @ abs(defect) / (size @ size))

@@ -1,4 +1,4 @@
-"""Compiled products of a matrix with blocks of vectors, and what is done to these.
+"""Compiled operations on blocks of vectors.
 
 All release the interpreter lock, so that slices run in threads. Blocks of vectors have shape
 (n, 8), C order: eight columns fill two vector registers.
@@ -19,12 +19,12 @@ _TRANSPOSE = "void(float64[:, ::1], float64[:, ::1])"
 _REMOVAL = "void(int64[::1], float64[::1], float64[:, ::1], float64[:, ::1])"
 
 
-# The eight numbers of a row, named one by one, stay in two registers; in a loop they would not.
+# Written out, the eight numbers of a row stay in two registers; in a loop they do not.
 
 
 @numba.njit(inline="always")
 def load(x, at):  # type: ignore[no-untyped-def]
-    """The eight numbers that begin at a place of a flat block."""
+    """Return the eight numbers from an index of a flat block on."""
     return (
         x[at],
         x[at + U1],
@@ -39,7 +39,7 @@ def load(x, at):  # type: ignore[no-untyped-def]
 
 @numba.njit(inline="always")
 def store(x, at, row):  # type: ignore[no-untyped-def]
-    """Write eight numbers to a place of a flat block."""
+    """Write eight numbers from an index of a flat block on."""
     x[at] = row[0]
     x[at + U1] = row[1]
     x[at + U2] = row[2]
@@ -52,7 +52,7 @@ def store(x, at, row):  # type: ignore[no-untyped-def]
 
 @numba.njit(inline="always")
 def added(row, factor, other):  # type: ignore[no-untyped-def]
-    """row + factor · other for eight numbers each."""
+    """Return row + factor · other for eight numbers each."""
     return (
         row[0] + factor * other[0],
         row[1] + factor * other[1],
@@ -67,7 +67,7 @@ def added(row, factor, other):  # type: ignore[no-untyped-def]
 
 @compiled(_PRODUCT, "contract", "nsz")
 def multiply_block(start, index, data, x, y):  # type: ignore[no-untyped-def]
-    """Y = A X for symmetric A in compressed form; x and y are of shape (n, 8), flat."""
+    """Compute Y = A X for symmetric A in compressed form; x and y are of shape (n, 8), flat."""
     for i in range(len(start) - U1):
         row = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         for p in range(start[i], start[i + U1]):
@@ -77,7 +77,7 @@ def multiply_block(start, index, data, x, y):  # type: ignore[no-untyped-def]
 
 @compiled(_PRODUCT)
 def multiply_block_exactly(start, index, data, x, y):  # type: ignore[no-untyped-def]
-    """Y = A X as `multiply_block`, each sum in twice the precision, rounded once (Dekker 1971)."""
+    """Compute Y = A X with sums in twice the precision, rounded once (Dekker 1971)."""
     for i in range(len(start) - U1):
         for c in range(U8):
             total = 0.0
@@ -107,7 +107,7 @@ def remove_null_block(labels, direction, sums, x):  # type: ignore[no-untyped-de
     """Project the direction of each component out of X of shape (n, 8), in place."""
     sums[:] = 0.0
     if len(sums) == 1:
-        # Vertices outside have the direction 0; a sum that has no place to be looked up is faster.
+        # Vertices outside have the direction 0; without indirect indexing this is faster.
         only = sums[0]
         for i in range(len(direction)):
             for c in range(8):
@@ -128,7 +128,7 @@ def remove_null_block(labels, direction, sums, x):  # type: ignore[no-untyped-de
 
 @compiled(_QUOTIENTS)
 def quotients_block(x, y, weight, values, residuals):  # type: ignore[no-untyped-def]
-    """x·y by columns, and ‖w (y - (x·y) x)‖ / ‖w x‖, for x and y of shape (n, 8)."""
+    """Compute x·y by columns and ‖w (y - (x·y) x)‖ / ‖w x‖, for x and y of shape (n, 8)."""
     size = np.zeros(8)
     values[:] = 0.0
     residuals[:] = 0.0
@@ -148,7 +148,7 @@ def quotients_block(x, y, weight, values, residuals):  # type: ignore[no-untyped
 
 @compiled(_TRANSPOSE)
 def collect_rows(columns, rows):  # type: ignore[no-untyped-def]
-    """rows = columnsᵀ for columns of shape (n, 8)."""
+    """Set rows to columnsᵀ for columns of shape (n, 8)."""
     for i in range(columns.shape[0]):
         for c in range(8):
             rows[c, i] = columns[i, c]

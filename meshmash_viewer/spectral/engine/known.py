@@ -1,4 +1,4 @@
-"""Pairs of an earlier run: whether they belong to this problem, and what is missing beside them."""
+"""Reuse of pairs from an earlier run: their verification, and the ranges that are missing."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from meshmash_viewer.spectral.engine.plan import SpectrumPlan
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Residual, relative to the eigenvalue, of a pair that is believed.
+#: Largest residual, relative to the eigenvalue, of an accepted pair.
 _RESIDUAL = 1e-6
-#: Rows measured at once.
+#: Rows measured at a time.
 _ROWS = 32
-#: Known pairs beside missing ones among which the widest gap is looked for: borders go there.
+#: Number of known pairs next to missing ones among which the widest gap is chosen as border.
 _TAIL = 16
-#: Neighbours whose relative distance is less than this count as equal.
+#: Relative distance below which neighbouring eigenvalues are equal.
 _EQUAL = 1e-7
-#: A known row has this much of its length in the span of a slice that it lies in.
+#: Smallest share of the norm of a known row that lies in the span of its slice.
 _INSIDE = 1.0 - 1e-6
 
 
@@ -32,7 +32,7 @@ class KnownPairs:
     Parameters
     ----------
     given : Decomposition
-        With an eigenvalue of NaN where a pair is missing.
+        An eigenvalue of NaN marks a missing pair.
     pencil : Pencil
 
     Attributes
@@ -51,14 +51,14 @@ class KnownPairs:
 
     @classmethod
     def of_shape(cls, given: Any, pencil: Pencil) -> KnownPairs | None:
-        """Pairs that may belong to a problem, for what their arrays are; None if they can't."""
+        """Return pairs whose arrays have the shape and dtype of a problem, else None."""
         if given is None or given.rows.dtype != np.float64 or given.rows.shape[1] != pencil.n_all:
             return None
         known = cls(given, pencil)
         return known if known.mask.any() else None
 
     def has_null_rows(self) -> bool:
-        """Whether those that should be constants are."""
+        """Whether the known rows of the null space are the constants."""
         null = np.flatnonzero(self.mask[: self._pencil.n_null])
         if len(null) == 0:
             return True
@@ -67,42 +67,42 @@ class KnownPairs:
 
     @staticmethod
     def equal(values: FloatArray) -> bool:
-        """Whether two eigenvalues are the same but for rounding, each along the first axis."""
+        """Whether ``values[0]`` and ``values[1]`` are equal except for rounding."""
         size = np.maximum(np.abs(values[1]), 1e-3)
         return bool((np.abs(values[1] - values[0]) <= _RESIDUAL * size).all())
 
     def kept(self, count: int) -> npt.NDArray[np.bool_]:
-        """Which of the first `count` pairs are known, shape (count,)."""
+        """Return which of the first `count` pairs are known, shape (count,)."""
         kept = np.zeros(count, dtype=bool)
         kept[: len(self.mask)] = self.mask[:count]
         return kept
 
     def rows(self, indices: npt.NDArray[np.int64]) -> FloatArray:
-        """Rows in the reduced problem, shape (p, n)."""
+        """Return rows in the reduced problem, shape (p, n)."""
         found = np.asarray(self.given.rows[indices], dtype=np.float64)
         return np.ascontiguousarray(found[:, self._pencil.active]) * self._pencil.root_mass
 
-    def stretches(
-        self, plan: SpectrumPlan, wanted: int, top: float
+    def missing_ranges(
+        self, plan: SpectrumPlan, n_expected: int, top: float
     ) -> list[tuple[float, float]] | None:
-        """Parts of the spectrum below `top` that hold all that is missing, lowest first.
+        """Return ranges of the spectrum below `top` that contain all missing pairs, lowest first.
 
-        Their borders lie in gaps between known pairs; so a part may hold a few of these as well,
-        and a multiple eigenvalue of which some copies are missing is in one part. None if a count
-        contradicts the indices of the pairs.
+        Their borders lie in gaps between known pairs. So a range may contain a few of these as
+        well, and all copies of a multiple eigenvalue are in one range. None if a count contradicts
+        the indices of the known pairs.
         """
         total, n_null = plan.count(top), self._pencil.n_null
-        missing = np.flatnonzero(~self.kept(wanted))
+        missing = np.flatnonzero(~self.kept(n_expected))
         missing = missing[missing >= n_null]
-        if wanted < total:  # the count is proof of the last ones only if all it counts are found
-            missing = np.append(missing, wanted)
+        if n_expected < total:  # the count proves the last pairs only if all counted ones are found
+            missing = np.append(missing, n_expected)
         found: list[tuple[float, float]] = []
         for part in np.split(missing, np.flatnonzero(np.diff(missing) > 1) + 1):
             if len(part) == 0:
                 continue
             if not self._are_lowest(plan, int(part[0]) - 1):
                 return None
-            values = self.values[:wanted]  # above them the end is `top`
+            values = self.values[:n_expected]  # above them the end is `top`
             low = self._border(values, int(part[0]), -1)
             high = self._border(values, int(part[-1]) + 1, 1)
             ends = []
@@ -119,14 +119,14 @@ class KnownPairs:
         return found
 
     def _are_lowest(self, plan: SpectrumPlan, last: int) -> bool:
-        """Whether as many eigenvalues lie below a known pair, and its copies, as its index says."""
+        """Whether the count below a known pair and its copies agrees with its index."""
         first = last
         while first > self._pencil.n_null and self.kept(last + 1)[first - 1]:
             if self.values[first - 1] < self.values[last] * (1.0 - _EQUAL):
                 break
             first -= 1
         if first <= self._pencil.n_null or not self.kept(first)[first - 1]:
-            return True  # nothing known to compare with
+            return True  # no known pair to compare with
         try:
             below = plan.settle(float(self.values[last]), -1.0, wide=True)
         except FactorizationError:
@@ -134,7 +134,7 @@ class KnownPairs:
         return plan.count(below) == first
 
     def _between(self, plan: SpectrumPlan, index: int) -> float | None:
-        """A value between a known pair and the one before, if the count there is right."""
+        """Return a value between a known pair and the one before, if the count there agrees."""
         below, above = self.values[index - 1], self.values[index]
         try:
             border = plan.settle(0.5 * float(below + above))
@@ -143,16 +143,16 @@ class KnownPairs:
         return border if border < above and plan.count(border) == index else None
 
     def _border(self, values: FloatArray, index: int, direction: int) -> int | None:
-        """The known pair above the widest gap, beside a place in one direction; None for none."""
-        widest, best, looked_at = 0.0, None, 0
-        # Equal eigenvalues, of equal components say, may be many more than are looked at.
-        while looked_at < _TAIL or best is None:
+        """Return the known pair above the widest gap near an index in one direction, or None."""
+        widest, best, n_examined = 0.0, None, 0
+        # Continue while all are equal, as eigenvalues of equal components may be.
+        while n_examined < _TAIL or best is None:
             index += direction
             if not self._pencil.n_null < index < len(values):
                 break
-            looked_at += 1
+            n_examined += 1
             gap = float(values[index] - values[index - 1])
-            # NaN, which is larger than nothing, beside a missing pair.
+            # NaN next to a missing pair, for which the comparison is false.
             if gap > max(widest, _EQUAL * float(values[index])):
                 widest, best = gap, index
         return best
@@ -160,12 +160,12 @@ class KnownPairs:
     def complement(
         self, indices: npt.NDArray[np.int64], values: FloatArray, rows: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """What a slice holds besides the known pairs in it.
+        """Return the pairs of a slice other than the known ones in it.
 
         Parameters
         ----------
         indices : ndarray of int, shape (p,)
-            The known ones.
+            Indices of the known pairs.
         values, rows : ndarray, shape (m,) and (m, n)
             All pairs of the slice, in the reduced problem.
 
@@ -182,14 +182,14 @@ class KnownPairs:
         inner = rows @ self.rows(indices).T
         left, sizes, _ = np.linalg.svd(inner, full_matrices=True)
         if sizes.min(initial=1.0) < _INSIDE:
-            raise ArithmeticError("a known eigenvector is none of those counted in its slice")
+            raise ArithmeticError("a known eigenvector does not lie in the slice of its eigenvalue")
         rest = left[:, len(indices) :]
-        found, turn = np.linalg.eigh(rest.T @ (values[:, None] * rest))
-        return found, np.asarray((rest @ turn).T @ rows)
+        found, rotation = np.linalg.eigh(rest.T @ (values[:, None] * rest))
+        return found, np.asarray((rest @ rotation).T @ rows)
 
 
-def pairs_that_fit(given: Any, ordered: OrderedPencil) -> KnownPairs | None:
-    """Known pairs if there are some and each of them solves this problem."""
+def verified_pairs(given: Any, ordered: OrderedPencil) -> KnownPairs | None:
+    """Return known pairs if there are any and each of them solves this problem, else None."""
     known = KnownPairs.of_shape(given, ordered.pencil)
     if known is None or not known.has_null_rows():
         return None

@@ -1,9 +1,8 @@
-"""All eigenpairs of the reduced problem in one interval, by shifted block Lanczos.
+"""Eigenpairs of the reduced problem in one interval, by shifted block Lanczos.
 
 Grimes, Lewis & Simon 1994: the inverse ``(A - σ)^-1`` maps the eigenvalues around the shift to
 the ends of its spectrum, where a block Krylov basis finds them first. The number of pairs in the
-interval is known from inertia beforehand, so the iteration ends when that many have converged,
-not when it looks finished.
+interval is known beforehand from inertia, so the iteration ends when that many have converged.
 """
 
 from __future__ import annotations
@@ -27,62 +26,62 @@ from meshmash_viewer.spectral.engine.orthogonality import (
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Rows of a basis, by pairs and for none, at which a look for all of them is worth it.
+#: Slope and intercept of the usual basis size at convergence, as a function of the pairs.
 _USUAL = (2.3, 56)
-#: Runs that end with nothing new before the interval is given up.
+#: Number of fruitless restarts after which an interval fails.
 _PATIENCE = 6
-#: Residuals this many times the tolerance are worth another solve.
+#: Residuals above this multiple of the tolerance are refined.
 _COARSE = 8.0
-#: Times that it is tried.
+#: Maximum number of refinements.
 _POLISHES = 3
-#: Once a run has brought nothing, residuals may be this many times as large.
+#: Factor of the tolerance after a fruitless restart.
 _LENIENCE = 1e3
-#: Rows that gave way by more than this are no longer orthonormal among themselves.
+#: Correction of rows above which they have to be orthonormalised again.
 _SEEN = 1e-7
-#: Products of A with rows that are held at once.
+#: Number of products of A with rows held in memory.
 _IMAGES = 8 * BLOCK
-#: Backward error of a factor from which on it blurs the lowest pairs.
+#: Backward error of a factor above which the lowest pairs lose accuracy.
 _BLURRED = 2e-14
-#: An eigenvalue nearer to the shift than this, in mean spacings, drowns the others in its rounding.
+#: Distance of an eigenvalue from the shift, in mean spacings, below which its rounding dominates.
 _NEAR = 1e-3
-#: How far the shift is then moved, in mean spacings, and how often at most.
+#: Distance by which the shift is then moved, in mean spacings, and maximum number of moves.
 _MOVE, _MOVES = 0.3, 5
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A stretch of the spectrum and what it holds.
+    """An interval of the spectrum with the number of its eigenvalues.
 
     Parameters
     ----------
     index : int
         Number of the slice, lowest first.
     low, high : float
-        Ends, in the reduced problem.
+        Ends, in the unit of the reduced problem.
     first : int
         Number of eigenvalues below `low`, null space included.
-    owed : int
+    n_expected : int
         Number of eigenvalues inside, the null space not counted.
     shift : float
-        Somewhere in the middle.
+        Shift of the factorization, near the middle.
     clearance : float
-        The count below `high` is in doubt if an eigenvalue lies nearer to it than this.
+        Smallest distance of an eigenvalue from `high` at which the count is reliable.
     most : int, optional
-        Number of its lowest pairs that are needed; None: all.
+        Number of its lowest pairs to return; None: all.
     """
 
     index: int
     low: float
     high: float
     first: int
-    owed: int
+    n_expected: int
     shift: float
     clearance: float = 0.0
     most: int | None = None
 
 
 class UnclearBorder(ArithmeticError):
-    """An eigenvalue lies on the border of a slice, so how many it holds is in doubt."""
+    """An eigenvalue lies on the border of a slice, so its count is unreliable."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +109,7 @@ class IntervalPairs:
 
 
 def usual_rows(pairs: float) -> int:
-    """Rows of a basis when the pairs of a slice have converged, as a rule."""
+    """Return the usual size of a basis when the pairs of a slice have converged."""
     return int(_USUAL[0] * pairs) + _USUAL[1]
 
 
@@ -121,39 +120,39 @@ def run_slices(
     n_jobs: int,
     stop: StopFlag,
 ) -> Iterator[IntervalPairs]:
-    """Find the pairs of intervals side by side, and yield those of each in order.
+    """Find the pairs of intervals in parallel, and yield those of each in order.
 
-    In threads, since the kernels release the interpreter lock. A slice's result does not depend on
-    what ran beside it, so the number of threads never changes a bit of it.
+    Threads are used, since the kernels release the interpreter lock. Results do not depend on the
+    number of threads.
 
     Parameters
     ----------
     ordered : OrderedPencil
     intervals : iterable of Interval
-        May be computed as it is consumed.
+        May be computed lazily.
     tolerance : float
-        Wanted residual relative to the eigenvalue.
+        Requested residual relative to the eigenvalue.
     n_jobs : int
-        Slices at a time.
+        Number of slices computed in parallel.
     stop : ndarray of uint8, shape (1,)
-        Set here when the iteration is left early; running kernels look at it.
+        Set here when the iteration is left early; running kernels check it.
     """
     if n_jobs == 1:
         for interval in intervals:
             yield find_pairs(ordered, interval, tolerance, stop)
         return
     with ThreadPoolExecutor(n_jobs, "slice") as threads:
-        begun: deque[Future[IntervalPairs]] = deque()
+        started: deque[Future[IntervalPairs]] = deque()
         try:
             for interval in intervals:
-                begun.append(threads.submit(find_pairs, ordered, interval, tolerance, stop))
-                busy = [slice_ for slice_ in begun if not slice_.done()]
+                started.append(threads.submit(find_pairs, ordered, interval, tolerance, stop))
+                busy = [slice_ for slice_ in started if not slice_.done()]
                 if len(busy) == n_jobs:
                     wait(busy, return_when=FIRST_COMPLETED)
-                while begun and begun[0].done():
-                    yield begun.popleft().result()
-            while begun:
-                yield begun.popleft().result()
+                while started and started[0].done():
+                    yield started.popleft().result()
+            while started:
+                yield started.popleft().result()
         except BaseException:
             stop[0] = 1
             raise
@@ -162,23 +161,23 @@ def run_slices(
 def find_pairs(
     ordered: OrderedPencil, interval: Interval, tolerance: float, stop: StopFlag
 ) -> IntervalPairs:
-    """Find the pairs that an interval owes, or the lowest that are needed.
+    """Find the pairs of an interval, or the lowest `most` of them.
 
     Parameters
     ----------
     ordered : OrderedPencil
     interval : Interval
     tolerance : float
-        Wanted residual relative to the eigenvalue.
+        Requested residual relative to the eigenvalue.
     stop : ndarray of uint8, shape (1,)
-        Set from outside to make this raise `Cancelled`.
+        Set by another thread to make this raise `Cancelled`.
 
     Raises
     ------
     UnclearBorder
         If the upper end lies on an eigenvalue.
     ArithmeticError
-        If the pairs stay out of reach.
+        If the iteration fails.
     """
     low, high, clearance = interval.low, interval.high, interval.clearance
     repeated = ordered.repeated
@@ -188,7 +187,7 @@ def find_pairs(
     else:
         if alone.values[-1] > high - clearance:
             raise UnclearBorder(f"an eigenvalue lies on the border {high:.6g}")
-        rest = replace(interval, owed=interval.owed - len(alone.values))
+        rest = replace(interval, n_expected=interval.n_expected - len(alone.values))
         found_values, found, orthonormality, factor = _search(
             ordered, rest, tolerance, stop, alone.vertices
         )
@@ -202,23 +201,23 @@ def find_pairs(
     if interval.low < 0.0 and values[0] < -max(1e-6, 1e-9 * ordered.pencil.norm):
         raise ArithmeticError(f"a negative eigenvalue, {values[0]:.6g}")
     refined = np.zeros(len(rows), dtype=bool)
-    for turn in range(_POLISHES):
+    for attempt in range(_POLISHES):
         coarse = np.flatnonzero(residuals > _COARSE * tolerance * np.abs(values))
         if len(coarse) == 0:
             break
-        if turn == 1 and interval.low < 0.0:
-            # Next to the lowest, so that what neighbours left in it is damped too: another
-            # factor, which is seldom needed.
+        if attempt == 1 and interval.low < 0.0:
+            # Near the lowest eigenvalue, to damp components of neighbouring eigenvectors too; this
+            # seldom needed step takes another factor.
             below = -float(values[coarse[0]])
             factor = ordered.factor(below, 0.1 * below, stop)
         gained = _polish(ordered, factor, rows, values, residuals, coarse)
         if len(gained) == 0:
             break
-        orthonormality = max(orthonormality, _fit_in(rows, gained))
+        orthonormality = max(orthonormality, _insert_refined(rows, gained))
         values, residuals = measure_pairs(ordered, rows)
         values[gained], residuals[gained] = measure_pairs(ordered, rows[gained], exactly=True)
         refined[gained] = True
-    # Residuals in float64 carry this rounding already; those in twice the precision do not.
+    # Residuals in float64 contain this rounding already; those in twice the precision do not.
     residuals[refined] = np.hypot(residuals[refined], _rounding(ordered, rows[refined]))
     return IntervalPairs(interval, values, residuals, rows, orthonormality)
 
@@ -230,50 +229,50 @@ def _search(
     stop: StopFlag,
     left_out: npt.NDArray[np.bool_] | None = None,
 ) -> tuple[FloatArray, FloatArray, float, Factor]:
-    """Look for the pairs of an interval in Krylov bases, restarted until all are found.
+    """Find the pairs of an interval with Krylov bases, restarted until all are found.
 
-    Vertices that are left out make up whole components, whose pairs the interval does not count.
+    `left_out` are the vertices of whole components, whose pairs the interval does not count.
 
     Returns
     -------
     values, rows : ndarray, shape (p,) and (p, n)
     orthonormality : float
     factor : Factor
-        The last that was used.
+        The last one used.
     """
     width = interval.high - interval.low
     factor = _factor(ordered, interval, stop)
-    n, owed = ordered.pencil.n, interval.owed
+    n, n_expected = ordered.pencil.n, interval.n_expected
     nothing = np.zeros((0, n))
     n_left_out = 0 if left_out is None else int(left_out.sum())
     found_values, found, orthonormality = np.zeros(0), nothing, 0.0
     fruitless = 0
     moves = 0
     careful = False
-    spacing = width / max(owed, 1)
-    for attempt in range(40 + owed):
-        missing = owed - len(found_values)
+    spacing = width / max(n_expected, 1)
+    for attempt in range(40 + n_expected):
+        missing = n_expected - len(found_values)
         if missing <= 0:
             break
-        # A copy that was missed may lie at an end of the interval, and cost as much as the rest.
+        # A missed copy may lie at an end of the interval, and take as many steps as the others.
         free = n - ordered.pencil.n_null - len(found) - n_left_out
-        # Nor does a basis converge that ends before pairs close to an end of it are told apart.
-        capacity = (4 * owed + 20 * BLOCK) * 2**fruitless
+        # A basis that is too small cannot resolve close pairs near an end: double it.
+        capacity = (4 * n_expected + 20 * BLOCK) * 2**fruitless
         capacity = min(capacity, BLOCK * max(free // BLOCK, 1))
-        seed = (interval.first, owed, attempt)
+        seed = (interval.first, n_expected, attempt)
         basis = KrylovBasis(ordered, factor, found, capacity, seed, stop, careful, left_out)
-        # Refinement at the end makes up for what the last few, hardest ones, lack.
-        wanted = tolerance * (_LENIENCE if fruitless else 1.0)
+        # The last, hardest pairs are refined at the end.
+        target = tolerance * (_LENIENCE if fruitless else 1.0)
         try:
-            values, rows = _converge(basis, interval, missing, factor.shift, wanted)
+            values, rows = _converge(basis, interval, missing, factor.shift, target)
             values, defect = rotate_to_pairs(ordered, rows)
         except UnclearBorder:
             raise
         except (ArithmeticError, np.linalg.LinAlgError):
-            # The basis lost its orthogonality and gave a pair twice.
+            # The basis lost its orthogonality and contained a pair twice.
             values, rows, defect = np.zeros(0), nothing, 0.0
             careful = True
-        del basis  # and its memory, before the next is made
+        del basis  # free its memory before the next one is allocated
         if moves < _MOVES and np.any(np.abs(values - factor.shift) < _NEAR * spacing):
             moves += 1
             factor = ordered.factor(factor.shift + _MOVE * spacing, 0.03 * width, stop)
@@ -291,18 +290,18 @@ def _search(
             orthonormality = orthonormalise(found)
         else:
             found, orthonormality = rows, defect
-    if len(found_values) != owed:
+    if len(found_values) != n_expected:
         raise ArithmeticError(
-            f"{len(found_values)} of {owed} eigenvalues found between "
+            f"{len(found_values)} of {n_expected} eigenvalues found between "
             f"{interval.low:.6g} and {interval.high:.6g}"
         )
     return found_values, found, orthonormality, factor
 
 
 def _rounding(ordered: OrderedPencil, rows: FloatArray) -> FloatArray:
-    """What the rounding of A's entries and of the rows' own leaves in residuals, shape (p,).
+    """Compute the contribution of rounding of A and of rows to residuals, shape (p,).
 
-    A and rows are measured exactly, but both are roundings of those of L φ = λ M φ.
+    Residuals are computed exactly, but from rounded A and rows.
     """
     sizes = np.empty(len(rows))
     weight = ordered.pencil.root_mass[:, None]
@@ -318,10 +317,10 @@ def _rounding(ordered: OrderedPencil, rows: FloatArray) -> FloatArray:
 
 
 def _factor(ordered: OrderedPencil, interval: Interval, stop: StopFlag) -> Factor:
-    """A factor for an interval, at its shift or a little aside.
+    """Factor for an interval at its shift or close to it.
 
-    What a nearly vanishing pivot costs in digits is little next to eigenvalues far above zero, but
-    all pairs of the lowest slice would have to be refined: another factor is cheaper.
+    A nearly vanishing pivot matters little for eigenvalues far above zero, but all pairs of the
+    lowest slice would have to be refined: another factor is cheaper.
     """
     nudge = 0.03 * (interval.high - interval.low)
     best = ordered.factor(interval.shift, nudge, stop)
@@ -341,15 +340,14 @@ def _polish(
     residuals: FloatArray,
     coarse: npt.NDArray[np.int64],
 ) -> npt.NDArray[np.int64]:
-    """Rid some rows of the rounding that the basis left in them, by one inverse iteration.
+    """Refine some rows, in place, by one inverse iteration; return the indices of improved rows.
 
-    That rounding is spread over the whole spectrum, and A magnifies it by its norm: next to the
-    smallest eigenvalues it is what bounds the residual. The inverse damps it again, from a shift
-    below zero and as near as the smallest of them what neighbours left there, too; the solution
-    is refined with defects in twice the precision. What stays is the rounding
-    of the entries themselves, about eps ‖A‖ / λ: 1e-9 for the first eigenfunction of a neuron of
-    a hundred thousand vertices, in float64 whatever is done. Gives the indices of rows that
-    gained by it; the others stay.
+    Rounding in the basis is spread over the whole spectrum and magnified by the norm of A: for the
+    smallest eigenvalues it limits the residual. The inverse damps it; with a shift below zero, as
+    close to zero as the smallest eigenvalue, it damps components of neighbouring eigenvectors too.
+    The solution is refined with defects in twice the precision. What remains is the rounding of the
+    entries themselves, about eps ‖A‖ / λ: in float64 about 1e-9 for the first eigenfunction of a
+    neuron of a hundred thousand vertices. Rows that do not improve are unchanged.
     """
     gained: list[npt.NDArray[np.int64]] = []
     for start in range(0, len(coarse), BLOCK):
@@ -370,10 +368,10 @@ def _polish(
     return np.concatenate(gained)
 
 
-def _fit_in(rows: FloatArray, some: npt.NDArray[np.int64]) -> float:
-    """Make some rows orthonormal, and the others orthogonal to them; the largest defect left.
+def _insert_refined(rows: FloatArray, some: npt.NDArray[np.int64]) -> float:
+    """Make some refined rows orthonormal and the others orthogonal to them; return the defect.
 
-    The others give way: what they share with a row that has been rid of errors was its error.
+    The others are corrected, since the refined rows are the more accurate ones.
     """
     pure = rows[some]
     orthonormalise(pure)
@@ -390,13 +388,13 @@ def _fit_in(rows: FloatArray, some: npt.NDArray[np.int64]) -> float:
 def _converge(
     basis: KrylovBasis, interval: Interval, missing: int, shift: float, tolerance: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Extend a basis until the missing pairs have converged or nothing new comes.
+    """Extend a basis until the missing pairs have converged or no new ones appear.
 
     Returns values, shape (p,), and nearly orthonormal rows, shape (p, n).
     """
     b = BLOCK
     usual = min(usual_rows(missing), basis.capacity)
-    # Early looks are for multiple eigenvalues, of which a basis sees eight copies at most.
+    # Early checks are for multiple eigenvalues, of which a basis finds eight copies at most.
     check = min(10 * b, usual)
     stagnant = 0
     before = (-1, -1)
@@ -410,8 +408,8 @@ def _converge(
         pairs = basis.ritz()
         theta = shift + 1.0 / pairs.mu
         inside = (theta > interval.low) & (theta < interval.high)
-        # After one more implicit solve the residual is this, whatever the norm of A.
-        # Against the width, so that pairs of distant slices are orthogonal to as much.
+        # After one more implicit solve this is the residual, independent of the norm of A.
+        # Limited by the width, so that pairs of distant slices are equally orthogonal.
         width = interval.high - interval.low
         wanted = tolerance * np.clip(np.abs(theta), 1e-3, width)
         floor = 1e-15 * np.linalg.norm(pairs.coupling) / pairs.mu**2
@@ -422,11 +420,11 @@ def _converge(
         n_inside, good = int(inside.sum()), int((inside & converged).sum())
         stagnant = stagnant + 1 if (n_inside, good) == before else 0
         before = (n_inside, good)
-        # All that is inside has converged, yet fewer than owed: other copies of multiple
-        # eigenvalues are invisible to this basis.
+        # All inside have converged, yet fewer than expected: this basis cannot contain further
+        # copies of multiple eigenvalues.
         copies_left = n_inside == good < missing and good > 0 and stagnant >= 2
         if good > missing:
-            raise ArithmeticError("more pairs converged than there are")
+            raise ArithmeticError("more pairs converged than were counted")
         if good == missing or full or copies_left:
             chosen = np.flatnonzero(inside & converged)
             chosen = chosen[np.argsort(theta[chosen], kind="stable")]
@@ -435,7 +433,7 @@ def _converge(
         if good < n_inside or good == 0:
             check = max(check, min(usual, 3 * size // 2))
         if n_inside == missing and good < missing:
-            # Errors fall by the same factor a step: look again when they should be small enough.
+            # Errors decrease by a constant factor: check again when they should be small enough.
             worst = float(np.log(ratio[inside].max()))
             if worst_before is not None and worst < worst_before[1]:
                 rate = (worst_before[1] - worst) / (size - worst_before[0])
@@ -444,10 +442,9 @@ def _converge(
 
 
 def rotate_to_pairs(ordered: OrderedPencil, rows: FloatArray) -> tuple[FloatArray, float]:
-    """Rayleigh–Ritz on A itself: turn nearly orthonormal rows (p, n) into Ritz vectors, in place.
+    """Rotate nearly orthonormal rows (p, n) to Ritz vectors of A, in place (Rayleigh–Ritz).
 
-    The basis knows its pairs through an inverse that rounding blurs, most where pairs are close:
-    that mixes neighbours, and what is mixed among the rows this takes apart again.
+    Rounding in the inverse mixes pairs that are close to each other; this separates them again.
 
     Returns
     -------
@@ -486,10 +483,10 @@ def rotate_to_pairs(ordered: OrderedPencil, rows: FloatArray) -> tuple[FloatArra
 def measure_pairs(
     ordered: OrderedPencil, rows: FloatArray, exactly: bool = False
 ) -> tuple[FloatArray, FloatArray]:
-    """Rayleigh quotients of normalised rows (p, n) and their residuals in the norm of M.
+    """Compute Rayleigh quotients of normalised rows (p, n) and residuals in the M norm.
 
-    If wanted, with products in twice the precision, of the numbers that the rows are once they
-    have been divided by the roots of the masses.
+    `exactly` computes products in twice the precision, with rows rounded as they are when divided
+    by the roots of the masses.
     """
     if exactly:
         root_mass = ordered.pencil.root_mass

@@ -14,7 +14,7 @@ from meshmash_viewer.spectral.engine.kernels import added, load, store
 numba = import_compiler()
 
 _PANEL = 48
-#: Multiplications in an update from which BLAS is faster.
+#: Number of multiplications in an update above which BLAS is faster.
 _LARGE = 60000
 
 U1, U2, U8 = (np.uint64(i) for i in (1, 2, 8))
@@ -28,9 +28,9 @@ _SOLVE = (
 
 @compiled(_ELIMINATION, "contract", "nsz")
 def _eliminate_panel(front, columns, k0, k1):  # type: ignore[no-untyped-def]
-    """LDLᵀ of columns k0 to k1 of the lower triangle of a front, whose other columns wait.
+    """Factor columns k0 to k1 of the lower triangle of a front; the others are not updated.
 
-    `columns` receives them unscaled, as rows, in which the loops run along memory.
+    `columns` receives them unscaled, as rows, which are contiguous in memory.
     """
     m = front.shape[0]
     for k in range(k0, k1):
@@ -52,7 +52,7 @@ def _eliminate_panel(front, columns, k0, k1):  # type: ignore[no-untyped-def]
 
 @compiled(_UPDATE, "contract", "nsz")
 def _update_rest(front, columns, k0, k1):  # type: ignore[no-untyped-def]
-    """Subtract what a panel's columns leave in the columns behind it, lower triangle only."""
+    """Update the columns after a panel, lower triangle only."""
     for i in range(k1, front.shape[0]):
         row = front[i]
         k = k0
@@ -78,7 +78,7 @@ def _update_rest(front, columns, k0, k1):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def _eliminate(front, w, columns):  # type: ignore[no-untyped-def]
-    """Partial LDLᵀ of the leading w columns of the lower triangle of a front, in place."""
+    """Factor the leading w columns of the lower triangle of a front, in place."""
     m = front.shape[0]
     for k0 in range(0, w, _PANEL):
         k1 = min(k0 + _PANEL, w)
@@ -107,7 +107,7 @@ def _eliminate(front, w, columns):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def factor_numeric(  # type: ignore[no-untyped-def]
+def factor_numeric(  # type: ignore[no-untyped-def]  # noqa: C901
     data,
     shift,
     first,
@@ -123,7 +123,9 @@ def factor_numeric(  # type: ignore[no-untyped-def]
     inverse,
     stop,
 ):
-    """Multifrontal LDLᵀ without pivoting; negative pivots, or -1 for failure, -2 for stop.
+    """Compute LDLᵀ without pivoting; return the number of negative pivots.
+
+    -1 stands for a vanishing pivot, -2 for a stopped computation.
 
     `blocks` receives L with D on its diagonal, and `inverse` the diagonal of D⁻¹.
     """
@@ -196,14 +198,14 @@ def factor_numeric(  # type: ignore[no-untyped-def]
 
 
 @compiled(_SOLVE, "contract", "nsz")
-def solve_block(  # type: ignore[no-untyped-def]
+def solve_block(  # type: ignore[no-untyped-def]  # noqa: C901
     first, row_start, rows, block_start, blocks, inverse, x
 ):
     """Solve L D Lᵀ X = X in place; x is X of shape (n, 8), flat, and `inverse` the diagonal of D⁻¹.
 
-    Unsigned indices let the compiler keep a row of X in two registers. Rows go in pairs, since one
-    alone waits for its own sums; and all of memory is read in order, up on the way forth and down
-    on the way back, or the processor would not fetch it ahead.
+    Unsigned indices let the compiler keep a row of X in two registers. Rows are processed in pairs
+    to hide the latency of sums; memory is read in ascending order in the forward solve and in
+    descending order in the backward solve, so that the processor prefetches it.
     """
     s_count = len(first) - U1
     for s in range(s_count):

@@ -1,4 +1,4 @@
-"""Keeping rows orthonormal: whole sets at the end, and blocks while a basis grows."""
+"""Orthonormalisation of rows: of whole sets, and of blocks while a basis grows."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Columns of rows that a product works on at once: they stay in the cache between its two ends.
-_STRETCH = 4096
-#: Rows whose Gram matrix is this near the identity count as orthonormal.
+#: Columns processed at a time, few enough to stay in the cache.
+_CHUNK = 4096
+#: Largest deviation of the Gram matrix of orthonormal rows from the identity.
 _NORMAL = 1e-13
-#: A row that keeps less than this of its length, next to those before it, is one of them again.
+#: Smallest share of its norm that a row has orthogonal to those before it, if independent.
 _INDEPENDENT = 0.3
 
 
-def _stretches(n: int) -> Iterator[slice]:
-    return (slice(start, start + _STRETCH) for start in range(0, n, _STRETCH))
+def _chunks(n: int) -> Iterator[slice]:
+    return (slice(start, start + _CHUNK) for start in range(0, n, _CHUNK))
 
 
 def multiply_in_place(weights: FloatArray, rows: FloatArray, result: FloatArray) -> None:
-    """result = weights · rows, where `result` may be the first of `rows`, shape (m, n)."""
-    for part in _stretches(rows.shape[1]):
+    """Compute weights · rows into `result`, which may be the first of `rows`, shape (m, n)."""
+    for part in _chunks(rows.shape[1]):
         result[:, part] = weights @ rows[:, part]
 
 
@@ -32,12 +32,12 @@ def subtract(
     sources: Sequence[tuple[FloatArray, FloatArray]],
     against: Sequence[FloatArray],
 ) -> list[FloatArray]:
-    """Subtract weights · rows for each of the sources; then target · rowsᵀ for each set of rows.
+    """Subtract weights · rows for each source; return target · rowsᵀ for each set of rows.
 
-    The target, shape (b, n), is changed in place, and read from memory once for all of it.
+    The target, shape (b, n), is changed in place, and read from memory only once.
     """
     products = [np.zeros((len(target), len(rows))) for rows in against]
-    for part in _stretches(target.shape[1]):
+    for part in _chunks(target.shape[1]):
         own = target[:, part]
         for weights, rows in sources:
             own -= weights @ rows[:, part]
@@ -47,12 +47,12 @@ def subtract(
 
 
 def project_out(target: FloatArray, against: FloatArray) -> FloatArray:
-    """Take the directions of orthonormal rows (m, n) off the rows of `target` (b, n), in place.
+    """Project orthonormal rows (m, n) out of the rows of `target` (b, n), in place.
 
     Returns
     -------
     ndarray, shape (b, m)
-        Inner products before.
+        Inner products before the projection.
     """
     overlap = np.asarray(target @ against.T)
     subtract(target, [(overlap, against)], [])
@@ -65,7 +65,7 @@ def orthonormalise(rows: FloatArray) -> float:
     Returns
     -------
     float
-        Largest inner product between two rows as they are now, lengths' defect included.
+        Largest defect of the inner products of the result from the identity.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def orthonormalise(rows: FloatArray) -> float:
 
 
 def independent_gram(rows: FloatArray) -> FloatArray:
-    """Inner products of rows (p, n) with each other.
+    """Compute the Gram matrix of rows (p, n).
 
     Raises
     ------
@@ -96,7 +96,7 @@ def independent_gram(rows: FloatArray) -> FloatArray:
 
 
 def _independent_factor(gram: FloatArray) -> FloatArray:
-    """Cholesky's factor of inner products; no row keeps little next to those before it."""
+    """Compute the Cholesky factor of a Gram matrix; check that rows are independent."""
     try:
         lower: FloatArray = np.asarray(np.linalg.cholesky(gram))
     except np.linalg.LinAlgError:
@@ -109,9 +109,10 @@ def _independent_factor(gram: FloatArray) -> FloatArray:
 def orthonormalise_block(
     block: FloatArray, gram: FloatArray | None = None
 ) -> tuple[FloatArray, bool]:
-    """Cholesky QR of rows (8, n), up to twice, in place: old block = returned lower · new block.
+    """Orthonormalise rows (8, n) by Cholesky QR, up to twice, in place.
 
-    `gram` is block · blockᵀ where it is known already. False if the block has lost rank.
+    Returns the factor with old block = lower · new block, and False if the block is rank deficient.
+    `gram` is block · blockᵀ if it is known already.
     """
     total = np.eye(len(block))
     if gram is None:

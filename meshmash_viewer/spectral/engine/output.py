@@ -1,7 +1,7 @@
-"""From reduced pairs to final ones: scaling, signs, agreement of neighbours, proof.
+"""Final pairs from reduced ones: scaling, signs, and orthogonality between slices.
 
-Pairs of different slices are orthogonal only as far as their residuals and their distance make
-them; what is missing is taken off against the slice before, which is already final.
+The orthogonality of pairs of different slices is limited by their residuals and distance; each
+slice is orthogonalised against the one before, which is already final.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from meshmash_viewer.spectral.engine.pencil import Pencil
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 #: ``(k, n) -> array of shape (k, n)`` that the rows are written into.
 Allocate: TypeAlias = Callable[[int, int], npt.NDArray[np.floating[Any]]]
-#: ``(k, n, kept) -> array of shape (k, n)`` that holds the rows of the indices `kept` already.
+#: ``(k, n, kept) -> array of shape (k, n)`` that contains the rows of indices `kept` already.
 Extend: TypeAlias = Callable[[int, int, npt.NDArray[np.int64]], npt.NDArray[np.floating[Any]]]
-#: ``(start, eigenvalues, residuals)`` of pairs whose rows have just become final.
+#: ``(start, eigenvalues, residuals)`` of pairs that have become final.
 PairsCallback: TypeAlias = Callable[[int, FloatArray, FloatArray], None]
 
-#: Inner products of neighbouring slices below this stay as they are.
+#: Inner products of neighbouring slices below this are not corrected.
 _TOUCHING = 1e-11
-#: Products with slices before the neighbour that are no longer those of rounding.
+#: Inner products with earlier slices above this are more than rounding.
 _FAR = 1e-9
-#: Rows from which more than this is taken off are no longer orthonormal among themselves.
+#: Correction of rows above which their orthonormality is measured again.
 _SEEN = 1e-7
 #: Residuals of reduced eigenvalues below this are relative to 4π / area.
 _ZERO = 1e-9
-#: Random sums of all rows but the newest.
+#: Number of random sums of all rows except the newest slice.
 _MIXTURES = 8
-#: Vertices that a product works on at once.
-_STRETCH = 8192
-#: Rows that stay as they are, measured at once.
+#: Vertices processed at a time.
+_CHUNK = 8192
+#: Known rows measured at a time.
 _KEPT = 128
 
 
@@ -44,15 +44,15 @@ class Output:
     Parameters
     ----------
     pencil : Pencil
-        In the vertex order of the rows that will come.
+        In the vertex order of the rows to be written.
     k : int
-        Number of pairs to come.
+        Number of pairs.
     dtype : dtype
         Of the rows.
     ceiling : float, optional
-        Eigenvalues that rounding put above a threshold are brought back to it.
+        Threshold to which eigenvalues are limited, against rounding.
     rows : ndarray, shape (k, n_all), optional
-        Where they go; some may be there already (see `keep`).
+        Array to write into; some rows may be final already (see `keep`).
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Output:
 
     @property
     def total(self) -> int:
-        """Number of pairs in the end."""
+        """Total number of pairs."""
         return len(self.eigenvalues)
 
     def write(
@@ -87,9 +87,9 @@ class Output:
         residuals: FloatArray,
         rows: FloatArray,
         orthonormality: float | None = None,
-        n_kept_behind: int = 0,
+        n_kept_after: int = 0,
     ) -> slice:
-        """Finish pairs of the reduced problem and write them behind those that are there.
+        """Finish pairs of the reduced problem and write them after those already written.
 
         Parameters
         ----------
@@ -99,15 +99,15 @@ class Output:
         rows : ndarray, shape (p, n)
             Orthonormal; overwritten.
         orthonormality : float, optional
-            Largest defect of their inner products, where it has been measured.
-        n_kept_behind : int
-            Number of rows that come next and are there already.
+            Largest defect of their inner products, if it has been measured.
+        n_kept_after : int
+            Number of following rows that are final already.
         """
         pencil = self.pencil
         count = min(len(values), self.total - self.written)
         values, residuals, rows = values[:count], residuals[:count], rows[:count]
         place = slice(self.written, self.written + count)
-        # Equal eigenvalues come in any order of their roundings; told, they ascend.
+        # Equal eigenvalues may descend by rounding; the final ones ascend.
         before = self.eigenvalues[self.written - 1] if self.written else -np.inf
         eigenvalues = np.maximum(np.maximum.accumulate(values * pencil.unit), before)
         if self.ceiling is not None:
@@ -124,9 +124,9 @@ class Output:
             written[i, pencil.active] = fix_sign(row, pencil.active)
         if pencil.n < pencil.n_all:
             written[:, self._mass == 0.0] = np.nan
-        behind = slice(place.stop, place.stop + min(n_kept_behind, _KEPT))
-        if behind.stop > behind.start:
-            self._separate(place, behind)
+        after = slice(place.stop, place.stop + min(n_kept_after, _KEPT))
+        if after.stop > after.start:
+            self._separate(place, after)
         worst = self._agree(place)
         if orthonormality is None or self.rows.dtype != np.float64:
             orthonormality = self._defect(written)
@@ -137,13 +137,7 @@ class Output:
         return place
 
     def keep(self, eigenvalues: FloatArray, residuals: FloatArray) -> slice:
-        """Take the rows that are next in the array as they are, and measure them.
-
-        Parameters
-        ----------
-        eigenvalues, residuals : ndarray, shape (p,)
-            As they were given out before.
-        """
+        """Accept the next rows of the array unchanged, and measure their orthonormality."""
         place = slice(self.written, self.written + len(eigenvalues))
         self.eigenvalues[place], self.residuals[place] = eigenvalues, residuals
         for start in range(place.start, place.stop, _KEPT):
@@ -156,16 +150,16 @@ class Output:
         return place
 
     def _separate(self, place: slice, at: slice) -> tuple[FloatArray, FloatArray]:
-        """Take off what rows share with others that are final; the products that remain."""
+        """Orthogonalise rows against others that are final; return the remaining products."""
         written, others = self.rows[place], self.rows[at]
         shared, far = self._products(written, others)
         most = float(np.abs(shared).max(initial=0.0))
         if most > 0.5:
             raise ArithmeticError("two slices found the same eigenvector")
         if most > _TOUCHING and self.rows.dtype == np.float64:
-            for part in self._stretches():
+            for part in self._chunks():
                 written[:, part] -= shared @ self._finite(others[:, part])
-            # That was a part of another eigenvector, whose eigenvalue is another.
+            # The removed part belongs to eigenvectors of other eigenvalues.
             values = self.eigenvalues / self.pencil.unit
             moved = (np.abs(shared) * np.abs(values[place, None] - values[at])).sum(axis=1)
             self.residuals[place] += moved / np.where(values[place] > _ZERO, values[place], 1.0)
@@ -178,13 +172,12 @@ class Output:
         return shared, far
 
     def _agree(self, place: slice, final: bool = False) -> float:
-        """Take off what rows share with those of the slice before; the rest that remains.
+        """Orthogonalise rows against the slice before; return the largest remaining product.
 
-        Rows that are `final` already are only measured.
-
-        What they share with rows before those, mostly far from them in the spectrum, is measured
-        through eight random sums: the size of a row of inner products, which is at least the
-        largest of them. Where hundreds of eigenvalues are next to equal, that is taken off too.
+        Rows that are `final` already are only measured. Inner products with earlier slices, mostly
+        far away in the spectrum, are estimated with eight random sums, which give the norm of a row
+        of inner products, an upper bound of the largest. Where hundreds of eigenvalues are nearly
+        equal, rows are orthogonalised against these slices too.
         """
         written, before = self.rows[place], self.rows[self._before]
         if len(before) == 0 or len(written) == 0:
@@ -199,32 +192,32 @@ class Output:
                     self._separate(place, slice(start, stop))
                 shared, far = self._products(written, before)
         signs = self._random.choice([-1.0, 1.0], size=(_MIXTURES, len(before)))
-        for part in self._stretches():
+        for part in self._chunks():
             self._mixture[:, part] += signs @ self._finite(before[:, part])
         return max(float(np.abs(shared).max()), _largest(far))
 
     def _products(
         self, written: npt.NDArray[np.floating[Any]], before: npt.NDArray[np.floating[Any]]
     ) -> tuple[FloatArray, FloatArray]:
-        """Inner products of rows with those before, and with the sums of all before those."""
+        """Compute inner products of rows with those before, and with sums of earlier ones."""
         shared = np.zeros((len(written), len(before)))
         far = np.zeros((len(written), _MIXTURES))
-        for part in self._stretches():
+        for part in self._chunks():
             weighted = self._finite(written[:, part]) * self._mass[part]
             shared += weighted @ self._finite(before[:, part]).T
             far += weighted @ self._mixture[:, part].T
         return shared, far
 
     def _defect(self, written: npt.NDArray[np.floating[Any]]) -> float:
-        """Largest defect of the inner products among rows."""
+        """Compute the largest defect of the inner products among rows."""
         gram = self._products(written, written)[0]
         return float(np.abs(gram - np.eye(len(gram))).max(initial=0.0))
 
-    def _stretches(self) -> list[slice]:
-        return [slice(i, i + _STRETCH) for i in range(0, len(self._mass), _STRETCH)]
+    def _chunks(self) -> list[slice]:
+        return [slice(i, i + _CHUNK) for i in range(0, len(self._mass), _CHUNK)]
 
     def _finite(self, rows: npt.NDArray[np.floating[Any]]) -> FloatArray:
-        """Rows in float64, zero where a vertex has no mass."""
+        """Return rows in float64, zero where a vertex has no mass."""
         exact: FloatArray = np.asarray(rows, dtype=np.float64)
         if self.pencil.n < self.pencil.n_all:
             exact = np.nan_to_num(exact)
@@ -232,12 +225,12 @@ class Output:
 
 
 def _largest(far: FloatArray) -> float:
-    """Size of the largest row of inner products, from its products with random sums."""
+    """Estimate the largest norm of a row of inner products from those with random sums."""
     return float(np.linalg.norm(far, axis=1).max() / _MIXTURES**0.5)
 
 
 def _level(row: FloatArray) -> None:
-    """Make a row that is constant where it is not zero, but for rounding, exactly so, in place.
+    """Make the nonzero entries of a row, if constant up to rounding, exactly equal, in place.
 
     On stiff meshes the rounding of a constant's entries has a larger residual than the constant.
     """
@@ -248,23 +241,22 @@ def _level(row: FloatArray) -> None:
 
 
 def fix_sign(row: FloatArray, places: npt.NDArray[np.int64]) -> FloatArray:
-    """Turn a row in place so that its entry of largest magnitude is positive, and return it.
+    """Flip the sign of a row in place so that its entry of largest magnitude is positive.
 
-    Of entries whose magnitudes agree to 1e-6 the one of the first place decides, so that rounding
-    does not.
+    Among entries whose magnitudes agree to 1e-6 the first vertex decides, not rounding.
 
     Parameters
     ----------
     row : ndarray, shape (n,)
     places : ndarray of int, shape (n,)
-        Vertices in the order of the mesh.
+        Index in the mesh of each vertex.
     """
     highest, lowest = float(row.max(initial=0.0)), float(row.min(initial=0.0))
     near = (1.0 - 1e-6) * max(highest, -lowest)
-    is_turned = highest < near
+    is_flipped = highest < near
     if highest >= near and -lowest >= near:
         leading = np.flatnonzero(np.abs(row) >= near)
-        is_turned = row[leading[np.argmin(places[leading])]] <= 0.0
-    if is_turned:
+        is_flipped = row[leading[np.argmin(places[leading])]] <= 0.0
+    if is_flipped:
         np.negative(row, out=row)
     return row

@@ -1,8 +1,8 @@
-"""The matrix pencil L φ = λ M φ, reduced to one symmetric matrix in natural units.
+"""Reduction of the pencil L φ = λ M φ to one symmetric matrix in natural units.
 
-The reduced matrix is ``A = M^-1/2 L M^-1/2 / unit`` on the vertices that carry mass, where
+The reduced matrix is ``A = M^-1/2 L M^-1/2 / unit`` on the vertices with mass, where
 ``unit`` is the power of two next to Weyl's spacing 4π / area. Its eigenvalues are then about
-their own index, whatever the unit of the mesh, so no tolerance in the engine is absolute.
+their own index for any unit of the mesh, so no tolerance in the engine is absolute.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from meshmash_viewer.errors import InputError
 FloatArray = npt.NDArray[np.float64]
 
 _EPSILON = float(np.finfo(np.float64).eps)
-#: Entries across the diagonal may differ by this share of the diagonal ones beside them.
+#: Allowed asymmetry relative to the diagonal entries of row and column.
 _ASYMMETRY = 1e-9
 
 
@@ -42,9 +42,9 @@ class Pencil:
     n_all : int
         Number of rows of L, vertices without mass included.
     labels : ndarray of int, shape (n,)
-        Component of each active vertex if its constant is in the null space, else -1.
+        Component of each active vertex if its constant is a null vector, else -1.
     null_residuals : ndarray, shape (n_null,)
-        ``‖Lφ‖ / ‖Mφ‖`` of these constants, in the reduced unit: measured, like all others.
+        ``‖Lφ‖ / ‖Mφ‖`` of these constants, in the reduced unit.
     """
 
     matrix: Any
@@ -72,12 +72,12 @@ class Pencil:
 
     @cached_property
     def norm(self) -> float:
-        """Bound of the largest eigenvalue of the reduced matrix (Gershgorin)."""
+        """Upper bound of the largest eigenvalue of the reduced matrix (Gershgorin)."""
         return float(self.magnitudes.sum(axis=0).max())
 
     @cached_property
     def noise(self) -> float:
-        """What rounding may make of an eigenvalue of the reduced matrix."""
+        """Possible rounding error of an eigenvalue of the reduced matrix."""
         return 2.0 * _EPSILON * self.norm
 
     @cached_property
@@ -90,7 +90,7 @@ class Pencil:
         return direction
 
     def permuted(self, order: npt.NDArray[np.int64]) -> Pencil:
-        """The same problem with vertex `order[i]` in place i."""
+        """Return the problem with vertex `order[i]` at index i."""
         matrix: Any = self.matrix[order][:, order]
         matrix = sp.csc_array(matrix)
         matrix.sort_indices()
@@ -103,7 +103,7 @@ class Pencil:
         )
 
     def null_rows(self, count: int) -> FloatArray:
-        """Orthonormal null vectors of the reduced matrix, `count` or all there are, (count, n)."""
+        """Return orthonormal null vectors of the reduced matrix, at most `count`, (count, n)."""
         count = min(count, self.n_null)
         rows = np.zeros((count, self.n))
         used = np.flatnonzero((self.labels >= 0) & (self.labels < count))
@@ -118,7 +118,7 @@ class Pencil:
 
 
 def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:
-    """Reduce (L, M) to the symmetric problem on the vertices that carry mass.
+    """Reduce (L, M) to the symmetric problem on the vertices with mass.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:
     ------
     InputError
         If the shapes differ, an entry is not finite, M is not diagonal or negative, L is not
-        symmetric, or a vertex without mass is tied to others by L.
+        symmetric, or a vertex without mass has entries in L.
     """
     laplacian: Any = _real_matrix(stiffness)
     n_all = laplacian.shape[0]
@@ -168,11 +168,10 @@ def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:
     laplacian = _with_whole_diagonal(laplacian)
     masses = diagonal[active]
     root_mass = np.sqrt(masses)
-    # A power of two keeps the reduced problem the same, bit for bit, when the mesh is scaled by
-    # one; the scaling of L needs none in two dimensions.
+    # Scaling the mesh by a power of two leaves the reduced problem unchanged bit by bit.
     largest = float(masses.max())
     log_area = np.log2(largest) + np.log2((masses / largest).sum())
-    # Symmetric to the last bit, and so the same by rows and by columns.
+    # Exactly symmetric, so that rows equal columns.
     with np.errstate(all="ignore"):
         unit = float(np.exp2(np.round(np.log2(4.0 * np.pi) - log_area)))
         inverse = 1.0 / root_mass
@@ -191,7 +190,7 @@ def reduce_pencil(stiffness: Any, mass: Any) -> Pencil:
 
 
 def _symmetric(laplacian: Any) -> Any:
-    """L symmetric to the last bit, without stored zeros, shape (n, n)."""
+    """Return L exactly symmetric and without stored zeros, shape (n, n)."""
     strength = np.abs(laplacian.diagonal())
     across = sp.coo_array(abs(laplacian - laplacian.T))
     allowed = _ASYMMETRY * np.sqrt(strength[across.row]) * np.sqrt(strength[across.col])
@@ -209,7 +208,7 @@ def _symmetric(laplacian: Any) -> Any:
 
 
 def _with_whole_diagonal(laplacian: Any) -> Any:
-    """L with every diagonal entry stored: a vertex that L leaves alone has a pivot too."""
+    """Return L with every diagonal entry stored, since every vertex needs a pivot."""
     n = laplacian.shape[0]
     stored = np.repeat(np.arange(n), np.diff(laplacian.indptr)) == laplacian.indices
     if np.count_nonzero(stored) == n:
@@ -234,18 +233,18 @@ def _refuse_negative_diagonal(laplacian: Any) -> None:
 def _null_space(
     laplacian: Any, masses: FloatArray, unit: float
 ) -> tuple[npt.NDArray[np.int64], FloatArray]:
-    """Components whose constant is a null vector: labels, shape (n,), and residuals.
+    """Find components whose constant is a null vector: labels, shape (n,), and residuals.
 
-    Each row is held against what rounding can make of its own sum, so that one stiff edge does
-    not hide a spring elsewhere.
+    The sum of each row is compared with its own rounding, so that a stiff edge in one place does
+    not hide a nonzero sum elsewhere.
     """
     _, component = connected_components(laplacian, directed=False)
-    # In more digits, where the platform has them: sums of 0 in float64 need not be zeros.
+    # In extended precision, where the platform has it: a sum of 0 in float64 may be rounding.
     sums = np.asarray(laplacian.astype(np.longdouble).sum(axis=1), dtype=np.float64).ravel()
     size = np.asarray(abs(laplacian).sum(axis=1)).ravel()
     rounding = 2.0 * _EPSILON * np.diff(laplacian.indptr) * size
     loose = np.bincount(component, weights=np.abs(sums) > rounding)
-    # Scaled by the largest, so that squares neither overflow nor vanish.
+    # Scaled by the largest, so that squares neither overflow nor underflow.
     largest_sum, largest_mass = max(float(np.abs(sums).max()), 1e-300), float(masses.max())
     forces = np.bincount(component, weights=(sums / largest_sum) ** 2)
     weights = np.bincount(component, weights=(masses / largest_mass) ** 2)
@@ -257,7 +256,7 @@ def _null_space(
 
 
 def _real_matrix(stiffness: Any) -> Any:
-    """A float64 copy of L, shape (n, n), in rows."""
+    """Return a float64 copy of L in csr format, shape (n, n)."""
     if not sp.issparse(stiffness) and np.ndim(stiffness) != 2:
         raise InputError("The Laplacian is a sparse matrix or array, shape (n, n).")
     laplacian: Any = sp.csr_array(stiffness)

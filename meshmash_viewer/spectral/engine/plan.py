@@ -1,8 +1,9 @@
-"""Cutting the spectrum into slices of about equal content, by counting eigenvalues.
+"""Division of the spectrum into slices with about equal numbers of eigenvalues, by counting.
 
-Weyl's law says where to look first; it is off by a factor of two on a neuron, so every count
-corrects it. Counts are exact (Sylvester's law of inertia), so each slice has a known number to
-find; where a border lies next to an eigenvalue, the count is proved by counts on both sides.
+The first count is made where Weyl's law suggests; the law is wrong by a factor of two on a neuron,
+so every count corrects it. Counts are exact (Sylvester's law of inertia), so the number of
+eigenvalues in each slice is known; if a border lies close to an eigenvalue, the count is verified
+by counts on both sides.
 """
 
 from __future__ import annotations
@@ -23,22 +24,21 @@ from meshmash_viewer.spectral.engine.lanczos import Interval
 
 T = TypeVar("T")
 
-#: A border may lie this far, in parts of a slice, from where it was meant to be: where counting
-#: again would be waited for, and where it goes on beside another count.
-_SLACK, _SLACK_BESIDE = 0.2, 0.05
-#: The border of a small first slice may lie anywhere near: no count is made for it alone.
+#: Allowed deviation of a border from its intended index, as a share of a slice: if counting again
+#: takes extra time, and if it runs in parallel with another count.
+_SLACK, _SLACK_PARALLEL = 0.2, 0.05
+#: The same for the border of a small first slice, for which no separate count is made.
 _SLACK_FIRST = 0.5
-#: A shift may lie this far from the middle of its slice, in parts of what it holds: farther out
-#: more steps are needed than a factor costs. In the lowest slice, whose far end is sparse, it
-#: matters less.
+#: Allowed deviation of a shift from the middle of its slice, as a share of its eigenvalues: with a
+#: larger one the additional steps cost more than a factor. In the lowest slice it matters less.
 _ASIDE, _ASIDE_LOWEST = 0.06, 0.25
-#: Distances, relative to a value, at which it is counted on both sides.
+#: Distances, relative to a value, at which eigenvalues are counted on both sides.
 _RUNGS = tuple(1e-9 * 8.0**i for i in range(10))
-#: A count speaks of eigenvalues farther away than so many times the blur of its factor.
+#: A count is reliable for eigenvalues farther away than this multiple of the blur of its factor.
 _BLURS = 16.0
-#: An eigenvalue nearer to a border than this, relative to it, makes its count doubtful.
+#: Relative distance of an eigenvalue from a border below which the count is unreliable.
 _CLEARANCE = 1e-10
-#: A shift that meets a vanishing pivot is moved by this share of itself at most.
+#: Largest relative change of a shift at which a pivot vanishes.
 _MOVE = 1e-2
 
 
@@ -51,11 +51,11 @@ class SpectrumPlan:
     ----------
     ordered : OrderedPencil
     stop : ndarray of uint8, shape (1,)
-        Set from outside to end a running factorization.
+        Set by another thread to end a running factorization.
     sizes : callable
-        Gives, for a number of pairs, how many each slice is to hold.
+        Returns, for a number of pairs, the numbers in each slice.
     n_jobs : int
-        Counts at a time, where several are known to be needed.
+        Number of counts made in parallel, if several are needed.
 
     Attributes
     ----------
@@ -79,38 +79,38 @@ class SpectrumPlan:
         self._counts = {0.0: pencil.n_null, self.top: pencil.n}
         self._knots = [0.0, self.top]
         self._shifts: set[float] = set()
-        # How near an eigenvalue may lie to a knot before its count is in doubt.
+        # Distance of an eigenvalue from a knot below which its count is unreliable.
         self._clearance = {0.0: 0.0, self.top: 0.0}
         self._settled = {0.0, self.top}
 
     def count(self, knot: float) -> int:
-        """Eigenvalues below a value that was counted at: what `find` and `settle` return."""
+        """Return the number of eigenvalues below a knot, as `find` and `settle` return them."""
         return self._counts[knot]
 
     def negative(self) -> int:
-        """Number of eigenvalues that are below zero by more than rounding."""
+        """Count eigenvalues that are below zero by more than rounding."""
         below = -max(1e-6, 1e-9 * self.top)
         return self._each([below], lambda v: self._ordered.factor(v, -v, self._stop).count_below)[0]
 
     def settle(self, value: float, outward: float = 1.0, *, wide: bool = False) -> float:
-        """A border at a value, or as little beyond as it takes to be clear of all eigenvalues.
+        """Return a border at a value, or the nearest one beyond it away from eigenvalues.
 
-        Counts on both sides that agree prove that nothing lies between them, wherever in between
-        a pivot vanishes. Where they differ, the value is an eigenvalue or next to one, and counts
-        at larger and larger distances find the gap behind it; the border goes into its middle.
+        Equal counts on both sides prove that no eigenvalue lies between them, even if a pivot
+        vanishes there. If they differ, the value is close to an eigenvalue, and counts at
+        increasing distances find the next gap; the border is its middle.
 
         Parameters
         ----------
         value : float
         outward : {1.0, -1.0}
-            The side on which the border may lie.
+            Side of the value on which the border may lie.
         wide : bool
-            Whether it is to lie in the middle of the gap in any case: an eigenvalue is near.
+            Whether to return the middle of the gap in any case, as an eigenvalue is near.
 
         Returns
         -------
         float
-            The value itself where it is clear.
+            The value itself if no eigenvalue is near.
 
         Raises
         ------
@@ -123,7 +123,7 @@ class SpectrumPlan:
         places = [value + outward * scale * rung for rung in (-_RUNGS[0], *_RUNGS)]
         begin: tuple[float, int] | None = None
         end: float | None = None
-        # Two sides are always needed, so they are counted side by side.
+        # Both sides are always needed, so they are counted in parallel.
         groups = (places[:2], *([place] for place in places[2:]))
         counts = chain.from_iterable(self._each(group, self._count_at) for group in groups)
         for place, counted in zip(places, counts, strict=True):
@@ -149,7 +149,7 @@ class SpectrumPlan:
         return border
 
     def _count_at(self, place: float) -> tuple[int, float] | None:
-        """Eigenvalues below a place and the blur of that count, or None if a pivot vanishes."""
+        """Return the count below a value and its blur, or None if a pivot vanishes."""
         if place <= 0.0:
             return self._counts[0.0], 0.0
         if place >= self.top:
@@ -158,14 +158,14 @@ class SpectrumPlan:
         return None if factor is None else (factor.count_below, factor.blur)
 
     def _each(self, values: Sequence[float], work: Callable[[float], T]) -> list[T]:
-        """Work that factors, for several values side by side."""
+        """Apply a function that factors to several values in parallel."""
         if len(values) == 1 or self._n_jobs == 1:
             return [work(value) for value in values]
         with ThreadPoolExecutor(self._n_jobs, "count") as threads:
             return list(threads.map(work, values))
 
     def _count_all(self, values: Sequence[float]) -> None:
-        """Count below several values, or next to them, side by side."""
+        """Count below several values, or close to them, in parallel."""
         unknown = sorted(set(values) - self._counts.keys())
         for shift, count, blur in self._each(unknown, self._count_near) if unknown else []:
             self._note(shift, count, max(_BLURS * blur, _CLEARANCE * max(shift, 1.0)))
@@ -182,11 +182,11 @@ class SpectrumPlan:
         self._counts[knot], self._clearance[knot] = count, clearance
 
     def find_top(self, least: int, most: int) -> float:
-        """A value with `least` to `most` eigenvalues below it, and knots that slices will need.
+        """Return a value with `least` to `most` eigenvalues below it, and prepare slices.
 
-        The first counts are made in the middle of the first slices, whose factors these then are;
-        they say how dense the spectrum is, and the next counts find its top and the borders below
-        that, side by side. How many does not depend on `n_jobs`, nor does what is found.
+        The first counts are made in the middle of the first slices, which reuse their factors; they
+        give the density of the spectrum. The next counts find the top and the borders below it in
+        parallel. Neither their number nor the result depends on `n_jobs`.
         """
         cuts = self._cuts(self._counts[0.0], most)
         ahead = cuts[:2]
@@ -194,7 +194,7 @@ class SpectrumPlan:
         self._shifts = set(sorted(values)[: self._n_jobs])
         if len(cuts) > len(ahead):
             values.append(self._step(least, most, 0)[0])
-        borders = [_window(cut.border, cut.slack_beside) for cut in ahead[: len(cuts) - 1]]
+        borders = [_window(cut.border, cut.slack_parallel) for cut in ahead[: len(cuts) - 1]]
         self._count_all(values)
         for turn in range(3):
             steps = [self._step(*window, turn) for window in ((least, most), *borders)]
@@ -205,9 +205,9 @@ class SpectrumPlan:
         return self.find(least, most)
 
     def find(self, least: int, most: int) -> float:
-        """A knot with `least` to `most` eigenvalues below it.
+        """Return a knot with `least` to `most` eigenvalues below it.
 
-        Where a multiple eigenvalue leaves no such place, one clear above it.
+        If there is none because of a multiple eigenvalue, the knot is above that eigenvalue.
         """
         for turn in range(80):
             value, found = self._step(least, most, turn)
@@ -217,7 +217,7 @@ class SpectrumPlan:
         raise ArithmeticError(f"no border between {least} and {most} eigenvalues")
 
     def _step(self, least: int, most: int, turn: int) -> tuple[float, bool]:
-        """What `find` gives, and True; or where it has to count next, and False."""
+        """Return the result of `find` and True, or the value to count at next and False."""
         i = bisect_left(self._knots, least, key=self._counts.__getitem__)
         fitting = self._knots[i : bisect_right(self._knots, most, key=self._counts.__getitem__)]
         if fitting:
@@ -232,10 +232,10 @@ class SpectrumPlan:
         return value, False
 
     def _between(self, low: float, high: float, wanted: float, last: bool) -> float:
-        """Where to count next, strictly between two knots.
+        """Return the value to count at next, strictly between two knots.
 
-        The count grows like a power of the value, on a surface like its first, along the branches
-        of a neuron like its square root, at first by Weyl's law.
+        The count grows like a power of the value: on a surface like the value itself, along the
+        branches of a neuron like its square root. The first value is that of Weyl's law.
         """
         start = self._counts[0.0]
         known = [knot for knot in self._knots[:-1] if self._counts[knot] > start]
@@ -255,13 +255,13 @@ class SpectrumPlan:
         return min(max(value, low + margin), high - margin)
 
     def around(self, value: float, wanted: int) -> tuple[float, float]:
-        """Borders around a value with at least `wanted` eigenvalues between, and few more.
+        """Return borders around a value with at least `wanted` eigenvalues between, and few more.
 
-        Both are at the same distance, so those nearest the value are among them.
+        Both have the same distance, so those nearest the value are among them.
         """
         enough, too_few = 2.0 * self.top, 0.0
         radius = 0.5 * wanted
-        # Down there nothing but rounding tells a value from the null space.
+        # Below this a value differs from the null space by rounding only.
         value = value if value > self._ordered.pencil.noise else 0.0
         for _ in range(60):
             low, high = max(value - radius, 0.0), min(value + radius, self.top)
@@ -283,20 +283,20 @@ class SpectrumPlan:
         return low, self.settle(high) if high < self.top else self.top
 
     def _count_below(self, value: float) -> int:
-        """Eigenvalues below a value or next to it."""
+        """Count eigenvalues below a value or close to it."""
         known = self._counts.get(value)
         return self._count_near(value)[1] if known is None else known
 
     def slices(self, low: float, high: float, settled: bool = False) -> Iterator[Interval]:
-        """Slices from low to high, lowest first; borders are counted as they are reached.
+        """Yield slices from low to high, lowest first; borders are counted when reached.
 
         Parameters
         ----------
         low, high : float
             Knots.
         settled : bool
-            Whether every border is counted on both sides: twice the counts, needed only where a
-            slice has shown that one lies on an eigenvalue.
+            Whether every border is counted on both sides. This takes twice the counts, and is
+            needed only after a border was found to lie on an eigenvalue.
         """
         first, last = self.count(low), self.count(high)
         cuts = self._cuts(first, last)
@@ -316,15 +316,15 @@ class SpectrumPlan:
             start = end
 
     def interval(self, start: float, end: float, index: int = 0) -> Interval:
-        """The slice between two knots."""
-        # The null space is deflated; what rounding leaves of it is below zero.
+        """Return the slice between two knots."""
+        # The null space is deflated; its rounding errors lie above the lower end.
         inner = start - 0.5 * self._clearance[start] if start > 0.0 else -0.02 * end
         first, shift = self.count(start), self._shift(start, end, inner)
-        owed = self.count(end) - first
-        return Interval(index, inner, end, first, owed, shift, self._clearance[end])
+        n_expected = self.count(end) - first
+        return Interval(index, inner, end, first, n_expected, shift, self._clearance[end])
 
     def _cuts(self, first: int, last: int) -> list[_Cut]:
-        """Where slices of so many eigenvalues are cut; `first` of them lie below the lowest."""
+        """Return the cuts of slices with eigenvalues `first` to `last`."""
         sizes = self._sizes(last - first)
         cuts = []
         for size, border in zip(sizes, accumulate(sizes, initial=first), strict=False):
@@ -332,11 +332,13 @@ class SpectrumPlan:
             if size < sizes[-1]:
                 cuts.append(_Cut(border, border, _SLACK_FIRST * size, _SLACK_FIRST * size))
             else:
-                cuts.append(_Cut(border - 0.5 * size, border, _SLACK * size, _SLACK_BESIDE * size))
+                cuts.append(
+                    _Cut(border - 0.5 * size, border, _SLACK * size, _SLACK_PARALLEL * size)
+                )
         return cuts
 
     def _shift(self, start: float, end: float, inner: float) -> float:
-        """A knot with about as many eigenvalues of a slice on either side, or its middle."""
+        """Return a knot near the median eigenvalue of a slice, or the middle of the slice."""
         below, above = self._counts[start], self._counts[end]
         inside = [knot for knot in self._knots if start < knot < end]
         if not inside and end in self._ordered.kept:  # a small first slice
@@ -353,17 +355,18 @@ class SpectrumPlan:
 
 
 class _Cut(NamedTuple):
-    """Of one slice, how many eigenvalues are to be below its shift and its upper border.
+    """Intended numbers of eigenvalues below shift and upper border of a slice.
 
-    What both may be off; and the border where it is counted beside other values.
+    `slack` is the allowed deviation of both, `slack_parallel` that of a border counted in parallel
+    with other values.
     """
 
     shift: float
     border: float
     slack: float
-    slack_beside: float
+    slack_parallel: float
 
 
 def _window(place: float, slack: float) -> tuple[int, int]:
-    """Least and most eigenvalues below a value that may be off by so many."""
+    """Return the smallest and largest allowed number of eigenvalues below a value."""
     return int(place - slack), int(place + slack) + 1

@@ -1,8 +1,8 @@
-"""Components of one size that a pencil has many of, each solved alone by dense `eigh`.
+"""Dense solution of components of which a pencil has many of the same size.
 
-Copies of a component share their eigenvalues, so that a mesh of 500 equal ones has eigenvalues of
-multiplicity 1500. A block Krylov basis sees eight copies of an eigenvector at a time. Component by
-component they cost next to nothing, and equal components are solved once.
+Copies of a component have the same eigenvalues, so that a mesh of 500 equal ones has eigenvalues of
+multiplicity 1500. A block Krylov basis finds eight copies of an eigenvector at a time. Solved one
+by one they take little time, and equal components are solved once.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from meshmash_viewer.spectral.engine.pencil import Pencil
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Fewer components of one size than this are left to the Krylov basis.
+#: Minimum number of components of one size; fewer are solved with the Krylov basis.
 _FEWEST = 16
-#: Vertices of a component at most.
+#: Maximum number of vertices of a component.
 _LARGEST = 700
-#: Solutions that cost less than this, in cubed vertices, always pay; others where there are so many
-#: copies for each vertex of one.
+#: Total cost, in cubed vertices, up to which all are solved; beyond it they are solved if there are
+#: so many copies for each vertex of one.
 _CHEAP, _COPIES_PER_VERTEX = 1e9, 0.125
-#: Components whose matrices differ by less than this, relative to the largest entry, are equal.
+#: Relative difference below which matrices of components are equal.
 _EQUAL = 1e-13
-#: Solved components that another is compared with: the last so many.
+#: Number of previously solved components that another is compared with.
 _COMPARED = 4
 
 
@@ -42,9 +42,9 @@ class AlonePairs:
     values : ndarray, shape (p,)
         Ascending.
     rows : ndarray, shape (q, n)
-        Eigenvectors of the lowest q of them, as many as were asked for.
+        Eigenvectors of the lowest q of them, as many as requested.
     vertices : ndarray of bool, shape (n,)
-        Where these components are.
+        Mask of these components.
     orthonormality : float
         Largest defect of the rows' inner products.
     """
@@ -70,13 +70,13 @@ class _Kind:
 
 
 class RepeatedComponents:
-    """The components of a pencil that are solved alone; most pencils have none.
+    """The components of a pencil that are solved one by one; most pencils have none.
 
     Parameters
     ----------
     pencil : Pencil
     highest : float
-        Their eigenvalues up to this one are computed.
+        Largest eigenvalue to compute.
     """
 
     def __init__(self, pencil: Pencil, highest: float) -> None:
@@ -84,11 +84,11 @@ class RepeatedComponents:
         self._kinds = list(_kinds(pencil, highest))
 
     def count(self, high: float) -> int:
-        """Number of their eigenvalues below a value, the null space not counted."""
+        """Count their eigenvalues below a value, the null space excluded."""
         return sum(int((kind.values < high).sum()) * len(kind.places) for kind in self._kinds)
 
     def within(self, low: float, high: float, most: int | None = None) -> AlonePairs | None:
-        """The pairs between two values, with rows for the lowest `most`; None without any."""
+        """Return the pairs between two values, with rows for the lowest `most`, or None."""
         values, kinds, columns, copies = [], [], [], []
         for at, kind in enumerate(self._kinds):
             inside = np.flatnonzero((kind.values > low) & (kind.values < high))
@@ -102,25 +102,25 @@ class RepeatedComponents:
             return None
         order = np.argsort(every, kind="stable")
         number, column, copy = (np.concatenate(each)[order] for each in (kinds, columns, copies))
-        there = [self._kinds[i] for i in np.unique(number)]
+        used = [self._kinds[i] for i in np.unique(number)]
         vertices = np.zeros(self._n, dtype=np.bool_)
-        for kind in there:
+        for kind in used:
             vertices[kind.places] = True
         rows = np.zeros((len(order) if most is None else min(most, len(order)), self._n))
         for row, i, j, which in zip(rows, number, column, copy, strict=False):
             row[self._kinds[i].places[which]] = self._kinds[i].vectors[:, j]
-        defect = max(kind.orthonormality for kind in there)
+        defect = max(kind.orthonormality for kind in used)
         return AlonePairs(every[order], rows, vertices, defect)
 
 
 def _kinds(pencil: Pencil, highest: float) -> Iterator[_Kind]:
-    """Solve the components of each size that there are many of."""
+    """Solve the components of each size of which there are many."""
     from scipy.sparse.csgraph import connected_components
 
     count, component = connected_components(pencil.matrix, directed=False)
     sizes = np.bincount(component, minlength=count)
     copies_of_size = np.bincount(sizes)
-    # In the order of the mesh, in which copies have their vertices in the same order.
+    # In the vertex order of the mesh, which is the same for copies.
     order = np.lexsort((pencil.active, component))
     ends = np.cumsum(sizes)
     for size in np.flatnonzero(copies_of_size[: _LARGEST + 1] >= _FEWEST):
@@ -131,7 +131,7 @@ def _kinds(pencil: Pencil, highest: float) -> Iterator[_Kind]:
 
 
 def _solved(pencil: Pencil, places: npt.NDArray[np.int64], highest: float) -> list[_Kind]:
-    """The kinds of components of one size, shape (copies, c); none where they cost too much."""
+    """Solve components of one size, shape (copies, c); return none if that costs too much."""
     copies, size = places.shape
     matrix = sparse.csr_array(pencil.matrix[places.ravel()][:, places.ravel()])
     most = max(_CHEAP / size**3, copies if copies >= _COPIES_PER_VERTEX * size else 0)
@@ -154,7 +154,7 @@ def _solved(pencil: Pencil, places: npt.NDArray[np.int64], highest: float) -> li
 
 
 def _block(matrix: sparse.csr_array, start: int, size: int) -> FloatArray:
-    """A dense diagonal block; its rows have no entries elsewhere."""
+    """Return a dense diagonal block; its rows have no entries elsewhere."""
     bounds = matrix.indptr[start : start + size + 1]
     part = slice(bounds[0], bounds[-1])
     block = np.zeros((size, size))
@@ -164,7 +164,7 @@ def _block(matrix: sparse.csr_array, start: int, size: int) -> FloatArray:
 
 
 def _equal_to(block: FloatArray, blocks: list[FloatArray]) -> int | None:
-    """Which of some blocks another is equal to, as an index from the end."""
+    """Find the block equal to another; return its index from the end, or None."""
     limit = _EQUAL * np.abs(block).max()
     for back in range(-1, -len(blocks) - 1, -1):
         if np.abs(block - blocks[back]).max() <= limit:

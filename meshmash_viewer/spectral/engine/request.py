@@ -1,4 +1,4 @@
-"""What a decomposition is asked for, checked."""
+"""Checked arguments of a decomposition."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Request:
     Raises
     ------
     InputError
-        If they make no sense, or nothing can be computed without a compiler.
+        If they are invalid, or numba is not installed.
     """
 
     n_components: int | None = None
@@ -45,7 +45,7 @@ class Request:
         if (self.n_components is None) == (self.max_eigenvalue is None):
             raise InputError("Give either a number of eigenpairs or a largest eigenvalue.")
         if self.n_components is not None and self.n_components < 1:
-            raise InputError(f"At least one eigenpair must be asked for, not {self.n_components}.")
+            raise InputError(f"At least one eigenpair must be requested, not {self.n_components}.")
         if self.max_eigenvalue is not None and not self.max_eigenvalue >= 0.0:
             raise InputError(f"The largest eigenvalue must not be negative: {self.max_eigenvalue}.")
         if self.precision not in (np.dtype(np.float64), np.dtype(np.float32)):
@@ -55,9 +55,9 @@ class Request:
         if not self.tol >= 0.0:
             raise InputError(f"The tolerance must not be negative: {self.tol}.")
         if self.op_inv is not None and self.n_components is None:
-            raise InputError("An inverse op_inv is of use for a number of eigenpairs only.")
+            raise InputError("op_inv requires n_components, a number of eigenpairs.")
         if self.n_jobs is not None and self.n_jobs < 1:
-            raise InputError(f"At least one slice must be worked on at a time, not {self.n_jobs}.")
+            raise InputError(f"n_jobs must be at least 1, not {self.n_jobs}.")
 
     @property
     def precision(self) -> np.dtype[Any]:
@@ -66,17 +66,17 @@ class Request:
 
     @property
     def lean(self) -> bool:
-        """Whether rows come in float32, for the sake of memory."""
+        """Whether rows are float32, to save memory."""
         return self.precision == np.dtype(np.float32)
 
     @property
     def tolerance(self) -> float:
-        """Residual to reach, relative to λ: no smaller than the rows can show."""
+        """Residual to reach, relative to λ, limited by the precision of the rows."""
         return max(self.tol, 1e-7 if self.lean else 1e-13)
 
     @property
     def target(self) -> float | None:
-        """The interior value whose neighbours are wanted; None for the lowest pairs."""
+        """Value inside the spectrum whose nearest pairs are requested; None for the lowest."""
         if self.sigma is None or self.sigma <= 0.0 or self.n_components is None:
             return None
         return self.sigma

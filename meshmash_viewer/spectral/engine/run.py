@@ -1,4 +1,4 @@
-"""One decomposition from start to end: which way it goes, and who hears of it."""
+"""Control of one decomposition: choice of the method, threads, reports and results."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from meshmash_viewer.spectral.engine.factorization import (
     OrderedPencil,
     order_pencil,
 )
-from meshmash_viewer.spectral.engine.known import KnownPairs, pairs_that_fit
+from meshmash_viewer.spectral.engine.known import KnownPairs, verified_pairs
 from meshmash_viewer.spectral.engine.lanczos import (
     IntervalPairs,
     find_pairs,
@@ -47,32 +47,32 @@ from meshmash_viewer.spectral.engine.workers import (
 
 FloatArray = npt.NDArray[np.float64]
 
-#: A threshold keeps eigenvalues up to this relative distance above it: rounding.
+#: Relative rounding error by which an eigenvalue may exceed a threshold.
 _THRESHOLD_MARGIN = 1e-11
-#: So many more pairs than asked for are borne with where a multiple eigenvalue ends the count.
+#: Maximum number of additional pairs due to a multiple eigenvalue at the end of the count.
 _MOST_COPIES = 1000
-#: Pairs of the slice below a threshold that is an eigenvalue.
+#: Number of pairs of the slice below a threshold that is an eigenvalue.
 _LAST_SLICE = 80
-#: Largest entry of an eigenvector that float32 can hold, with room for its products.
+#: Largest entry of an eigenvector in float32, with a margin for products.
 _LARGEST_SINGLE = 1e30
-#: How far above the highest border one may be moved that proves doubtful, relative to it.
+#: Factor by which the highest border may be moved if its count is unreliable.
 _BEYOND = 1.25
-#: Seconds between two questions whether to go on.
+#: Seconds between two calls of `cancel`.
 _INTERVAL = 0.05
 
 
 class Run:
-    """A request at work on a pencil.
+    """The computation of a request.
 
     Attributes
     ----------
     output : Output
-        What has come out so far.
+        Results so far.
     certificate : Certificate
-        What proves that `output` holds all there is, once it is written.
+        Evidence that `output` is complete, once it is written.
     timings : dict of float
     pace : Pace
-        Tells how far the run is.
+        Reports progress.
     """
 
     output: Output
@@ -82,26 +82,26 @@ class Run:
         n = max(np.shape(stiffness), default=0)
         self._sizes = partial(slice_sizes, n, lean=request.lean, early=request.early)
         self.pace = Pace(request.progress, request.n_components or _LAST_SLICE, self._sizes)
-        # What is wrong with the matrices is said where they are reduced.
+        # Raises InputError for invalid matrices.
         self.pencil = reduce_pencil(stiffness, mass)
         self._count, self._remark = Certificate("none"), ""
         self.timings: dict[str, float] = {"matrices": time.perf_counter() - self.pace.began}
         self._stop = np.zeros(1, dtype=np.uint8)
         self._is_left = False
-        # What the thread that computes has for the one that waits: places of rows that are final,
-        # reports to be made, in the end the fault or None.
+        # Events from the computing thread to the waiting one: slices of final rows, reports to
+        # be made, at the end an exception or None.
         self._events: queue.Queue[slice | Callable[[], None] | BaseException | None]
         self._events = queue.Queue()
         self._ordered: OrderedPencil | None = None
         self._plan: SpectrumPlan | None = None
-        # Asked for here: joblib's answer is for the thread that asks.
+        # Computed here, since joblib's result depends on the calling thread.
         self._cores = core_count() if request.n_jobs is None else 1
         self._known: KnownPairs | None = None
-        self._is_there = np.zeros(0, dtype=bool)
+        self._is_kept = np.zeros(0, dtype=bool)
 
     @property
     def certificate(self) -> Certificate:
-        """What proves that `output` holds all there is, with what was measured of its pairs."""
+        """Certificate of `output`, with the measured errors of its pairs."""
         output = self.output
         worst = int(np.argmax(output.residuals)) if output.total else 0
         return replace(
@@ -114,9 +114,9 @@ class Run:
         )
 
     def batches(self) -> Generator[slice, None, None]:
-        """Find everything; yields the places of rows that have just become final.
+        """Compute all pairs; yield slices of rows when they become final.
 
-        Another thread computes, so that this one can tell and ask whoever waits.
+        Another thread computes, so that this one can report progress and call `cancel`.
         """
         finder = threading.Thread(target=self._find, name="eigenpairs", daemon=True)
         self.pace.stage("matrices")
@@ -135,7 +135,7 @@ class Run:
                         try:
                             raise event
                         finally:
-                            del event  # or its traceback keeps itself, and all memory, alive
+                            del event  # its traceback would keep all memory alive
                     if isinstance(event, slice):
                         self._publish(event)
                         yield event
@@ -147,18 +147,18 @@ class Run:
                 finder.join()
 
     def _find(self) -> None:
-        """What the other thread does."""
+        """Compute, in the other thread."""
         try:
             with one_blas_thread():
-                for place in self._found():
+                for place in self._compute():
                     self._events.put(place)
             self._events.put(None)
-        except BaseException as fault:  # noqa: BLE001 - raised by the one that waits, if it does
+        except BaseException as fault:  # noqa: BLE001 - raised in the waiting thread
             if not self._is_left:
                 self._events.put(fault)
 
     def _publish(self, place: slice) -> None:
-        """Tell of pairs that are final."""
+        """Report pairs that are final."""
         output = self.output
         if self.request.on_pairs is not None:
             self.request.on_pairs(
@@ -175,21 +175,21 @@ class Run:
         return 0 if self._ordered is None else self._ordered.steps
 
     def _check(self) -> None:
-        """End here if nobody waits any more."""
+        """Raise `Cancelled` if the iterator has been closed."""
         if self._is_left:
-            raise Cancelled("the decomposition was left")
+            raise Cancelled("the iterator was closed")
 
-    def _go_on(self) -> None:
-        """After a fault that stopped the slices, unless nobody waits any more."""
+    def _resume(self) -> None:
+        """Continue after an error that stopped the slices, unless the iterator was closed."""
         self._stop[0] = 0
         self._check()
 
-    def _found(self) -> Iterator[slice]:
+    def _compute(self) -> Iterator[slice]:
         try:
-            yield from self._found_somehow()
+            yield from self._compute_by_best_method()
         except (ArithmeticError, FactorizationError, np.linalg.LinAlgError) as fault:
             if self._plan is not None:
-                self._go_on()
+                self._resume()
                 self._refuse_negative(self._plan)
             raise UnprovenError(
                 f"The eigenpairs of this matrix cannot be proven ({fault}): its entries may "
@@ -197,7 +197,7 @@ class Run:
                 "another number of pairs."
             ) from fault
 
-    def _found_somehow(self) -> Iterator[slice]:
+    def _compute_by_best_method(self) -> Iterator[slice]:
         if self.request.op_inv is not None:
             pairs = self._through_given_inverse(self._order())
             if pairs is not None:
@@ -209,11 +209,11 @@ class Run:
         try:
             yield from self._sliced(self._ordered or self._order())
         except (ArithmeticError, FactorizationError, np.linalg.LinAlgError):
-            # What has been given out stays; before that, few vertices can go the sure way.
-            given_out = self.output.written if hasattr(self, "output") else 0
-            if given_out > self.pencil.n_null or not can_be_dense(self.pencil.n):
+            # Published pairs are final; before that, a small mesh can be solved densely.
+            n_published = self.output.written if hasattr(self, "output") else 0
+            if n_published > self.pencil.n_null or not can_be_dense(self.pencil.n):
                 raise
-            self._go_on()
+            self._resume()
             yield from self._dense()
 
     def _is_dense(self, wanted: int) -> bool:
@@ -227,7 +227,7 @@ class Run:
         self._events.put(partial(self.pace.stage, "order"))
         return ordered
 
-    # The lowest pairs, or those around a value, slice by slice -----------------------------------
+    # -- the lowest pairs, or those around a value, slice by slice --------------------------------
 
     def _sliced(self, ordered: OrderedPencil) -> Iterator[slice]:
         pencil, request = self.pencil, self.request
@@ -238,22 +238,22 @@ class Run:
         if request.target is not None:
             yield from self._nearest(ordered, plan, request.target / pencil.unit)
             return
-        known = pairs_that_fit(request.known, ordered)
-        below, held = 0.0, None
+        known = verified_pairs(request.known, ordered)
+        below, last_slice = 0.0, None
         if request.max_eigenvalue is not None:
             threshold = min(request.max_eigenvalue / pencil.unit, plan.top)
             top = plan.settle(threshold)
             ordered.solve_repeated(_BEYOND * top)
             wanted = plan.count(top)
             if wanted > plan.count(plan.settle(threshold, -1.0)):
-                below, held = self._around_threshold(ordered, plan, threshold, top)
-                wanted = held.interval.first + len(held.values)
+                below, last_slice = self._around_threshold(ordered, plan, threshold, top)
+                wanted = last_slice.interval.first + len(last_slice.values)
         else:
             assert request.n_components is not None
             wanted = min(request.n_components, pencil.n)
             top = 0.0
             if wanted > pencil.n_null:
-                # What `find_top` prepares are the first slices, which known pairs spare.
+                # `find_top` prepares the first slices, which known pairs make unnecessary.
                 find = plan.find_top if known is None else plan.find
                 top = find(wanted, wanted + max(4, wanted // 40))
                 ordered.solve_repeated(_BEYOND * top)
@@ -265,11 +265,13 @@ class Run:
         sought = counted - (0 if ordered.repeated is None else ordered.repeated.count(top))
         if top > 0.0 and sought > _MOST_COPIES + 2 * wanted:
             raise UnprovenError(
-                f"{counted - wanted} more eigenvalues than the {wanted} asked for are equal to "
+                f"{counted - wanted} more eigenvalues than the {wanted} requested are equal to "
                 f"{top * pencil.unit:.4g}: ask for fewer pairs, or for all of them."
             )
-        end, last = (top, wanted) if held is None else (below, held.interval.first)
-        parts = None if known is None else known.stretches(plan, last, end)
+        end, last = (top, wanted)
+        if last_slice is not None:
+            end, last = below, last_slice.interval.first
+        parts = None if known is None else known.missing_ranges(plan, last, end)
         self._open(wanted, None if parts is None else known)
         yield from self._place_null()
         if wanted <= pencil.n_null:
@@ -281,16 +283,16 @@ class Run:
         if parts is None:
             parts = [(0.0, end)] if end > 0.0 else []
         yield from self._slices(ordered, plan, parts)
-        if held is not None:
-            yield from self._place_slice(ordered, held)
+        if last_slice is not None:
+            yield from self._place_slice(ordered, last_slice)
         self._count = Certificate("inertia", counted, counted, top * pencil.unit)
 
     def _around_threshold(
         self, ordered: OrderedPencil, plan: SpectrumPlan, threshold: float, top: float
     ) -> tuple[float, IntervalPairs]:
-        """Where the last slice begins, and its pairs up to a threshold that is an eigenvalue.
+        """Return the start of the last slice, and its pairs, for a threshold at an eigenvalue.
 
-        It is found first, since its values decide how many pairs there are to be.
+        It is computed first, since its values decide the number of pairs.
         """
         less = plan.count(plan.settle(threshold, -1.0)) - _LAST_SLICE
         below = (
@@ -299,14 +301,14 @@ class Run:
             else 0.0
         )
         interval = plan.interval(below, top)
-        held = find_pairs(ordered, interval, self.request.tolerance, self._stop)
+        found = find_pairs(ordered, interval, self.request.tolerance, self._stop)
         null = np.zeros(self.pencil.n_null if below == 0.0 else 0)
-        kept = self._kept(np.concatenate([null, held.values]), threshold) - len(null)
+        kept = self._kept(np.concatenate([null, found.values]), threshold) - len(null)
         pairs = replace(
-            held,
-            values=held.values[:kept],
-            residuals=held.residuals[:kept],
-            rows=held.rows[:kept],
+            found,
+            values=found.values[:kept],
+            residuals=found.residuals[:kept],
+            rows=found.rows[:kept],
         )
         return below, pairs
 
@@ -318,7 +320,7 @@ class Run:
             )
 
     def _kept(self, values: FloatArray, threshold: float) -> int:
-        """How many of ascending eigenvalues a threshold keeps: all copies of one, or none."""
+        """Return the number of eigenvalues up to a threshold, with all copies of a multiple one."""
         rounding = max(_THRESHOLD_MARGIN * threshold, self.pencil.noise)
         kept = int(np.searchsorted(values, threshold + rounding, side="right"))
         while 0 < kept < len(values) and values[kept] - values[kept - 1] <= rounding:
@@ -330,23 +332,22 @@ class Run:
         return kept
 
     def _workers(self, ordered: OrderedPencil, pairs: int) -> int:
-        asked = self.request.n_jobs
-        return asked or worker_count(ordered, self._cores, pairs, self.request.lean)
+        return self.request.n_jobs or worker_count(ordered, self._cores, pairs, self.request.lean)
 
     def _slices(
         self,
         ordered: OrderedPencil,
         plan: SpectrumPlan,
-        stretches: list[tuple[float, float]],
+        ranges: list[tuple[float, float]],
     ) -> Iterator[slice]:
-        """Write the pairs of parts of the spectrum; where a border proves doubtful, go on there.
+        """Compute and write the pairs of some ranges of the spectrum.
 
-        That a border lies on an eigenvalue is seen when its slice is found. The slices below it
-        stay; all further borders are then counted on both sides.
+        That a border lies on an eigenvalue is detected when its slice is computed. The slices below
+        it are kept, and all further borders are counted on both sides.
         """
         started = time.perf_counter()
-        jobs = self._workers(ordered, plan.count(stretches[-1][1])) if stretches else 1
-        pairs_left = sum(plan.count(high) - plan.count(low) for low, high in stretches)
+        jobs = self._workers(ordered, plan.count(ranges[-1][1])) if ranges else 1
+        pairs_left = sum(plan.count(high) - plan.count(low) for low, high in ranges)
         self._events.put(partial(self.pace.begin_slices, pairs_left))
         for settled in (False, True):
             try:
@@ -354,7 +355,7 @@ class Run:
                     ordered,
                     (
                         replace(each, most=self._needed(each.first))
-                        for part in stretches
+                        for part in ranges
                         for each in plan.slices(*part, settled)
                         if self._needed(each.first) != 0
                     ),
@@ -364,25 +365,25 @@ class Run:
                 ):
                     yield from self._place_slice(ordered, pairs)
                     done = pairs.interval.high
-                    stretches = [(max(low, done), high) for low, high in stretches if high > done]
-                    del pairs  # whose memory the next ones take
+                    ranges = [(max(low, done), high) for low, high in ranges if high > done]
+                    del pairs  # free its memory
                 break
             except (ArithmeticError, FactorizationError):
-                self._go_on()
+                self._resume()
                 if settled:
                     raise
-                stretches = [(low, plan.settle(high, wide=True)) for low, high in stretches]
+                ranges = [(low, plan.settle(high, wide=True)) for low, high in ranges]
         yield from self._keep()
         self._spend("slices", started)
 
     def _needed(self, first: int) -> int | None:
-        """Pairs needed from one on; None for all, from which those are picked that known lack."""
+        """Return the number of pairs needed from an index on; None for all, with known pairs."""
         return max(self.output.total - first, 0) if self._known is None else None
 
     def _place_slice(self, ordered: OrderedPencil, pairs: IntervalPairs) -> Iterator[slice]:
-        """Write what a slice holds besides known pairs."""
+        """Write the pairs of a slice that are not known."""
         first, count = pairs.interval.first, len(pairs.values)
-        inside = first + np.flatnonzero(self._is_there[first : first + count])
+        inside = first + np.flatnonzero(self._is_kept[first : first + count])
         if self._known is None or len(inside) == 0:
             yield from self._place(pairs.values, pairs.residuals, pairs.rows, pairs.orthonormality)
         elif len(inside) < count:
@@ -390,9 +391,9 @@ class Run:
             yield from self._place(values, measure_pairs(ordered, rows)[1], rows)
 
     def _place_null(self) -> Iterator[slice]:
-        """Write the null space, as far as it is asked for and not kept."""
+        """Write the null space, as far as it is requested and not kept."""
         pencil = self.pencil
-        missing = np.flatnonzero(~self._is_there[: pencil.n_null])
+        missing = np.flatnonzero(~self._is_kept[: pencil.n_null])
         if len(missing):
             rows = pencil.null_rows(int(missing[-1]) + 1)
             if len(missing) < len(rows):
@@ -401,7 +402,7 @@ class Run:
         yield from self._keep()
 
     def _nearest(self, ordered: OrderedPencil, plan: SpectrumPlan, sigma: float) -> Iterator[slice]:
-        """The pairs nearest a value: everything within a radius that holds enough, then those."""
+        """Compute all pairs within a radius that holds enough, and select those nearest a value."""
         pencil = self.pencil
         assert self.request.n_components is not None
         wanted = min(self.request.n_components, pencil.n)
@@ -430,7 +431,7 @@ class Run:
         rows = np.concatenate([part[2] for part in parts])
         chosen = np.sort(np.argsort(np.abs(values - sigma), kind="stable")[:wanted])
         unit = pencil.unit
-        # Without a lower end they are the lowest pairs.
+        # Without lower end these are the lowest pairs.
         below = None if low == 0.0 and chosen[0] == 0 else low * unit
         self._count = Certificate("inertia", inside, inside, high * unit, below)
         rows = rows[chosen]
@@ -439,10 +440,10 @@ class Run:
             residuals[chosen] = np.maximum(residuals[chosen], measure_pairs(ordered, rows)[1])
         yield from self._write_all(values[chosen], residuals[chosen], rows)
 
-    # Other ways ----------------------------------------------------------------------------------
+    # -- other methods ----------------------------------------------------------------------------
 
     def _dense(self) -> Iterator[slice]:
-        """All that is asked for, from the dense matrix of each component."""
+        """Compute the requested pairs from the dense matrix of each component."""
         started = time.perf_counter()
         pencil = self.pencil
         values, columns = dense_pairs(pencil, self._check)
@@ -458,7 +459,7 @@ class Run:
         count = len(chosen)
         known = None if hasattr(self, "output") else self._known_of_dense(every, count)
         if known is not None:
-            # All copies of a multiple eigenvalue, of which some may be known.
+            # Include all copies of a multiple eigenvalue, of which some may be known.
             stop = count
             while n_null < stop < len(every) and known.equal(every[stop - 1 : stop + 1]):
                 stop += 1
@@ -467,7 +468,7 @@ class Run:
         rest = columns[:, chosen[len(null) :] - n_null].toarray().T
         rows = np.concatenate([pencil.null_rows(len(null) and int(null[-1]) + 1)[null], rest])
         values = every[chosen]
-        # Pairs around a shift say where they begin, as those that were counted do.
+        # Pairs around a shift have a lower end, as in a count.
         low = float(values[0]) * pencil.unit if len(chosen) and chosen[0] > 0 else None
         self._count = Certificate("dense", pencil.n, pencil.n, low=low)
         if known is None:
@@ -477,7 +478,7 @@ class Run:
             if not hasattr(self, "output"):
                 self._open(count)
             elif self.output.total != count:
-                raise ArithmeticError("two ways of counting disagree")
+                raise ArithmeticError("two counts disagree")
             done = self.output.written
             yield from self._place(values[done:], residuals[done:], rows[done:])
             return
@@ -489,13 +490,13 @@ class Run:
         self._spend("dense", started)
         self._open(count, known)
         yield from self._place_null()
-        missing = int(np.count_nonzero(~self._is_there[n_null:]))
+        missing = int(np.count_nonzero(~self._is_kept[n_null:]))
         values, rows = values[:missing], rows[:missing]
         yield from self._place(values, dense_residuals(pencil, values, rows), rows)
         yield from self._keep()
 
     def _known_of_dense(self, values: FloatArray, count: int) -> KnownPairs | None:
-        """Known pairs, if the dense solution has their eigenvalues too."""
+        """Return known pairs if the dense solution has the same eigenvalues, else None."""
         if self.request.known is None or self.request.target is not None:
             return None
         known = KnownPairs.of_shape(self.request.known, self.pencil)
@@ -505,20 +506,20 @@ class Run:
         return known if known.equal(np.stack([known.values[kept], values[kept]])) else None
 
     def _chosen(self, values: FloatArray) -> npt.NDArray[np.intp]:
-        """Indices of the pairs that are asked for, of all eigenvalues in ascending order."""
+        """Return the indices of the requested pairs among all eigenvalues in ascending order."""
         pencil, request = self.pencil, self.request
         if request.max_eigenvalue is not None:
             return np.arange(self._kept(values, request.max_eigenvalue / pencil.unit))
         if request.target is None:
             return np.arange(min(request.n_components or 0, len(values)))
-        # Beyond all of them, where distances are equal up to rounding, the largest are nearest.
+        # For a target beyond all, where distances are equal up to rounding, take the largest.
         distance = np.abs(values - min(request.target / pencil.unit, values.max(initial=0.0)))
         return np.sort(np.argsort(distance, kind="stable")[: request.n_components])
 
     def _through_given_inverse(
         self, ordered: OrderedPencil
     ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Pairs through `op_inv`; None if a count shows that it missed some."""
+        """Compute pairs with `op_inv`; return None if a count shows that some were missed."""
         started = time.perf_counter()
         found = pairs_around(self.pencil, self.request, self._check)
         if found is None:
@@ -532,12 +533,12 @@ class Run:
         if counted != found.count:
             return None
         unit = self.pencil.unit
-        # Without any below them they are the lowest pairs.
+        # Without any below them these are the lowest pairs.
         begin = low * unit if below + found.first else None
         self._count = Certificate("inertia", counted, counted, high * unit, begin)
         return found.values, measure_pairs(ordered, found.rows)[1], found.rows
 
-    # What comes out ------------------------------------------------------------------------------
+    # -- output -----------------------------------------------------------------------------------
 
     def _open(self, k: int, known: KnownPairs | None = None) -> None:
         request, n = self.request, self.pencil.n_all
@@ -548,8 +549,8 @@ class Run:
                 "beyond the range of float32: ask for float64, or scale the mesh."
             )
         self._known = known
-        self._is_there = np.zeros(k, dtype=bool) if known is None else known.kept(k)
-        kept = np.flatnonzero(self._is_there)
+        self._is_kept = np.zeros(k, dtype=bool) if known is None else known.kept(k)
+        kept = np.flatnonzero(self._is_kept)
         rows = None
         if len(kept) and request.extend is not None:
             rows = request.extend(k, n, kept)
@@ -578,28 +579,26 @@ class Run:
         rows: FloatArray,
         orthonormality: float | None = None,
     ) -> Iterator[slice]:
-        """Write the lowest pairs that are missing still, and take over those kept before them."""
+        """Write the next missing pairs, and accept kept ones between them."""
         output, done = self.output, 0
         while done < len(values):
             yield from self._keep()
             if output.written == output.total:
                 return
-            ahead = self._is_there[output.written :]
+            ahead = self._is_kept[output.written :]
             room = int(np.argmax(ahead)) if ahead.any() else len(ahead)
             part = slice(done, min(done + room, len(values)))
             done = part.stop
             started = time.perf_counter()
-            n_behind = int(ahead[room:].sum()) if part.stop - part.start == room else 0
-            place = output.write(
-                values[part], residuals[part], rows[part], orthonormality, n_behind
-            )
+            n_after = int(ahead[room:].sum()) if part.stop - part.start == room else 0
+            place = output.write(values[part], residuals[part], rows[part], orthonormality, n_after)
             self._spend("output", started)
             yield place
 
     def _keep(self) -> Iterator[slice]:
-        """Take over the kept pairs that come next, if any do."""
+        """Accept the kept pairs that come next, if any."""
         output = self.output
-        ahead = self._is_there[output.written :]
+        ahead = self._is_kept[output.written :]
         count = len(ahead) if ahead.all() else int(np.argmin(ahead))
         if count and self._known is not None:
             place = slice(output.written, output.written + count)

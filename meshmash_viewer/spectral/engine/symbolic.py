@@ -1,7 +1,7 @@
 """Structure of the factor: fill-reducing order, elimination tree, supernodes.
 
-Found once for a matrix and used for every shift. A supernode is a run of columns with the same
-rows below; its part of the factor is one dense block, which is what makes solves fast.
+It is computed once for a matrix and used for every shift. A supernode is a run of columns with the
+same rows below; its part of the factor is one dense block, which makes solves fast.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ class Structure:
     first : ndarray of int64, shape (s + 1,)
         First column of each supernode.
     row_start : ndarray of int64, shape (s + 1,)
-        Where the rows of each supernode begin in `rows`; its own columns come first.
+        Start of the rows of each supernode in `rows`; its own columns come first.
     rows : ndarray of int64
         Ascending row indices of all supernodes.
     block_start : ndarray of int64, shape (s + 1,)
-        Where the dense block (rows x columns, C order) of each supernode begins.
+        Start of the dense block (rows x columns, C order) of each supernode.
     children : ndarray of int64, shape (s,)
         Number of children of each supernode in the supernodal elimination tree.
     stack_size : int
@@ -58,13 +58,13 @@ class Structure:
 
     @cached_property
     def unsigned(self) -> tuple[npt.NDArray[np.uint64], ...]:
-        """What a solve reads, with the unsigned indices its kernel is compiled for."""
+        """Arrays for a solve, with unsigned indices as its kernel requires."""
         arrays = (self.first, self.row_start, self.rows, self.block_start)
         return tuple(array.astype(np.uint64) for array in arrays)
 
     @cached_property
     def unsigned_matrix(self) -> tuple[npt.NDArray[np.uint64], ...]:
-        """What a product with the matrix reads, likewise."""
+        """Arrays for a product with the matrix, likewise."""
         return self.start.astype(np.uint64), self.index.astype(np.uint64)
 
     @property
@@ -74,7 +74,7 @@ class Structure:
 
 
 def _nested_dissection(matrix: Any) -> IndexArray:
-    """A fill-reducing order by METIS, which depends on nothing but the pattern."""
+    """Compute a fill-reducing order by METIS, which depends on the pattern only."""
     import pymetis
 
     n = matrix.shape[0]
@@ -87,7 +87,7 @@ def _nested_dissection(matrix: Any) -> IndexArray:
 
 
 def _minimum_degree(matrix: Any) -> IndexArray:
-    """A fill-reducing order by SuperLU."""
+    """Compute a fill-reducing order by SuperLU."""
     from scipy.sparse.linalg import splu
 
     n = matrix.shape[0]
@@ -105,9 +105,9 @@ def _minimum_degree(matrix: Any) -> IndexArray:
 
 
 def elimination_order(matrix: Any) -> IndexArray:
-    """Fill-reducing order in which every subtree of the elimination tree is contiguous.
+    """Compute a fill-reducing order with contiguous subtrees of the elimination tree.
 
-    Nested dissection where METIS is installed, else minimum degree.
+    It is nested dissection if METIS is installed, else minimum degree.
     """
     with_metis = find_spec("pymetis") is not None
     order = _nested_dissection(matrix) if with_metis else _minimum_degree(matrix)
@@ -141,7 +141,7 @@ def analyse(matrix: Any) -> Structure:
 
 @numba.njit(cache=True, nogil=True)
 def _elimination_tree(start, index, order):  # type: ignore[no-untyped-def]
-    """Parents of the permuted matrix's columns (Liu 1986), -1 for roots."""
+    """Compute the parents of the permuted matrix's columns (Liu 1986), -1 for roots."""
     n = len(order)
     place = np.empty(n, np.int64)
     for i in range(n):
@@ -163,7 +163,7 @@ def _elimination_tree(start, index, order):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def _postorder(parent):  # type: ignore[no-untyped-def]
-    """Columns in an order where every subtree is contiguous."""
+    """Compute an order of columns in which every subtree is contiguous."""
     n = len(parent)
     head = np.full(n, -1, np.int64)
     after = np.full(n, -1, np.int64)
@@ -195,7 +195,7 @@ def _postorder(parent):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def _largest_stack(below, children):  # type: ignore[no-untyped-def]
-    """Entries of the update matrices that wait at once, at most."""
+    """Compute the maximum number of entries of pending update matrices."""
     pending = np.empty(len(below), np.int64)
     n_pending = 0
     stack = 0
@@ -214,7 +214,7 @@ def _largest_stack(below, children):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def _column_counts(start, index, parent):  # type: ignore[no-untyped-def]
-    """Entries of each column of the factor, diagonal included, by walking row subtrees."""
+    """Count entries of each column of the factor, diagonal included, from row subtrees."""
     n = len(parent)
     counts = np.ones(n, np.int64)
     mark = np.full(n, -1, np.int64)
@@ -231,7 +231,7 @@ def _column_counts(start, index, parent):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def _supernodes(parent, counts):  # type: ignore[no-untyped-def]
-    """First columns of the supernodes, small ones merged if few zeros come in, and their rows."""
+    """Find first columns and heights of supernodes, merging small ones if that adds few zeros."""
     n = len(parent)
     first = np.empty(n + 1, np.int64)
     height = np.empty(n + 1, np.int64)
@@ -271,10 +271,10 @@ def _supernodes(parent, counts):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _supernode_rows(first, row_start, start, index):  # type: ignore[no-untyped-def]
-    """Rows of each supernode, its own first, and how many children each has.
+def _supernode_rows(first, row_start, start, index):  # type: ignore[no-untyped-def]  # noqa: C901
+    """Compute the rows of each supernode, its own first, and its number of children.
 
-    Neither sorting nor assigning slices here: numba takes seconds to compile those.
+    Sorting and slice assignment are avoided, since numba takes seconds to compile them.
     """
     n = len(start) - 1
     s_count = len(first) - 1
@@ -322,7 +322,7 @@ def _supernode_rows(first, row_start, start, index):  # type: ignore[no-untyped-
 
 
 def _ascending(row_start: IndexArray, rows: IndexArray) -> IndexArray:
-    """The rows of each supernode in ascending order."""
+    """Sort the rows of each supernode."""
     shape = (len(row_start) - 1, int(rows.max()) + 1)
     marks = np.ones(len(rows), dtype=np.int8)
     lists: Any = sp.csr_array((marks, rows, row_start), shape=shape)

@@ -1,4 +1,4 @@
-"""How many slices run at once, and what memory a run takes."""
+"""Number of parallel slices, and memory of a run."""
 
 from __future__ import annotations
 
@@ -6,40 +6,34 @@ import numpy as np
 
 from meshmash_viewer.spectral.engine.factorization import OrderedPencil
 
-#: Pairs a slice should hold: more make its basis dear, fewer its factor and its ends. In float32
-#: pairs converge in fewer steps, and small slices take a third less memory in the same time.
+#: Number of pairs of a slice: with more its basis takes most of the time, with fewer its factor. In
+#: float32 pairs converge in fewer steps, and small slices save a third of the memory.
 _SLICE_PAIRS, _LEAN_SLICE_PAIRS = 140, 50
-#: Fewer pairs than this are one slice.
+#: Number of pairs up to which there is one slice.
 _INDIVISIBLE = 48
-#: A run that has more numbers to find than this takes some seven seconds or more: where somebody
-#: waits for something to look at, so many of the lowest pairs come first, in their own slice.
+#: Number of values (vertices times pairs) above which a run takes seven seconds or more, and number
+#: of lowest pairs that are then computed first, in a slice of their own, if `early` is requested.
 _LONG_RUN, _FIRST_PAIRS = 3e7, 16
 
-#: Up to this many vertices all pairs are computed at once, by dense `eigh`.
+#: Number of vertices up to which all pairs are computed by dense `eigh`.
 _DENSE_VERTICES = 700
-#: Up to this many, constants aside, where more than a third of the pairs is asked for.
+#: The same, without constants, if more than a third of the pairs is requested.
 _DENSE_VERTICES_MOST_PAIRS = 2500
 
-#: Entries of the factor per vertex and bit of the number of vertices, on surfaces under METIS:
-#: 2 on a branching neuron, 3.4 on a head.
+#: Entries of the factor divided by n log2(n), with METIS: 2 on a branching neuron, 3.4 on a head.
 _FACTOR_DENSITY = 2.6
-#: Rows of a basis when its pairs have converged, by pairs and for none; it is not all touched
-#: before.
+#: Slope and intercept of the basis size at convergence as a function of the pairs; memory of the
+#: rows beyond it is not used.
 _BASIS_ROWS, _LEAN_BASIS_ROWS = (2.3, 110), (2.3, 85)
-#: Freed blocks that the allocator keeps: up to this share, and this many bytes.
+#: Memory kept by the allocator: up to this share, and this many bytes.
 _KEPT_SHARE, _KEPT_BYTES = 0.3, 110e6
 
 
 def slice_count(pairs: int, lean: bool = False) -> int:
-    """Slices for so many pairs: an even number, so that two cores end together.
+    """Return the number of slices, 1 or even, so that two cores end together.
 
-    Never a matter of how many cores there are, or results would depend on the machine.
-
-    Parameters
-    ----------
-    pairs : int
-    lean : bool
-        Small ones, for float32.
+    It is independent of the number of cores, so that results do not depend on the machine. `lean`
+    selects the small slices of float32.
     """
     if pairs < _INDIVISIBLE:
         return 1
@@ -47,16 +41,9 @@ def slice_count(pairs: int, lean: bool = False) -> int:
 
 
 def slice_sizes(n: int, pairs: int, lean: bool = False, early: bool = False) -> list[float]:
-    """About how many pairs each slice holds, from the lowest on.
+    """Return the approximate number of pairs of each slice, lowest first, for n vertices.
 
-    Parameters
-    ----------
-    n, pairs : int
-        Vertices, and pairs to find.
-    lean : bool
-        Whether slices are those of float32.
-    early : bool
-        Whether a long run begins with a small one.
+    `lean` selects the slices of float32; with `early` a long run begins with a small slice.
     """
     count = slice_count(pairs, lean)
     first = [float(_FIRST_PAIRS)] if early and count > 1 and n * pairs > _LONG_RUN else []
@@ -64,24 +51,24 @@ def slice_sizes(n: int, pairs: int, lean: bool = False, early: bool = False) -> 
 
 
 def is_dense(n: int, n_null: int, wanted: int) -> bool:
-    """Whether all pairs of n vertices at once, by dense `eigh`, are the fastest way.
+    """Whether dense `eigh` of n vertices is the fastest method for `wanted` pairs.
 
-    Constants count among the pairs wanted, but nothing has to be found for them.
+    These include the constants, which are known.
     """
-    free, owed = n - n_null, wanted - n_null
-    most = owed > free // 3 and free <= _DENSE_VERTICES_MOST_PAIRS
+    free, n_expected = n - n_null, wanted - n_null
+    most = n_expected > free // 3 and free <= _DENSE_VERTICES_MOST_PAIRS
     return n <= _DENSE_VERTICES or most or free < 64
 
 
 def can_be_dense(n: int) -> bool:
-    """Whether dense `eigh` of n vertices takes no longer than a person would wait."""
+    """Whether dense `eigh` of n vertices takes acceptable time."""
     return n <= _DENSE_VERTICES_MOST_PAIRS
 
 
 def core_count() -> int:
-    """Cores that the caller may plan for: one, inside a worker that shares them with others.
+    """Return the number of cores available to the calling thread.
 
-    Whoever runs several solutions side by side names joblib's sequential backend around each.
+    It is 1 under joblib's sequential backend, for callers that solve several problems in parallel.
     """
     from joblib.parallel import get_active_backend
 
@@ -89,7 +76,7 @@ def core_count() -> int:
 
 
 def worker_count(ordered: OrderedPencil, cores: int, pairs: int, lean: bool = False) -> int:
-    """Slices to compute at a time for so many pairs, as cores and memory allow."""
+    """Return the number of slices to compute in parallel, limited by cores and memory."""
     import psutil
 
     pencil = ordered.pencil
@@ -111,27 +98,27 @@ def memory_of_run(
     entries: float | None = None,
     lean: bool = False,
 ) -> float:
-    """Bytes that a run takes at most, its rows included.
+    """Estimate the peak memory of a run in bytes, its rows included.
 
-    The peak is where the last slices have their pairs converged, or where these are written.
-    Measured within 25 % from 6 thousand to 400 thousand vertices.
+    The peak is when the pairs of the last slices have converged, or when these are written. The
+    estimate is within 25 % from 6 thousand to 400 thousand vertices.
 
     Parameters
     ----------
     n, nnz, k, workers : int
-        Vertices, entries of L, pairs, slices at a time.
+        Numbers of vertices, of entries of L, of pairs, and of parallel slices.
     n_null : int
-        Components of the mesh: their pairs are known and take no basis.
+        Number of components, whose constants are known and need no basis.
     entries : float, optional
-        Entries of the factor, where known.
+        Entries of the factor, if known.
     lean : bool
-        Whether rows come in float32.
+        Whether rows are float32.
     """
     if entries is None:
         entries = _FACTOR_DENSITY * n * float(np.log2(max(n, 4)))
     k, n_null = min(k, n), min(k, n_null)
     if is_dense(n, n_null, k):
-        # A component is no larger than what is free in all of them, and its constant.
+        # A component has at most all free vertices and its constant.
         return 40.0 * (n - n_null + 1) ** 2 + 8.0 * n * k + _KEPT_BYTES / 11.0
     slices = slice_count(k - n_null, lean)
     pairs, at_once = (k - n_null) / slices, min(workers, slices) if k > n_null else 0
@@ -140,11 +127,11 @@ def memory_of_run(
     row, factor = 8.0 * n, 8.0 * entries
     written = row / (2.0 if lean else 1.0)
     matrices = 95.0 * nnz + 200.0 * n
-    # The last slices run while pairs of those before wait to be written.
+    # The last slices run while pairs of earlier ones wait to be written.
     waiting = pairs * min(at_once // 2, slices - at_once)
     known = max(k - n_null - pairs * at_once, 0.0)
     running = row * (basis * at_once + waiting + n_null) + factor * at_once + written * known
-    # One slice writes its rows when its factor has gone; others may still have theirs.
+    # A slice writes its rows after its factor is freed; others may still have theirs.
     ending = row * (pairs * at_once + waiting + n_null) + written * k + factor * max(at_once - 1, 0)
     total = matrices + max(running, ending)
     return total + min(_KEPT_SHARE * total, _KEPT_BYTES) + _KEPT_BYTES / 11.0
