@@ -1,12 +1,12 @@
-"""Eigenpairs of a mesh and the features made of them: the documented functions.
+"""Eigenpairs of a mesh, and features computed from them.
 
 Eigenvalues are per squared unit of the mesh (1e-8 is a wavelength of 63 µm for coordinates in
 nm, and below every eigenvalue but zero for a mesh of size 1), times are in squared unit, and all
 features of this module have the unit of φ², one over squared unit.
 
 The eigenvectors are orthonormal with respect to `M`, so a function `f` is projected on them by
-``eigenvectors.T @ (M @ f)``. `meshmash_viewer.spectral_coefficients` does so where vertices
-that no face uses are NaN, too, and `reconstruct` goes back.
+``eigenvectors.T @ (M @ f)``. `meshmash_viewer.spectral_coefficients` does so with unreferenced
+vertices, which are NaN, left out, and `reconstruct` is the inverse.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ __all__ = [
 
 Array: TypeAlias = npt.NDArray[np.floating[Any]]
 
-#: The documented default of `sigma`: its meaning is "just below zero", whatever the unit.
+#: The documented default of `sigma`, which means "just below zero" in any unit.
 _BELOW_ZERO = -1e-10
 
 
@@ -76,18 +76,18 @@ def decompose_laplacian(
     n_components : int
         Number of eigenpairs; all n of them if it exceeds n.
     op_inv : LinearOperator, optional
-        ``(L - sigma M)^-1``, by which the pairs are then found (with ARPACK). One factorization
-        still counts them; if some are missing, the solver finds all of them itself.
+        ``(L - sigma M)^-1``, with which ARPACK finds the pairs. They are still counted by one
+        factorization; if some are missing, the solver recomputes all.
     sigma : float
-        Shift, per squared unit of the mesh. The default, and any other up to zero, gives the
-        lowest pairs; a shift inside the spectrum gives the pairs nearest to it.
+        Shift, per squared unit of the mesh. The default, and any other up to zero, selects the
+        lowest pairs; a shift inside the spectrum the pairs nearest to it.
     tol : float
         Residual to reach, relative to λ.
     ncv : int, optional
-        Number of Lanczos vectors that ARPACK keeps; with `op_inv` only, since the solver's own
-        bases grow as they need to.
+        Number of Lanczos vectors of ARPACK, with `op_inv` only: the solver's own bases grow as
+        needed.
     prefactor : {None, "lu"}
-        Both factor the shifted matrix beforehand; accepted for compatibility.
+        Accepted for compatibility; the shifted matrix is always factored.
     progress, cancel : callable, optional
         See `meshmash_viewer.progress`.
 
@@ -102,7 +102,7 @@ def decompose_laplacian(
     Raises
     ------
     InputError
-        If `n_components` < 1, `prefactor` is unknown, or the matrices make no sense.
+        If `n_components` < 1, `prefactor` is unknown, or the matrices are invalid.
 
     Examples
     --------
@@ -221,15 +221,14 @@ def decompose_laplacian_by_bands(
         See `decompose_laplacian`.
     max_eigenvalue : float
         Per squared unit of the mesh; pairs with λ ≤ max_eigenvalue are returned, all n if it is
-        above the whole spectrum. `meshmash_viewer.spectral.weyl.weyl_count` says about how many.
+        above the whole spectrum. `meshmash_viewer.spectral.weyl.weyl_count` estimates their number.
     band_size : int
-        Accepted for compatibility: the solver divides the spectrum by itself, and no choice of
-        bands changes what it finds.
+        Accepted for compatibility; the solver chooses its own division of the spectrum.
     truncate_extra : bool
-        Accepted for compatibility. The number of pairs below the threshold is counted before
-        they are computed, so there is never an overshoot to truncate.
+        Accepted for compatibility. The pairs below the threshold are counted beforehand, so there
+        are no additional ones to truncate.
     verbose : int
-        1 draws a progress bar on stderr and ends it with the proof of completeness.
+        1 draws a progress bar on stderr and prints the certificate at the end.
     progress, cancel : callable, optional
         See `meshmash_viewer.progress`.
 

@@ -25,16 +25,16 @@ Edges: TypeAlias = tuple[npt.NDArray[np.integer], npt.NDArray[np.integer], Float
 
 @dataclass(frozen=True, slots=True)
 class OperatorOptions:
-    """Which Laplacian is meant, for whoever stores, shows or repeats a result.
+    """Parameters of the Laplacian, stored with results.
 
     Parameters
     ----------
     robust : bool
-        Whether the operator is Sharp and Crane's, for any triangle soup, or the plain cotangent
-        one, for clean manifold meshes.
+        True: the operator of Sharp and Crane, for any triangle soup; False: the cotangent
+        Laplacian, for clean manifold meshes.
     mollify_factor : float
-        How far the robust operator lengthens edges, relative to their mean, so that no triangle
-        is degenerate. Not used by the plain one.
+        Length added to edges by the robust operator, relative to their mean, so that no triangle is
+        degenerate; not used otherwise.
     """
 
     robust: bool = True
@@ -53,16 +53,16 @@ def cotangent_laplacian(
     robust : bool
         False: cotangent weights and a third of the adjacent areas, straight from the triangles.
         True: the same on the intrinsic Delaunay triangulation of the mollified tufted cover,
-        which takes non-manifold edges, slivers, zero-area and duplicate faces [1]_.
+        which allows non-manifold edges, slivers, zero-area and duplicate faces [1]_.
     mollify_factor : float
         See `OperatorOptions`; only with `robust`.
 
     Returns
     -------
     L : scipy.sparse.csc_array of float64, shape (n, n)
-        Symmetric, rows sum to zero, and positive semi-definite whatever the triangles: ``fᵀ L f``
-        is the Dirichlet energy ``∫ |∇f|²`` of the piecewise linear function f. (Across an edge
-        that is not Delaunay two vertices have a negative weight, which alters none of that.)
+        Symmetric with zero row sums, and positive semi-definite for any triangles: ``fᵀ L f`` is
+        the Dirichlet energy ``∫ |∇f|²`` of the piecewise linear function f. (Edges that are not
+        Delaunay have negative weights, which do not change this.)
     M : scipy.sparse.dia_array of float64, shape (n, n)
         Diagonal, in squared unit of the mesh. Unreferenced vertices have empty rows in both.
 
@@ -70,14 +70,14 @@ def cotangent_laplacian(
     ------
     InputError
         If the mesh is not valid, if a face has no area and `robust` is False, or if
-        `mollify_factor` is negative or too small to mend the faces.
+        `mollify_factor` is negative or too small for the degenerate faces.
 
     Notes
     -----
     With `robust`, L and M are those of ``robust_laplacian.mesh_laplacian(vertices, faces,
-    mollify_factor)``, whose faces keep their order: where faces are duplicated the operator
-    depends on it (see `mesh_health`). That function sets a diagonal entry for vertices that no
-    face uses; here they have none, nor do faces that have a corner twice and use such a vertex.
+    mollify_factor)`` with faces in their given order, on which the operator depends if faces are
+    duplicated (see `mesh_health`). Unlike there, unreferenced vertices have no diagonal entry, and
+    faces with a repeated corner that use such a vertex are left out.
 
     References
     ----------
@@ -166,7 +166,7 @@ def compute_vertex_areas(
 
 
 def _renumbered(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> IntArray:
-    """Faces that are kept, in their order, by the numbers of their vertices among those in use."""
+    """Return kept faces, in order, with vertices numbered among the referenced ones."""
     number = np.cumsum(mesh.referenced) - 1
     return np.asarray(number[mesh.faces[kept]], dtype=np.int64)
 
@@ -174,8 +174,8 @@ def _renumbered(mesh: Mesh, kept: npt.NDArray[np.bool_]) -> IntArray:
 def _scaled(vertices: FloatArray) -> tuple[FloatArray, float]:
     """Scale to an extent of 1 to 2; return the scale to multiply back.
 
-    A power of two changes no digit of any result, and keeps fourth powers of lengths in range. The
-    origin stays where it is: only differences of coordinates are used from here on.
+    Scaling by a power of two is exact, and keeps fourth powers of lengths in range. There is no
+    translation, since only differences of coordinates are used.
     """
     extent = float(np.ptp(vertices, axis=0).max())
     scale = float(2.0 ** np.floor(np.log2(extent)))
@@ -196,7 +196,7 @@ def _cotangent_weights(vertices: FloatArray, faces: IntArray) -> Edges:
     corners = [vertices[faces[:, corner]] for corner in range(3)]
     rows, columns, weights = [], [], []
     for corner in range(3):
-        # The cotangent of the angle at one corner weighs the edge between the other two.
+        # The cotangent of the angle at one corner is the weight of the opposite edge.
         here, first, second = (corners[(corner + step) % 3] for step in range(3))
         u, v = first - here, second - here
         sine = np.linalg.norm(np.cross(u, v), axis=1)
@@ -239,7 +239,7 @@ def _robust_operator(
 
 
 def _stiffness(edges: Edges, used: IntArray, n: int) -> SparseMatrix:
-    """L of all n vertices, from edges between those `used`: symmetric, rows summing to zero."""
+    """Build L of all n vertices from edges between those `used`, with zero row sums."""
     used = used.astype(sparse.get_index_dtype(maxval=2 * len(edges[2]) + n))
     first, second, weights = used[edges[0]], used[edges[1]], edges[2]
     degree = np.bincount(first, weights, n) + np.bincount(second, weights, n)

@@ -1,4 +1,4 @@
-"""The vertices of a mesh by the numbers that they have in its file, whatever was repaired since."""
+"""Correspondence between the vertices of a mesh file and those of the repaired mesh."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import numpy.typing as npt
 
 @dataclass(frozen=True, eq=False)
 class FileNumbering:
-    """What the vertices of a file have become in a repaired mesh.
+    """Map from the vertices of a file to those of a repaired mesh.
 
     Parameters
     ----------
     here : ndarray of int64, shape (n_file,)
-        For each vertex of the file the vertex of the mesh that it is now, the same one for
-        vertices that were merged; -1 for those that were left out.
+        For each vertex of the file its vertex in the mesh, the same one for merged vertices; -1 for
+        removed ones.
 
     Examples
     --------
@@ -40,17 +40,18 @@ class FileNumbering:
         """For each vertex of the mesh its index in the file, the lowest of merged ones, (n,)."""
         indices = np.flatnonzero(self.here >= 0)[::-1]
         result = np.zeros(int(self.here.max(initial=-1)) + 1, dtype=np.int64)
-        result[self.here[indices]] = indices  # of those written twice the last one stays
+        # for merged vertices the last assignment remains, that of the lowest index
+        result[self.here[indices]] = indices
         return result
 
     def then(self, here: npt.NDArray[np.int64]) -> FileNumbering:
-        """The same after another repair, of which `here` is as above, for the mesh before it."""
+        """Compose with another repair, given by its map from the mesh before it."""
         return FileNumbering(np.where(self.here >= 0, here[self.here], -1))
 
     def whole(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Values of shape (n, ...) at the vertices of the file, NaN where the mesh has none.
+        """Expand values of shape (n, ...) to the vertices of the file, NaN at removed ones.
 
-        Merged vertices have that of the vertex that they became. Whole numbers become float64.
+        Merged vertices have the same value. Integers become float64.
         """
         kind = values.dtype if values.dtype.kind == "f" else np.dtype(np.float64)
         result = np.full((self.n_file, *values.shape[1:]), np.nan, dtype=kind)

@@ -1,4 +1,4 @@
-"""How long work speaks to whoever waits for it."""
+"""Progress reports of long computations."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ __all__ = ["CancelCallback", "Cancelled", "Progress", "ProgressBar", "ProgressCa
 
 
 class Cancelled(Exception):
-    """Raised by long work after its cancel callback returned True."""
+    """Raised by a long computation after its cancel callback returned True."""
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """One report of long work.
+    """One report of a long computation.
 
     Parameters
     ----------
     stage : str
-        What is being done, as a short noun phrase ("factorization", "eigenpairs").
+        Present stage, a short noun phrase ("factorization", "eigenpairs").
     fraction : float, optional
-        Share of the whole work that is done, 0 to 1; None where nobody can say.
+        Share that is done, 0 to 1; None if unknown.
     remaining : float, optional
-        Estimated seconds to the end; None where nobody can say.
+        Estimated seconds to the end; None if unknown.
     message : str
-        One human-readable line.
+        One line for the user.
     converged : int
         Number of leading eigenpairs that are final and readable.
     total : int
-        Number of eigenpairs that the run owes; 0 while unknown.
+        Number of eigenpairs requested; 0 while unknown.
     """
 
     stage: str
@@ -45,21 +45,21 @@ class Progress:
 ProgressCallback: TypeAlias = Callable[[Progress], None]
 CancelCallback: TypeAlias = Callable[[], bool]
 
-#: A bar that moves with the share of the work, since pairs come in heaps.
+#: The bar shows the share of the work, since pairs converge in batches.
 _FORMAT = "{desc}: {percentage:3.0f}%|{bar}|{postfix} [{elapsed}]"
 
 
 class ProgressBar:
-    """Reports as a bar on stderr.
+    """A progress bar on stderr.
 
     Parameters
     ----------
     name : str
-        What is worked on.
+        Label of the bar.
     then : callable, optional
-        Gets every report too.
+        Receives every report too.
     leave : bool
-        Whether the bar stays when it is full.
+        Whether the bar remains visible at the end.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class ProgressBar:
             total=1.0,
             leave=leave,
             file=sys.stderr,
-            disable=sys.stderr is None,  # a program without a console
+            disable=sys.stderr is None,  # without a console
             bar_format=_FORMAT,
             dynamic_ncols=True,
         )

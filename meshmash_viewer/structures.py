@@ -1,4 +1,4 @@
-"""Names of brain structures, as GIFTI has them under ``AnatomicalStructurePrimary``."""
+"""Names of brain structures of GIFTI files (``AnatomicalStructurePrimary``)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _PAIRED = (
     "CerebralWhiteMatter", "DiencephalonVentral", "Hippocampus", "Pallidum", "Putamen", "Thalamus",
 )  # fmt: skip
 
-#: Those that Connectome Workbench knows.
+#: Structures of Connectome Workbench.
 STRUCTURES: tuple[str, ...] = (
     *(f"{name}{side}" for name in _PAIRED for side in ("Left", "Right")),
     "Cortex", "Cerebellum", "BrainStem", "AllGreyMatter", "AllWhiteMatter", "OtherGreyMatter",
@@ -24,12 +24,12 @@ _KNOWN = {name.lower(): name for name in STRUCTURES} | _SHORT
 
 
 def named_structure(text: str) -> str:
-    """One of `STRUCTURES`, by its name in any writing, or "left", "right", "lh", "rh".
+    """Find one of `STRUCTURES` by its name in any spelling, or "left", "right", "lh", "rh".
 
     Raises
     ------
     InputError
-        If it is none of them.
+        If there is no such structure.
 
     Examples
     --------
@@ -46,6 +46,6 @@ def named_structure(text: str) -> str:
 
 
 def structure_of_file(name: str) -> str:
-    """The hemisphere that a file of FreeSurfer is of, by its name: ``lh.pial``; "" for others."""
+    """Return the hemisphere of a FreeSurfer file from its name, ``lh.pial``; "" for others."""
     found = re.match(r"[lr]h(?=\.)", name)
     return _SHORT[found[0]] if found else ""

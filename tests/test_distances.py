@@ -155,7 +155,7 @@ def test_a_vertex_that_does_not_exist_is_one_sentence(vertex: int) -> None:
 def test_times_and_shapes_are_checked() -> None:
     with pytest.raises(InputError, match="positive"):
         diffusion_distance([0.0, 1.0], np.ones((3, 2)), 0, time=0.0)
-    with pytest.raises(InputError, match="do not go with 3 eigenvalues"):
+    with pytest.raises(InputError, match="do not match 3 eigenvalues"):
         commute_time_distance([0.0, 1.0, 2.0], np.ones((3, 2)), 0)
 
 
@@ -248,11 +248,11 @@ def test_what_is_missing_of_them_is_what_more_pairs_add() -> None:
         (-1, {}, "no vertex -1"),
         (325, {}, "no vertex 325"),
         (324, {}, "belongs to no face"),
-        ([3, 3], {}, "each once"),
+        ([3, 3], {}, "each given once"),
         ([], {}, "one or more"),
         (3, {"measure": "walk"}, "no distance 'walk'"),
-        (3, {"measure": "commute"}, "sum over eigenpairs"),
-        (3, {"measure": "diffusion", "decomposition": "pairs"}, "takes a time"),
+        (3, {"measure": "commute"}, "needs eigenpairs"),
+        (3, {"measure": "diffusion", "decomposition": "pairs"}, "needs a positive time"),
     ],
 )
 def test_what_there_is_no_distance_from_is_said(

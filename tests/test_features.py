@@ -129,7 +129,7 @@ def test_features_are_taken_as_arrays(features: Features) -> None:
         np.testing.assert_array_equal(features[index], values[index])
     for place, name in enumerate(features.columns):
         np.testing.assert_array_equal(features[name], values[:, place])
-    with pytest.raises(KeyError, match="they are hks_t=5"):
+    with pytest.raises(KeyError, match="columns are hks_t=5"):
         features["hks"]
 
 

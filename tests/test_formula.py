@@ -76,7 +76,7 @@ def test_the_unit_of_a_parameter_follows_from_the_formula(text: str, powers: dic
         ("__import__('os').system('true')", "wrong at character 1"),
         ("x.real", "wrong at character 1"),
         ("2 * x[0]", "wrong at character 5"),
-        ("f(x)", "f is no function: there are exp"),
+        ("f(x)", "f is not a function; functions are exp"),
         ("exp", "exp is a function"),
         ("where(x)", "where takes 3 values"),
         ("x == 1", "only numbers"),
@@ -98,7 +98,7 @@ def test_what_is_no_formula_is_one_sentence(text: str, said: str) -> None:
     [
         ("1/x", {}, "infinite at λ = 0: write where"),
         ("0*log(x)", {}, "not a number at λ = 0"),
-        ("x - 1e-8", {}, "-1e-08 at λ = 0, and weights of squares are not negative"),
+        ("x - 1e-8", {}, "-1e-08 at λ = 0, but must not be negative"),
         ("9**9**9", {}, "infinite"),
         ("exp(t*x)", {"t": 1e30}, "infinite at λ = 1e-09: its parameters"),
         ("exp(-t*x)", {}, "has a parameter t"),

@@ -52,10 +52,10 @@ def test_projections_of_a_wrong_shape_are_refused(neuron, whole_neuron):
         spectral_coefficients(vectors, mass[:-1], np.ones(n))
     with pytest.raises(InputError, match="not diagonal"):
         spectral_coefficients(vectors, cotangent_laplacian(neuron, robust=True)[0], np.ones(n))
-    with pytest.raises(InputError, match="do not go with"):
+    with pytest.raises(InputError, match="do not match"):
         reconstruct(vectors, np.ones(k + 1))
     for shape in ((), (2, 3, 1)):
-        with pytest.raises(InputError, match="do not go with"):
+        with pytest.raises(InputError, match="do not match"):
             reconstruct(vectors, np.ones(shape))
     with pytest.raises(InputError, match="columns of a matrix"):
         reconstruct(vectors[0], np.ones(1))

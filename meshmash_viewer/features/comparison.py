@@ -1,7 +1,7 @@
-"""Two shapes side by side: their spectra, which vertex is which, and which eigenfunction is which.
+"""Comparison of two shapes: spectra, corresponding vertices and corresponding eigenfunctions.
 
-Size does not count: eigenvalues are multiplied by the area of their mesh, and features are those of
-the two shapes at an area of 1.
+The comparison is independent of size: eigenvalues are multiplied by the area of their mesh, and
+features are those of the two shapes scaled to an area of 1.
 """
 
 from __future__ import annotations
@@ -40,20 +40,20 @@ __all__ = [
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
 
-#: Square of the correlation from which two eigenfunctions are the same one: no third can have it.
+#: Squared correlation above which eigenfunctions correspond: only one pair can exceed it.
 _SAME = 0.5
-#: Relative difference of eigenvalues that are the same.
+#: Relative difference up to which eigenvalues are equal.
 _ROUNDING = 1e-6
-#: Share of known matches to call confident.
+#: Share of known matches that are confident.
 _CONFIDENT = 0.1
-#: Energies of the default signature.
+#: Number of energies of the default signature.
 _ENERGIES = 100
-#: Fewest eigenvalues above zero that say something of a shape.
+#: Minimum number of nonzero eigenvalues for a comparison.
 _FEWEST = 3
 
 
 class Eigenpairs(Protocol):
-    """What is compared of a shape: a `Decomposition` has it, and others who know its pairs."""
+    """Eigenpairs of a shape to compare, such as a `Decomposition`."""
 
     @property
     def eigenvalues(self) -> FloatArray:
@@ -70,20 +70,21 @@ class Eigenpairs(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class FunctionMatches:
-    """For each eigenfunction of one shape, the same one of another, where that can be told.
+    """For each eigenfunction of one shape, the corresponding one of another, where it is known.
 
     Parameters
     ----------
     indices : ndarray of int64, shape (k,)
-        Index in the other; -1 where it cannot be told, as within multiplets, which any rotation
-        leaves as good, and where a symmetry makes vertices of two sides look alike.
+        Index in the other; -1 where it is not determined: within multiplets, of which any
+        orthogonal combination is an eigenfunction too, and where vertices of the two sides of a
+        symmetric shape have equal features.
     signs : ndarray of float64, shape (k,)
-        1 or -1 to multiply the other with; 0 where it cannot be told.
+        1 or -1, the factor for the other; 0 where `indices` is -1.
     correlations : ndarray of float64, shape (k,)
-        Of the two functions, from 0 to about 1; two that are the same have more than √½.
+        Of the two functions, from 0 to about 1; above √½ if they correspond.
     rotations : Alignment
-        Rotations within multiplets of the other after which all this holds; none unless they were
-        asked for (`match_functions`).
+        Rotations within multiplets of the other that were applied before; empty unless requested
+        (`match_functions`).
 
     Examples
     --------
@@ -102,31 +103,31 @@ class FunctionMatches:
 
     @property
     def told(self) -> npt.NDArray[np.bool_]:
-        """Which of them can be told, shape (k,)."""
+        """Whether the correspondence is determined, shape (k,)."""
         return np.asarray(self.indices >= 0)
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """What `compare_shapes` finds.
+    """Result of `compare_shapes`.
 
     Parameters
     ----------
     spectra : tuple of two ndarrays of float64, shape (k,)
-        Eigenvalues times area, as many of both.
+        Eigenvalues times area.
     distance : float
         Euclidean distance of the two, "Shape-DNA".
     forth, back : Matches
         From the first to the second, and from the second to the first.
     mutual : ndarray of bool, shape (n,)
-        Vertices of the first that the match of their match leads back to.
+        Vertices of the first that are the match of their match.
     functions : FunctionMatches
         Eigenfunctions of the first among those of the second.
     features : tuple of two ndarrays of float32, shapes (n, f) and (m, f)
-        In which vertices are matched, in units of their spread over the second.
+        Features used for matching, in units of their spread over the second.
     given : bool
-        Whether it was known which vertex is which: matches are those then, and their scores say
-        how far apart features are.
+        Whether corresponding vertices were given: these are the matches then, with the distances
+        of their features as scores.
 
     Examples
     --------
@@ -150,7 +151,7 @@ class Comparison:
 
     @property
     def relative_distance(self) -> float:
-        """The distance beside the length of the first spectrum; infinite beside zeros alone."""
+        """Distance divided by the norm of the first spectrum; infinite if that is zero."""
         length = float(np.linalg.norm(self.spectra[0]))
         if length == 0.0:
             return math.inf if self.distance > 0.0 else 0.0
@@ -158,13 +159,13 @@ class Comparison:
 
     @property
     def mutual_share(self) -> float:
-        """Share of the vertices of the first with features that find themselves again."""
+        """Share of the matched vertices of the first that have a mutual match."""
         return float(self.mutual.sum() / max(np.count_nonzero(self.forth.indices >= 0), 1))
 
     def match_table(self, second_name: str, second: Mesh | None = None) -> Features:
-        """For each vertex of the first its match, the score, and whether it is mutual, (n, 3).
+        """Return match, score and mutuality of each vertex of the first, shape (n, 3).
 
-        Matches are by their index in the file of `second`, where that is given.
+        Matches are file indices of `second`, if that is given.
         """
         matches = self.forth.indices
         if second is not None:
@@ -177,7 +178,7 @@ class Comparison:
     def best_matches(
         self, vertex: int, places: npt.NDArray[np.floating], radius: float, count: int = 4
     ) -> tuple[tuple[int, float], ...]:
-        """Vertices of the second that look most like one of the first, with their scores.
+        """Return vertices of the second most similar to one of the first, with their scores.
 
         The match comes first. See `distinct_matches` for `places` of the second, `radius` and
         `count`.
@@ -193,16 +194,16 @@ class Comparison:
 
 @dataclass(frozen=True, eq=False)
 class Correspondence:
-    """What of one shape is what of another.
+    """Correspondence of one shape to another.
 
     Parameters
     ----------
     length : float
-        A length of the other by the same of this.
+        Length scale of the other relative to this shape.
     vertices : ndarray of int64, shape (n,), optional
-        For each vertex of this the same one of the other, or -1.
+        For each vertex of this shape the corresponding one of the other, or -1.
     functions : FunctionMatches, optional
-        The same of eigenfunctions.
+        Corresponding eigenfunctions.
     """
 
     length: float = 1.0
@@ -210,7 +211,7 @@ class Correspondence:
     functions: FunctionMatches | None = None
 
     def vertex(self, index: int) -> int | None:
-        """The vertex of the other that one of this is; None where it cannot be told."""
+        """Return the corresponding vertex of the other; None if it is not known."""
         if self.vertices is None or not 0 <= index < len(self.vertices):
             return None
         found = int(self.vertices[index])
@@ -218,42 +219,42 @@ class Correspondence:
 
 
 def unit_area_spectrum(pairs: Eigenpairs) -> FloatArray:
-    """Eigenvalues of the shape at an area of 1, pure numbers, shape (k,)."""
+    """Compute eigenvalues of the shape scaled to an area of 1, dimensionless, shape (k,)."""
     return np.asarray(pairs.eigenvalues * pairs.mass.sum())
 
 
 def matched_top(first: Eigenpairs, area: float) -> float:
-    """Eigenvalue of a shape of some area up to which it is compared with the first; 0 for none."""
-    # a copy's last eigenvalue may be larger by rounding
+    """Return the eigenvalue up to which a shape of some area is compared with the first."""
+    # the last eigenvalue of an equal shape may be larger by rounding
     return float(unit_area_spectrum(first)[-1]) * (1.0 + 1e-9) / area
 
 
 def comparison_remarks(first: Mesh, second: Mesh) -> list[str]:
-    """What to know of two meshes before one trusts the figures."""
+    """Return warnings about two meshes that affect their comparison."""
     remarks = []
     if first.unit != second.unit:
         units = f"{first.unit or 'no unit'} and {second.unit or 'no unit'}"
-        remarks.append(f"the meshes are in {units}; sizes do not count, only shapes do.")
+        remarks.append(f"the meshes are in {units}; the comparison is independent of size.")
     counts = first.n_components, second.n_components
     if counts[0] != counts[1]:
         remarks.append(
             f"the meshes have {counts[0]:,} and {counts[1]:,} components, each with an eigenvalue"
-            " of zero, which moves all others: compare their largest ones."
+            " of zero, which shifts all others: compare their largest components."
         )
     return remarks
 
 
 def corresponding_vertices(first: Mesh, second: Mesh) -> IntArray | None:
-    """For each vertex of one mesh the same one of another, where both are of one template.
+    """Return the corresponding vertices of two meshes with the same connectivity.
 
-    That is where their faces join the same vertices, be they turned round as in a mirror image: a
-    mesh that was turned, scaled or deformed, or two subjects on one template. As many vertices
-    alone say nothing.
+    Their faces join the same vertices, in any orientation (as in a mirror image). This is so for a
+    rotated, scaled or deformed mesh, or for two subjects on one template. An equal number of
+    vertices is not sufficient.
 
     Returns
     -------
     ndarray of int64, shape (n,), or None
-        All in order; None where vertices have to be matched.
+        The indices in order; None if vertices have to be matched.
 
     Examples
     --------
@@ -272,7 +273,7 @@ def corresponding_vertices(first: Mesh, second: Mesh) -> IntArray | None:
 
 
 def check_comparable(name: str, n_vertices: int, eigenvalues: FloatArray) -> None:
-    """Complain of a mesh with too few eigenvalues above zero to say something of a shape."""
+    """Raise `InputError` for a mesh with too few nonzero eigenvalues for a comparison."""
     above = int(np.count_nonzero(eigenvalues > 0.0))
     if above < _FEWEST:
         raise InputError(
@@ -293,23 +294,23 @@ def compare_shapes(
     Parameters
     ----------
     first, second : Eigenpairs
-        Both up to about the same eigenvalue times area; what one has more is left out.
+        Both up to about the same eigenvalue times area; additional pairs of one are ignored.
     bank : FilterBank, optional
         Filters for eigenvalues times area, in whose columns vertices are matched: by default the
         wave kernel signature of 100 energies of the first.
     cancel : callable, optional
-        Asked while vertices are matched; `Cancelled` is raised if it says so.
+        Called while vertices are matched; `Cancelled` is raised if it returns True.
     vertices : array_like of int, shape (n,), optional
-        For each vertex of the first the same one of the second, -1 where there is none, if that is
-        known (`corresponding_vertices`). Eigenfunctions are told by it then, those of a multiplet
-        after it has been turned (`FunctionMatches.rotations`).
+        For each vertex of the first the corresponding one of the second, -1 for none, if that is
+        known (`corresponding_vertices`). Eigenfunctions are then matched with these vertices, those
+        of a multiplet after a rotation (`FunctionMatches.rotations`).
 
     Returns
     -------
     Comparison
         The spectral distance is that of Reuter, Wolter and Peinecke (2006). Vertices are matched by
-        the nearest features, each column in units of its spread; on a symmetric shape those of
-        either side are as near, and only one is found.
+        the nearest features, each column in units of its spread; on a symmetric shape vertices of
+        both sides are equally near, and only one is found.
 
     Raises
     ------
@@ -329,7 +330,7 @@ def compare_shapes(
     spectra = unit_area_spectrum(first)[:count], unit_area_spectrum(second)[:count]
     if bank is None:
         bank = wave_kernel_bank(spectra[0], _ENERGIES)
-    # a last eigenvalue that is larger by rounding alone would be outside of all bands
+    # a last eigenvalue larger by rounding would be outside of all bands
     top = spectra[0][-1]
     forth_features, back_features = (
         accumulate_features(
@@ -367,7 +368,7 @@ def compare_shapes(
 
 
 def _given_matches(indices: IntArray, mine: FloatArray, others: FloatArray) -> Matches:
-    """Known matches, with how far apart the features of the two are."""
+    """Return known matches, with the distances of their features as scores."""
     scores = np.linalg.norm(mine - others[indices], axis=1)
     scores[indices < 0] = np.nan
     known = np.where(np.isfinite(scores), indices, -1)
@@ -388,23 +389,23 @@ def _checked_vertices(vertices: npt.ArrayLike, first: Eigenpairs, second: Eigenp
 def match_functions(
     first: Eigenpairs, second: Eigenpairs, vertices: npt.ArrayLike, *, turned: bool = False
 ) -> FunctionMatches:
-    """Tell which eigenfunction of one shape is which of another, and with which sign.
+    """Match the eigenfunctions of one shape to those of another, with their signs.
 
     Parameters
     ----------
     first, second : Eigenpairs
         With k and l pairs.
     vertices : array_like of int, shape (n,)
-        For each vertex of the first the same one of the second, -1 where there is none: all in
-        order for two meshes of the same vertices, or what features have matched.
+        For each vertex of the first the corresponding one of the second, -1 for none: the indices
+        in order for two meshes of the same vertices, or matches by features.
     turned : bool
-        Whether functions within a multiplet of the second, which any rotation leaves as good, are
-        turned to be those of the first; `FunctionMatches.rotations` says how.
+        Whether functions within a multiplet of the second, which are determined up to a rotation,
+        are rotated to match the first; `FunctionMatches.rotations` are these rotations.
 
     Returns
     -------
     FunctionMatches
-        One to one, of the greatest sum of squared correlations.
+        One to one, with the largest sum of squared correlations.
 
     Raises
     ------
@@ -451,18 +452,18 @@ def match_functions(
 def distinct_matches(
     distances: FloatArray, places: npt.NDArray[np.floating], radius: float, count: int = 4
 ) -> IntArray:
-    """The best matches of a vertex that are not all neighbours of one another.
+    """Find the best matches of a vertex that are not close to each other.
 
     Parameters
     ----------
     distances : ndarray of float64, shape (n,)
-        In feature space from the vertex to all of the other shape.
+        Distances in feature space from the vertex to all vertices of the other shape.
     places : ndarray, shape (n, 3)
-        Where those are.
+        Coordinates of those.
     radius : float
-        How far a match has to be from all better ones, in the unit of `places`.
+        Minimum distance of a match from all better ones, in the unit of `places`.
     count : int
-        How many to find at most.
+        Maximum number of matches.
 
     Returns
     -------
@@ -480,6 +481,6 @@ def distinct_matches(
     while len(found) < count and np.isfinite(left).any():
         best = int(np.argmin(left))
         found.append(best)
-        with np.errstate(over="ignore"):  # a vertex of no face may be anywhere
+        with np.errstate(over="ignore"):  # coordinates of unreferenced vertices may be very large
             left[np.linalg.norm(places - places[best], axis=1) <= radius] = np.inf
     return np.array(found, dtype=np.int64)

@@ -1,7 +1,7 @@
-"""Descriptors of a mesh's vertices in one call: what a filter makes of its eigenpairs.
+"""Descriptors of the vertices of a mesh in one call, from its eigenpairs.
 
-All have the unit of φ², one over squared unit of the mesh. Their names are documented in
-`meshmash_viewer.decompose`, from where they can be imported too.
+All have the unit of φ², one over squared unit of the mesh. They can also be imported from
+`meshmash_viewer.decompose`.
 """
 
 from __future__ import annotations
@@ -62,12 +62,12 @@ Array: TypeAlias = npt.NDArray[np.floating[Any]]
 #: Any accepted form of a mesh, or its ``(L, M)``.
 MeshOrMatrices: TypeAlias = Any
 Filter: TypeAlias = Callable[[npt.NDArray[np.float64]], npt.ArrayLike]
-#: What a filter is made by, from the eigenvalues that take part.
+#: Makes a filter from the eigenvalues used.
 FilterMaker: TypeAlias = Callable[[npt.NDArray[np.float64]], FilterBank | Filter]
 
-#: Residual relative to λ that these functions document for float64; float32 loosens it.
+#: Documented residual relative to λ for float64; float32 relaxes it.
 _TOLERANCE = 1e-12
-#: What a message proposes as a useful number of eigenpairs.
+#: Number of eigenpairs proposed in a message.
 _USEFUL_COUNT = 100
 
 
@@ -98,11 +98,11 @@ def spectral_geometry_filter(
     max_eigenvalue, band_size, truncate_extra
         See `decompose_laplacian_by_bands`.
     drop_first : bool
-        Leave out the first pair, exactly one, however many zero eigenvalues there are; of a piece
-        that `MeshStitcher` gives, the first pair of the whole mesh.
+        Leave out exactly one pair, the first, for any number of zero eigenvalues; on a piece of a
+        `MeshStitcher`, the first pair of the whole mesh.
     decomposition_dtype : dtype
         float64: eigenpairs converge to residuals of 1e-12, or what rounding allows. float32 halves
-        the memory of eigenvectors and loosens that to 1e-7; the result has the same dtype. None
+        the memory of eigenvectors and relaxes that to 1e-7; the result has the same dtype. None
         is float64.
     robust, mollify_factor
         See `meshmash_viewer.laplacian.cotangent_laplacian`.
@@ -127,17 +127,17 @@ def spectral_geometry_filter(
     -----
     ConstantFeaturesWarning
         If only zero eigenvalues lie below the threshold, as when it is meant for another unit:
-        the features are then right, but tell no two vertices of a component apart.
+        the features are then correct, but constant on each component.
     TruncationWarning
         If the filter is one of this package and more than 1 % of a column is missing, by the
-        estimate of `meshmash_viewer.features.truncation`; if it is another function, of which it
-        is not known what it does beyond the last eigenvalue, and it is above 1 % of its largest
-        value there. Not with all eigenpairs of the mesh. Warnings begin with its name, if any.
+        estimate of `meshmash_viewer.features.truncation`; if it is another function and at the last
+        eigenvalue above 1 % of its largest value. Not with all eigenpairs of the mesh. Warnings
+        begin with the name of the mesh, if any.
 
     Notes
     -----
-    Where the eigenvectors would take a large part of the free memory they go to a temporary
-    file (in ``TMPDIR``), and are read back once, a few rows at a time.
+    Eigenvectors that would take a large part of the free memory are written to a temporary file
+    (in ``TMPDIR``), and read once, a few rows at a time.
 
     Examples
     --------
@@ -148,13 +148,13 @@ def spectral_geometry_filter(
     (642, 1)
     """
     check_bands(max_eigenvalue, band_size)
-    sums = _Sums(
+    computation = _Computation(
         mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose, progress, cancel
     )
     if filter is None:
-        result = sums.solve(None, max_eigenvalue, None, stacklevel=4)
-        return result.eigenvalues[sums.start :], result.eigenvectors[:, sums.start :]
-    return sums.features(None, max_eigenvalue, lambda _: filter)
+        result = computation.solve(None, max_eigenvalue, None, stacklevel=4)
+        return result.eigenvalues[computation.start :], result.eigenvectors[:, computation.start :]
+    return computation.features(None, max_eigenvalue, lambda _: filter)
 
 
 def compute_hks(
@@ -184,7 +184,7 @@ def compute_hks(
     mesh : MeshLike or pair of sparse matrices
         The mesh, n vertices, or its (L, M).
     max_eigenvalue : float
-        Largest eigenvalue to take part. Times below ``5 / max_eigenvalue`` need more.
+        Largest eigenvalue to use. Times below ``5 / max_eigenvalue`` need more.
     t_max, t_min : float, optional
         Longest and shortest time, in squared unit of the mesh; None: from the spectrum, see
         `meshmash_viewer.features.filters.hks_time_range`.
@@ -193,11 +193,11 @@ def compute_hks(
     band_size, truncate_extra, drop_first, robust, mollify_factor, decomposition_dtype, verbose
         See `spectral_geometry_filter`.
     count : int or "auto", optional
-        Number of eigenpairs, in place of `max_eigenvalue`; at most one a vertex. "auto" takes as
-        many as `t_min`, which has then to be given, needs for less than 1 % of any column to be
+        Number of eigenpairs, in place of `max_eigenvalue`; at most the number of vertices. "auto"
+        requires `t_min` and uses as many pairs as are needed for less than 1 % of any column to be
         missing, by the estimate.
     wavelength : float, optional
-        Shortest wavelength ``2π / √λ`` to take part, in unit, in place of `max_eigenvalue`.
+        Shortest wavelength ``2π / √λ`` to use, in unit, in place of `max_eigenvalue`.
     tail : {None, "weyl"}
         "weyl" adds the estimate of what is missing, see `meshmash_viewer.features.truncation`.
     progress, cancel : callable, optional
@@ -211,13 +211,13 @@ def compute_hks(
     Raises
     ------
     InputError
-        If an argument makes no sense.
+        If an argument is invalid.
 
     Warns
     -----
     TruncationWarning
-        If more than 1 % of a column is missing, by the estimate; or if "auto" took all pairs of
-        the mesh, which ends before the times do.
+        If more than 1 % of a column is missing, by the estimate; or if "auto" used all pairs of
+        the mesh and these are not sufficient.
 
     References
     ----------
@@ -238,7 +238,7 @@ def compute_hks(
     check_times(t_min, t_max)
     check_tail(tail, "hks")
     check_bands(max_eigenvalue, band_size)
-    sums = _Sums(
+    computation = _Computation(
         mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose, progress, cancel
     )
 
@@ -252,9 +252,9 @@ def compute_hks(
                 "(times chosen from the spectrum follow the pairs, so that any number is enough)."
             )
         refuse_two_extents(max_eigenvalue, count, wavelength)
-        target = sufficient_target(t_min, *sums.surface)
-        return sums.features(target.n_components, target.max_eigenvalue, bank, tail, t_min)
-    return sums.features(*chosen_extent(max_eigenvalue, count, wavelength), bank, tail)
+        target = sufficient_target(t_min, *computation.surface)
+        return computation.features(target.n_components, target.max_eigenvalue, bank, tail, t_min)
+    return computation.features(*chosen_extent(max_eigenvalue, count, wavelength), bank, tail)
 
 
 def compute_geometry_vectors(
@@ -287,9 +287,9 @@ def compute_geometry_vectors(
     band_size, truncate_extra, drop_first, robust, mollify_factor, decomposition_dtype, verbose
         See `spectral_geometry_filter`.
     count : int or "auto", optional
-        Number of eigenpairs, of which the largest eigenvalue takes the place of `max_eigenvalue`;
-        at most one a vertex. "auto" is all up to `max_eigenvalue`, as without it: bands that end
-        there miss nothing.
+        Number of eigenpairs, at most the number of vertices; their largest eigenvalue replaces
+        `max_eigenvalue`. "auto" uses all up to `max_eigenvalue`, as None does: bands that end there
+        are complete.
     wavelength : float, optional
         Shortest wavelength ``2π / √λ``, in unit, in place of `max_eigenvalue`.
     progress, cancel : callable, optional
@@ -303,7 +303,7 @@ def compute_geometry_vectors(
     Raises
     ------
     InputError
-        If `max_eigenvalue` is not positive and finite, or an argument makes no sense.
+        If `max_eigenvalue` is not positive and finite, or an argument is invalid.
 
     References
     ----------
@@ -325,8 +325,8 @@ def compute_geometry_vectors(
         count = None
     n_pairs, bound = chosen_extent(max_eigenvalue, count, wavelength)
     if bound is not None:
-        bspline_bank(0.0, bound, n_bands)  # complains now, not after the decomposition
-    sums = _Sums(
+        bspline_bank(0.0, bound, n_bands)  # raises now rather than after the decomposition
+    computation = _Computation(
         mesh, decomposition_dtype, drop_first, robust, mollify_factor, verbose, progress, cancel
     )
 
@@ -334,12 +334,12 @@ def compute_geometry_vectors(
         last = float(eigenvalues[-1]) if len(eigenvalues) else 0.0
         return bspline_bank(0.0, last if bound is None else bound, n_bands)
 
-    return sums.features(n_pairs, bound, bank)
+    return computation.features(n_pairs, bound, bank)
 
 
 @dataclass(frozen=True, eq=False)
-class _Sums:
-    """What all functions of this module do with their mesh and their options."""
+class _Computation:
+    """A mesh and options, and the computation shared by the functions of this module."""
 
     mesh: MeshOrMatrices
     precision: npt.DTypeLike | None
@@ -352,22 +352,22 @@ class _Sums:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Of eigenvectors and features."""
+        """Type of eigenvectors and features."""
         return np.dtype(np.float64 if self.precision is None else self.precision)
 
     @property
     def name(self) -> str:
-        """Of the mesh, for warnings."""
+        """Name of the mesh, for warnings."""
         return self.mesh.name if isinstance(self.mesh, Mesh) else ""
 
     @property
     def start(self) -> int:
-        """First pair that takes part."""
+        """Index of the first pair used."""
         return 1 if self.drop_first else 0
 
     @cached_property
     def matrices(self) -> tuple[SparseMatrix, SparseMatrix]:
-        """L and M."""
+        """Matrices L and M."""
         given = self.mesh
         if isinstance(given, (tuple, list)) and len(given) == 2 and sparse.issparse(given[0]):
             return given[0], given[1]
@@ -380,7 +380,7 @@ class _Sums:
         allocate: Callable[[int, int], Array] | None,
         stacklevel: int = 5,
     ) -> Decomposition:
-        """Eigenpairs by their number or up to a threshold."""
+        """Compute eigenpairs by their number or up to a threshold."""
         stiffness, mass = self.matrices
         return find_eigenpairs(
             stiffness,
@@ -400,7 +400,7 @@ class _Sums:
 
     @cached_property
     def surface(self) -> tuple[float, int]:
-        """Area, and number of vertices that have one."""
+        """Area, and number of vertices with area."""
         mass = np.asarray(self.matrices[1].diagonal(), dtype=np.float64)
         return float(mass.sum()), int(np.count_nonzero(mass))
 
@@ -417,9 +417,9 @@ class _Sums:
         tail: Literal["weyl"] | None = None,
         time: float | None = None,
     ) -> Array:
-        """Features of shape (n, f), with a warning of what they miss where that is known.
+        """Compute features, shape (n, f), and warn of their truncation error if it is known.
 
-        `time` is the one that the number of pairs was chosen for, if any.
+        `time` is that for which the number of pairs was chosen, if any.
         """
         with scratch_rows(self.dtype) as allocate:
             result = self.solve(n_components, max_eigenvalue, allocate)
@@ -462,7 +462,7 @@ class _Sums:
 def _warn_of_zeros(max_eigenvalue: float | None, result: Decomposition, name: str) -> None:
     useful = weyl_eigenvalue(float(result.mass.sum()), _USEFUL_COUNT)
     within = (
-        f"are among the {result.n_components} eigenpairs asked for"
+        f"are among the {result.n_components} eigenpairs requested"
         if max_eigenvalue is None
         else f"lie below max_eigenvalue ({max_eigenvalue:.4g})"
     )

@@ -1,9 +1,9 @@
-"""Distances from one vertex to all others: spectral ones, and along the surface.
+"""Distances from one vertex to all others: spectral and geodesic ones.
 
 The spectral ones are ``d(v, w)² = Σ_k h(λ_k) (φ_k(v) - φ_k(w))²`` over the eigenvalues above zero,
-with a weight h of each kind. They grow with the distance along the surface but notice how wide a
-way is: through a thin neck it is far. Zero eigenvalues tell components apart and nothing else, so
-they are left out, and vertices of other components are at no distance at all.
+with a weight h of each kind. They grow with the distance along the surface, but also depend on its
+width: across a thin neck they are large. Eigenfunctions of zero only distinguish components, so
+they are left out, and the distance to vertices of other components is NaN.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ __all__ = [
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
-#: Kinds of distance by name: what they are called, and what power of length they are.
+#: Label, and unit as a power of length, of each kind of distance by name.
 MEASURES: dict[str, tuple[str, int]] = {
     "geodesic": ("Geodesic", 1),
     "biharmonic": ("Biharmonic", 1),
@@ -52,7 +52,7 @@ MEASURES: dict[str, tuple[str, int]] = {
 def diffusion_distance(
     eigenvalues: npt.ArrayLike, eigenvectors: npt.ArrayLike, vertex: int, time: float
 ) -> FloatArray:
-    """How differently heat from two vertices has spread after a time [1]_.
+    """Compute the diffusion distance: how different heat from two vertices is after a time [1]_.
 
     Parameters
     ----------
@@ -61,9 +61,9 @@ def diffusion_distance(
     eigenvectors : array_like, shape (n, k)
         M-orthonormal columns.
     vertex : int
-        From which it is measured.
+        Vertex from which distances are measured.
     time : float
-        Diffusion time in squared unit; √time is about how far apart vertices are told apart.
+        Diffusion time in squared unit; √time is about the length that is resolved.
 
     Returns
     -------
@@ -86,14 +86,14 @@ def diffusion_distance(
     array([0.   , 1.213])
     """
     if not (np.isfinite(time) and time > 0.0):
-        raise InputError(f"A diffusion time of {time} means nothing: give a positive one.")
+        raise InputError(f"time is {time}: the diffusion time must be positive.")
     return _distance("diffusion", eigenvalues, eigenvectors, vertex, time)
 
 
 def biharmonic_distance(
     eigenvalues: npt.ArrayLike, eigenvectors: npt.ArrayLike, vertex: int
 ) -> FloatArray:
-    """A distance that is smooth at its origin and counts the whole shape far from it [1]_.
+    """Compute the biharmonic distance: smooth near its origin, global far from it [1]_.
 
     Parameters are those of `diffusion_distance`.
 
@@ -118,15 +118,15 @@ def biharmonic_distance(
 def commute_time_distance(
     eigenvalues: npt.ArrayLike, eigenvectors: npt.ArrayLike, vertex: int
 ) -> FloatArray:
-    """The root of the time that a random walk takes to another vertex and back [1]_.
+    """Compute the root of the time that a random walk takes to another vertex and back [1]_.
 
-    On a surface its sum goes on growing with the number of pairs, by the logarithm: compare only
-    what was computed from as many. Parameters are those of `diffusion_distance`.
+    On a surface its sum grows with the logarithm of the number of pairs: compare only distances
+    computed from the same number. Parameters are those of `diffusion_distance`.
 
     Returns
     -------
     ndarray of float64, shape (n,)
-        ``(Σ (φ(v) - φ(w))² / λ)^½``, a pure number.
+        ``(Σ (φ(v) - φ(w))² / λ)^½``, dimensionless.
 
     References
     ----------
@@ -142,7 +142,7 @@ def commute_time_distance(
 
 
 def spectral_weights(kind: str, eigenvalues: FloatArray, time: float = 1.0) -> FloatArray:
-    """Weight of each pair in a squared distance, 0 for zero eigenvalues, shape (k,).
+    """Compute the weight of each pair in a squared distance, 0 for zero eigenvalues, shape (k,).
 
     `kind` is "diffusion", with a `time`, "biharmonic" or "commute".
     """
@@ -161,11 +161,11 @@ def _above_zero(eigenvalues: FloatArray) -> npt.NDArray[np.bool_]:
 
 
 def missing_square(kind: str, eigenvalues: FloatArray, area: float, n: int, time: float) -> float:
-    """What Weyl's law expects to be missing of a squared distance for want of further pairs.
+    """Estimate by Weyl's law the part of a squared distance due to pairs that were not computed.
 
-    Two vertices that are not close have ``Σ h φ(v)² + Σ h φ(w)²`` between them beyond the last
-    eigenvalue Λ, and by the local law either sum is ``1/4π ∫ h dλ`` from Λ to the last of the n
-    eigenvalues that the mesh has. On average it is at most h(Λ) / area for each pair that is not
+    For two vertices that are not close it is ``Σ h φ(v)² + Σ h φ(w)²`` beyond the last eigenvalue
+    Λ, and by the local law either sum is ``1/4π ∫ h dλ`` from Λ to the last of the n eigenvalues of
+    the mesh. On average it is at most h(Λ) / area for each pair that is not
     among the given ones, so that of all n nothing is missing.
     """
     last, end = float(eigenvalues[-1]), 4.0 * math.pi * n / area
@@ -182,7 +182,7 @@ def missing_square(kind: str, eigenvalues: FloatArray, area: float, n: int, time
 
 
 class RowsFrom:
-    """Eigenvectors less what they are at one vertex, read like an array of shape (k, n)."""
+    """Eigenvectors minus their values at one vertex, indexed like an array of shape (k, n)."""
 
     def __init__(self, rows: Any, vertex: int) -> None:
         self._rows = rows
@@ -211,13 +211,13 @@ def _distance(
     columns = np.asarray(eigenvectors)
     if columns.ndim != 2 or columns.shape[1] != len(values):
         raise InputError(
-            f"Eigenvectors of shape {columns.shape} do not go with {len(values)} eigenvalues."
+            f"Eigenvectors of shape {columns.shape} do not match {len(values)} eigenvalues."
         )
     _check_vertex(vertex, len(columns))
     rows: Any = RowsFrom(columns.T, vertex)
     weights = spectral_weights(kind, values, time)
     squares = np.asarray(sum_squares(rows, weights[np.newaxis], np.float64)[0])
-    # eigenfunctions of zero are constant on each component, and differ between two of them
+    # eigenfunctions of zero are constant on each component and different between components
     zero = ~_above_zero(values)
     elsewhere = np.square(rows[zero]).sum(axis=0) > 1e-6 * np.square(columns[:, zero]).sum(axis=1)
     squares[elsewhere] = np.nan
@@ -226,16 +226,18 @@ def _distance(
 
 def _check_vertex(vertex: int, n: int) -> None:
     if not 0 <= vertex < n:
-        raise InputError(f"There is no vertex {vertex}: they are counted from 0 to {n - 1}.")
+        raise InputError(f"There is no vertex {vertex}: indices run from 0 to {n - 1}.")
 
 
 class GeodesicSolver:
-    """The heat method [1]_, factored once for a mesh, on its own robust Laplacian.
+    """Geodesic distances by the heat method [1]_, factored once for a mesh.
+
+    The robust Laplacian of the heat method's implementation is used.
 
     Parameters
     ----------
     mesh : Mesh
-        Non-manifold and in several components, if need be.
+        May be non-manifold and have several components.
 
     References
     ----------
@@ -257,7 +259,7 @@ class GeodesicSolver:
 
         self.mesh = mesh
         self._number = np.cumsum(mesh.referenced) - 1
-        # about its middle and of size 1: numbers of any unit are as good
+        # centred and scaled to size 1, independent of the unit
         low, high = mesh.bounds
         self._size = float((high - low).max())
         places = (mesh.vertices[mesh.referenced] - 0.5 * (low + high)) / self._size
@@ -265,9 +267,9 @@ class GeodesicSolver:
         self._solver = MeshHeatMethodDistanceSolver(places, faces)
 
     def from_vertex(self, vertex: int) -> FloatArray:
-        """Distance to all vertices in the unit of the mesh, shape (n,).
+        """Compute distances to all vertices in the unit of the mesh, shape (n,).
 
-        NaN in other components and at vertices of no face; from such a vertex, everywhere.
+        NaN in other components and at unreferenced vertices; everywhere from such a vertex.
 
         Raises
         ------
@@ -277,7 +279,7 @@ class GeodesicSolver:
         mesh, labels = self.mesh, self.mesh.component_labels
         _check_vertex(vertex, mesh.n_vertices)
         distances = np.full(mesh.n_vertices, np.nan)
-        # the package does not check what it is given
+        # the package does not check its arguments
         if mesh.referenced[vertex]:
             found = np.asarray(self._solver.compute_distance(int(self._number[vertex])))
             distances[mesh.referenced] = self._size * found
@@ -286,10 +288,10 @@ class GeodesicSolver:
 
 
 def geodesic_distance(mesh: MeshLike, vertex: int) -> FloatArray:
-    """Distance along the surface by the heat method; see `GeodesicSolver` for many of them.
+    """Compute distances along the surface by the heat method.
 
-    It is right to about the length of an edge, and up to a few per cent too long or short where
-    edges are long beside the distance.
+    The error is about the length of an edge, up to a few per cent where edges are long compared
+    with the distance. For several vertices use `GeodesicSolver`.
 
     Parameters
     ----------
@@ -312,18 +314,18 @@ def geodesic_distance(mesh: MeshLike, vertex: int) -> FloatArray:
 
 
 def check_vertices(mesh: Mesh, vertices: npt.ArrayLike) -> None:
-    """Complain of vertices that a mesh does not have, or from which nothing is at a distance."""
+    """Raise `InputError` for vertices that do not exist or belong to no face."""
     for vertex in np.atleast_1d(np.asarray(vertices)).tolist():
         _check_vertex(vertex, mesh.n_vertices)
         if not mesh.referenced[vertex]:
             raise InputError(
-                f"Vertex {mesh.file_index(vertex)} belongs to no face, so nothing is at a distance"
-                " from it: choose another."
+                f"Vertex {mesh.file_index(vertex)} belongs to no face, so it has no distance to"
+                " others: choose another."
             )
 
 
 def distance_columns(measure: str, vertices: npt.ArrayLike) -> tuple[str, ...]:
-    """Names of the columns of `distance_features`."""
+    """Return the names of the columns of `distance_features`."""
     return tuple(f"{measure}_from_{vertex}" for vertex in np.atleast_1d(np.asarray(vertices)))
 
 
@@ -334,30 +336,30 @@ def distance_features(
     decomposition: Decomposition | None = None,
     time: float | None = None,
 ) -> Features:
-    """Distances from some vertices, a column for each.
+    """Compute distances from some vertices, a column for each.
 
     Parameters
     ----------
     mesh : MeshLike
     vertices : int or array_like of int, shape (f,)
-        From which they are measured.
+        Vertices from which distances are measured.
     measure : {"geodesic", "biharmonic", "commute", "diffusion"}
     decomposition : Decomposition, optional
-        Eigenpairs of the mesh, which all but the geodesic distance need.
+        Eigenpairs of the mesh, required except for the geodesic distance.
     time : float, optional
-        Of diffusion, in squared unit.
+        Diffusion time, in squared unit.
 
     Returns
     -------
     Features
         Values of shape (n, f), NaN in other components. Columns are named by the indices of the
-        vertices in the file, see `Mesh.file_index`; ``missing_shares`` in its `meta` is what
-        Weyl's law expects to be missing of a typical distance for want of eigenpairs.
+        vertices in the file, see `Mesh.file_index`; ``missing_shares`` in its `meta` is the share
+        of a typical distance due to pairs that were not computed, estimated by Weyl's law.
 
     Raises
     ------
     InputError
-        If a vertex does not exist, belongs to no face or is named twice, or if the measure needs
+        If a vertex does not exist, belongs to no face or is given twice, or if the measure needs
         eigenpairs or a time that are not given.
 
     Examples
@@ -375,7 +377,7 @@ def distance_features(
     if measure not in MEASURES:
         raise InputError(f"There is no distance {measure!r}; there are {', '.join(MEASURES)}.")
     if not chosen or len(set(chosen)) < len(chosen):
-        raise InputError("A distance is from a vertex: give one or more, and each once.")
+        raise InputError("Distances need one or more vertices, each given once.")
     check_vertices(surface, chosen)
     named = [surface.file_index(vertex) for vertex in chosen]
     meta: dict[str, Any] = {"measure": measure, "vertices": named}
@@ -384,10 +386,10 @@ def distance_features(
         values = np.stack([solver.from_vertex(vertex) for vertex in chosen], axis=1)
     else:
         if decomposition is None:
-            raise InputError(f"The {measure} distance is a sum over eigenpairs: give a solution.")
+            raise InputError(f"The {measure} distance needs eigenpairs: give a decomposition.")
         if measure == "diffusion":
             if time is None or not (np.isfinite(time) and time > 0.0):
-                raise InputError(f"Diffusion takes a time: give a positive one, not {time}.")
+                raise InputError(f"time is {time}: the diffusion distance needs a positive time.")
             meta |= {"time": time, "time_unit": power_unit(surface.unit, 2)}
         values = _from_pairs(surface, chosen, measure, decomposition, time or 1.0)
         meta["n_eigenpairs"] = len(decomposition.eigenvalues)
@@ -406,12 +408,12 @@ def _from_pairs(
 ) -> FloatArray:
     if len(pairs.eigenvectors) != mesh.n_vertices:
         raise InputError(
-            f"Eigenvectors at {len(pairs.eigenvectors)} vertices do not go with a mesh of"
+            f"Eigenvectors at {len(pairs.eigenvectors)} vertices do not match a mesh of"
             f" {mesh.n_vertices}."
         )
     if not _above_zero(pairs.eigenvalues).any():
         raise InputError(
-            "All eigenvalues are zero, and a distance is a sum over those above: compute more."
+            "All eigenvalues are zero, and distances need nonzero ones: compute more eigenpairs."
         )
     values = np.empty((mesh.n_vertices, len(vertices)), order="F")
     labels = mesh.component_labels

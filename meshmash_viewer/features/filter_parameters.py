@@ -1,4 +1,4 @@
-"""Parameters of filters: times chosen from a spectrum, and what is given, checked."""
+"""Parameters of filters: checks, and times chosen from a spectrum."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from meshmash_viewer.units import whole_number
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
-#: Eigenvalues below this share of the largest are zero but for rounding.
+#: Eigenvalues below this share of the largest are zero within rounding.
 ZERO_SHARE = 1e-10
 
 
 def count_zeros(eigenvalues: FloatArray) -> int:
-    """How many of ascending eigenvalues are zero but for rounding: one a connected component."""
+    """Count eigenvalues (ascending) that are zero within rounding: one for each component."""
     largest = abs(float(eigenvalues[-1])) if len(eigenvalues) else 0.0
     return int(np.searchsorted(eigenvalues, ZERO_SHARE * largest, side="right"))
 
 
 def first_nonzero_eigenvalue(eigenvalues: npt.ArrayLike) -> float:
-    """Lowest eigenvalue that is more than rounding beside the largest.
+    """Return the lowest eigenvalue that is not zero within rounding.
 
     Raises
     ------
@@ -36,29 +36,29 @@ def first_nonzero_eigenvalue(eigenvalues: npt.ArrayLike) -> float:
     above = spectrum[spectrum > ZERO_SHARE * largest] if largest > 0.0 else spectrum[:0]
     if not len(above):
         raise InputError(
-            "All eigenvalues are zero, one for each connected component, so there is no scale to "
-            "choose times or energies from: go further up the spectrum (max_eigenvalue is per "
+            "All eigenvalues are zero, one for each connected component, so times and "
+            "energies cannot be chosen from them: compute more pairs (max_eigenvalue is per "
             "squared unit of the mesh), or give t_min and t_max."
         )
     return float(above.min())
 
 
 def hks_time_range(eigenvalues: npt.ArrayLike, area: float | None = None) -> tuple[float, float]:
-    """Times between which a heat kernel signature says something about this spectrum.
+    """Return the range of times in which a heat kernel signature varies for this spectrum.
 
     Parameters
     ----------
     eigenvalues : array_like, shape (k,)
-        Ascending or not; zeros take no part.
+        In any order; zeros are ignored.
     area : float, optional
-        Area of the mesh, for a spectrum of zeros only: the eigenvalues that Weyl's law expects in
-        their place then give the range, in which all that is known stays constant.
+        Area of the mesh, for a spectrum of zeros only: the range is then that of the eigenvalues
+        expected by Weyl's law, in which the signature is constant.
 
     Returns
     -------
     t_min, t_max : float
         ``4 ln 10 / λ_max`` and ``4 ln 10 / λ_2``, λ_2 the lowest above zero (Sun et al. 2009), in
-        squared unit of the mesh: where the highest and the lowest mode have sunk to 1e-4.
+        squared unit of the mesh: where the highest and the lowest mode have decayed to 1e-4.
 
     Raises
     ------
@@ -80,12 +80,12 @@ def hks_times(
     n_scales: int = 32,
     area: float | None = None,
 ) -> FloatArray:
-    """Diffusion times, evenly spaced in log t, from short to long.
+    """Return diffusion times, evenly spaced in log t, from short to long.
 
     Parameters
     ----------
     eigenvalues : array_like, shape (k,)
-        The spectrum; looked at only if a bound is None.
+        The spectrum; used only if a bound is None.
     t_min, t_max : float, optional
         Bounds in squared unit of the mesh; None takes that of `hks_time_range`.
     n_scales : int
@@ -113,13 +113,13 @@ def hks_times(
         shortest, longest = hks_time_range(eigenvalues, area)
         if t_min is not None and t_min > longest:
             raise InputError(
-                f"t_min ({t_min:.4g}) is above {longest:.4g}, the longest time at which anything"
-                " still changes, where t_max would be: give t_max too."
+                f"t_min ({t_min:.4g}) is above {longest:.4g}, the longest time that these"
+                " eigenvalues suggest for t_max: give t_max too."
             )
         if t_max is not None and t_max < shortest:
             raise InputError(
                 f"t_max ({t_max:.4g}) is below {shortest:.4g}, the shortest time that these"
-                " eigenvalues resolve, where t_min would be: give t_min too, or more eigenpairs."
+                " eigenvalues suggest for t_min: give t_min too, or more eigenpairs."
             )
         t_min = shortest if t_min is None else t_min
         t_max = longest if t_max is None else t_max
@@ -127,7 +127,7 @@ def hks_times(
 
 
 def check_times(t_min: float | None, t_max: float | None) -> None:
-    """Complain of times that are not positive, or out of order."""
+    """Raise `InputError` for times that are not positive, or out of order."""
     for bound, name in ((t_min, "t_min"), (t_max, "t_max")):
         if bound is not None and not (np.isfinite(bound) and bound > 0.0):
             raise InputError(f"{name} is {bound:g}: give a positive time, or none.")
@@ -136,7 +136,7 @@ def check_times(t_min: float | None, t_max: float | None) -> None:
 
 
 def as_spectrum(eigenvalues: npt.ArrayLike) -> FloatArray:
-    """Eigenvalues as an array of shape (k,)."""
+    """Return eigenvalues as an array of shape (k,)."""
     spectrum = np.asarray(eigenvalues, dtype=np.float64)
     if spectrum.ndim != 1:
         raise InputError(f"Eigenvalues have shape {spectrum.shape}: give a 1-D array.")
@@ -144,7 +144,7 @@ def as_spectrum(eigenvalues: npt.ArrayLike) -> FloatArray:
 
 
 def as_parameters(values: npt.ArrayLike, name: str) -> FloatArray:
-    """Finite values from zero up, at least one, shape (f,); `name` is what a message calls one."""
+    """Return one or more finite, nonnegative values, shape (f,); `name` is for messages."""
     parameters = np.array(values, dtype=np.float64)
     if parameters.ndim != 1 or not len(parameters):
         raise InputError(f"Give a 1-D list of at least one {name}.")
@@ -154,7 +154,7 @@ def as_parameters(values: npt.ArrayLike, name: str) -> FloatArray:
 
 
 def short_text(parameters: FloatArray, index: int) -> str:
-    """A parameter with as few digits as tell all of them apart, three at least."""
+    """Format a parameter with three digits, or as many as distinguish all of them."""
     for digits in range(3, 18):
         written = [f"{value:.{digits - 1}e}" for value in parameters]
         if len(set(written)) == len(set(parameters.tolist())):
@@ -165,7 +165,7 @@ def short_text(parameters: FloatArray, index: int) -> str:
 def checked_coefficients(
     returned: npt.ArrayLike, eigenvalues: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """Take what a filter returned for k eigenvalues, shape (f, k) or (k,): shape (f, k).
+    """Check the result of a filter for k eigenvalues, shape (f, k) or (k,); return shape (f, k).
 
     Raises
     ------
@@ -175,14 +175,14 @@ def checked_coefficients(
     given = np.asarray(returned)
     if given.dtype.kind not in "biuf":
         described = f"values of type {given.dtype}" if given.shape else repr(returned)[:60]
-        # None, text, or complex numbers, of which a cast would keep half without a sound.
+        # None, text, or complex numbers, of which a cast would silently drop the imaginary part.
         raise InputError(
             f"The filter returned {described}: let it return real numbers, shape "
             "(n_filters, n_eigenvalues)."
         )
     coefficients = given.astype(np.float64)
     if coefficients.shape == eigenvalues.shape:
-        coefficients = coefficients[np.newaxis]  # one filter, written without the axis for it
+        coefficients = coefficients[np.newaxis]  # one filter without its axis
     k = len(eigenvalues)
     if coefficients.ndim != 2 or coefficients.shape[1] != k:
         raise InputError(

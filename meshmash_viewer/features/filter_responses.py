@@ -1,8 +1,8 @@
-"""The ready filters as functions of λ: their values, and what they hold beyond an eigenvalue.
+"""Predefined filters as functions of λ, with their supremum and integral beyond an eigenvalue.
 
-Each is a set of f functions. Besides its values a filter tells its supremum and its integral over
-the part of the spectrum that has not been computed; `meshmash_viewer.features.truncation` makes of
-these what a truncated sum leaves out. They are plain data, so banks can be pickled and compared.
+Each is a set of f functions. `meshmash_viewer.features.truncation` computes the truncation error of
+a sum from the supremum and the integral over the part of the spectrum that was not computed.
+Filters are plain data, so banks can be pickled and compared.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 @runtime_checkable
 class TailedResponse(Protocol):
-    """A filter that also knows what it does beyond an eigenvalue."""
+    """A filter with its supremum and integral beyond an eigenvalue."""
 
     def __call__(self, eigenvalues: FloatArray) -> FloatArray:
-        """Values at eigenvalues of shape (k,): shape (f, k)."""
+        """Compute values at eigenvalues of shape (k,): shape (f, k)."""
         ...
 
     def supremum(self, start: float) -> FloatArray:
-        """Supremum of ``|h(λ)|`` over λ > start, shape (f,)."""
+        """Return the supremum of ``|h(λ)|`` over λ > start, shape (f,)."""
         ...
 
     def integral(self, start: float, ends: FloatArray) -> FloatArray:
-        """``∫ h dλ`` from `start` to each of `ends` (shape (m,), no less): shape (m, f)."""
+        """Compute ``∫ h dλ`` from `start` to each of `ends`, shape (m,): shape (m, f)."""
         ...
 
 
@@ -51,7 +51,7 @@ class HeatResponse:
     def integral(self, start: float, ends: FloatArray) -> FloatArray:
         start = max(start, 0.0)
         width = np.maximum(ends - start, 0.0)
-        # At t = 0 the filter is 1 everywhere, and its integral the length of the interval.
+        # At t = 0 the filter is 1, and its integral the length of the interval.
         times = np.where(self.times > 0.0, self.times, 1.0)
         inside = -np.expm1(-np.outer(width, times)) * np.exp(-start * times) / times
         return np.where(self.times > 0.0, inside, width[:, np.newaxis])
@@ -59,7 +59,7 @@ class HeatResponse:
 
 @dataclass(frozen=True, eq=False)
 class LogGaussianResponse:
-    """``exp(-(e - log λ)² / 2 d²)`` for f energies e; 0 up to `floor`, where λ is no energy."""
+    """``exp(-(e - log λ)² / 2 d²)`` for f energies e; 0 up to `floor`."""
 
     energies: FloatArray
     deviation: float
@@ -80,7 +80,7 @@ class LogGaussianResponse:
 
         start = max(start, self.floor)
         d = self.deviation
-        # With u = log λ the integrand is again a Gaussian, its centre moved by d².
+        # With u = log λ the integrand is a Gaussian with its centre shifted by d².
         centres = self.energies + d * d
         upper = ndtr((centres - np.log(start)) / d)
         lower = ndtr((centres - np.log(np.maximum(ends, start))[:, np.newaxis]) / d)
@@ -94,7 +94,7 @@ class LogGaussianResponse:
 
 @dataclass(frozen=True, eq=False)
 class SplineResponse:
-    """B-splines that are 0 outside of ``[low, high]``, both ends included."""
+    """B-splines on ``[low, high]``, 0 outside."""
 
     bases: tuple[BSpline[Any], ...]
     low: float
@@ -109,7 +109,7 @@ class SplineResponse:
         start = max(start, self.low)
         largest = []
         for basis in self.bases:
-            # A piecewise polynomial is largest at an end, at a knot, or where its slope vanishes.
+            # The maximum of a piecewise polynomial is at an end, a knot, or where its slope is 0.
             places = np.concatenate([basis.t, _flat_places(basis)])
             places = places[(places > start) & (places <= self.high)]
             largest.append(basis(np.append(places, [start, self.high])).max())
@@ -146,7 +146,7 @@ class StepResponse:
 
 
 def _flat_places(basis: BSpline[Any]) -> FloatArray:
-    """Where the derivative of a spline vanishes; its constant pieces are left to the knots."""
+    """Find zeros of the derivative of a spline, without its constant pieces."""
     from scipy.interpolate import PPoly
 
     if basis.k < 2:

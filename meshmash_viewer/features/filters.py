@@ -1,8 +1,8 @@
-"""Filter banks: functions of the eigenvalue that turn eigenpairs into feature columns.
+"""Filter banks: functions of the eigenvalue that define feature columns.
 
 A bank maps k eigenvalues to coefficients of shape (f, k); column f of the features is then
-``Σ_k coefficients[f, k] φ_k²`` (see `meshmash_viewer.features.sums`). Banks are plain data with a
-module-level function behind them, so they can be pickled, compared and shown.
+``Σ_k coefficients[f, k] φ_k²`` (see `meshmash_viewer.features.sums`). Banks are plain data, so they
+can be pickled and compared.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ FloatArray: TypeAlias = npt.NDArray[np.float64]
 #: (k,) eigenvalues -> (f, k) coefficients.
 SpectralFilter: TypeAlias = Callable[[FloatArray], FloatArray]
 
-#: Of the B-splines.
+#: Degree of the B-splines.
 _DEGREE = 3
 
 
@@ -67,20 +67,19 @@ class FilterBank:
     Parameters
     ----------
     kind : str
-        What the features are: "hks", "geometry-vectors", "wks", "low-pass", ...
+        Kind of the features: "hks", "geometry-vectors", "wks", "low-pass", ...
     columns : tuple of str
         Name of each of the f columns.
     parameters : ndarray of float64, shape (f,)
-        What tells the columns apart: a time, a centre, a cutoff.
+        Parameter of each column: a time, a centre, a cutoff.
     parameter_name : str
-        What that is, as an axis says it.
+        Symbol of the parameter, for an axis label.
     parameter_power : int
         Its unit as a power of the mesh's unit: 2 for a time, -2 for an eigenvalue.
     response : callable
-        ``(k,) -> (f, k)``. One that also has the two methods of
-        `meshmash_viewer.features.filter_responses.TailedResponse`, as all ready filters have, tells
-        what it does beyond an eigenvalue; of any other callable nothing is known where it has not
-        been asked, and neither is what truncation costs its features.
+        ``(k,) -> (f, k)``. The truncation error of features is known if it also has the two methods
+        of `meshmash_viewer.features.filter_responses.TailedResponse`, as all predefined filters
+        have.
     normalised : bool
         Whether each filter is divided by its sum over the eigenvalues that the bank is called with.
 
@@ -104,11 +103,11 @@ class FilterBank:
 
     @property
     def n_filters(self) -> int:
-        """Number of columns it makes."""
+        """Number of columns."""
         return len(self.columns)
 
     def __call__(self, eigenvalues: npt.ArrayLike) -> FloatArray:
-        """Coefficients of shape (f, k) for k eigenvalues, a 1-D array."""
+        """Compute coefficients of shape (f, k) for k eigenvalues, a 1-D array."""
         values = self.response(as_spectrum(eigenvalues))
         if self.normalised:
             totals = self.totals(values)[:, np.newaxis]
@@ -116,27 +115,27 @@ class FilterBank:
         return values
 
     def totals(self, values: FloatArray) -> FloatArray:
-        """What the values of `response`, shape (f, k), are divided by, shape (f,)."""
+        """Return the divisors, shape (f,), of the values of `response`, shape (f, k)."""
         return values.sum(axis=1) if self.normalised else np.ones(len(values))
 
     @property
     def tail(self) -> TailedResponse | None:
-        """The response where it knows what it does beyond an eigenvalue, else None."""
+        """The response if it is a `TailedResponse`, else None."""
         return self.response if isinstance(self.response, TailedResponse) else None
 
 
 def heat_kernel_bank(times: npt.ArrayLike) -> FilterBank:
-    """Heat kernel signature, ``exp(-λ t)`` [1]_.
+    """Make the filters of the heat kernel signature, ``exp(-λ t)`` [1]_.
 
     Parameters
     ----------
     times : array_like, shape (f,)
-        Diffusion times in squared unit of the mesh; ``√t`` is about how far heat has got.
+        Diffusion times in squared unit of the mesh; heat spreads over a length of about ``√t``.
 
     Raises
     ------
     InputError
-        If a time is negative or not finite, or there is none.
+        If a time is negative or not finite, or none is given.
 
     References
     ----------
@@ -162,12 +161,12 @@ def wave_kernel_bank(
     energies: npt.ArrayLike | None = None,
     sigma: float | None = None,
 ) -> FilterBank:
-    """Wave kernel signature: Gaussian bands in log λ, each normalised to unit sum [1]_.
+    """Make the filters of the wave kernel signature: Gaussian bands in log λ of unit sum [1]_.
 
     Parameters
     ----------
     eigenvalues : array_like, shape (k,)
-        The spectrum that sets the range of energies; zero eigenvalues take no part.
+        The spectrum that sets the range of energies; zero eigenvalues are ignored.
     n_energies : int
         Number of columns.
     width : float
@@ -216,7 +215,7 @@ def wave_response(
     width: float = 7.0,
     sigma: float | None = None,
 ) -> LogGaussianResponse:
-    """The filters of `wave_kernel_bank`, before they are normalised."""
+    """Make the filters of `wave_kernel_bank` without normalisation."""
     spectrum = as_spectrum(eigenvalues)
     n_energies = whole_number(n_energies, "The number of energies")
     _check_deviation(width, "width")
@@ -280,12 +279,12 @@ def _few(values: FloatArray) -> str:
 
 
 def bspline_bank(e_min: float, e_max: float, n_components: int) -> FilterBank:
-    """Cubic B-splines over λ that sum to one on the range: the geometry vectors [1]_.
+    """Make cubic B-splines over λ that sum to one on the range: geometry vectors [1]_.
 
     Parameters
     ----------
     e_min, e_max : float
-        Range of eigenvalues, per squared unit; outside of it all bands are 0.
+        Range of eigenvalues, per squared unit; all bands are 0 outside of it.
     n_components : int
         Number of bands.
 
@@ -309,7 +308,7 @@ def bspline_bank(e_min: float, e_max: float, n_components: int) -> FilterBank:
     digits = max(2, len(str(len(bases) - 1)))
     columns = tuple(f"band_{i:0{digits}d}" for i in range(len(bases)))
     degree = bases[0].k
-    # Greville points: the mean of a spline's inner knots, where its weight is centred.
+    # Greville points, the means of inner knots.
     knots = _clamped_knots(float(e_min), float(e_max), len(bases), degree)
     if degree:
         centres = np.array([knots[i + 1 : i + degree + 1].mean() for i in range(len(bases))])
@@ -320,7 +319,7 @@ def bspline_bank(e_min: float, e_max: float, n_components: int) -> FilterBank:
 
 
 def low_pass_bank(cutoff: float) -> FilterBank:
-    """One column with all eigenvalues below `cutoff` (per squared unit), weight 1.
+    """Make one column with weight 1 for all eigenvalues below `cutoff` (per squared unit).
 
     Examples
     --------
@@ -334,7 +333,7 @@ def low_pass_bank(cutoff: float) -> FilterBank:
 
 
 def band_pass_bank(low: float, high: float) -> FilterBank:
-    """One column with all eigenvalues from `low` to `high`, both included, weight 1.
+    """Make one column with weight 1 for all eigenvalues from `low` to `high`, both included.
 
     Examples
     --------
@@ -351,7 +350,7 @@ def band_pass_bank(low: float, high: float) -> FilterBank:
 
 
 def gaussian_pyramid_bank(scales: npt.ArrayLike) -> FilterBank:
-    """Smoothing ever further: ``exp(-s λ)`` is a Gaussian of variance 2 s along the surface.
+    """Make Gaussian smoothing filters: ``exp(-s λ)``, of variance 2 s along the surface.
 
     Parameters
     ----------
@@ -401,7 +400,7 @@ def get_hks_filter(
     array([[1.   , 0.368],
            [1.   , 0.135]])
     """
-    # Complain now, not after the decomposition.
+    # Raise now rather than after the decomposition.
     n_scales = whole_number(n_scales, "The number of time scales")
     check_times(t_min, t_max)
     return HeatKernelFilter(t_min, t_max, n_scales, np.dtype(dtype))
@@ -416,12 +415,12 @@ def construct_bspline_basis(e_min: float, e_max: float, n_components: int) -> li
         Range of eigenvalues, per squared unit.
     n_components : int
         Number of splines. Four are needed for the third degree; fewer get the highest degree
-        that there is: parabolas for 3, straight lines for 2, a constant for 1.
+        possible: parabolas for 3, straight lines for 2, a constant for 1.
 
     Returns
     -------
     list of scipy.interpolate.BSpline
-        Ascending; to be evaluated anywhere.
+        Ascending; can be evaluated at any eigenvalue.
 
     Raises
     ------
@@ -444,9 +443,9 @@ def construct_bspline_basis(e_min: float, e_max: float, n_components: int) -> li
             f"{high:g}."
         )
     degree = min(_DEGREE, n_components - 1)
-    # SciPy continues the outermost polynomials beyond the knots. A further interval at each end
-    # on which all coefficients are zero makes that continuation zero. Splines hold from the left
-    # of an interval, so the range is closed at e_max by ending it one rounding unit later.
+    # SciPy extrapolates the outermost polynomials beyond the knots. An additional interval at each
+    # end with zero coefficients makes the extrapolation zero. Intervals are open at their right
+    # end, so the range ends one rounding unit after e_max.
     end = float(np.nextafter(high, np.inf))
     inner = _clamped_knots(low, end, n_components, degree)
     outer = np.full(degree + 1, 1.0)
@@ -460,7 +459,7 @@ def construct_bspline_basis(e_min: float, e_max: float, n_components: int) -> li
 
 
 def _clamped_knots(low: float, high: float, n_components: int, degree: int) -> FloatArray:
-    """Uniform knots with both ends repeated, shape (n_components + degree + 1,)."""
+    """Return uniform knots with both ends repeated, shape (n_components + degree + 1,)."""
     spans = n_components - degree
     between = low + (high - low) * np.arange(1, spans) / spans
     return np.concatenate([np.full(degree + 1, low), between, np.full(degree + 1, high)])
@@ -487,7 +486,7 @@ def construct_bspline_filter(
 
 @dataclass(frozen=True)
 class HeatKernelFilter:
-    """What `get_hks_filter` makes: a heat kernel whose times may depend on the eigenvalues.
+    """Result of `get_hks_filter`: a heat kernel whose times may depend on the eigenvalues.
 
     Parameters
     ----------
@@ -504,16 +503,16 @@ class HeatKernelFilter:
     dtype: np.dtype[Any]
 
     def __call__(self, eigenvalues: npt.ArrayLike) -> npt.NDArray[Any]:
-        """Coefficients of shape (n_scales, k) for k eigenvalues."""
+        """Compute coefficients of shape (n_scales, k) for k eigenvalues."""
         spectrum = as_spectrum(eigenvalues)
         bank = self.bank(spectrum)
         if bank is None:
-            # Of constants nothing decays: whatever the times, the coefficients are 1.
+            # Constants do not decay: at all times the coefficients are 1.
             return np.ones((self.n_scales, len(spectrum)), dtype=self.dtype)
         return bank(spectrum).astype(self.dtype)
 
     def bank(self, eigenvalues: FloatArray) -> FilterBank | None:
-        """The filters with their times; None if there is no eigenvalue to choose these from."""
+        """Return the filters with their times; None if all eigenvalues are zero."""
         chosen = self.t_min is None or self.t_max is None
         if chosen and not (eigenvalues > 0.0).any():
             return None

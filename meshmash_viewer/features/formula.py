@@ -1,8 +1,8 @@
-"""A filter as a line of text: ``exp(-t*x)``, where x stands for λ and t for a number to choose.
+"""Filters as formulas: ``exp(-t*x)``, where x is λ and t a parameter.
 
-The line is taken apart by Python's own parser and computed by a walk over its tree that knows
-numbers, names, arithmetic, comparisons and the functions of `FUNCTIONS`, and nothing else: a line
-out of a stranger's file can be wrong, but it cannot run code, and it cannot run for long.
+A formula is parsed by Python's parser and evaluated on its syntax tree, which may only contain
+numbers, names, arithmetic, comparisons and the functions of `FUNCTIONS`. So a formula from an
+untrusted file cannot execute code or take long.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ __all__ = [
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
-#: Longest line, deepest nesting, and most names, none of which a filter comes near.
+#: Maximum length of a formula, nesting depth, and number of parameters.
 MOST_CHARACTERS, _DEEPEST, MOST_NAMES = 200, 30, 4
 
-#: The variable; whoever has the letter may write it.
+#: Names of the variable: λ is an alias of x.
 _X = "x", "λ"
 _CONSTANTS = {"pi": math.pi, "e": math.e}
-#: Functions by name, and how many values each takes.
+#: Functions by name, with their number of arguments.
 FUNCTIONS: dict[str, tuple[Callable[..., Any], int]] = {
     "exp": (np.exp, 1),
     "log": (np.log, 1),
@@ -78,23 +78,23 @@ _COMPARISONS: dict[type[ast.cmpop], Callable[..., Any]] = {
     ast.Gt: np.greater,
     ast.GtE: np.greater_equal,
 }
-#: Largest number that can be written.
+#: Largest number in a formula.
 _LARGEST = 1e300
-#: Places where a formula is looked at beyond the last eigenvalue, and what stands for its values
-#: where it has none.
+#: Number of samples of a formula beyond the last eigenvalue, and the value that replaces NaN and
+#: infinite ones.
 _PLACES, _ANYTHING = 2048, 1e200
-#: Powers of length that a parameter may be, the likeliest first.
+#: Possible units of a parameter as powers of length, the most likely first.
 _POWERS = (0, 2, -2, 1, -1, 4, -4)
-#: Shares of samples at which a formula is the same on a mesh of another size, for it to be so:
-#: numbers in it that are eigenvalues themselves may differ.
+#: Share of samples at which a formula has to be invariant to a change of the unit; less than 1, as
+#: it may contain eigenvalues as numbers.
 _MOSTLY = 0.8
-#: How much larger the other mesh is.
+#: Factor of that change.
 _LARGER = 1.7
 
 
 @dataclass(frozen=True)
 class Formula:
-    """A filter h(λ), as it was written.
+    """A filter h(λ) written as text.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class Formula:
     Raises
     ------
     InputError
-        If it is anything else; the sentence says what and at which character.
+        If it is anything else; the message names the fault and its position.
 
     Examples
     --------
@@ -119,7 +119,7 @@ class Formula:
     text: str
 
     def __post_init__(self) -> None:
-        # text of a file may come with its byte order mark
+        # text from a file may begin with a byte order mark
         object.__setattr__(self, "text", self.text.removeprefix("\ufeff"))
         _checked(_parsed(self.text), 0)
         if len(self.parameters) > MOST_NAMES:
@@ -130,23 +130,23 @@ class Formula:
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
-        """Names that need a value, in the order in which they are written."""
+        """Names of the parameters, in the order of the text."""
         names = [node for node in ast.walk(_parsed(self.text)) if isinstance(node, ast.Name)]
         ordered = sorted(names, key=lambda node: (node.lineno, node.col_offset))
         known = {*_X, *_CONSTANTS, *FUNCTIONS}
         return tuple(dict.fromkeys(node.id for node in ordered if node.id not in known))
 
     def __call__(self, eigenvalues: npt.ArrayLike, **values: float) -> FloatArray:
-        """The filter at eigenvalues of shape (k,), with a value for each parameter: shape (k,).
+        """Compute the filter at eigenvalues of shape (k,), with a value for each parameter: (k,).
 
         Raises
         ------
         InputError
             If a parameter has no value or a value no parameter, or if the filter is not finite or
-            is negative at one of the eigenvalues.
+            negative at one of the eigenvalues.
         """
         spectrum = as_spectrum(eigenvalues)
-        # zero but for rounding is zero: 1 / x, or a root, tells these apart
+        # eigenvalues that are zero within rounding are set to 0, where 1 / x is infinite
         zero = spectrum <= ZERO_SHARE * spectrum.max(initial=0.0)
         spectrum = np.where(zero, 0.0, spectrum)
         self._check_names(values)
@@ -158,10 +158,10 @@ class Formula:
 
     @property
     def powers(self) -> dict[str, int]:
-        """What power of length each parameter is: 2 for a time, -2 for an eigenvalue, 0 for none.
+        """Unit of each parameter as a power of length: 2 for a time, -2 for an eigenvalue.
 
-        Found by trying: these are the powers under which the formula is the same on a mesh of
-        another size, where all eigenvalues are others.
+        They are the powers with which the values of the formula are invariant to a change of the
+        unit, found by trial.
         """
         return dict(zip(self.parameters, _powers(self), strict=True))
 
@@ -177,7 +177,7 @@ class Formula:
                 raise InputError(f"The formula {printable(self.text)} has no parameter {name}.")
 
     def sampled(self, eigenvalues: FloatArray, values: Mapping[str, float]) -> FloatArray:
-        """The filter at eigenvalues of shape (k,), be it a sound one or not: shape (k,)."""
+        """Compute the filter at eigenvalues of shape (k,) without checks: shape (k,)."""
         names = {**_CONSTANTS, **{name: float(value) for name, value in values.items()}}
         with np.errstate(all="ignore"):
             found = _value(_parsed(self.text), {**names, **dict.fromkeys(_X, eigenvalues)})
@@ -187,7 +187,7 @@ class Formula:
         at = f"at λ = {eigenvalue:.4g}"
         if np.isfinite(value):
             return (
-                f"The formula is {value:.4g} {at}, and weights of squares are not negative: write"
+                f"The formula is {value:.4g} {at}, but must not be negative: write"
                 " maximum(0, …) around it."
             )
         what = "not a number" if np.isnan(value) else "infinite"
@@ -200,8 +200,7 @@ class Formula:
 class FormulaResponse:
     """A formula with the values of its parameters in each of f columns.
 
-    Nothing is known of a formula but its values, so what it does beyond an eigenvalue is looked at
-    in many places, ever further apart.
+    Supremum and integral beyond an eigenvalue are computed from samples at increasing distances.
     """
 
     formula: Formula
@@ -212,13 +211,13 @@ class FormulaResponse:
         return np.stack([self.formula(eigenvalues, **dict(column)) for column in self.values])
 
     def supremum(self, start: float) -> FloatArray:
-        """Largest value found from an eigenvalue on, shape (f,)."""
+        """Return the largest sampled value from an eigenvalue on, shape (f,)."""
         start = max(start, 0.0)
         distances = (start or 1.0) * np.geomspace(1e-9, 1e9, _PLACES)
         return np.asarray(self._sizes(start + np.append(0.0, distances)).max(axis=1))
 
     def integral(self, start: float, ends: FloatArray) -> FloatArray:
-        """``∫ h dλ`` from `start` to each of `ends` by trapezoids between places: shape (m, f)."""
+        """Compute ``∫ h dλ`` from `start` to each of `ends` by the trapezoidal rule: (m, f)."""
         start = max(start, 0.0)
         widths = np.maximum(np.nan_to_num(ends) - start, 0.0)
         steps = np.append(0.0, widths.max(initial=0.0) * np.geomspace(1e-9, 1.0, _PLACES))
@@ -229,21 +228,20 @@ class FormulaResponse:
         return np.asarray(np.stack(columns, axis=1), dtype=np.float64)
 
     def _sizes(self, places: FloatArray) -> FloatArray:
-        """Sizes of the values; what is no number may be anything, so it counts as very large."""
+        """Return magnitudes of the values; NaN and infinity are replaced by a large number."""
         found = np.stack([self.formula.sampled(places, dict(column)) for column in self.values])
         return np.asarray(np.nan_to_num(np.minimum(np.abs(found), _ANYTHING), nan=_ANYTHING))
 
 
 def formula_bank(formula: str | Formula, **values: npt.ArrayLike) -> FilterBank:
-    """Columns of a filter that is written as a formula.
+    """Make a filter bank from a formula.
 
     Parameters
     ----------
     formula : str
         See `Formula`.
     **values
-        A number for each of its parameters; one of them may be a list of f numbers, which makes f
-        columns.
+        A number for each of its parameters; one of them may be a list of f numbers, for f columns.
 
     Returns
     -------
@@ -252,7 +250,7 @@ def formula_bank(formula: str | Formula, **values: npt.ArrayLike) -> FilterBank:
     Raises
     ------
     InputError
-        If the formula cannot be understood, a parameter is missing, or two of them are lists.
+        If the formula is invalid, a parameter is missing, or two of them are lists.
 
     Examples
     --------
@@ -283,7 +281,7 @@ def formula_bank(formula: str | Formula, **values: npt.ArrayLike) -> FilterBank:
 
 @lru_cache(maxsize=64)
 def _powers(formula: Formula) -> tuple[int, ...]:
-    """See `Formula.powers`; tried where λ and all parameters are about 1."""
+    """Find `Formula.powers` by trial, with λ and all parameters about 1."""
     names, eigenvalues = formula.parameters, np.geomspace(0.03, 30.0, 301)
     values = np.array([1.0 + 0.37 * place for place in range(len(names))])
     here = formula.sampled(eigenvalues, dict(zip(names, values, strict=True)))
@@ -293,7 +291,7 @@ def _powers(formula: Formula) -> tuple[int, ...]:
         there = formula.sampled(eigenvalues / _LARGER**2, dict(zip(names, scaled, strict=True)))
         return float(np.isclose(here, there, rtol=1e-9, atol=1e-300, equal_nan=True).mean())
 
-    # of those that are as good, the likeliest
+    # among equally good ones, the most likely
     every = itertools.product(_POWERS, repeat=len(names))
     likeliest_first = sorted(every, key=lambda powers: sum(map(_POWERS.index, powers)))
     best = max(likeliest_first, key=same)
@@ -302,7 +300,7 @@ def _powers(formula: Formula) -> tuple[int, ...]:
 
 @lru_cache(maxsize=64)
 def _parsed(text: str) -> ast.expr:
-    """The tree of a line."""
+    """Parse a formula."""
     if not text.strip():
         raise InputError("There is no formula: write one such as exp(-t*x), with x for λ.")
     if len(text) > MOST_CHARACTERS:
@@ -323,7 +321,7 @@ def _parsed(text: str) -> ast.expr:
 
 
 def _checked(node: ast.expr, depth: int) -> None:
-    """Refuse what is not of the grammar."""
+    """Raise `InputError` for syntax that is not allowed."""
     if depth > _DEEPEST:
         raise InputError(f"The formula is nested deeper than {_DEEPEST} levels: simplify it.")
     for part in _parts(node):
@@ -331,7 +329,7 @@ def _checked(node: ast.expr, depth: int) -> None:
 
 
 def _parts(node: ast.expr) -> Iterator[ast.expr]:
-    """What an allowed node is made of; any other is refused."""
+    """Yield the children of an allowed node; raise `InputError` for any other."""
     match node:
         case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
             if not abs(value) < _LARGEST:
@@ -353,9 +351,9 @@ def _parts(node: ast.expr) -> Iterator[ast.expr]:
                 raise _refusal(node, f"{name} takes {count} value{'s' * (count > 1)}")
             yield from node.args
         case ast.Call(func=ast.Name(id=name)):
-            raise _refusal(node, f"{name} is no function: there are {', '.join(FUNCTIONS)}")
+            raise _refusal(node, f"{name} is not a function; functions are {', '.join(FUNCTIONS)}")
         case _:
-            raise _refusal(node, "only numbers, names, + - * / **, comparisons and functions go")
+            raise _refusal(node, "use only numbers, names, + - * / **, comparisons and functions")
 
 
 def _refusal(node: ast.expr, why: str) -> InputError:
@@ -363,7 +361,7 @@ def _refusal(node: ast.expr, why: str) -> InputError:
 
 
 def _value(node: ast.expr, names: Mapping[str, Any]) -> Any:
-    """A node's value, an array or a number."""
+    """Evaluate a node: an array or a number."""
     match node:
         case ast.Constant(value=int() | float() as value):
             return float(value)
@@ -390,5 +388,5 @@ def _value(node: ast.expr, names: Mapping[str, Any]) -> Any:
 
 
 def _as_number(value: Any) -> FloatArray:
-    """What is true is 1, what is false 0."""
+    """Convert booleans to 1 and 0."""
     return np.asarray(value, np.float64)

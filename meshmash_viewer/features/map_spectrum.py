@@ -1,4 +1,4 @@
-"""What a map is made of: its coefficients on the eigenfunctions, their energy, and its scales."""
+"""Spectrum of a map: coefficients on the eigenfunctions, their energy, and bands."""
 
 from __future__ import annotations
 
@@ -34,23 +34,23 @@ __all__ = [
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
-#: Pairs and vertices at a time, so that few rows of a memory map are in memory.
+#: Pairs and vertices processed at a time, so that few rows of a memory map are in memory.
 _ROWS, _VERTICES = 64, 1 << 15
 
 
 @dataclass(frozen=True, eq=False)
 class MapSpectrum:
-    """A map on the eigenfunctions of its surface.
+    """The expansion of a map in the eigenfunctions of its surface.
 
     With all eigenfunctions of a mesh the squares of the coefficients sum to `energy` (Parseval);
-    what is missing with fewer of them is the energy of what they cannot represent.
+    with fewer of them the difference is the energy of the remainder.
 
     Parameters
     ----------
     eigenvalues : ndarray of float64, shape (k,)
         Ascending, in inverse squared units of length.
     coefficients : ndarray of float64, shape (k,)
-        ``c = Φᵀ M f``, in the unit of the map times that of length.
+        ``c = Φᵀ M f``, in the unit of the map times the unit of length.
     energy : float
         ``fᵀ M f``, the integral of the map's square over the surface.
 
@@ -78,29 +78,29 @@ class MapSpectrum:
 
     @cached_property
     def n_zeros(self) -> int:
-        """How many eigenvalues are zero but for rounding: one a connected component."""
+        """Number of eigenvalues that are zero within rounding, one for each component."""
         return count_zeros(self.eigenvalues)
 
     def share(self, k: int) -> float:
-        """Share of the energy in the lowest k pairs, from 0 to 1."""
+        """Return the share of the energy in the lowest k pairs, from 0 to 1."""
         return self._ratio(float(self._sums[k]), self.energy)
 
     def varying_share(self, k: int) -> float:
-        """The same of what is not constant on each component: the mean of a map is often most."""
+        """Return the share without the means of components, often most of the energy."""
         constant = float(self._sums[self.n_zeros])
         return self._ratio(
             float(self._sums[max(k, self.n_zeros)]) - constant, self.energy - constant
         )
 
     def residual(self, k: int) -> float:
-        """Norm of what is left of the map without its lowest k pairs, relative to its own.
+        """Return the norm of the map without its lowest k pairs, relative to that of the map.
 
         ``‖f - f_k‖ / ‖f‖`` in the norm of M, ``√(1 - share)``; below 1e-7 it is rounding.
         """
         return float(np.sqrt(max(1.0 - self.share(k), 0.0)))
 
     def _ratio(self, part: float, whole: float) -> float:
-        # beside the whole energy, what is below rounding is none
+        # relative to the energy, values below rounding are zero
         return min(part / whole, 1.0) if whole > 1e-13 * self.energy else 1.0
 
 
@@ -112,7 +112,7 @@ def map_spectrum(decomposition: Decomposition, values: npt.ArrayLike) -> MapSpec
     decomposition : Decomposition
         Of its mesh, with its mass matrix.
     values : VertexMap or array_like, shape (n,)
-        One number a vertex. Where it is NaN or infinite it has no weight: the mean of the others
+        One number for each vertex. NaN and infinite values have no weight: the mean of the others
         stands there, weighted by area, as in `filter_map` and `spectral_coefficients`.
 
     Returns
@@ -122,7 +122,7 @@ def map_spectrum(decomposition: Decomposition, values: npt.ArrayLike) -> MapSpec
     Raises
     ------
     InputError
-        If there is not one number a vertex, or none at all.
+        If the shape differs, or no value is finite.
 
     Warns
     -----
@@ -151,7 +151,7 @@ def project(
     values: npt.NDArray[Any],
     cancel: CancelCallback | None = None,
 ) -> MapSpectrum:
-    """As `map_spectrum`, from eigenvectors as rows of shape (>= k, n), which may lie in a file."""
+    """Compute `map_spectrum` from rows of shape (>= k, n), which may be a memory map."""
     used = mass > 0.0
     f = filled(np.asarray(values, dtype=np.float64), mass)
     weighted = np.where(used, mass, 0.0) * f
@@ -167,9 +167,9 @@ def inner_products(
     last: int,
     cancel: CancelCallback | None = None,
 ) -> FloatArray:
-    """Products of the eigenvectors from one on up to another with weighted values.
+    """Compute products of the eigenvectors from `first` to `last` (exclusive) with weighted values.
 
-    These have shape (n,) or (m, n), and 0 where a vertex is not `used`; the products have shape
+    These have shape (n,) or (m, n), and are 0 at vertices not `used`; the products have shape
     (last - first,) or (m, last - first).
     """
     products = np.zeros((*weighted.shape[:-1], last - first))
@@ -181,13 +181,13 @@ def inner_products(
             part = slice(start, start + _VERTICES)
             block = rows[low:high, part]
             if not used[part].all():
-                block = np.where(used[part], block, 0.0)  # NaN where no face is
+                block = np.where(used[part], block, 0.0)  # NaN at unreferenced vertices
             products[..., low - first : high - first] += weighted[..., part] @ block.T
     return products
 
 
 def partial_sum(rows: Any, coefficients: FloatArray, first: int, last: int) -> FloatArray:
-    """Sum ``c_i φ_i`` over the pairs from one on up to another; NaN off the surface.
+    """Sum ``c_i φ_i`` over pairs `first` to `last` (exclusive); NaN at unreferenced vertices.
 
     Coefficients of shape (k,) or (m, k) give a sum of shape (n,) or (m, n).
     """
@@ -199,27 +199,27 @@ def partial_sum(rows: Any, coefficients: FloatArray, first: int, last: int) -> F
 
 
 def band_edges(eigenvalues: FloatArray) -> FloatArray:
-    """Edges of the bands of a map, shape (b + 1,): each is an octave of the eigenvalue.
+    """Return the edges of the bands of a map, octaves of the eigenvalue, shape (b + 1,).
 
-    From the first eigenvalue above zero on; none if there is no such. From one band to the next
-    the wavelength shrinks by √2.
+    They start at the first nonzero eigenvalue; without one the result is empty. From one band to
+    the next the wavelength decreases by √2.
     """
     first = count_zeros(eigenvalues)
     if first == len(eigenvalues):
         return np.zeros(0)
     low, high = float(eigenvalues[first]), float(eigenvalues[-1])
     count = int(np.floor(np.log2(high / low) + 1e-9)) + 1
-    # a little below, so that rounding puts an eigenvalue at an edge into the band above
+    # slightly lower, so that an eigenvalue at an edge belongs to the upper band
     return np.asarray(low * 2.0 ** (np.arange(count + 1) - 1e-9), dtype=np.float64)
 
 
 def dominant_bands(
     spectrum: MapSpectrum, rows: Any, cancel: CancelCallback | None = None
 ) -> npt.NDArray[np.int64]:
-    """Find in which band a map is strongest at each vertex.
+    """Find the band in which a map is strongest at each vertex.
 
-    In each band of `band_edges` the map is the sum of its pairs there; the band whose sum is
-    largest in absolute value dominates.
+    In each band of `band_edges` the map is the sum over the pairs of that band; the band with the
+    largest absolute value dominates.
 
     Parameters
     ----------
@@ -232,8 +232,8 @@ def dominant_bands(
     Returns
     -------
     ndarray of int64, shape (n,)
-        Number of the band, from 0; -1 at vertices without eigenvectors, and all over where no
-        eigenvalue is above zero.
+        Index of the band, from 0; -1 at vertices without eigenvectors, and everywhere if all
+        eigenvalues are zero.
 
     Examples
     --------

@@ -1,9 +1,9 @@
-"""Functions on a surface as they are given: one number a vertex, some of them missing."""
+"""Checks of maps, functions on a surface, and treatment of their missing values."""
 
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -12,16 +12,11 @@ from scipy import sparse
 from meshmash_viewer.errors import InputError, MissingValuesWarning
 from meshmash_viewer.vertex_map import VertexMap
 
-if TYPE_CHECKING:
-    pass
-
-__all__ = ["as_map_values", "check_decomposition", "filled", "without_gaps"]
-
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 
 def as_map_values(given: Any, n: int, *, columns: bool = True) -> FloatArray:
-    """Take a map in any of the accepted forms.
+    """Convert a map in any of the accepted forms to an array.
 
     Parameters
     ----------
@@ -34,7 +29,7 @@ def as_map_values(given: Any, n: int, *, columns: bool = True) -> FloatArray:
     Raises
     ------
     InputError
-        If it is of another shape, its values are not real numbers, or they are labels.
+        If the shape differs, or values are labels or not real numbers.
     """
     wanted = f"shape ({n},)" + (f" or ({n}, d)" if columns else "")
     if isinstance(given, VertexMap):
@@ -61,7 +56,7 @@ def as_map_values(given: Any, n: int, *, columns: bool = True) -> FloatArray:
 
 
 def check_decomposition(given: Any, call: str) -> None:
-    """Complain of something else in the place of eigenpairs; `call` is how it has to be."""
+    """Raise `InputError` if `given` is not a decomposition; `call` is the correct call."""
     if not (hasattr(given, "eigenvalues") and hasattr(given, "rows")):
         raise InputError(
             f"The eigenpairs come first, as {call}: the first argument is of type "
@@ -75,48 +70,48 @@ def check_decomposition(given: Any, call: str) -> None:
 
 
 def filled(values: FloatArray, mass: FloatArray) -> FloatArray:
-    """The same map, with the mean of the others where it has no value.
+    """Replace missing values by the mean of the others.
 
     Parameters
     ----------
     values : ndarray of float64, shape (n,) or (n, d)
-        NaN or infinite where there is none; each column has its own mean, weighted by area. 0 where
-        there is none in the whole column.
+        NaN or infinite where missing. Each column has its own area-weighted mean, 0 if all its
+        values are missing.
     mass : ndarray of float64, shape (n,)
-        Areas of the vertices. Where they are 0 the result is 0.
+        Areas of the vertices; the result is 0 where they are 0.
 
     Returns
     -------
     ndarray of float64, shape (n,) or (n, d)
     """
     used = mass > 0.0
-    there = np.isfinite(values) & (used if values.ndim == 1 else used[:, np.newaxis])
-    known = np.where(there, values, 0.0)
-    if there[used].all():
+    known_at = np.isfinite(values) & (used if values.ndim == 1 else used[:, np.newaxis])
+    known = np.where(known_at, values, 0.0)
+    if known_at[used].all():
         return known
-    weight = np.where(used, mass, 0.0) @ there
+    weight = np.where(used, mass, 0.0) @ known_at
     total = np.where(used, mass, 0.0) @ known
     mean = np.divide(total, weight, out=np.zeros_like(total), where=weight > 0.0)
-    result: FloatArray = np.where(there, known, mean)
+    result: FloatArray = np.where(known_at, known, mean)
     result[~used] = 0.0
     return result
 
 
 def without_gaps(values: FloatArray, mass: FloatArray, stacklevel: int = 3) -> FloatArray:
-    """As `filled`, and warn of what was filled in.
+    """Replace missing values as `filled`, with a warning.
 
     Raises
     ------
     InputError
-        If a map has no value at all.
+        If a map has no finite value.
     """
     used = mass > 0.0
-    there = np.isfinite(values[used])
-    if there.all():
+    finite = np.isfinite(values[used])
+    if finite.all():
         return filled(values, mass)
-    if not there.any(axis=0).all():
+    if not finite.any(axis=0).all():
         raise InputError("The map has no finite value at any vertex of the surface.")
-    gaps = int((~(there if there.ndim == 1 else there.all(axis=1))).sum())
+    gaps = int((~(finite if finite.ndim == 1 else finite.all(axis=1))).sum())
     warnings.warn(
         f"{gaps:,} of {int(used.sum()):,} vertices of the surface have no finite value in the map: "
         "they have no weight, the mean of the others over the area stands for them.",

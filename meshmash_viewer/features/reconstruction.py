@@ -1,4 +1,4 @@
-"""The coordinates of a mesh as a sum over its lowest eigenfunctions, which a slider lengthens."""
+"""Reconstruction of the coordinates of a mesh from its lowest eigenfunctions."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from meshmash_viewer.mesh import Mesh
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
-#: Pairs that are added at a time: some hundredths of a second at a million vertices.
+#: Pairs added at a time: some hundredths of a second at a million vertices.
 _STEP = 8
 
 
 class Reconstruction:
-    """``Φ_k Φ_kᵀ M v`` for the vertices v, moved from one number of pairs to another.
+    """The sum ``Φ_k Φ_kᵀ M v`` for the vertices v, updated when the number of pairs changes.
 
-    The null space carries the centre of mass of each component exactly. It is taken off first,
-    which gives the same sum with no digits lost to an origin far away, and leaves each component
-    in its place where there are more of them than pairs.
+    The null space represents the centre of mass of each component exactly. It is subtracted first,
+    which avoids cancellation far from the origin, and keeps each component at its position even if
+    there are more components than pairs.
 
     Parameters
     ----------
     mesh : Mesh
     rows : array_like, shape (>= k, n)
-        Eigenvectors, one a row; they may lie in a file.
+        Eigenvectors, one a row; may be a memory map.
     mass : ndarray of float64, shape (n,)
-        The areas that they are orthonormal with; 0 at vertices that no face has.
+        Diagonal of the mass matrix; 0 at unreferenced vertices.
     """
 
     def __init__(self, mesh: Mesh, rows: Any, mass: FloatArray) -> None:
@@ -41,17 +41,17 @@ class Reconstruction:
         total = np.bincount(labels, weights=mass[used])
         vertices = mesh.vertices[used].T
         centres = np.stack([np.bincount(labels, mass[used] * axis) / total for axis in vertices])
-        #: Where the centre of its component is, and how far each vertex is from it.
+        # centre of the component of each vertex, and offset of the vertex from it
         self._centres = mesh.vertices.T.copy()
         self._centres[:, used] = centres[:, labels]
         self._offsets = mesh.vertices.T - self._centres
         self._coefficients = np.zeros((3, 0))
         self._sum = np.zeros(self._offsets.shape)
-        #: How many pairs are in the sum.
+        #: Number of pairs in the sum.
         self.count = 0
 
     def move_to(self, count: int) -> Iterator[None]:
-        """Add pairs, or take them off, until there are `count`; each step leaves a whole sum."""
+        """Add or subtract pairs until there are `count`; the sum is valid after each step."""
         while self.count != count:
             step = min(max(count - self.count, -_STEP), _STEP)
             first, last = sorted((self.count, self.count + step))
@@ -72,14 +72,14 @@ class Reconstruction:
 
     @property
     def vertices(self) -> FloatArray:
-        """The vertices from the pairs in the sum, shape (n, 3), in the unit of the mesh.
+        """Reconstructed vertices, shape (n, 3), in the unit of the mesh.
 
-        Those that no face has stay where they are.
+        Unreferenced vertices are unchanged.
         """
         return np.ascontiguousarray((self._centres + self._sum).T)
 
     @property
     def rms_distance(self) -> float:
-        """Root mean square, over the area, of how far the surface is from where it was."""
+        """Area-weighted root mean square distance between reconstructed and original vertices."""
         left = np.square(self._offsets - self._sum).sum(axis=0)
         return float(np.sqrt(left @ self._mass / self._mass.sum()))

@@ -1,7 +1,6 @@
-"""Comparing shapes, and parts of them, by their spectra and features.
+"""Comparison of shapes, and of vertices, by spectra and features.
 
-Everything here weighs functions by the mass matrix where it projects them on eigenvectors, and
-leaves unreferenced vertices (NaN rows) out.
+Projections on eigenvectors use the mass matrix. Unreferenced vertices (NaN rows) are left out.
 """
 
 from __future__ import annotations
@@ -38,24 +37,24 @@ __all__ = [
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 #: `Features`, or their values alone, shape (n, f).
 FeaturesLike: TypeAlias = Any
-#: Vertices that are matched before it is asked whether to go on.
+#: Vertices matched between two calls of `cancel`.
 _AT_ONCE = 4096
 
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """For each vertex of one shape, the vertex of another that looks most like it.
+    """For each vertex of one shape, the vertex of another with the most similar features.
 
     Parameters
     ----------
     indices : ndarray of int64, shape (n,)
         Vertex of the other shape; -1 where a vertex has no features.
     scores : ndarray of float64, shape (n,)
-        Distance to it in feature space, the lower the better; NaN where there is none.
+        Distance to it in feature space; NaN where there is none.
     confident : ndarray of bool, shape (n,)
         Whether the score is among the best `quantile` of all.
     quantile : float
-        The share asked for.
+        The requested share.
     """
 
     indices: npt.NDArray[np.int64]
@@ -74,8 +73,8 @@ def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) 
     M : sparse matrix or array, shape (n, n), or array_like, shape (n,)
         Diagonal mass matrix, or its diagonal.
     f : VertexMap or array_like, shape (n,) or (n, d)
-        One or d functions; what they are at vertices without mass is not looked at. Where one is
-        NaN or infinite it has no weight: the mean of its other values stands there, weighted by M.
+        One or d functions; values at vertices without mass are ignored. NaN and infinite values are
+        replaced by the mean of the other values of the function, weighted by M.
 
     Returns
     -------
@@ -85,7 +84,7 @@ def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) 
     Raises
     ------
     InputError
-        If the shapes do not agree, M is not diagonal, or a function has no value at all.
+        If the shapes do not agree, M is not diagonal, or a function has no finite value.
 
     Warns
     -----
@@ -111,7 +110,7 @@ def spectral_coefficients(eigenvectors: Any, M: SparseMatrix, f: npt.ArrayLike) 
     values = without_gaps(values, mass)
     used = mass > 0.0
     weighted = (mass[used] * values[used].T).T
-    # Transposed first, for rows are what lies together in memory.
+    # Transposed first, since rows are contiguous in memory.
     rows = columns.T if used.all() else columns.T[:, used]
     return np.asarray(rows @ weighted, dtype=np.float64)
 
@@ -152,7 +151,7 @@ def reconstruct(eigenvectors: Any, coefficients: npt.ArrayLike) -> FloatArray:
     weights = np.asarray(coefficients, dtype=np.float64)
     if weights.ndim not in (1, 2) or len(weights) > columns.shape[1]:
         raise InputError(
-            f"Coefficients of shape {weights.shape} do not go with {columns.shape[1]} eigenvectors."
+            f"Coefficients of shape {weights.shape} do not match {columns.shape[1]} eigenvectors."
         )
     bad = np.argwhere(~np.isfinite(weights))
     if len(bad):
@@ -197,7 +196,7 @@ def _diagonal(given: Any, n: int) -> FloatArray:
 
 
 def low_pass_vertices(mesh: MeshLike, decomposition: Decomposition, n: int) -> FloatArray:
-    """Rebuild the coordinates from the first `n` eigenvectors: a smoothed shape [1]_.
+    """Reconstruct the coordinates from the first `n` eigenvectors: a smoothed shape [1]_.
 
     Parameters
     ----------
@@ -211,8 +210,8 @@ def low_pass_vertices(mesh: MeshLike, decomposition: Decomposition, n: int) -> F
     Returns
     -------
     ndarray of float64, shape (n_vertices, 3)
-        In the unit of the mesh. Each connected component keeps its centre of mass even where
-        `n` is below the number of components, and unreferenced vertices stay where they are.
+        In the unit of the mesh. Each connected component keeps its centre of mass even if `n` is
+        below the number of components; unreferenced vertices are unchanged.
 
     Raises
     ------
@@ -242,7 +241,7 @@ def low_pass_vertices(mesh: MeshLike, decomposition: Decomposition, n: int) -> F
         )
     if not 1 <= n <= decomposition.n_components:
         raise InputError(
-            f"{n} eigenpairs were asked for: give 1 to {decomposition.n_components}, or compute "
+            f"{n} eigenpairs were requested: give 1 to {decomposition.n_components}, or compute "
             "more."
         )
     sums = Reconstruction(mesh, decomposition.rows, decomposition.mass)
@@ -260,7 +259,7 @@ def spectral_distance(
     robust: bool = True,
     mollify_factor: float = 1e-5,
 ) -> float:
-    """Distance of two shapes by their lowest eigenvalues, "Shape-DNA" [1]_.
+    """Compute the distance of two shapes by their lowest eigenvalues, "Shape-DNA" [1]_.
 
     Parameters
     ----------
@@ -269,9 +268,9 @@ def spectral_distance(
     n_components : int
         Number of eigenvalues to compare, zeros included.
     normalize : bool
-        True: multiply eigenvalues by the area of their mesh, so that neither size nor unit
-        matters and the distance is a plain number. False: compare them as they are, per squared
-        unit; both meshes have to be in the same unit.
+        True: multiply eigenvalues by the area of their mesh, so that the distance is dimensionless
+        and independent of size and unit. False: compare them as they are, per squared unit; both
+        meshes have to be in the same unit.
     robust, mollify_factor : bool, float
         See `meshmash_viewer.laplacian.cotangent_laplacian`.
 
@@ -303,7 +302,7 @@ def spectral_distance(
     if not normalize and meshes[0].unit != meshes[1].unit:
         raise InputError(
             f"The meshes are in {meshes[0].unit or 'no unit'} and {meshes[1].unit or 'no unit'}: "
-            "bring them to one unit, or use normalize=True."
+            "convert them to one unit, or use normalize=True."
         )
     spectra = []
     for mesh in meshes:
@@ -333,12 +332,12 @@ def match_features(
     a, b : Features or array_like, shapes (n, f) and (m, f)
         Features of the two shapes, made with the same filters.
     quantile : float
-        Share of the matches to call confident: those with the lowest scores.
+        Share of the matches that are confident: those with the lowest scores.
     standardize : bool
         Divide each column by its spread over `b` first (`column_spread`). Otherwise the columns
-        with the largest values decide: the shortest times of a heat kernel signature.
+        with the largest values dominate: the shortest times of a heat kernel signature.
     cancel : callable, optional
-        Asked from time to time; `Cancelled` is raised if it says so.
+        Called repeatedly; `Cancelled` is raised after it returns True.
 
     Returns
     -------
@@ -381,7 +380,7 @@ def match_features(
     confident = np.zeros(len(values_a), dtype=np.bool_)
     indices[rows_a] = rows_b[nearest]
     scores[rows_a] = distances
-    # "At most", so that perfect matches, all of score 0, are confident too.
+    # "<=", so that perfect matches, all of score 0, are confident.
     confident[rows_a] = distances <= np.quantile(distances, quantile)
     return Matches(indices, scores, confident, quantile)
 
@@ -389,7 +388,7 @@ def match_features(
 def feature_distance(
     features: FeaturesLike, vertex: int, *, standardize: bool = True
 ) -> FloatArray:
-    """Distance of every vertex from one of them in feature space: "similar to this".
+    """Compute the distance of every vertex from one of them in feature space.
 
     Parameters
     ----------
@@ -399,7 +398,7 @@ def feature_distance(
         Index of the one to compare with.
     standardize : bool
         Divide each column by its spread over the mesh first (`column_spread`), so that all columns
-        count alike and the distance is a plain number.
+        have equal weight and the distance is dimensionless.
 
     Returns
     -------
@@ -437,12 +436,12 @@ def _values(features: FeaturesLike) -> FloatArray:
 
 
 def column_spread(values: FloatArray) -> FloatArray:
-    """Half of what lies between the 15.9th and the 84.1th percentile of each finite column.
+    """Return half the range between the 15.9th and the 84.1th percentile of each finite column.
 
-    For normal values that is their standard deviation. Unlike it, it does not follow the few
-    vertices of a neuron's specks, whose features are thousands of times larger than the rest and
-    would leave all other distances near zero. Where two thirds of a column are one number it is
-    the standard deviation; of a constant column, which tells nothing apart, 1.
+    For normal values this is their standard deviation. Unlike that, it is not dominated by the few
+    vertices of small components of a neuron, whose features are thousands of times larger than the
+    others and would make all other distances nearly zero. If two thirds of a column are one number
+    it is the standard deviation; for a constant column it is 1.
     """
     spread = np.ones(values.shape[1])
     for at, column in enumerate(values.T):

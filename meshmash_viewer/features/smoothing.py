@@ -1,4 +1,4 @@
-"""Maps on a surface passed through a filter of its spectrum."""
+"""Spectral filtering of maps on a surface."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ def filter_map(
     values: npt.ArrayLike,
     response: Callable[[FloatArray], npt.ArrayLike],
 ) -> FloatArray:
-    """Pass a function on the surface through a filter of its spectrum, ``Φ h(Λ) Φᵀ M f``.
+    """Filter a function on the surface, ``Φ h(Λ) Φᵀ M f``.
 
-    With ``exp(-t λ)`` that is heat flow for a time t (as far as the eigenpairs reach); with a
-    low-pass filter, the waves of the function below its cut-off [1]_.
+    With ``exp(-t λ)`` this is heat flow for a time t (within the computed eigenpairs); a low-pass
+    filter keeps the waves of the function below its cut-off [1]_.
 
     Parameters
     ----------
     decomposition : Decomposition
-        The eigenpairs; what is in no computed pair is left out, whatever the filter.
+        The eigenpairs; the remainder of the function beyond them is left out.
     values : VertexMap or array_like, shape (n,) or (n, d)
-        One function a column; what it is at vertices that no face uses is not looked at. Where one
-        is NaN or infinite it has no weight: the mean of its other values stands there, weighted by
-        area, and the result there is interpolated.
+        One function in each column; values at unreferenced vertices are ignored. NaN and
+        infinite values are replaced by the area-weighted mean of the other values of the function,
+        so that the result there is interpolated.
     response : callable
         ``(k,) -> (k,)`` or ``(f, k)``: a `FilterBank` of f columns, or any function of the
         eigenvalues.
@@ -50,15 +50,14 @@ def filter_map(
     Returns
     -------
     ndarray of float64
-        In the unit of `values`; NaN at vertices that no face uses. Of one function and one filter
-        it has the shape (n,), of d functions and one filter (n, d), of one function and f filters
-        (n, f), and of d functions and f filters (n, d, f).
+        In the unit of `values`; NaN at unreferenced vertices. The shape is (n,) for one function
+        and one filter, (n, d) for d functions, (n, f) for f filters, and (n, d, f) for both.
 
     Raises
     ------
     InputError
         If the filter returns a wrong shape or values that are not finite, the map has another
-        number of vertices or no value at all, or the arguments come in another order.
+        number of vertices or no finite value, or the arguments are in another order.
 
     Warns
     -----

@@ -1,15 +1,15 @@
-"""Truncation error: what the eigenpairs that were not computed would add to features.
+"""Truncation error: the contribution to features of eigenpairs that were not computed.
 
-With lumped masses ``Σ_k φ_k(v)² = 1 / m_v`` over all pairs, so after K of them
-``r(v) = 1 / m_v - Σ_{k≤K} φ_k(v)²`` is left at vertex v, and a filter h leaves out at most
-``sup_{λ>λ_K} |h(λ)| r(v)`` there: the *bound*, which holds for every mesh. It is pessimistic, for
-it lets all that is left sit at one eigenvalue.
+With lumped masses ``Σ_k φ_k(v)² = 1 / m_v`` over all pairs, so the remainder after K of them is
+``r(v) = 1 / m_v - Σ_{k≤K} φ_k(v)²`` at vertex v, and the error with a filter h is at most
+``sup_{λ>λ_K} |h(λ)| r(v)``: the *bound*, valid for every mesh. It is pessimistic, since it assumes
+that the whole remainder is at one eigenvalue.
 
-The *estimate* spreads it by the local Weyl law: on a surface ``Σ φ_k(v)²`` grows by ``dλ / 4π`` at
-every vertex, so a filter leaves out about ``∫ h(λ) dλ / 4π``, from λ_K until the law has used up
-r(v), which is at ``λ_K + 4π r(v)``. It is never above the bound. Where meshes are so uneven that
-their vertices stop following the law one after the other it is too high, by a factor of 3 to 4 on
-a machined part of long thin triangles, and on a boundary, where a surface has more, too low.
+The *estimate* distributes the remainder by the local Weyl law: on a surface ``Σ φ_k(v)²`` grows by
+``dλ / 4π`` at every vertex, so the error is about ``∫ h(λ) dλ / 4π`` from λ_K to
+``λ_K + 4π r(v)``, where the remainder is used up. It never exceeds the bound. It is too high on
+meshes so uneven that vertices deviate from the law at different eigenvalues (by a factor of 3 to 4
+on a machined part of long thin triangles), and too low on a boundary.
 """
 
 from __future__ import annotations
@@ -50,34 +50,34 @@ __all__ = [
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
-#: Copies of the last eigenvalue, equal to rounding, may be among what is left out.
+#: Relative rounding of the last eigenvalue, of which copies may not have been computed.
 _COPIES = 1e-9
-#: Error of ``m_v Σ φ_k(v)²``, which is at most 1, in units of the precision of eigenvectors.
+#: Error of ``m_v Σ φ_k(v)²``, at most 1, in units of the precision of eigenvectors.
 _ROUNDINGS = 64.0
-#: Vertices looked at together: 32 columns of them take 4 MB.
+#: Vertices processed at a time: 32 columns of them take 4 MB.
 _VERTICES = 16384
 
 
 @dataclass(frozen=True, eq=False)
 class Remainder:
-    """What is left out of a truncated sum, at every vertex.
+    """Remainder of a truncated sum at every vertex.
 
     Parameters
     ----------
     left : ndarray of float64, shape (n,)
         ``1 / m_v - Σ_k φ_k(v)²``, at least 0; NaN at vertices without mass.
     known_to : float
-        All pairs up to this eigenvalue took part.
+        All pairs up to this eigenvalue were included.
     n_left : int
-        Number of pairs that did not.
+        Number of pairs that were not.
     area : float
         Sum of all masses, in squared unit.
     tail : TailedResponse
-        The filters, before they are normalised.
+        The filters without normalisation.
     totals : ndarray of float64, shape (f,)
-        What they were divided by.
+        Divisors of the normalisation.
     normalised : bool
-        Whether more pairs would change these divisors.
+        Whether these divisors depend on the number of pairs.
     """
 
     left: FloatArray
@@ -89,17 +89,9 @@ class Remainder:
     normalised: bool
 
     def estimate(self, values: npt.NDArray[np.floating[Any]]) -> FloatArray:
-        """What the missing pairs would change by the local Weyl law, at each vertex.
+        """Estimate the truncation error by the local Weyl law, shape (n, f), not negative.
 
-        Parameters
-        ----------
-        values : ndarray, shape (n, f)
-            The truncated features; only normalised filters need them.
-
-        Returns
-        -------
-        ndarray of float64, shape (n, f)
-            Not negative; in the unit of the features.
+        `values`, shape (n, f), are the truncated features, used for normalised filters only.
         """
         result = np.empty((len(self.left), len(self.totals)))
         for first in range(0, len(result), _VERTICES):
@@ -108,12 +100,12 @@ class Remainder:
         return result
 
     def bound(self, values: npt.NDArray[np.floating[Any]]) -> FloatArray:
-        """What the missing pairs can change at most, shape (n, f); see `estimate`."""
+        """Compute the upper bound of the truncation error, shape (n, f); see `estimate`."""
         supremum = self.tail.supremum(self.known_to)
         highest = self._divided(self.left[:, np.newaxis] * supremum, self.totals)
         if not self.normalised:
             return highest
-        # Between nothing more above and all of it below the line, whichever is further away.
+        # The larger error of two extremes: the remainder in the divisor only, or in the sum only.
         more = self.n_left * supremum
         above = np.abs(values) * self._divided(more, self.totals + more)
         return np.asarray(np.maximum(highest, above), dtype=np.float64)
@@ -122,23 +114,23 @@ class Remainder:
         with np.errstate(invalid="ignore"):
             missing = self._integral(left)
             if self.normalised:
-                # The divisor grows as well: (A + a) / (C + c) - A / C.
+                # The divisor grows too: (A + a) / (C + c) - A / C.
                 more = self._integral(np.array([self.n_left / self.area])) * self.area
                 missing = np.abs(missing - values * more)
                 return self._divided(missing, self.totals + more[0])
         return self._divided(missing, self.totals)
 
     def _integral(self, left: FloatArray) -> FloatArray:
-        """``∫ h dλ / 4π`` until the law has used up what is left, shape (n, f)."""
+        """Compute ``∫ h dλ / 4π`` until the remainder is used up, shape (n, f)."""
         ends = self.known_to + 4.0 * math.pi * left
         area = self.tail.integral(self.known_to, ends) / (4.0 * math.pi)
-        # Rounding of the integral's ends is no part of it.
+        # Limited, against rounding of the ends of the integral.
         highest = left[:, np.newaxis] * self.tail.supremum(self.known_to)
         return np.asarray(np.minimum(area, highest))
 
     @staticmethod
     def _divided(missing: FloatArray, totals: FloatArray) -> FloatArray:
-        # A band without a pair has a divisor of 0, and all of it is missing.
+        # A band without a pair has a divisor of 0, and is missing as a whole.
         divisor = np.where(totals > 0.0, totals, 1.0)
         return np.asarray(missing / divisor, dtype=np.float64)
 
@@ -147,8 +139,8 @@ class Remainder:
 class Truncation:
     """Truncation error of feature columns, relative to each.
 
-    A column's error is told as a share of its typical size, the median over the vertices of what
-    there is plus the median of what is estimated to be missing.
+    Errors are relative to the typical size of a column: the median of its values over the vertices
+    plus the median of the estimate.
 
     Parameters
     ----------
@@ -157,15 +149,15 @@ class Truncation:
     estimate, largest_estimate : ndarray of float64, shape (f,)
         Median and largest over the vertices, by the local Weyl law.
     bound, largest_bound : ndarray of float64, shape (f,)
-        Median and largest over the vertices of what cannot be exceeded.
+        Median and largest over the vertices of the upper bound.
     known_to : float
-        All pairs up to this eigenvalue took part, per squared unit.
+        All pairs up to this eigenvalue were included, per squared unit.
     n_left : int
-        Number of pairs of the mesh that did not.
+        Number of pairs of the mesh that were not.
     added : bool
         Whether the estimate has been added to the features (``tail="weyl"``).
     remainder : Remainder
-        The same at every vertex, on request.
+        Computes the errors at every vertex.
 
     Examples
     --------
@@ -194,7 +186,7 @@ class Truncation:
         return np.flatnonzero(self.estimate > TOLERANCE)
 
     def sentence(self) -> str:
-        """What is missing, in a sentence without its full stop; empty where nothing is flagged.
+        """Describe the error in a sentence without its full stop; empty if nothing is flagged.
 
         Returns
         -------
@@ -204,7 +196,7 @@ class Truncation:
         return missing_sentence(self.columns, self.estimate, added=self.added)
 
     def as_dict(self) -> dict[str, Any]:
-        """All but the vertices, for JSON; shares of each column."""
+        """Return the errors of each column as a dictionary for JSON."""
         return {
             "known_to": self.known_to,
             "n_left_out": self.n_left,
@@ -230,14 +222,14 @@ def measure_truncation(
     drop_first: bool = False,
     known_to: float | None = None,
 ) -> Truncation | None:
-    """Find what a truncated sum leaves out; None where filters do not tell what they do (`tail`).
+    """Compute the truncation error; return None if the filters have no `tail`.
 
     Parameters
     ----------
     values : ndarray, shape (n, f)
         The features that were summed with the filters of `bank`.
     eigenvalues : ndarray of float64, shape (k,)
-        Of all pairs known, the lowest k of the mesh.
+        Of all known pairs, the lowest k of the mesh.
     density : ndarray of float64, shape (n,)
         ``Σ_k φ_k(v)²`` over the same pairs.
     mass : ndarray of float64, shape (n,)
@@ -245,9 +237,9 @@ def measure_truncation(
     precision : dtype
         Of the eigenvectors.
     drop_first : bool
-        Whether the first pair was left out on purpose, which is no error.
+        Whether the first pair was left out on purpose, which is not an error.
     known_to : float, optional
-        Eigenvalue up to which these are proven to be all; None: the largest of them.
+        Eigenvalue up to which these are complete; None: the largest of them.
     """
     tail = bank.tail
     if tail is None:
@@ -256,7 +248,7 @@ def measure_truncation(
     n_left = int(used.sum()) - len(eigenvalues)
     left = np.full(len(mass), np.nan)
     if n_left > 0:
-        # What rounding hides may be left as well; of all pairs nothing is, whatever it says.
+        # At least the rounding error, except with all pairs, where the remainder is zero.
         rounding = _ROUNDINGS * float(np.finfo(precision).eps)
         left[used] = np.maximum(1.0 / mass[used] - density[used], rounding / mass[used])
     else:
@@ -273,10 +265,10 @@ def measure_truncation(
         errors = (remainder.estimate(values)[used], remainder.bound(values)[used])
         medians, largest = ([f(e, axis=0) for e in errors] for f in (np.median, np.max))
     else:
-        # Both grow with what is left at a vertex, so their order over the vertices is known.
-        there = replace(remainder, left=np.array([np.median(rest), rest.max()]))
+        # Both increase with the remainder at a vertex, so medians and maxima follow from it.
+        extremes = replace(remainder, left=np.array([np.median(rest), rest.max()]))
         none = np.zeros((2, 0))
-        both = (there.estimate(none), there.bound(none))
+        both = (extremes.estimate(none), extremes.bound(none))
         medians, largest = ([error[at] for error in both] for at in (0, 1))
     whole = typical + medians[0]
     shares = [
@@ -284,7 +276,7 @@ def measure_truncation(
         for error in (medians[0], largest[0], medians[1], largest[1])
     ]
     estimate, largest_estimate, bound, largest_bound = shares
-    # A column without a pair in its filter is missing as a whole, unless nothing can be there.
+    # A column without a pair in its filter is missing as a whole, unless its bound is zero.
     estimate[(typical == 0.0) & (bound > 0.0)] = 1.0
     return Truncation(
         bank.columns,
@@ -306,12 +298,12 @@ def mean_shares(
     n_vertices: int,
     known_to: float | None = None,
 ) -> FloatArray:
-    """Estimate what is missing of each column from the lowest k eigenvalues alone, shape (f,).
+    """Estimate the missing share of each column from the lowest k eigenvalues alone, shape (f,).
 
-    The mean of ``φ_k²`` over the surface is one over its area, so the mean of a column needs no
-    eigenvectors, nor does what the law expects beyond: for a display that changes while times or
-    bands are chosen. Of normalised filters it is the share of the weight of each. `known_to` is
-    that of `measure_truncation`.
+    The mean of ``φ_k²`` over the surface is one over its area, so the mean of a column and its
+    estimated remainder need no eigenvectors. It is fast enough for a display that changes while
+    times or bands are chosen. For normalised filters it is the share of the weight of each.
+    `known_to` is that of `measure_truncation`.
     """
     tail = bank.tail
     n_left = n_vertices - len(eigenvalues)
@@ -326,9 +318,9 @@ def mean_shares(
 
 
 def sufficient_target(time: float, area: float, n_vertices: int) -> Target:
-    """How much of a spectrum the HKS from a time on takes, in the units of the mesh.
+    """Return the part of the spectrum required for HKS from a time on, in the units of the mesh.
 
-    That is up to `required_eigenvalue`, or all pairs where Weyl's law expects that many.
+    It is up to `required_eigenvalue`, or all pairs if Weyl's law expects that many.
     """
     eigenvalue = required_eigenvalue(time)
     if weyl_count(area, eigenvalue) >= n_vertices:
@@ -339,10 +331,10 @@ def sufficient_target(time: float, area: float, n_vertices: int) -> Target:
 def mesh_limit(
     time: float, area: float, n_vertices: int, unit: str = "", median_edge: float | None = None
 ) -> str:
-    """Say in a sentence what a time needs beside what a mesh of `n_vertices` can resolve at all.
+    """Compare in a sentence the pairs required for a time with those of a mesh of `n_vertices`.
 
-    Two median edges are its shortest wave; where their length is not given, that of Weyl's law
-    for all its pairs.
+    The shortest wave of the mesh is two median edges or, if their length is not given, the
+    wavelength of its last pair by Weyl's law.
     """
     eigenvalue, has = required_eigenvalue(time), f"this mesh has {n_vertices:,} in all"
     if median_edge is None:
@@ -364,7 +356,7 @@ def _length(length: float, unit: str) -> str:
 
 
 def missing_sentence(columns: tuple[str, ...], shares: FloatArray, *, added: bool = False) -> str:
-    """Say of which columns more than `TOLERANCE` is missing; see `Truncation.sentence`."""
+    """Describe columns of which more than `TOLERANCE` is missing; see `Truncation.sentence`."""
     count, worst = int((shares > TOLERANCE).sum()), int(shares.argmax())
     if not count:
         return ""
@@ -377,5 +369,5 @@ def missing_sentence(columns: tuple[str, ...], shares: FloatArray, *, added: boo
 
 
 def percent(share: float) -> str:
-    """Write a share with as many digits as it is worth: "95 %", "1.4 %"."""
+    """Format a share with two significant digits: "95 %", "1.4 %"."""
     return f"{100.0 * share:.2g} %" if share < 0.095 else f"{100.0 * share:.0f} %"
