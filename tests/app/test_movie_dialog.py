@@ -126,3 +126,18 @@ def test_what_cannot_be_filmed_is_said_before(
     QTest.mouseClick(save, LEFT)
     assert "nowhere" in remark.text()
     assert dialog.isVisible()
+
+
+def test_a_size_that_is_refused_starts_no_movie(
+    qtbot: QtBot, window: MainWindow, tmp_path: Path
+) -> None:
+    dialog = opened(qtbot, window, tmp_path / "film.gif")
+    width, remark = part(dialog, "movie_width_spin"), part(dialog, "movie_remark_label")
+    dialog.activateWindow()
+    width.setFocus()
+    qtbot.waitUntil(width.hasFocus, timeout=PATIENCE)
+    width.selectAll()
+    QTest.keyClicks(width, "5")  # fewer than 16 pixels
+    QTest.mouseClick(part(dialog, "movie_save_button"), LEFT)
+    assert not part(dialog, "movie_progress_bar").isVisible()
+    qtbot.waitUntil(lambda: "16" in remark.text(), timeout=PATIENCE)
