@@ -28,7 +28,7 @@ def system_report(graphics: str) -> str:
     Parameters
     ----------
     graphics : str
-        What draws, as `meshmash_viewer.app.view.graphics` tells it.
+        Graphics driver, see `graphics` in `meshmash_viewer.app.view.picture`.
     """
     import scooby
 
