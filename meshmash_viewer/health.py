@@ -352,7 +352,7 @@ REPAIRS: dict[str, Repair] = {
         ),
         Repair(
             "merge_coincident_vertices",
-            "Merge all coincident vertices, of sheets that touch as well",
+            "Merge all coincident vertices",
             lambda health: health.coincident_vertices,
             _merge_coincident_vertices,
         ),

@@ -306,7 +306,7 @@ def test_a_mesh_repaired_as_it_is_read_can_be_undone_step_by_step(
         replace(ready(largest, MERGE, LARGEST), before=(raw, merged), source="a", unasked=True)
     )
     assert notices[-1].text == (
-        "Repaired as before: Merge coincident vertices, Keep the largest component."
+        "Repaired as before: Merge all coincident vertices, Keep the largest component."
     )
     assert document.file_mesh is raw
     document.toggle_pin(7)
