@@ -120,10 +120,13 @@ def _kinds(pencil: Pencil, highest: float) -> Iterator[_Kind]:
     count, component = connected_components(pencil.matrix, directed=False)
     sizes = np.bincount(component, minlength=count)
     copies_of_size = np.bincount(sizes)
+    repeated = np.flatnonzero(copies_of_size[: _LARGEST + 1] >= _FEWEST)
+    if not len(repeated):
+        return
     # In the vertex order of the mesh, which is the same for copies.
     order = np.lexsort((pencil.active, component))
     ends = np.cumsum(sizes)
-    for size in np.flatnonzero(copies_of_size[: _LARGEST + 1] >= _FEWEST):
+    for size in repeated:
         if size > 1:
             which = np.flatnonzero(sizes == size)
             places = order[ends[which][:, np.newaxis] - size + np.arange(size)]
