@@ -337,7 +337,7 @@ def test_bad_requests_are_named(sphere: Mesh) -> None:
         stitcher.split_mesh(5)
     with pytest.raises(InputError, match="overlap=-1"):
         stitcher.split_mesh(100, overlap=-1.0)
-    with pytest.raises(InputError, match="n_jobs=0"):
+    with pytest.raises(InputError, match="n_jobs must not be 0"):
         MeshStitcher(sphere, n_jobs=0)
     with pytest.raises(InputError, match="overlap_distance and t_max are given"):
         stitcher.split_mesh(100, overlap_distance=1.0, t_max=1.0)
@@ -352,13 +352,13 @@ def test_bad_requests_are_named(sphere: Mesh) -> None:
     stitcher.split_mesh(300)
     with pytest.raises(InputError, match=r"stitch=0\.5 .* by their names"):
         stitcher.apply(coordinates, 0.5)
-    with pytest.raises(InputError, match="1 results are not of"):
+    with pytest.raises(InputError, match="1 results do not match"):
         stitcher.stitch_features([np.zeros(3)])
     with pytest.raises(InputError, match="nothing to stitch"):
         stitcher.apply(lambda piece: None)
     with pytest.raises(InputError, match="from 0 to 641"):
         stitcher.subset_apply(coordinates, [642])
-    with pytest.raises(InputError, match=r"shape \(5, 2\) are not of 642 vertices"):
+    with pytest.raises(InputError, match=r"shape \(5, 2\) do not match 642 vertices"):
         stitcher.apply_on_features(lambda piece, rows: rows, np.ones((5, 2)))
 
 

@@ -1,1 +1,1 @@
-"""Meshes too large for one go: cut into overlapping pieces, computed apart, and put together."""
+"""Division of large meshes into overlapping pieces, which are computed separately and stitched."""

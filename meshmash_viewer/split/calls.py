@@ -14,8 +14,6 @@ from threadpoolctl import threadpool_limits
 from meshmash_viewer.errors import ConstantFeaturesWarning
 from meshmash_viewer.progress import CancelCallback, Cancelled
 
-__all__ = ["PieceError", "results_of_calls"]
-
 
 class PieceError(RuntimeError):
     """The function failed on a piece; the message names the piece and the failure."""
@@ -27,20 +25,20 @@ def results_of_calls(
     n_jobs: int | None,
     cancel: CancelCallback | None,
 ) -> Iterator[Any]:
-    """Yield the results in the order of the calls, as they come.
+    """Yield the results of calls in their order.
 
-    After a failure or a cancel no further call is handed out, and those that are being worked on
-    are waited for: to abort them would kill workers that others may share.
+    After a failure or cancellation no further call is started, and running ones are awaited:
+    aborting them would kill workers shared with others.
 
     Parameters
     ----------
     function : callable
     calls : sequence of (str, callable)
-        What each is called in a message, and what makes its arguments when they are needed.
+        Name of each call for messages, and a function that makes its arguments.
     n_jobs : int, optional
-        As joblib counts them.
+        Number of processes as in joblib.
     cancel : callable, optional
-        Asked between calls.
+        Called between calls.
 
     Raises
     ------
@@ -59,7 +57,7 @@ def results_of_calls(
                 return
             yield delayed(_call)(function, arguments(), name, alone)
 
-    # max_nbytes=None: the function gets arrays of its own, not read-only maps of a file.
+    # max_nbytes=None: the function receives its own arrays, not read-only memory maps.
     parallel = Parallel(
         n_jobs=n_jobs, return_as="generator", max_nbytes=None, pre_dispatch="n_jobs"
     )
@@ -77,18 +75,18 @@ def results_of_calls(
 
 
 def _call(function: Callable[..., Any], given: tuple[Any, ...], name: str, alone: bool) -> Any:
-    """Run in the worker, with one BLAS thread; a failure comes back as a `PieceError`.
+    """Call the function in the worker, with one BLAS thread; return failures as `PieceError`.
 
-    Unless alone, the worker has one core, and what it calls must not plan for those of the others.
+    Unless `alone`, the function is limited to one core.
     """
     share = nullcontext() if alone else parallel_config(backend="sequential")
     try:
         with share, threadpool_limits(limits=1), warnings.catch_warnings():
-            # A piece that gathers small components has nothing but constants to offer.
+            # Constant features are expected on a piece of small components.
             warnings.simplefilter("ignore", ConstantFeaturesWarning)
             return function(*given)
     except Exception as failure:  # noqa: BLE001  (returned, and raised by the caller)
         error = PieceError(f"The function failed on {name}: {type(failure).__name__}: {failure}")
-        # A cause does not survive the way between processes; a note does.
+        # Unlike a note, a cause is not transferred between processes.
         error.add_note(traceback.format_exc())
         return error

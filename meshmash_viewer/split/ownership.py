@@ -1,4 +1,4 @@
-"""Which piece of a mesh gives a vertex its values: the one that it lies deepest in."""
+"""Assignment of vertices to pieces: each to the one in which it is farthest from the cut."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ from scipy import sparse
 
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.split.partition import Graph, interior_depth
-
-__all__ = ["owned_pieces"]
 
 IntArray: TypeAlias = npt.NDArray[np.int64]
 
@@ -25,14 +23,14 @@ def owned_pieces(
     ----------
     mesh : Mesh
     graph : sparse array, shape (n, n)
-        Its edges, as of `edge_graph`.
+        Its edges, see `edge_graph`.
     pieces : list of ndarray of int
         Sorted vertices of each piece.
 
     Returns
     -------
     pieces : tuple of ndarray of int
-        Those that own a vertex, with the vertices that a face of the piece uses.
+        Vertices of each piece to which a vertex is assigned, without those of no face.
     faces : list of ndarray of int, each of shape (m_i, 3)
         Indices within the piece.
     owners : ndarray of int, shape (n,)
@@ -51,7 +49,7 @@ def owned_pieces(
         depth = interior_depth(graph, piece)
         met, n_corners = np.unique(faces_at[:, piece].indices, return_counts=True)
         faces = np.searchsorted(piece, faces_of_mesh[met[n_corners == 3]])
-        # A vertex whose faces were all cut off has no place in a mesh of the others.
+        # Remove vertices of which all faces were cut off.
         used = np.zeros(len(piece), dtype=np.bool_)
         used[faces] = True
         renumbered = np.cumsum(used) - 1
@@ -60,7 +58,7 @@ def owned_pieces(
         piece_of[piece[better]] = number
         deepest[piece[better]] = depth[better]
         kept.append((piece, faces))
-    # A piece that is nowhere the deepest would be worked on for nothing.
+    # Leave out pieces without assigned vertices.
     numbers, owners = np.unique(piece_of, return_inverse=True)
     if numbers[0] < 0:
         numbers, owners = numbers[1:], owners - 1

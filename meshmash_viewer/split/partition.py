@@ -1,11 +1,11 @@
-"""Cut the graph of a mesh into overlapping pieces of bounded size, along its geodesics.
+"""Division of the graph of a mesh into overlapping pieces of bounded size, along geodesics.
 
-Every vertex is in the core of exactly one piece. A piece is its core and all that lies within a
-given distance of it, so that what is computed on a piece is undisturbed by the cut over its core.
+Every vertex is in the core of exactly one piece. A piece consists of its core and all vertices
+within a given distance of it, so that results on the core are not affected by the cut.
 
-Large components are first condensed into small cells (nearest seed by edge distance), then
-halved again and again: with two far ends a and b, a vertex goes to a's half if d_a − d_b is small.
-Both halves are connected, because such a set holds the shortest path from a to each of its members.
+Large components are first condensed into small cells (nearest seed by edge distance), then bisected
+recursively: with two distant ends a and b, a vertex belongs to the half of a if d_a − d_b is small.
+Both halves are connected, because such a set contains the shortest path from a to each member.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ Graph: TypeAlias = "sparse.csr_array[Any]"
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
 
-#: Cells to a piece. More follow the geodesics more closely, fewer are halved faster.
+#: Number of cells in a piece. More follow geodesics more closely, fewer are bisected faster.
 _CELLS_PER_PIECE = 64
-#: Cores that are widened to see how large cores may be.
+#: Number of cores that are widened to estimate the maximum size of cores.
 _SAMPLES = 8
-#: A core is not halved below this share of a piece for the sake of the overlap: where the mesh is
-#: so dense that the overlap alone fills the piece, the overlap becomes narrower instead.
+#: Smallest share of a piece to which cores are bisected to make room for the overlap. Where the
+#: mesh is so dense that the overlap alone fills the piece, the overlap is narrower instead.
 _SMALLEST_CORE = 0.25
 
 
 def edge_graph(mesh: Mesh) -> Graph:
-    """Symmetric graph of edge lengths, shape (n, n), in the unit of `mesh`.
+    """Build the symmetric graph of edge lengths, shape (n, n), in the unit of `mesh`.
 
-    Coincident vertices are a tiny positive length apart, because a stored zero is no edge.
+    Edges of zero length have a tiny positive one, because a stored zero is not an edge.
     """
     faces = mesh.faces[mesh.distinct_corners]
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     edges.sort(axis=1)
-    # Sorted and freed of repetitions by hand: np.unique takes ten times as long here.
+    # Equivalent to np.unique, which takes ten times as long here.
     keys = np.sort(edges[:, 0] * mesh.n_vertices + edges[:, 1])
     a, b = np.divmod(keys[np.diff(keys, prepend=-1) > 0], mesh.n_vertices)
     lengths = np.linalg.norm(mesh.vertices[a] - mesh.vertices[b], axis=1)
@@ -51,9 +51,9 @@ def edge_graph(mesh: Mesh) -> Graph:
 
 
 def interior_depth(graph: Graph, members: IntArray) -> FloatArray:
-    """Distance of each member from the members that have a neighbour outside, shape (members,).
+    """Compute the distance of each member from those with a neighbour outside, (members,).
 
-    Measured along edges inside the set; infinite where nothing was cut off.
+    It is measured along edges inside the set, and infinite if nothing was cut off.
     """
     degrees = np.diff(graph.indptr)
     inner = _subgraph(graph, members)
@@ -71,20 +71,20 @@ def overlapping_pieces(
     Parameters
     ----------
     labels : ndarray of int, shape (n,)
-        Connected component of each vertex, -1 for those that belong to no piece.
+        Connected component of each vertex, -1 for those in no piece.
     width : float
-        How far a piece reaches beyond its core, in the unit of the graph; less where the piece
-        would be too large for it, but always at least all neighbours of the core.
+        Width of the overlap, in the unit of the graph. It is reduced where the piece would be too
+        large, but always contains all neighbours of the core.
 
     Returns
     -------
     list of ndarray of int
-        Sorted vertices of each piece. Components that fit are whole, and grouped to fill pieces.
+        Sorted vertices of each piece. Components that fit are not cut; small ones share a piece.
 
     Raises
     ------
     InputError
-        If a vertex and its neighbours alone are more than `max_size`.
+        If a vertex has too many neighbours for `max_size`.
     """
     degrees = np.diff(graph.indptr)
     if degrees.max(initial=0) + 1 > max_size:
@@ -103,20 +103,20 @@ def overlapping_pieces(
 def widened_cores(
     graph: Graph, labels: IntArray, core_size: int, width: float, most: int | None = None
 ) -> list[IntArray]:
-    """Cut a graph into cores of at most `core_size` vertices, and widen each by all of `width`.
+    """Cut a graph into cores of at most `core_size` vertices, and widen each by `width`.
 
     Parameters
     ----------
     graph, labels, width
-        As of `overlapping_pieces`, but a piece may have any size.
+        See `overlapping_pieces`; the size of a piece is not limited.
     most : int, optional
-        Vertices that a core is widened by at most, the nearest ones; its neighbours are always
-        among them.
+        Maximum number of vertices added to a core, the nearest ones; its neighbours are always
+        included.
 
     Returns
     -------
     list of ndarray of int
-        Sorted vertices of each piece. Components that fit are whole, and grouped to fill pieces.
+        Sorted vertices of each piece. Components that fit are not cut; small ones share a piece.
     """
     small, large = _components(labels, core_size)
     pieces = _grouped(small, core_size)
@@ -140,7 +140,7 @@ def widened_cores(
 
 
 def _components(labels: IntArray, size: int) -> tuple[list[IntArray], list[IntArray]]:
-    """Vertices of each component with at most `size` of them, and of each other one."""
+    """Return the vertices of each component with at most `size` of them, and of the others."""
     sizes = np.bincount(labels[labels >= 0])
     order = np.argsort(labels, kind="stable")[np.count_nonzero(labels < 0) :]
     components = np.split(order, np.cumsum(sizes)[:-1]) if len(sizes) else []
@@ -148,7 +148,7 @@ def _components(labels: IntArray, size: int) -> tuple[list[IntArray], list[IntAr
 
 
 def _grouped(components: list[IntArray], max_size: int) -> list[IntArray]:
-    """Fill pieces with whole components, the largest first, each into the first with room."""
+    """Group whole components into pieces, the largest first, each into the first that fits."""
     groups: list[list[IntArray]] = []
     room: list[int] = []
     for component in sorted(components, key=len, reverse=True):
@@ -163,10 +163,10 @@ def _grouped(components: list[IntArray], max_size: int) -> list[IntArray]:
 
 
 def _cut(graph: Graph, component: IntArray, max_size: int, width: float) -> list[IntArray]:
-    """Cut one connected component that is too large."""
+    """Cut a connected component that is too large."""
     local = _subgraph(graph, component)
     cells = _Cells(local, _CELLS_PER_PIECE * len(component) // max_size)
-    # Cut once without regard to the overlap, see what it adds, and cut so that it fits.
+    # Cut first without overlap, measure the size with overlap, and cut again accordingly.
     trial = cells.unions(0.9 * max_size)
     sample = trial[:: max(1, len(trial) // _SAMPLES)]
     sizes = np.array(
@@ -190,10 +190,10 @@ def _halves(graph: Graph, core: IntArray) -> list[IntArray]:
 
 
 def _fitting_core(sizes: IntArray, max_size: int) -> float:
-    """Size of cores that fill a piece with their overlap, from pairs (core, with overlap).
+    """Estimate the size of cores that fill a piece with overlap, from sizes (core, with overlap).
 
-    A disc of size c has a rim of √c · constant, whatever its density: what the overlap adds to √c
-    is then the same for all sizes.
+    The rim of a disc of size c is proportional to √c, so the overlap adds the same amount to √c for
+    all sizes.
     """
     rim = np.diff(np.sqrt(sizes), axis=1)
     core = np.clip(0.96 * np.sqrt(max_size) - rim, 0.0, None) ** 2
@@ -218,7 +218,7 @@ class _Cells:
         a, b = np.repeat(np.arange(n), np.diff(graph.indptr)), graph.indices
         crossing = np.flatnonzero(cell[a] < cell[b])
         a, b = a[crossing], b[crossing]
-        # Two cells are as far apart as their seeds are over the shortest crossing.
+        # The distance of two cells is that of their seeds over the shortest crossing edge.
         length = distances[a] + graph.data[crossing] + distances[b]
         by_pair = np.lexsort((length, cell[b], cell[a]))
         keys = (cell[a] * n_cells + cell[b])[by_pair]
@@ -231,7 +231,7 @@ class _Cells:
         self.weights = np.bincount(cell, minlength=n_cells).astype(np.float64)
 
     def unions(self, size: float) -> list[IntArray]:
-        """Sorted vertices of connected unions of cells, each of about `size` or less."""
+        """Return sorted vertices of connected unions of cells, each of about `size` or less."""
         unions, waiting = [], [np.arange(len(self.weights))]
         while waiting:
             members = waiting.pop()
@@ -251,10 +251,10 @@ class _Cells:
 
 
 def _parted(graph: Graph, members: IntArray, weights: FloatArray, share: float) -> list[IntArray]:
-    """Split `members`, whose graph this is, in two; the first has about `share` of the weight."""
+    """Split the members of a graph in two; the first part has about `share` of the weight."""
     n_parts, part = connected_components(graph, directed=False)
     if n_parts > 1:
-        # Ties may leave crumbs; they are cut off rather than carried along.
+        # Ties may create disconnected fragments, which are split off.
         largest = np.bincount(part).argmax()
         return [members[part == largest], members[part != largest]]
     a = _distances(graph, [0]).argmax()
@@ -268,7 +268,7 @@ def _parted(graph: Graph, members: IntArray, weights: FloatArray, share: float) 
 
 
 def _widened(graph: Graph, core: IntArray, max_size: int, width: float) -> IntArray | None:
-    """The core and what is within `width` of it; None where the core has to be cut first."""
+    """Return the core and vertices within `width`; None if the core has to be cut first."""
     distances = _reached(graph, core, width)
     reached = np.flatnonzero(np.isfinite(distances))
     if len(reached) <= max_size:
@@ -281,9 +281,9 @@ def _widened(graph: Graph, core: IntArray, max_size: int, width: float) -> IntAr
 
 
 def _reached(graph: Graph, core: IntArray, width: float) -> FloatArray:
-    """Distance of every vertex from a core, infinite beyond `width`, but 0 for its neighbours.
+    """Compute the distance of every vertex from a core, infinite beyond `width`.
 
-    They come first, whatever their distance: without them the core itself is cut.
+    It is 0 for neighbours of the core, which are always included: without them the core is cut.
     """
     distances = _distances(graph, core, width)
     distances[graph[core].indices] = 0.0
@@ -291,7 +291,7 @@ def _reached(graph: Graph, core: IntArray, width: float) -> FloatArray:
 
 
 def _distances(graph: Graph, sources: Any, limit: float = np.inf) -> FloatArray:
-    """Distance of every vertex from the nearest source; infinite beyond `limit`."""
+    """Compute the distance of every vertex from the nearest source; infinite beyond `limit`."""
     return np.asarray(dijkstra(graph, indices=sources, min_only=True, limit=limit), np.float64)
 
 

@@ -1,8 +1,8 @@
 """Split a mesh into overlapping pieces, apply a function to each in parallel, and stitch.
 
-For local quantities (heat kernel signatures at short times, curvatures) on meshes that are too
-large to be decomposed whole: on a piece the spectrum is cheap, and away from the cut the result is
-that of the whole mesh, because heat has not yet seen the cut.
+This is for local quantities (heat kernel signatures at short times, curvatures) on meshes too large
+to be decomposed as a whole. The spectrum of a piece is fast to compute, and far from the cut the
+result equals that of the whole mesh, since heat has not reached the cut.
 """
 
 from __future__ import annotations
@@ -37,26 +37,27 @@ __all__ = ["MeshStitcher", "PieceError"]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
-#: Width of the overlap by the square root of a piece's area, where it is not given.
+#: Default width of the overlap relative to the square root of the area of a piece.
 _OVERLAP = 0.15
-#: Width of the overlap by √t: what a cut so far away adds to heat is e^(-3²), 0.01 % of it, and
-#: ways along edges are up to 15 % longer than straight ones.
+#: Width of the overlap divided by √t. The effect of a cut at that distance on heat is e^(-3²), or
+#: 0.01 %; paths along edges are up to 15 % longer than straight ones.
 _REACH = 3.0
 
 
 class MeshStitcher(Sequence[Piece]):
-    """Split, apply, stitch; once split, it is the sequence of its pieces as meshes.
+    """Split a mesh, apply functions to its pieces, and stitch the results.
+
+    After `split_mesh` it is the sequence of the pieces as meshes.
 
     Parameters
     ----------
     mesh : MeshLike
         Any accepted form of a mesh.
     n_jobs : int
-        Processes to work in, as joblib counts them: -1 is one for each core, 1 is none beside
-        this one. Within ``joblib.parallel_config`` the backend named there is used, which may be
-        a cluster.
+        Number of processes as in joblib: -1 is one for each core, 1 uses this process only. Within
+        ``joblib.parallel_config`` the backend selected there is used, which may be a cluster.
     verbose : int
-        1 writes what the mesh was split into, and draws a progress bar, on stderr.
+        1 writes the number of pieces to stderr and draws a progress bar there.
 
     Attributes
     ----------
@@ -64,7 +65,7 @@ class MeshStitcher(Sequence[Piece]):
     pieces, submesh_overlap_indices : tuple of ndarray of int
         Vertices of each piece, increasing; empty before `split_mesh`.
     submesh_mapping : ndarray of int, shape (n,)
-        Piece that each vertex has its values from; -1 where it has none.
+        Piece to which each vertex is assigned; -1 for none.
     submeshes : list of Piece
         ``(vertices, faces)`` of each piece.
 
@@ -77,15 +78,15 @@ class MeshStitcher(Sequence[Piece]):
     >>> len(pieces) > 1, hks.shape
     (True, (642, 32))
 
-    Without `t_min` and `t_max` every piece would take those of its own spectrum, and a column would
-    mean another time on each of them.
+    Without `t_min` and `t_max` the times would be chosen for each piece separately, and columns
+    would differ between pieces.
     """
 
     def __init__(self, mesh: MeshLike, n_jobs: int | None = -1, verbose: int = False) -> None:
         if isinstance(n_jobs, bool):
-            raise InputError(f"n_jobs={n_jobs} is no number: give verbose by its name.")
+            raise InputError(f"n_jobs={n_jobs} is not a number: give verbose by its name.")
         if n_jobs == 0:
-            raise InputError("n_jobs=0 does no work: give 1, or -1 for all cores.")
+            raise InputError("n_jobs must not be 0: give 1, or -1 for all cores.")
         self.mesh: Mesh = as_mesh(mesh)
         self.n_jobs = n_jobs
         self.verbose = verbose
@@ -133,28 +134,28 @@ class MeshStitcher(Sequence[Piece]):
         Parameters
         ----------
         max_vertex_threshold : int, optional
-            Vertices that a piece may have. Components with no more than that stay whole, and small
-            ones share a piece. With `overlap_distance` or `t_max` the overlap comes on top of it,
-            as wide as it was asked for; otherwise it is among them. None cuts nothing.
+            Maximum number of vertices of a piece. Components with no more than that are not cut,
+            and small ones share a piece. With `overlap_distance` or `t_max` the overlap is
+            additional, with the requested width; otherwise it is included. None: no cuts.
         overlap_distance : float, optional
-            How far a piece reaches beyond its core along the edges, in unit of the mesh.
+            Width of the overlap along the edges, in unit of the mesh.
         t_max : float, optional
-            Longest diffusion time that is to be right, in squared unit: the overlap is then
-            ``3 √t_max`` and two edges wide. What a cut so far away adds to heat is less than 0.1 %
-            of it.
+            Longest diffusion time to be accurate, in squared unit: the width of the overlap is
+            ``3 √t_max`` plus two edges. The effect of the cut on heat is then less than 0.1 %.
         overlap : float, optional
-            The same relative to the size of a full piece, which is the square root of its mean
-            area; 0.15 if none of the three is given. Where vertices are so dense that it does
-            not fit, the overlap is narrower, but always holds every neighbour of the core.
+            Width relative to the square root of the mean area of a full piece; 0.15 if none of the
+            three is given. Where vertices are too dense for it, the overlap is narrower, but always
+            contains every neighbour of the core.
         min_vertex_threshold : int, optional
-            Components with fewer vertices are left out: they are in no piece.
+            Components with fewer vertices are left out.
         max_overlap_neighbors : int, optional
-            Vertices of an overlap at most, the nearest ones; with `overlap_distance` or `t_max`.
+            Maximum number of vertices of an overlap, the nearest ones; with `overlap_distance` or
+            `t_max`.
 
         Returns
         -------
         MeshStitcher
-            Itself, the sequence of the pieces.
+            This object, the sequence of the pieces.
 
         Raises
         ------
@@ -231,46 +232,45 @@ class MeshStitcher(Sequence[Piece]):
         Parameters
         ----------
         function : callable
-            Takes ``(vertices, faces)`` of a piece; may be a lambda. It runs with one BLAS thread,
-            and where pieces are worked on side by side, what it solves takes one core.
-            To be stitched, it returns a value or a row of values for each vertex: shape (n_i,)
-            or (n_i, f); or None for a piece without values.
+            Called with ``(vertices, faces)`` of a piece; may be a lambda. It runs with one BLAS
+            thread, and uses one core if pieces are computed in parallel. To be stitched, it has to
+            return a value or a row of values for each vertex, shape (n_i,) or (n_i, f), or None for
+            a piece without values.
         stitch : bool
-            Whether to return one array for the whole mesh, each vertex with the value of the
-            piece it lies deepest in (farthest from the cut along the edges), or the list of what
-            the function returned, in the order of `pieces`.
+            True: return one array for the whole mesh, each vertex with the value of the piece in
+            which it is farthest from the cut along the edges. False: return the list of results in
+            the order of `pieces`.
         fill_value : float
             Value of the vertices that are in no piece.
         done : callable, optional
-            Called with the vertices that a piece gives its values to, and these values, as soon as
-            they are there.
+            Called with the vertices assigned to a piece, and their values, when they are computed.
         progress, cancel : callable, optional
             See `meshmash_viewer.progress`; called between pieces.
         **arguments
-            Of the function, after the piece: ``apply(mv.compute_hks, t_min=…, t_max=…)``.
+            Further arguments of the function: ``apply(mv.compute_hks, t_min=…, t_max=…)``.
 
         Returns
         -------
         ndarray, shape (n,) or (n, f), or list
-            Unreferenced vertices are in no piece: they have `fill_value`, and integer results
-            become floating-point where there are any and it is NaN.
+            Unreferenced vertices are in no piece and have `fill_value`; if that is NaN, integer
+            results become floating-point.
 
         Raises
         ------
         PieceError
-            If the function fails on a piece; the message says on which.
+            If the function fails on a piece, which the message names.
         InputError
-            If what it returned cannot be stitched.
+            If the results cannot be stitched.
         Cancelled
             If `cancel` returned True.
 
         Notes
         -----
-        Splits where `split_mesh` has not been called, with an overlap that follows `t_max` if
-        that is among the arguments.
+        If `split_mesh` has not been called, it is called with `t_max` if that is among the
+        arguments.
 
         With ``drop_first=True`` the functions of `meshmash_viewer.decompose` leave out the first
-        pair of the whole mesh, not that of the piece, which is larger there by the ratio of their
+        pair of the whole mesh, not that of the piece, whose square is larger by the ratio of their
         areas. Their filter is then called with the eigenvalue zero too.
         """
         if not isinstance(stitch, bool):
@@ -301,7 +301,7 @@ class MeshStitcher(Sequence[Piece]):
         Parameters
         ----------
         function : callable
-            Takes ``(vertices, faces)`` of a piece, and the rows.
+            Called with ``(vertices, faces)`` of a piece, and the rows.
         features : array_like, shape (n,) or (n, f)
             A value or a row for each vertex of the mesh.
         stitch, fill_value, progress, cancel, **arguments
@@ -310,13 +310,13 @@ class MeshStitcher(Sequence[Piece]):
         Raises
         ------
         InputError
-            If there is not a row for each vertex.
+            If the number of rows differs from that of the vertices.
         """
         rows = np.asarray(features)
         if rows.ndim == 0 or len(rows) != self.mesh.n_vertices:
             raise InputError(
-                f"Features of shape {rows.shape} are not of {self.mesh.n_vertices:,} vertices: give"
-                " a row for each."
+                f"Features of shape {rows.shape} do not match {self.mesh.n_vertices:,} vertices:"
+                " give a row for each."
             )
         if not self.pieces:
             self.split_mesh()
@@ -336,7 +336,7 @@ class MeshStitcher(Sequence[Piece]):
         cancel: CancelCallback | None = None,
         **arguments: Any,
     ) -> npt.NDArray[Any]:
-        """Call a function on those pieces only that give some vertices their values; see `apply`.
+        """Call a function only on the pieces to which some vertices are assigned; see `apply`.
 
         Parameters
         ----------
@@ -345,9 +345,9 @@ class MeshStitcher(Sequence[Piece]):
         indices : array_like of int
             The vertices.
         reindex : bool
-            Whether to return the rows of these vertices, or one for each vertex of the mesh.
+            Whether to return rows for these vertices only, not for all vertices of the mesh.
         fill_value : float
-            Value of vertices whose piece was not worked on.
+            Value of vertices whose piece was not computed.
         progress, cancel, **arguments
             See `apply`.
 
@@ -356,13 +356,13 @@ class MeshStitcher(Sequence[Piece]):
         InputError
             If a vertex does not exist, or all are in no piece.
         """
-        wanted = np.atleast_1d(np.asarray(indices))
+        vertices = np.atleast_1d(np.asarray(indices))
         n = self.mesh.n_vertices
-        if wanted.dtype.kind not in "iu" or not ((wanted >= 0) & (wanted < n)).all():
+        if vertices.dtype.kind not in "iu" or not ((vertices >= 0) & (vertices < n)).all():
             raise InputError(f"indices are of vertices: give whole numbers from 0 to {n - 1}.")
         if not self.pieces:
             self.split_mesh(t_max=arguments.get("t_max"))
-        numbers = np.unique(self.submesh_mapping[wanted])
+        numbers = np.unique(self.submesh_mapping[vertices])
         calls = [(int(number), ()) for number in numbers if number >= 0]
         if not calls:
             raise InputError(
@@ -374,7 +374,7 @@ class MeshStitcher(Sequence[Piece]):
         for (number, _), result in zip(calls, found, strict=True):
             results[number] = result
         values = self.stitch_features(results, fill_value)
-        return values[wanted] if reindex else values
+        return values[vertices] if reindex else values
 
     def _bar(self, progress: ProgressCallback | None) -> Any:
         return ProgressBar("pieces", progress) if self.verbose else nullcontext(progress)
@@ -387,7 +387,7 @@ class MeshStitcher(Sequence[Piece]):
         progress: ProgressCallback | None,
         cancel: CancelCallback | None,
     ) -> list[Any]:
-        """Results of calls, each a number of a piece and what the function gets with it."""
+        """Return the results of calls, given by index of the piece and further arguments."""
         named = [(self._name(number), partial(self._given, number, more)) for number, more in calls]
         results: list[Any] = []
         began = time.monotonic()
@@ -409,7 +409,7 @@ class MeshStitcher(Sequence[Piece]):
         return (self.piece_mesh(number), *more)
 
     def _name(self, number: int) -> str:
-        """What a piece is called in a message."""
+        """Return the name of a piece in messages."""
         piece = self.pieces[number]
         return (
             f"piece {number + 1} of {len(self)} ({len(piece)} vertices, the first is vertex"
@@ -419,14 +419,14 @@ class MeshStitcher(Sequence[Piece]):
     def stitch_features(
         self, features_by_submesh: Sequence[Any], fill_value: float = np.nan
     ) -> npt.NDArray[Any]:
-        """Put together what `apply` returned with ``stitch=False``.
+        """Combine the results of `apply` with ``stitch=False``.
 
         Parameters
         ----------
         features_by_submesh : sequence of array_like, each of shape (n_i,) or (n_i, f), or None
-            One for each piece, in the order of `pieces`; None for one without values.
+            Results for each piece, in the order of `pieces`; None for one without values.
         fill_value : float
-            Value of the vertices that have none.
+            Value of vertices without one.
 
         Returns
         -------
@@ -435,31 +435,30 @@ class MeshStitcher(Sequence[Piece]):
         Raises
         ------
         InputError
-            If there is not one for each piece, or they do not go together.
+            If their number differs from that of the pieces, or shapes do not agree.
         """
         return stitched(features_by_submesh, self.pieces, self.submesh_mapping, fill_value)
 
     def seams(self, results: Sequence[Any]) -> FloatArray:
-        """How far neighbouring pieces differ where the one takes over from the other.
+        """Compute the differences between neighbouring pieces along their seams.
 
         Parameters
         ----------
         results : sequence of ndarray, each of shape (n_i, f)
-            What `apply` returned with ``stitch=False``.
+            Results of `apply` with ``stitch=False``.
 
         Returns
         -------
         ndarray of float64, shape (s, f)
-            At each vertex next to a seam that two pieces hold, the difference of their values,
-            over the larger of the two. Without seams, as where each piece is a component of its
-            own, shape (0, f).
+            Relative difference of the values of two pieces at each vertex next to a seam that both
+            contain. Without seams the shape is (0, f).
         """
         graph = edge_graph(self.mesh)
         return seam_differences(results, self.pieces, self.submesh_mapping, graph)
 
 
 def _check_width(**widths: float | None) -> None:
-    """Complain of more than one width of the overlap, or of one that is none."""
+    """Raise `InputError` for more than one width of the overlap, or an invalid one."""
     given = {name: width for name, width in widths.items() if width is not None}
     if len(given) > 1:
         raise InputError(f"{' and '.join(given)} are given: give only one of them.")

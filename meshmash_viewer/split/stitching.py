@@ -1,4 +1,4 @@
-"""Values of pieces put together, and how far those of neighbouring pieces differ."""
+"""Stitching of the values of pieces, and differences between neighbouring pieces."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.split.partition import Graph
 from meshmash_viewer.units import counted
 
-__all__ = ["seam_differences", "stitched"]
-
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
 
@@ -21,18 +19,18 @@ IntArray: TypeAlias = npt.NDArray[np.int64]
 def stitched(
     results: Sequence[Any], pieces: Sequence[IntArray], owners: IntArray, fill_value: float
 ) -> npt.NDArray[Any]:
-    """Take for each vertex the value of the piece that owns it.
+    """Combine the values of pieces, for each vertex that of its piece.
 
     Parameters
     ----------
     results : sequence of array_like, each of shape (n_i,) or (n_i, f), or None
-        One for each piece; None for one without values.
+        Values of each piece; None for one without values.
     pieces : sequence of ndarray of int
         Vertices of each piece.
     owners : ndarray of int, shape (n,)
         Piece of each vertex, -1 for none.
     fill_value : float
-        Value of the vertices that have none.
+        Value of vertices without one.
 
     Returns
     -------
@@ -41,12 +39,12 @@ def stitched(
     Raises
     ------
     InputError
-        If there is not one for each piece, or they do not go together.
+        If their number differs from that of the pieces, or shapes do not agree.
     """
     if len(results) != len(pieces):
         raise InputError(
-            f"{len(results)} results are not of {counted(len(pieces), 'piece')}: give one for each,"
-            " None where there is none."
+            f"{len(results)} results do not match {counted(len(pieces), 'piece')}: give one for"
+            " each, None for pieces without values."
         )
     arrays = [None if each is None else np.asarray(each) for each in results]
     present = [array for array in arrays if array is not None]
@@ -59,7 +57,7 @@ def stitched(
     dtype = np.result_type(*present)
     if not known.all():
         fill = np.min_scalar_type(fill_value)
-        # a fill is no reason for a narrow float
+        # a floating-point fill value makes integers float64
         widened = dtype.kind in "biu" and fill.kind == "f"
         dtype = np.dtype(np.float64) if widened else np.result_type(dtype, fill)
     shape = (len(owners), *present[0].shape[1:])
@@ -72,7 +70,7 @@ def stitched(
 
 
 def _check(array: npt.NDArray[Any], first: npt.NDArray[Any], size: int, name: str) -> None:
-    """Complain of a result that does not go with its piece, or with the first result."""
+    """Raise `InputError` for a result that does not match its piece or the first result."""
     if array.ndim not in (1, 2) or len(array) != size:
         raise InputError(
             f"The function returned shape {array.shape} for {name}: to stitch, return shape"
@@ -93,25 +91,24 @@ def _check(array: npt.NDArray[Any], first: npt.NDArray[Any], size: int, name: st
 def seam_differences(
     results: Sequence[Any], pieces: Sequence[IntArray], owners: IntArray, graph: Graph
 ) -> FloatArray:
-    """Compare the values of two pieces where the one takes over from the other.
+    """Compute the differences between neighbouring pieces along their seams.
 
     Parameters
     ----------
     results, pieces, owners
-        As of `stitched`.
+        See `stitched`.
     graph : sparse array, shape (n, n)
         With an entry for each edge of the mesh.
 
     Returns
     -------
     ndarray of float64, shape (s, f)
-        At each vertex next to a seam that two pieces hold, the difference of their values, over
-        the larger of the two. Without seams, as where each piece is a component of its own,
-        shape (0, f).
+        Relative difference of the values of two pieces at each vertex next to a seam that both
+        contain. Without seams the shape is (0, f).
     """
     first, second = graph.tocoo().coords
     across = (owners[first] != owners[second]) & (owners[first] >= 0) & (owners[second] >= 0)
-    # each vertex next to a seam, its own piece and that of its neighbour
+    # each vertex next to a seam, its piece and that of its neighbour
     sides = np.unique(
         np.stack([first[across], owners[first[across]], owners[second[across]]], axis=1), axis=0
     )

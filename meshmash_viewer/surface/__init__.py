@@ -1,1 +1,1 @@
-"""Geometry of a surface that the view needs, without VTK."""
+"""Geometry of surfaces, without VTK."""

@@ -1,4 +1,4 @@
-"""Coarse stand-ins of a mesh, made of some of its own vertices."""
+"""Coarse meshes made of some of the vertices of a mesh, for fast rendering."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ IntArray = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class CoarseMesh:
-    """Faces between representatives, so that a field on the mesh is only picked, not computed.
+    """Faces between some vertices of a mesh, so that fields are indexed rather than computed.
 
     Each of `representatives` is a vertex of the full mesh; `faces` are indices into them.
     """
@@ -26,9 +26,9 @@ def cluster_vertices(
 ) -> CoarseMesh:
     """Merge the vertices that share a cell of a regular grid (Rossignac & Borrel 1993).
 
-    Each cell is represented by its vertex nearest to the cell's mean, in rising order; faces that
-    no longer span three cells go, and so do copies. Time is that of two sorts of the vertices
-    and one of the faces left. `count` is about how many cells the surface should meet.
+    Each cell is represented by its vertex nearest to the mean of the cell, in ascending order;
+    faces that do not span three cells are removed, and so are copies. It takes the time of two
+    sorts of the vertices and one of the remaining faces. `count` is the approximate cell count.
     """
     a, b, c = faces.T
     faces = faces[(a != b) & (b != c) & (c != a)]
@@ -38,7 +38,7 @@ def cluster_vertices(
     points = vertices[members].astype(np.float64)
     points -= points.min(axis=0)
     size = float(points.max()) or 1.0
-    # Cells met by a surface grow with its area over the cell's: one trial gives the constant.
+    # The number of cells is proportional to area over cell area: one trial gives the constant.
     cells_per_side = max(2.0, np.sqrt(count / 4.0))
     for _ in range(3):
         met = len(np.unique(_keys(points[:: max(1, len(points) // 200_000)], size, cells_per_side)))
@@ -48,31 +48,30 @@ def cluster_vertices(
     sums = np.stack([np.bincount(cluster, points[:, axis]) for axis in range(3)], axis=1)
     points -= (sums / sizes[:, None])[cluster]
     nearest_first = np.lexsort((np.einsum("ij,ij->i", points, points), cluster))
-    # Rising order of representatives keeps picking a field's values kind to the memory.
+    # Ascending order of representatives makes indexing a field fast.
     chosen, rank = np.unique(members[nearest_first[np.cumsum(sizes) - sizes]], return_inverse=True)
     coarse_of = np.full(len(vertices), -1, dtype=np.int64)
     coarse_of[members] = rank[cluster]
     corners = coarse_of[faces]
     a, b, c = corners.T
     corners = corners[(a != b) & (b != c) & (c != a)]
-    # Turn each face so that its smallest corner leads: copies are then equal rows.
-    turn = np.argmin(corners, axis=1)
+    # Rotate each face so that its smallest corner is first: copies are then equal rows.
+    first = np.argmin(corners, axis=1)
     row = np.arange(len(corners))[:, None]
-    corners = corners[row, (turn[:, None] + np.arange(3)) % 3]
-    # One integer of each, which three indices below two million fit into.
+    corners = corners[row, (first[:, None] + np.arange(3)) % 3]
+    # One integer for each face, sufficient for three indices below two million.
     keys = corners @ np.array([len(chosen) ** 2, len(chosen), 1], dtype=np.int64)
     return CoarseMesh(chosen, corners[np.unique(keys, return_index=True)[1]])
 
 
 def scatter(faces: npt.NDArray[np.integer], count: int) -> CoarseMesh:
-    """Vertices from all over the mesh, to be drawn as dots: at once, where clusters take a second.
+    """Sample at most `count` vertices of the mesh to draw as dots, faster than clustering.
 
-    At most `count`, one of each of so many faces; those of what is returned mean nothing, but
-    that each vertex is in one.
+    Each is a corner of another face. The faces of the result are arbitrary, each vertex in one.
     """
     count = min(count, len(faces)) // 3 * 3
-    # One of each stretch, at random: every n-th may be the same corner of a subdivided mesh, and
-    # whole regions be left without.
+    # One at random in each interval of faces: with regular steps whole regions of a subdivided mesh
+    # could be missed.
     places = np.random.default_rng(0).random(count) + np.arange(count)
     rows = (places * (len(faces) / max(count, 1))).astype(np.int64)
     corners = faces[np.minimum(rows, len(faces) - 1), 0].astype(np.int64)
@@ -80,7 +79,7 @@ def scatter(faces: npt.NDArray[np.integer], count: int) -> CoarseMesh:
 
 
 def _keys(points: npt.NDArray[np.float64], size: float, per_side: float) -> IntArray:
-    """The number of each point's cell."""
+    """Return the cell index of each point."""
     cells = np.minimum((points * (per_side / size)).astype(np.int64), int(per_side))
     side = int(per_side) + 1
     return np.asarray((cells[:, 0] * side + cells[:, 1]) * side + cells[:, 2])

@@ -20,7 +20,7 @@ __all__ = [
     "mixed_areas",
 ]
 
-#: Of the sentence, among what is derived from the mesh.
+#: Key of the sentence in `Mesh.derived`.
 DIRECTION_FAULT = "fault of directions"
 
 
@@ -29,19 +29,19 @@ def mean_curvature(mesh: MeshLike) -> FloatArray:
 
     ``H = ½ (L x) · n / A`` with the cotangent Laplacian L of the coordinates x, the vertex normal
     n and the mixed area A of Meyer et al. [1]_: positive where the surface bulges towards the side
-    that its faces turn counter-clockwise to, 1/r on a sphere of radius r.
+    from which its faces are counter-clockwise, 1/r on a sphere of radius r.
 
     Parameters
     ----------
     mesh : MeshLike
-        Its faces should agree on which side is outside: the sign follows them, and next to an edge
-        where they do not agree the vertex normal, and the curvature with it, is wrong.
+        Its faces should agree on which side is outside. They determine the sign, and next to an
+        edge where they do not agree the vertex normal and the curvature are wrong.
 
     Returns
     -------
     ndarray of float64, shape (n,)
-        In inverse units of length. NaN on the boundary, where the surface has no other side to
-        bend away from, and at vertices without faces. Faces without area do not count.
+        In inverse units of length. NaN on the boundary and at vertices without faces. Faces without
+        area are ignored.
 
     Warns
     -----
@@ -71,7 +71,7 @@ def mean_curvature(mesh: MeshLike) -> FloatArray:
     corners = _Corners(mesh)
     bend = np.zeros((mesh.n_vertices, 3))
     for corner in range(3):
-        # the cotangent of an angle weighs the edge opposite to it
+        # the cotangent of an angle is the weight of the opposite edge
         first, second = (corner + 1) % 3, (corner + 2) % 3
         pull = (0.5 * corners.cotangents[:, corner])[:, None] * corners.edge(first, second)
         for axis in range(3):
@@ -82,7 +82,7 @@ def mean_curvature(mesh: MeshLike) -> FloatArray:
 
 
 def direction_fault(mesh: Mesh) -> str:
-    """Sentence on faces that do not agree on which side is outside; empty where all do."""
+    """Describe faces that do not agree on which side is outside; empty if all do."""
     if DIRECTION_FAULT not in mesh.derived:
         mesh.derived[DIRECTION_FAULT] = _direction_fault(mesh)
     return str(mesh.derived[DIRECTION_FAULT])
@@ -112,10 +112,6 @@ def gaussian_curvature(mesh: MeshLike) -> FloatArray:
     `mean_curvature`: 1/r² on a sphere of radius r, negative on a saddle. Over a closed surface
     ``Σ K A`` is exactly 2π times its Euler characteristic.
 
-    Parameters
-    ----------
-    mesh : MeshLike
-
     Returns
     -------
     ndarray of float64, shape (n,)
@@ -143,19 +139,14 @@ def gaussian_curvature(mesh: MeshLike) -> FloatArray:
 def mixed_areas(mesh: MeshLike) -> FloatArray:
     """Compute the mixed area of each vertex [1]_, by which the curvatures divide.
 
-    Of a face without an obtuse angle each vertex has the part that is nearer to it than to the two
-    others; of an obtuse one the vertex at the obtuse angle has a half, the others a quarter each.
-    (`compute_vertex_areas` gives each a third of every face.)
-
-    Parameters
-    ----------
-    mesh : MeshLike
+    A face without an obtuse angle is divided between its vertices by the nearest one. Of an obtuse
+    face the vertex at the obtuse angle has a half, the others a quarter each.
+    (`compute_vertex_areas` assigns a third of every face to each.)
 
     Returns
     -------
     ndarray of float64, shape (n,)
-        In squared unit of the mesh; their sum is the area of the mesh. 0 at vertices without faces;
-        faces without area do not count.
+        In squared unit of the mesh; their sum is the area of the mesh. 0 at vertices without faces.
 
     Raises
     ------
@@ -184,7 +175,7 @@ class _Corners:
         self.faces = mesh.faces[~mesh.degenerate_faces]
         self._places = [mesh.vertices[self.faces[:, corner]] for corner in range(3)]
         self._doubled = np.linalg.norm(np.cross(self.edge(0, 1), self.edge(0, 2)), axis=1)
-        # between the two edges that leave a corner
+        # of the angle between the two edges at a corner
         self.cotangents = np.column_stack(
             [
                 np.einsum("ij,ij->i", self.edge(a, (a + 1) % 3), self.edge(a, (a + 2) % 3))
@@ -194,17 +185,17 @@ class _Corners:
         )
 
     def edge(self, start: int, end: int) -> FloatArray:
-        """From one corner of each face to another, shape (m, 3)."""
+        """Return the vectors from one corner of each face to another, shape (m, 3)."""
         return np.asarray(self._places[end] - self._places[start])
 
     def inside(self, totals: FloatArray) -> FloatArray:
-        """Totals over the mixed area of each vertex; NaN on the boundary."""
+        """Divide totals by the mixed area of each vertex; NaN on the boundary."""
         areas = self.mixed_areas()
         open_ends = self._on_boundary() | (areas <= 0.0)
         return np.where(open_ends, np.nan, totals / np.where(open_ends, 1.0, areas))
 
     def mixed_areas(self) -> FloatArray:
-        """The part of the faces nearest to each vertex; of obtuse ones a half and two quarters."""
+        """Compute the area of faces nearest to each vertex; ½, ¼ and ¼ for obtuse faces."""
         obtuse = self.cotangents < 0.0
         shares = np.empty_like(self.cotangents)
         for corner in range(3):
@@ -220,7 +211,7 @@ class _Corners:
         return np.asarray(total, dtype=np.float64)
 
     def _on_boundary(self) -> npt.NDArray[np.bool_]:
-        """Vertices of edges that only one face has."""
+        """Find vertices of edges with one face only."""
         n = self._mesh.n_vertices
         edges = edges_of(side_codes(self.faces, n))
         single = edges.keys[edges.counts == 1]

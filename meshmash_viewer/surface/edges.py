@@ -1,4 +1,4 @@
-"""Edges of triangles: how many faces each has, and in which direction these go along it."""
+"""Edges of triangles: number and direction of their faces."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class Edges:
     counts : ndarray of int64, shape (e,)
         Number of faces of each.
     one_way : ndarray of bool, shape (e,)
-        Whether an edge has two faces that go along it in the same direction: one of them looks
-        to the other side of the surface.
+        Whether an edge has two faces that traverse it in the same direction, so that one of them is
+        reversed.
     """
 
     keys: IntArray
@@ -32,16 +32,16 @@ class Edges:
 
 @dataclass(frozen=True, eq=False)
 class Winding:
-    """How far the faces of a mesh agree on which side is outside.
+    """Agreement of the faces of a mesh on which side is outside.
 
     Parameters
     ----------
     disagreeing_edges : int
-        Edges of two faces that go along it in the same direction; a face that repeats an earlier
-        one does not count.
+        Number of edges of two faces that traverse it in the same direction; duplicate faces are
+        ignored.
     reversed_faces : ndarray of bool, shape (m,)
-        The faces to turn so that neighbours agree. Of a closed part those that then look inwards,
-        of an open one those with the smaller area; none of a part that has one side only.
+        The faces to reverse so that neighbours agree and closed parts face outwards. In an open
+        part these are the ones with the smaller area, in a one-sided part none.
     """
 
     disagreeing_edges: int
@@ -49,9 +49,9 @@ class Winding:
 
 
 def side_codes(faces: IntArray, n: int) -> IntArray:
-    """Twice the key of the edge of each side 01, 12 and 20, plus its direction, shape (3m,).
+    """Encode the sides 01, 12 and 20: twice the key of the edge, plus the direction, (3m,).
 
-    One integer an edge sorts several times faster than pairs; it cannot overflow below 2e9.
+    One integer for each sorts several times faster than pairs; it cannot overflow below 2e9.
     """
     tail, tip = faces.ravel(), faces[:, [1, 2, 0]].ravel()
     low, high = np.minimum(tail, tip), np.maximum(tail, tip)
@@ -59,7 +59,7 @@ def side_codes(faces: IntArray, n: int) -> IntArray:
 
 
 def edges_of(codes: IntArray) -> Edges:
-    """The edges of faces, by their `side_codes`."""
+    """Find the edges of faces from their `side_codes`."""
     ordered = np.sort(codes)
     keys = ordered >> 1
     starts = np.flatnonzero(np.diff(keys, prepend=-1))
@@ -70,18 +70,18 @@ def edges_of(codes: IntArray) -> Edges:
 
 
 def duplicates(faces: IntArray) -> npt.NDArray[np.bool_]:
-    """Which faces join the same three vertices as an earlier one, shape (m,)."""
+    """Find faces with the same three vertices as an earlier one, shape (m,)."""
     return np.asarray(first_equal(np.sort(faces, axis=1)) != np.arange(len(faces)))
 
 
 def winding_of(mesh: Mesh, edges: Edges | None = None) -> Winding:
-    """Find the faces that look to another side than their neighbours.
+    """Find the faces whose direction differs from that of their neighbours.
 
     Parameters
     ----------
     mesh : Mesh
     edges : Edges, optional
-        Those of the faces with three different corners, where they are known.
+        Edges of the faces with three different corners, if known.
     """
     n, none = mesh.n_vertices, np.zeros(mesh.n_faces, dtype=np.bool_)
     at = np.flatnonzero(mesh.distinct_corners)
@@ -100,7 +100,7 @@ def winding_of(mesh: Mesh, edges: Edges | None = None) -> Winding:
 
 
 def _reversed(vertices: FloatArray, faces: IntArray, areas: FloatArray) -> npt.NDArray[np.bool_]:
-    """Which faces to turn, shape (m,)."""
+    """Find the faces to reverse, shape (m,)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -113,17 +113,17 @@ def _reversed(vertices: FloatArray, faces: IntArray, areas: FloatArray) -> npt.N
     sides = order[starts[two]], order[starts[two] + 1]
     first, second = sides[0] // 3, sides[1] // 3
     against = codes[sides[0]] == codes[sides[1]]
-    # Each face is there twice, as it is and turned: neighbours that agree are joined as they are,
-    # others one to the turned other. A part with two sides falls into two copies.
+    # The graph has each face twice, as it is and reversed. Neighbours that agree are connected as
+    # they are, others with the reversed one. A two-sided part then has two components.
     rows = np.concatenate([first, first + m])
     columns = np.concatenate([second + m * against, second + m * ~against])
     graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(2 * m, 2 * m))
     _, labels = connected_components(graph, directed=False)
-    as_is, turned = labels[:m], labels[m:]
-    part = np.unique(np.minimum(as_is, turned), return_inverse=True)[1]
-    side = as_is > turned
+    as_is, reversed_ = labels[:m], labels[m:]
+    part = np.unique(np.minimum(as_is, reversed_), return_inverse=True)[1]
+    side = as_is > reversed_
     n_parts = int(part.max()) + 1
-    two_sided = np.bincount(part, as_is == turned, n_parts) == 0
+    two_sided = np.bincount(part, as_is == reversed_, n_parts) == 0
     size = np.bincount(part, None, n_parts)
     held = np.bincount(part, side, n_parts)
     mixed = two_sided & (held > 0) & (held < size)
@@ -131,7 +131,7 @@ def _reversed(vertices: FloatArray, faces: IntArray, areas: FloatArray) -> npt.N
     is_open = np.bincount(part[open_ends], None, n_parts) > 0
     larger = 2.0 * np.bincount(part, areas * side, n_parts) > np.bincount(part, areas, n_parts)
     inward = _volumes(vertices, faces, side, part, n_parts) < 0.0
-    # whether it is the faces of the second copy that stay
+    # whether the faces of the second copy are kept
     stays = np.where(is_open, larger, inward)
     return np.asarray(mixed[part] & (side != stays[part]))
 
@@ -143,9 +143,9 @@ def _volumes(
     part: IntArray,
     n_parts: int,
 ) -> FloatArray:
-    """Six times the volume that each part encloses, with the faces of the second copy turned."""
+    """Compute six times the volume of each part, with the faces of the second copy reversed."""
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    a = a - vertices[faces[0, 0]]  # differences keep their digits far from the origin
+    a = a - vertices[faces[0, 0]]  # avoids cancellation far from the origin
     b, c = b - vertices[faces[0, 0]], c - vertices[faces[0, 0]]
     sixths = np.einsum("ij,ij->i", a, np.cross(b, c))
     return np.asarray(np.bincount(part, np.where(side, -sixths, sixths), n_parts))

@@ -1,4 +1,4 @@
-"""Where a line first meets a mesh."""
+"""Intersection of rays with a mesh."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from meshmash_viewer.surface.space_curve import curve_order
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Faces of which boxes are measured at a time, and boxes that are opened at a time.
+#: Faces whose boxes are computed at a time, and boxes whose faces are tested at a time.
 _CHUNK, _OPENED = 60_000, 24
-#: By how much a box is larger than its faces, as a share of the mesh's size, and by how much a
-#: face is, so that nothing falls between two of them.
+#: Relative margins of boxes and of faces, so that no ray passes between two of them.
 _BOX_MARGIN, _FACE_MARGIN = 1e-6, 1e-9
 
 
@@ -30,13 +29,13 @@ class Hit:
 class RayTarget:
     """A mesh that rays are cast against, in about a millisecond at a million vertices.
 
-    Faces are put in order along a curve that fills space and taken in groups of √m / 16; a ray
-    is tested against the boxes of all groups, then against the faces in those that it meets,
-    nearest first. It takes four bytes a face; VTK's static locator takes 80, is no faster, and
-    holds the interpreter lock while it is built.
+    Faces are sorted along a space-filling curve and divided into groups of √m / 16. A ray is tested
+    against the boxes of all groups, then against the faces in intersected ones, nearest first. It
+    takes four bytes for each face; VTK's static locator takes 80, is not faster, and holds the
+    interpreter lock while it is built.
 
-    Points, shape (n, 3), and faces, shape (m, 3), are not copied. `cancel` is asked for every
-    60,000 faces or so, after these have been put in order; `Cancelled` is raised if it says so.
+    Points, shape (n, 3), and faces, shape (m, 3), are not copied. `cancel` is called about every
+    60,000 faces after they have been sorted; `Cancelled` is raised after it returns True.
     """
 
     def __init__(
@@ -74,14 +73,14 @@ class RayTarget:
         self._high += margin
 
     def seen_vertex(self, through: FloatArray, towards_eye: FloatArray) -> int:
-        """Nearest corner of the first face that a line of sight meets, -1 if it misses the mesh.
+        """Return the nearest corner of the first face on a line of sight, -1 if there is none.
 
         Parameters
         ----------
         through : ndarray, shape (3,)
             Any point of the line.
         towards_eye : ndarray, shape (3,)
-            Unit vector against the direction of sight.
+            Unit vector opposite to the direction of sight.
         """
         reach = (float(np.linalg.norm(through)) + self._size) * towards_eye
         hit = self.first_hit(through + reach, through - reach)
@@ -92,15 +91,15 @@ class RayTarget:
         return int(corners[np.argmin(distance)])
 
     def hidden(self, vertex: int, towards_eye: FloatArray) -> bool:
-        """Whether the mesh stands between a vertex and the eye."""
-        # Not from the vertex itself, whose own faces would be met.
+        """Whether the mesh is between a vertex and the eye."""
+        # Not from the vertex itself, which would intersect its own faces.
         start = self._points[vertex] + 2e-3 * self._size * towards_eye
         return self.first_hit(start, start + 2.0 * self._size * towards_eye) is not None
 
     def first_hit(self, start: FloatArray, end: FloatArray) -> Hit | None:
-        """First point of the mesh on the way from a point to another; None if there is none.
+        """Return the first point of the mesh between two points, or None.
 
-        Faces without area are never hit.
+        Faces without area are ignored.
         """
         way = end - start
         enters = self._entries(start, way)
@@ -119,12 +118,12 @@ class RayTarget:
         return Hit(found, start + nearest * way) if found >= 0 else None
 
     def _entries(self, start: FloatArray, way: FloatArray) -> FloatArray:
-        """Share of the way at which each box is entered, shape (g,); infinite where it is not."""
+        """Compute the fraction of the ray at which boxes are entered, infinite if missed, (g,)."""
         enter = np.zeros(self._low.shape[1])
         leave = np.ones(self._low.shape[1])
         least = 1e-30 * float(np.abs(way).max())
         for axis in range(3):
-            # along a plane of boxes, a ray is inside of it or never
+            # avoids division by zero for rays parallel to an axis
             speed = way[axis] if abs(way[axis]) > least else least or 1.0
             to_low = (self._low[axis] - start[axis]) / speed
             to_high = (self._high[axis] - start[axis]) / speed
@@ -135,7 +134,7 @@ class RayTarget:
 
 
 def _shares(corners: FloatArray, start: FloatArray, way: FloatArray) -> FloatArray:
-    """Share of the way at which triangles are met, infinite where they are not, shape (k,).
+    """Compute the fraction of the ray at which triangles are hit, infinite if missed, (k,).
 
     Möller & Trumbore 1997.
     """

@@ -1,4 +1,4 @@
-"""Seams: open edges of a surface that lie on one another, as chunks of one surface have them."""
+"""Seams: coincident open edges of a surface, as between chunks of one mesh."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ from meshmash_viewer.surface.edges import side_codes
 
 
 def join_seams(places: IntArray, faces: IntArray) -> IntArray:
-    """Join the vertices of open edges that lie on one another.
+    """Join the vertices of coincident open edges.
 
-    A seam is where exactly two edges of one face each have both ends at the same places, and these
-    faces are not the same triangle. Sheets that touch, at a vertex, along edges that have two
-    faces, or where it is not clear which of more than two edges belong together, stay apart.
+    A seam consists of exactly two edges, each of one face, with both ends at the same positions,
+    unless the faces are the same triangle. Sheets that touch at a vertex, along edges with two
+    faces, or along more than two coincident edges are not joined.
 
     Parameters
     ----------
     places : ndarray of int64, shape (n,)
-        For each vertex, the lowest index of those at exactly the same place.
+        For each vertex, the lowest index of those at exactly the same position.
     faces : ndarray of int64, shape (m, 3)
 
     Returns
     -------
     ndarray of int64, shape (n,)
-        For each vertex, the lowest index of those that it is one with.
+        For each vertex, the lowest index of those joined with it.
     """
     joined = np.arange(len(places))
     if np.array_equal(places, joined):
         return joined
     at = places[faces]
-    # faces with two corners at one place are no part of the surface
+    # faces with two corners at one position are ignored
     a, b, c = at.T
     faces = faces[(a != b) & (b != c) & (c != a)]
     while True:
@@ -41,7 +41,7 @@ def join_seams(places: IntArray, faces: IntArray) -> IntArray:
 
 
 def _seam_ends(places: IntArray, faces: IntArray) -> IntArray:
-    """Pairs of vertices at one place that the ends of a seam have, shape (p, 2)."""
+    """Find pairs of coincident vertices at the ends of seams, shape (p, 2)."""
     n = len(places)
     codes = side_codes(faces, n)
     order = np.argsort(codes >> 1, kind="stable")
@@ -67,13 +67,13 @@ def _seam_ends(places: IntArray, faces: IntArray) -> IntArray:
 
 
 def _runs(ordered: IntArray) -> tuple[IntArray, IntArray]:
-    """Lengths of runs of equal numbers, and where they start."""
+    """Return lengths and starts of runs of equal numbers."""
     starts = np.flatnonzero(np.diff(ordered, prepend=-1))
     return np.diff(starts, append=len(ordered)), starts
 
 
 def _lowest(pairs: IntArray, n: int) -> IntArray:
-    """The lowest index that each of n is connected with."""
+    """Return the lowest index connected with each of n vertices."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

@@ -1,4 +1,4 @@
-"""Order along a curve that fills space: what is near in it is near in space."""
+"""Order of points along a space-filling curve."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import numpy.typing as npt
 
 
 def curve_order(points: npt.NDArray[np.floating]) -> npt.NDArray[np.int64]:
-    """Position of points, shape (m, 3), along a curve through the cells of a grid (Morton 1966).
+    """Return positions of points, shape (m, 3), along a curve through a grid (Morton 1966).
 
-    Below 2³⁰: ten bits of each coordinate in turn, in a cube around all points.
+    They are below 2³⁰: ten interleaved bits of each coordinate, in a cube around all points.
     """
     low = points.min(axis=0)
     extent = float((points.max(axis=0) - low).max()) or 1.0
