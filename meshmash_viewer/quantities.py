@@ -1,16 +1,16 @@
-"""Numbers as people write them, with separators, exponents and units.
+"""Parsing of numbers with separators, exponents and units.
 
-One notation is read in every field of the window and every option of the command line:
+The same notation is accepted in every field of the window and every option of the command line:
 
 * a decimal point or a decimal comma: "0.5", "0,5"
 * groups of three digits with commas, points, spaces, apostrophes or underscores between them:
   "1 234", "1,234,567", "1.234,5"
 * powers of ten: "1e-5", "1×10^-5", "10⁻⁵"
-* a power of a unit of length, which is converted to the unit that is meant: "0.5 µm", "3/µm²"
+* a power of a unit of length, which is converted: "0.5 µm", "3/µm²"
 
-One comma before three digits may be either mark, so "1,000" is refused, except for a whole number,
-where it separates groups as it does where this program writes one. One point is a decimal point;
-for a whole number "1.000" is refused.
+A single comma before three digits is ambiguous, so "1,000" is refused, except for a whole number,
+where it separates groups as in the output of this program. A single point is a decimal point; for a
+whole number "1.000" is refused.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from decimal import Decimal
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.units import METRES, power_unit
 
-#: Characters of a text that a sentence repeats, and that a number may have.
+#: Maximum length of a text quoted in a message, and of a number.
 _SHOWN, _LONGEST = 40, 100
-#: Powers of ten beyond these are none of a float.
+#: Largest exponent; larger ones are out of the range of floats.
 _LARGEST_POWER = 1000
 _SUPERSCRIPTS = str.maketrans("⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+-0123456789")
-#: What is read as another character.
+#: Characters that are replaced by others.
 _READ_AS = str.maketrans(
     {
         **dict.fromkeys("\u2212\u2010\u2011\u2012\u2013\ufe63\uff0d", "-"),
@@ -58,17 +58,17 @@ _UNIT = re.compile(
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number whose unit of length is known later: that of a mesh that is still to be read.
+    """A number to be converted to the unit of length of a mesh that has not been read yet.
 
     Parameters
     ----------
     value : Decimal
     unit : str
-        A name of `units.METRES` that was written behind it; empty for none.
+        Unit of the text, a name of `units.METRES`; empty for none.
     power : int
-        Of the length.
+        Power of the length.
     text : str
-        As it was written.
+        The original text.
     """
 
     value: Decimal
@@ -77,17 +77,17 @@ class Quantity:
     text: str
 
     def in_unit(self, unit: str) -> float:
-        """The number in a unit of length, which it already is in where none was written.
+        """Convert the number to a unit of length; unchanged if the text has no unit.
 
         Raises
         ------
         InputError
-            If one was written and `unit` is empty.
+            If the text has a unit and `unit` is empty.
         """
         if self.unit and not unit:
             raise InputError(
-                f"{self.text} has a unit, and the mesh has none: write the number alone, or say"
-                " what the unit of the mesh is."
+                f"{self.text} has a unit, and the mesh has none: write the number alone, or set"
+                " the unit of the mesh."
             )
         shift = self.power * (METRES[self.unit] - METRES[unit]) if self.unit else 0
         return _float(self.value.scaleb(shift), self.text)
@@ -100,22 +100,18 @@ def parse_number(text: str, unit: str = "", *, share: bool = False, whole: bool 
     ----------
     text : str
     unit : str
-        That the number is in: a power of a length, as `units.power_unit` writes it ("nm", "nm²",
-        "nm⁻²"), into which others are converted, or any text, such as "mV", that may stand behind
-        the number. Empty where no unit is known.
+        Unit of the result: a power of a length as written by `units.power_unit` ("nm", "nm²",
+        "nm⁻²"), into which others are converted, or any text, such as "mV", that may follow the
+        number. Empty if no unit is known.
     share : bool
-        Whether it is a share, which may be written in percent: "0.1 %" is 0.001.
+        Whether the number may be in percent: "0.1 %" is 0.001.
     whole : bool
-        Whether a whole number is meant, so that a comma before three digits separates groups.
-
-    Returns
-    -------
-    float
+        Whether a whole number is expected, so that a comma before three digits separates groups.
 
     Raises
     ------
     InputError
-        If it is not a number, may be two, is too large or too small, or is in another unit.
+        If it is not a number, is ambiguous, too large or too small, or in another unit.
 
     Examples
     --------
@@ -144,7 +140,7 @@ def parse_quantity(text: str, power: int = 1) -> Quantity:
     Raises
     ------
     InputError
-        If it is not a number, may be two, or is in a unit of another power.
+        If it is not a number, is ambiguous, or in a unit of another power.
 
     Examples
     --------
@@ -160,17 +156,12 @@ def parse_quantity(text: str, power: int = 1) -> Quantity:
 def parse_whole(text: str, least: int, most: int, noun: str) -> int:
     """Read a whole number between bounds, both included.
 
-    Parameters
-    ----------
-    text : str
-    least, most : int
-    noun : str
-        With which a sentence about it begins: "The number of times".
+    Messages begin with `noun`: "The number of times".
 
     Raises
     ------
     InputError
-        If it is not a whole number or out of bounds, which the sentence names, or may be two.
+        If it is not a whole number, out of bounds, or ambiguous.
 
     Examples
     --------
@@ -190,11 +181,11 @@ def parse_whole(text: str, least: int, most: int, noun: str) -> int:
 
 
 class _AmbiguousError(InputError):
-    """A text may be two numbers."""
+    """The text of a number is ambiguous."""
 
 
 def _split(text: str, *, whole: bool = False) -> tuple[Decimal, str]:
-    """The number at the beginning of a text, and what is behind it."""
+    """Split a text into the number at its beginning, and the rest."""
     plain = _plain(text)
     match = _NUMBER.fullmatch(plain) if len(plain) <= _LONGEST else None
     if match is None:
@@ -214,18 +205,18 @@ def _split(text: str, *, whole: bool = False) -> tuple[Decimal, str]:
     return Decimal(f"{sign}{mantissa}{scale}"), match["unit"]
 
 
-#: Digits whose one mark may separate groups or decimals.
+#: Digits with a single mark that may separate groups or decimals.
 _EITHER = re.compile(r"[1-9][0-9]{0,2}[.,][0-9]{3}")
 
 
 def _mark(digits: str) -> str:
-    """The decimal mark of digits: the last point or comma, unless it comes more than once."""
+    """Return the decimal mark: the last point or comma, unless it is repeated."""
     last = max(".,", key=digits.rfind)
     return last if digits.count(last) == 1 else ""
 
 
 def _with_point(digits: str, mark: str) -> str | None:
-    """Digits with nothing but a decimal point; None if their groups are not of three."""
+    """Remove separators and use a decimal point; None if groups are not of three digits."""
     before, _, after = digits.partition(mark) if mark else (digits, "", "")
     separators = set(re.sub("[0-9]", "", before + after))
     if len(separators) > 1:
@@ -244,7 +235,7 @@ def _with_point(digits: str, mark: str) -> str | None:
 
 
 def _plain(text: str) -> str:
-    """The same in fewer characters: single spaces, digits of ASCII, superscripts after "^"."""
+    """Normalise a text: single spaces, ASCII digits, superscripts after "^"."""
     text = re.sub(
         "[⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda found: f"^{found[0].translate(_SUPERSCRIPTS)}", text
     ).translate(_READ_AS)
@@ -257,7 +248,7 @@ def _joined(unit: str) -> str:
 
 
 def _length_power(unit: str) -> tuple[str, int] | None:
-    """The length whose power a unit is, and the power; None if it is none."""
+    """Return length and power of a unit; None if it is not a power of length."""
     match = _UNIT.fullmatch(unit)
     if match is None or match["name"] not in METRES:
         return None
