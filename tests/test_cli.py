@@ -847,7 +847,7 @@ def test_distances_are_written(
         ("--vertex x", "a whole number from 0"),
         ("--vertex 4 --distance walk", "invalid choice"),
         ("--vertex 4 --time 3", "--distance diffusion"),
-        ("--vertex 4 --distance diffusion --time -3", "means nothing"),
+        ("--vertex 4 --distance diffusion --time -3", "must be positive"),
         ("--vertex 4 --n-components 3", "one column for each"),
         ("--vertex 4 --t-min 3", "--t-min is of --kind hks"),
         ("--vertex 4 --pieces 4", "whole mesh"),

@@ -22,7 +22,7 @@ BROKEN = {
     "fields": {
         "hks": ("broken:no", "the name is taken"),
         "lost": ("nowhere:Lost", "No module named 'nowhere'"),
-        "number": ("math:pi", "it is no subclass of BankColumns"),
+        "number": ("math:pi", "it is not a subclass of BankColumns"),
         "bare": ("broken:Bare", "a text is missing"),
         "twin": ("broken:Twin", "exported as another family is"),
     },

@@ -143,7 +143,7 @@ class Commands:
         actions["undo"].setText(f"Undo {document.last_change}".rstrip())
         actions["clear_pins"].setEnabled(bool(document.pins))
         actions["similar"].setEnabled(bool(document.pins) and document.spectrum is not None)
-        if display.family.turned() == display.family:
+        if display.family.sign_flipped() == display.family:
             actions["flip"].setEnabled(False)
         # resolved on the mesh: whether a map has a sign is the map's own
         request = request_of(document)

@@ -226,7 +226,7 @@ def _distance(
 
 def _check_vertex(vertex: int, n: int) -> None:
     if not 0 <= vertex < n:
-        raise InputError(f"There is no vertex {vertex}: indices run from 0 to {n - 1}.")
+        raise InputError(f"There is no vertex {vertex}: they are counted from 0 to {n - 1}.")
 
 
 class GeodesicSolver:
@@ -292,11 +292,6 @@ def geodesic_distance(mesh: MeshLike, vertex: int) -> FloatArray:
 
     The error is about the length of an edge, up to a few per cent where edges are long compared
     with the distance. For several vertices use `GeodesicSolver`.
-
-    Parameters
-    ----------
-    mesh : MeshLike
-    vertex : int
 
     Returns
     -------

@@ -180,9 +180,9 @@ def wave_kernel_bank(
     Raises
     ------
     InputError
-        If the spectrum has no two different eigenvalues above zero, `n_energies` < 1, an energy
-        comes twice or is not the logarithm of a number, the deviation is not positive or leaves no
-        room for the bands, or it is not given with a single energy.
+        If the spectrum has no two different eigenvalues above zero, `n_energies` < 1, an energy is
+        repeated or its exponential not finite, the deviation is not positive or too large for the
+        range, or it is missing with a single energy.
 
     References
     ----------
@@ -244,7 +244,7 @@ def wave_response(
 def _wave_response_at(
     eigenvalues: npt.ArrayLike, energies: npt.ArrayLike, width: float, sigma: float | None
 ) -> LogGaussianResponse:
-    """The same at energies that are given."""
+    """Make the filters of `wave_kernel_bank` at given energies."""
     floor = 0.5 * first_nonzero_eigenvalue(as_spectrum(eigenvalues))
     try:
         centres = np.array(energies, dtype=np.float64)
@@ -274,7 +274,7 @@ def _check_deviation(given: float, name: str) -> None:
 
 
 def _few(values: FloatArray) -> str:
-    """A list as a message shows it."""
+    """Format a list for a message."""
     return np.array2string(values, precision=4, threshold=6, edgeitems=2, separator=", ")
 
 

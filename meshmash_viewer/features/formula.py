@@ -243,10 +243,6 @@ def formula_bank(formula: str | Formula, **values: npt.ArrayLike) -> FilterBank:
     **values
         A number for each of its parameters; one of them may be a list of f numbers, for f columns.
 
-    Returns
-    -------
-    FilterBank
-
     Raises
     ------
     InputError

@@ -115,10 +115,6 @@ def map_spectrum(decomposition: Decomposition, values: npt.ArrayLike) -> MapSpec
         One number for each vertex. NaN and infinite values have no weight: the mean of the others
         stands there, weighted by area, as in `filter_map` and `spectral_coefficients`.
 
-    Returns
-    -------
-    MapSpectrum
-
     Raises
     ------
     InputError

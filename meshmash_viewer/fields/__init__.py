@@ -1,6 +1,6 @@
-"""Families of fields, one file each; their table is read when it is first asked for.
+"""Families of fields, one file each; their table is imported on first use.
 
-It looks for those of plug-ins, which may be what imports a module of this package.
+The table loads plug-ins, which may import modules of this package themselves.
 """
 
 from __future__ import annotations

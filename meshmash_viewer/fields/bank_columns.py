@@ -1,4 +1,4 @@
-"""What families have in common whose fields are the columns of the exported feature."""
+"""Base class of families whose fields are the columns of the exported feature."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from meshmash_viewer.progress import CancelCallback
 
 __all__ = ["MOST_COLUMNS", "BankColumns"]
 
-#: Most columns that can be asked for.
+#: Maximum number of columns.
 MOST_COLUMNS = 512
 
 
 @dataclass(frozen=True)
 class BankColumns(Family):
-    """One column of a filter bank; the table has them all.
+    """One column of a filter bank; the table contains all columns.
 
     Parameters
     ----------
     index : int
-        Column, counted from 0.
+        Index of the column, from 0.
     count : int
-        Number of them.
+        Number of columns.
     """
 
     counted: ClassVar[str] = "count"
@@ -40,7 +40,7 @@ class BankColumns(Family):
 
     @property
     def column(self) -> int:
-        """`index`, or the last one where there are fewer."""
+        """`index`, limited to the last column."""
         return min(max(self.index, 0), self.count - 1)
 
     @property
@@ -59,7 +59,7 @@ class BankColumns(Family):
     def compute(self, spectrum: Spectrum, table: Table | None) -> Answer:
         if self.prepared(spectrum, table):
             assert table is not None
-            table.spectrum = spectrum  # next time it is the very same
+            table.spectrum = spectrum  # faster comparison next time
             return Answer(table.content[self.column])
         weights = self.bank(spectrum.eigenvalues)(spectrum.eigenvalues)
         one = weights[self.column : self.column + 1]
@@ -81,7 +81,7 @@ class BankColumns(Family):
         return Profile(both, both)
 
     def places(self, spectrum: Spectrum) -> np.ndarray:
-        """Where on the bottom axis of a profile the columns are, shape (count,)."""
+        """Return positions of the columns on the bottom axis of a profile, shape (count,)."""
         return np.arange(self.count, dtype=np.float64)
 
     def place(self, spectrum: Spectrum) -> float:

@@ -1,4 +1,4 @@
-"""How far every vertex is from one of them: spectral distances, and the way along the surface."""
+"""Distances from a vertex: spectral and geodesic ones."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
-#: Steps of the arrow keys from the shortest to the longest time.
+#: Number of steps of the arrow keys from the shortest to the longest time.
 _STEPS = 32
 _ABOVE_ZERO = 1e-300
 
@@ -48,11 +48,11 @@ class Distances(Family):
     measure : str
         A key of `MEASURES`.
     vertex : int or None
-        From which it is measured.
+        Vertex from which distances are measured.
     time : float or None
-        Of diffusion, in squared length units.
+        Diffusion time, in squared length units.
     vertices : tuple of int
-        From which the exported columns are measured; `vertex` alone if empty.
+        Vertices of the exported columns; `vertex` alone if empty.
     """
 
     name: ClassVar[str] = "distance"
@@ -63,15 +63,15 @@ class Distances(Family):
     options: ClassVar[tuple[Option, ...]] = (
         Option(
             "vertex",
-            "from which it is measured, from 0; each is a column",
+            "vertex from which distances are measured, from 0; each is a column",
             "V",
             partial(parse_whole, least=0, most=MOST_INDEX, noun="the value"),
             many=True,
         ),
-        Option("distance", "which one; default: geodesic", values=tuple(MEASURES)),
+        Option("distance", "kind of distance; default: geodesic", values=tuple(MEASURES)),
         Option(
             "time",
-            "of diffusion (unit²); default the middle of its range",
+            "diffusion time (unit²); default: the middle of its range",
             "T",
             partial(parse_quantity, power=2),
         ),
@@ -97,11 +97,11 @@ class Distances(Family):
 
     @property
     def timed(self) -> bool:
-        """Whether there is a time to choose."""
+        """Whether the distance depends on a time."""
         return self.measure == "diffusion"
 
     def time_in(self, spectrum: Spectrum) -> float:
-        """Time in force: the chosen one, or the middle of the range in log scale."""
+        """Return the chosen time, or the middle of the range in log scale."""
         low, high = spectrum.time_range
         return math.sqrt(low) * math.sqrt(high) if self.time is None else self.time
 
@@ -115,12 +115,12 @@ class Distances(Family):
         moved = tuple(at for each in self.vertices if (at := vertex(each)) is not None)
         return {**super()._vertices(vertex), "vertices": moved}
 
-    def behind(self, chosen: Mapping[str, Family]) -> Family:
-        """A distance has no filters of its own: the first family's are shown."""
+    def profile_family(self, chosen: Mapping[str, Family]) -> Family:
+        """Return the first family, since a distance has no filters."""
         return next(iter(chosen.values()))
 
     def step(self, spectrum: Spectrum, steps: int) -> Self:
-        """The next time of diffusion; where there are several vertices, the next of them."""
+        """Step through several vertices if there are some, else through diffusion times."""
         if len(self.vertices) > 1 and self.vertex is not None:
             at = self.vertices.index(self.vertex) + steps
             return replace(self, vertex=self.vertices[min(max(at, 0), len(self.vertices) - 1)])
@@ -147,11 +147,11 @@ class Distances(Family):
     def quantity(self, spectrum: Spectrum, unit: str) -> str:
         if self.vertex is None:
             return ""
-        told = f"from {spectrum.named_vertex(self.vertex)}"
+        text = f"from {spectrum.named_vertex(self.vertex)}"
         if self.timed:
             time = self.time_in(spectrum)
-            told += f", t = {format_quantity(time, unit, 2)}"
-        return told
+            text += f", t = {format_quantity(time, unit, 2)}"
+        return text
 
     def unit(self, length: str) -> str:
         power = MEASURES[self.measure][1]
@@ -160,7 +160,7 @@ class Distances(Family):
     # -- values -------------------------------------------------------------------------------
 
     def compute(self, spectrum: Spectrum, table: Table | None) -> Answer | None:
-        """A geodesic has to be prepared; the others come at once, and cheaper from a table."""
+        """Compute from the table, or directly; geodesic distances need a table."""
         if self.vertex is None:
             return None
         if table is not None and self.prepared(spectrum, table):
@@ -174,7 +174,7 @@ class Distances(Family):
         return None if self.measure == "geodesic" else Answer(self._sum(spectrum, None))
 
     def _sum(self, spectrum: Spectrum, cancel: CancelCallback | None) -> ColumnArray:
-        """The distances by the sum over all pairs."""
+        """Compute distances by the sum over all pairs."""
         weights = spectral_weights(self.measure, spectrum.eigenvalues, self._time(spectrum))
         squares = sum_squares(self._rows(spectrum), weights[None], cancel=cancel)[0]
         return self._root(np.asarray(squares), spectrum)
@@ -187,7 +187,7 @@ class Distances(Family):
         return RowsFrom(spectrum.rows, self.vertex)
 
     def _root(self, squares: ColumnArray, spectrum: Spectrum) -> ColumnArray:
-        """Distances from their squares: NaN in other components, 0 at the vertex itself."""
+        """Compute distances from their squares: NaN in other components, 0 at the vertex."""
         assert self.vertex is not None
         distances = np.sqrt(np.maximum(squares, 0.0, out=squares), out=squares)
         distances[self.vertex] = 0.0
@@ -210,7 +210,7 @@ class Distances(Family):
             assert spectrum.mesh is not None
             content = GeodesicSolver(spectrum.mesh)
         elif self.timed:
-            # squared differences decay with time as the squares of a heat kernel do
+            # squared differences decay with time like the squares of a heat kernel
             low, high = spectrum.time_range
             from_here = replace(spectrum, rows=self._rows(spectrum))
             content = build_heat_table(from_here, (2.0 * low, 2.0 * high), cancel)
@@ -219,7 +219,7 @@ class Distances(Family):
         return Table(spectrum, self, content)
 
     def missing(self, spectrum: Spectrum, typical: float) -> float:
-        """Share of a typical distance that is missing for want of eigenpairs."""
+        """Return the share of a typical distance due to pairs that were not computed."""
         mesh = spectrum.mesh
         if mesh is None or self.measure == "geodesic" or not typical > 0.0:
             return 0.0
@@ -234,13 +234,13 @@ class Distances(Family):
         vertices = tuple(chosen.get("vertex", ()))
         measure, time = chosen.get("distance", "geodesic"), chosen.get("time")
         if n_columns is not None:
-            raise InputError("Distances have one column for each --vertex: leave --n-components.")
+            raise InputError("Distances have one column for each --vertex: omit --n-components.")
         if not vertices or len(set(vertices)) < len(vertices):
             raise InputError("A distance is from a vertex: give --vertex, from 0, each once.")
         if time is not None and measure != "diffusion":
-            raise InputError(f"--time is of --distance diffusion, not of {measure}.")
+            raise InputError(f"--time is for --distance diffusion, not for {measure}.")
         if time is not None and not 0.0 < time < math.inf:
-            raise InputError(f"--time {time:g} means nothing: give a positive one.")
+            raise InputError(f"--time must be positive, not {time:g}.")
         return cls(measure, vertices[0], time, vertices)
 
     @property
@@ -264,7 +264,7 @@ class Distances(Family):
         bound: float | None = None,
         **summed: Any,
     ) -> Features:
-        """Of all pairs that are not zero, whatever `summed` says."""
+        """Compute the exported columns from all nonzero pairs; `summed` is ignored."""
         time = None
         if self.timed and pairs is not None:
             none = np.empty((0, 0))
@@ -275,15 +275,15 @@ class Distances(Family):
         return distance_columns(self.measure, [spectrum.file_index(at) for at in self._origins])
 
     def contents(self, spectrum: Spectrum, unit: str) -> str:
-        told = f"{self.title()} from {counted(len(self._origins), 'vertex')}"
+        text = f"{self.title()} from {counted(len(self._origins), 'vertex')}"
         if self.timed:
-            told += f", t = {format_quantity(self.time_in(spectrum), unit, 2)}"
-        return f"{told}."
+            text += f", t = {format_quantity(self.time_in(spectrum), unit, 2)}"
+        return f"{text}."
 
     def script(self, spectrum: Spectrum) -> list[str]:
         pairs = f", {self.measure!r}, decomposition" if self.needs_pairs else ""
         time = f", time={self.time_in(spectrum)!r}" if self.timed else ""
-        assert self.vertex is not None, "it is shown"
+        assert self.vertex is not None, "only for a shown field"
         origins = ", ".join(spectrum.vertex_script(at) for at in self._origins)
         return [
             f"features = mv.distance_features(mesh, [{origins}]{pairs}{time})",

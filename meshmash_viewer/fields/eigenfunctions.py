@@ -1,4 +1,4 @@
-"""Eigenfunctions, one at a time."""
+"""Family of single eigenfunctions."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ def _indices(value: object) -> frozenset[int]:
 
 @dataclass(frozen=True)
 class Eigenfunctions(Family):
-    """Rows of the spectrum.
+    """One eigenfunction of the spectrum.
 
     Parameters
     ----------
     index : int
-        Counted from 0.
+        Index of the eigenfunction, from 0.
     flipped : frozenset of int
-        Indices of those drawn with the other sign.
+        Indices of those drawn with flipped sign.
     """
 
     name: ClassVar[str] = "eigenfunction"
@@ -47,7 +47,7 @@ class Eigenfunctions(Family):
     export: ClassVar[str] = "eigenpairs"
     export_label: ClassVar[str] = "Eigenpairs"
     position: ClassVar[tuple[str, ...]] = ("index",)
-    interval: ClassVar[int] = 250  # they want to be looked at
+    interval: ClassVar[int] = 250
 
     index: int = parameter(1, whole(0, MOST_INDEX))
     flipped: frozenset[int] = parameter(frozenset(), _indices)
@@ -61,11 +61,11 @@ class Eigenfunctions(Family):
         return replace(self, index=index, flipped=self.flipped & {index})
 
     def for_other_mesh(self, n_components: int) -> Self:
-        """The first function that is not constant on every component: nothing to see before."""
+        """Select the first function that is not constant on every component."""
         return replace(self, index=n_components, flipped=frozenset())
 
     def carried(self, to: Correspondence) -> Self:
-        """The same function where it can be told, with its sign; else the one of that index."""
+        """Select the corresponding function with its sign, or that of the same index."""
         same, index = to.functions, self.index
         if same is None or index >= len(same.indices) or same.indices[index] < 0:
             return self
@@ -73,13 +73,13 @@ class Eigenfunctions(Family):
         flipped = (same.signs[index] < 0.0) != (index in self.flipped)
         return replace(self, index=other, flipped=frozenset({other} if flipped else ()))
 
-    def told(self, to: Correspondence) -> str:
+    def correspondence_text(self, to: Correspondence) -> str:
         same, index = to.functions, self.index
         if same is None or index >= len(same.indices) or same.indices[index] < 0:
-            return f"{index} cannot be told"
-        turned = ", flipped" if same.signs[index] < 0.0 else ""
+            return f"{index} has no match"
+        sign = ", flipped" if same.signs[index] < 0.0 else ""
         return (
-            f"{index} is {same.indices[index]}{turned} (correlation {same.correlations[index]:.2f})"
+            f"{index} is {same.indices[index]}{sign} (correlation {same.correlations[index]:.2f})"
         )
 
     def within(self, spectrum: Spectrum) -> Self:
@@ -88,7 +88,7 @@ class Eigenfunctions(Family):
     def step(self, spectrum: Spectrum, steps: int) -> Self:
         return replace(self, index=min(max(self.index + steps, 0), len(spectrum) - 1))
 
-    def turned(self) -> Self:
+    def sign_flipped(self) -> Self:
         return replace(self, flipped=self.flipped ^ {self.index})
 
     def title(self) -> str:
@@ -99,21 +99,21 @@ class Eigenfunctions(Family):
         written = format_quantity(float(spectrum.eigenvalues[self.index]), unit, -2)
         if spectrum.is_exact(self.index):
             return f"{name} = {written}"
-        # on the render too, and so on every picture that is made of it
+        # shown on the render, and so in every picture
         return f"{name} ≈ {written} · preview, within about {100.0 * spectrum.error:.0f} %"
 
     def unit(self, length: str) -> str:
         return power_unit(length, -1)
 
     def compute(self, spectrum: Spectrum, table: Table | None) -> Answer:
-        """One row in single precision, in the sign asked for."""
+        """Return one row in single precision, with the chosen sign."""
         values = np.array(spectrum.shown_rows[self.index], dtype=np.float32)
         if self.index in self.flipped:
             np.negative(values, out=values)
         return Answer(values, not spectrum.is_exact(self.index))
 
     def profile(self, spectrum: Spectrum) -> Profile:
-        """Values of all at a vertex."""
+        """Return the profile: the values of all eigenfunctions at a vertex."""
         signs = np.ones(len(spectrum))
         signs[[index for index in self.flipped if index < len(signs)]] = -1.0
         both = Samples(np.arange(len(spectrum), dtype=np.float64), signs)
@@ -138,9 +138,9 @@ class Eigenfunctions(Family):
 
     def script(self, spectrum: Spectrum) -> list[str]:
         shown = spectrum.shown
-        turned = 1.0 if shown is None else shown.alignment.sign(self.index)
-        sign = "-" if (self.index in self.flipped) != (turned == -1.0) else ""
+        shown_sign = 1.0 if shown is None else shown.alignment.sign(self.index)
+        sign = "-" if (self.index in self.flipped) != (shown_sign == -1.0) else ""
         lines = [f"values = {sign}decomposition.eigenvectors[:, {self.index}]"]
-        if turned is None:
+        if shown_sign is None:
             lines.insert(0, "# one of a multiplet: on screen it is rotated within that")
         return lines

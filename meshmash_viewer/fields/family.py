@@ -1,8 +1,8 @@
-"""What a family of fields is: its parameters, and all that the rest of the house asks of it.
+"""Base class of families of fields: their parameters, values, plots and files.
 
 A family is one frozen dataclass in a file of its own, listed in `meshmash_viewer.fields.FAMILIES`.
-An instance holds a choice of its parameters. Some of them may be left open: `Family.resolved`
-fills these in from a spectrum, and leaves out what makes no difference to the values.
+An instance is a choice of its parameters. Some of them may be None: `Family.resolved` sets these
+from a spectrum, and resets parameters that do not affect the values.
 """
 
 from __future__ import annotations
@@ -30,22 +30,21 @@ if TYPE_CHECKING:
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 ColumnArray: TypeAlias = npt.NDArray[np.float32]
 
-#: Most columns that a feature is exported with.
+#: Maximum number of exported columns.
 MOST_COUNT = 1024
 
 
 def parameter(default: Any, check: Check | None, *, power: int = 0, vertex: bool = False) -> Any:
-    """A parameter that a session keeps.
+    """Declare a parameter that is saved in a session.
 
     Parameters
     ----------
     default : Any
-        None is a value, too: left open.
+        None: chosen from the spectrum.
     check : callable or None
-        What other values may be, see `meshmash_viewer.fields.schema`; None for the name of a
-        feature, which their table knows.
+        Check of other values, see `meshmash_viewer.fields.schema`; None for the name of a feature.
     power : int
-        Of a length that it is.
+        Unit as a power of length.
     vertex : bool
         Whether it is a vertex.
     """
@@ -60,22 +59,22 @@ def is_vertex(parameter: Field[Any]) -> bool:
 
 @dataclass(frozen=True)
 class Option:
-    """One option of the command line; a name that two families share is one option of the command.
+    """One option of the command line; families may share an option of the same name.
 
     Parameters
     ----------
     name : str
         With underscores; "t_min" is given as ``--t-min``.
     about : str
-        What it is, for ``--help``.
+        Description, for ``--help``.
     metavar : str, optional
-        What stands for its value there.
+        Placeholder of its value there.
     kind : callable
-        Makes the value of the text, or a `Quantity` whose unit is that of a mesh.
+        Converts the text to the value, or to a `Quantity` in the unit of a mesh.
     values : tuple of str, optional
-        All that it may be.
+        Allowed values.
     many : bool
-        Whether it may be given many times.
+        Whether it may be given several times.
     """
 
     name: str
@@ -87,13 +86,13 @@ class Option:
 
     @property
     def flag(self) -> str:
-        """As it is typed."""
+        """The option as typed."""
         return f"--{self.name.replace('_', '-')}"
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Values of a field at every vertex, shape (n,); a draft where a better answer will follow."""
+    """Values of a field at every vertex, shape (n,); `draft` if more exact ones will follow."""
 
     values: ColumnArray
     draft: bool = False
@@ -101,16 +100,16 @@ class Answer:
 
 @dataclass(eq=False)
 class Table:
-    """What makes the next fields of a family cheap.
+    """Precomputed data for fast computation of further fields of a family.
 
     Parameters
     ----------
     spectrum : Spectrum
-        Which it was made from, or the same pairs as they are known now.
+        The spectrum it was made from, or one with the same pairs.
     family : Family
-        At rest, see `Family.at_rest`: what it was made for.
+        The family it was made for, at rest (see `Family.at_rest`).
     content : Any
-        The family's own.
+        Data of the family.
     """
 
     spectrum: Spectrum
@@ -118,24 +117,24 @@ class Table:
     content: Any
 
     def holds(self, family: Family, spectrum: Spectrum) -> bool:
-        """Whether it was made for a family at rest and for these pairs."""
+        """Whether it was made for this family at rest and these pairs."""
         return self.family == family and same_pairs(self.spectrum, spectrum)
 
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Filters over the eigenvalue.
+    """Filters as functions of the eigenvalue, for the plot.
 
     Parameters
     ----------
     curve : tuple of two ndarrays of float64, shape (m,)
-        Eigenvalues, and the response of the filter whose field is chosen.
+        Eigenvalues, and response of the filter of the chosen field.
     handle : float or None
-        Eigenvalue at which that filter is held; None if it cannot be moved along λ.
+        Eigenvalue by which that filter is dragged; None if it cannot be moved along λ.
     legend : str
-        What it is, as HTML.
+        Description as HTML.
     others : tuple of such curves
-        The other filters of the feature.
+        Other filters of the feature.
     ends : tuple of float, optional
         Range of eigenvalues that can be dragged at both ends.
     """
@@ -149,16 +148,16 @@ class Response:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Places of a profile, and how its values there come from a vertex's eigenfunction values.
+    """Positions of a profile, and coefficients of its values in the eigenfunctions at a vertex.
 
     Parameters
     ----------
     places : ndarray of float64, shape (m,)
-        As drawn: log t, band, or index.
+        Positions as drawn: log t, band, or index.
     coefficients : ndarray of float64, shape (m, k)
-        Of φ² for features; for eigenfunctions the sign of each, shape (k,).
+        Coefficients of φ² for features; for eigenfunctions the sign of each, shape (k,).
     logarithmic : bool
-        Whether values are drawn as their logarithm.
+        Whether the logarithm of values is drawn.
     """
 
     places: FloatArray
@@ -166,7 +165,7 @@ class Samples:
     logarithmic: bool = False
 
     def values(self, at_vertex: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Points to draw for the eigenfunction values at a vertex, shape (<= k,)."""
+        """Compute points to draw from the eigenfunction values at a vertex, shape (<= k,)."""
         length = len(at_vertex)
         if self.coefficients.ndim == 1:
             return self.places[:length], self.coefficients[:length] * at_vertex
@@ -178,7 +177,7 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """What the profile of a vertex is drawn from; dots are the exported columns."""
+    """Curve and dots of the profile of a vertex; dots are the exported columns."""
 
     curve: Samples
     dots: Samples
@@ -186,41 +185,40 @@ class Profile:
 
 @dataclass(frozen=True)
 class Family:
-    """A choice of parameters of one family; see the attributes for what it says of itself.
+    """A choice of parameters of one family.
 
     Attributes
     ----------
     name : str
-        In sessions, in names of files and of controls.
+        Name in sessions, file names and names of controls.
     label, short, tip : str
-        On menus, on its tab, and a sentence of what it is.
+        Text in menus, text on its tab, and a description.
     export : str
-        Kind of features that it is exported as; empty where it is not.
+        Kind of the exported features; empty without export.
     export_label : str
-        What that is called where it differs from `label`.
+        Label of the export if it differs from `label`.
     counted : str
         Name of the parameter that is the number of exported columns.
     options : tuple of Option
-        What `exported` takes from the command line besides the number of columns.
+        Options of the command line for `exported`, besides the number of columns.
     position : tuple of str
-        Parameters that say where in the family one is; they come last in what is remembered.
+        Parameters that select a field of the family; the last part of cache keys.
     own : tuple of str
-        Parameters that name something of the mesh itself, which another may not have.
+        Parameters that name something of the mesh, which another mesh may not have.
     ordered : tuple of str
-        Two parameters of which the first is below the second.
+        Two parameters, the first less than the second.
     response_label : str
-        What the left axis of its response is.
+        Label of the left axis of the response plot.
     response_decades : int
-        Powers of ten from 0 to 1 of that axis; 0 where it is even.
+        Powers of ten from 0 to 1 on that axis; 0 for a linear axis.
     contoured : bool
-        Whether lines are drawn on it at round values.
+        Whether contour lines are drawn at round values.
     tailed : bool
         Whether a few vertices may have values far beyond all others.
     interval : int
-        Milliseconds a step when played; 0 where there is nothing to play.
+        Milliseconds a step when played; 0 if it cannot be played.
     logarithmic : tuple of bool
-        Whether the axes of its profile, bottom and left, and that of its response are powers of
-        ten.
+        Whether the axes of the profile, bottom and left, and of the response are logarithmic.
     """
 
     name: ClassVar[str]
@@ -245,65 +243,65 @@ class Family:
 
     @property
     def signed(self) -> bool:
-        """Whether zero is in the middle of the values rather than at their end."""
+        """Whether zero is the centre of the range of values."""
         return False
 
     @property
     def usable(self) -> bool:
-        """Whether it is chosen what to show."""
+        """Whether all required parameters are chosen."""
         return True
 
     @property
     def needs_pairs(self) -> bool:
-        """Whether there is nothing to see before the first eigenpair.
+        """Whether the field needs at least one eigenpair.
 
-        If not, it is asked with a spectrum of no pairs, which has its mesh.
+        Otherwise it is also computed with a spectrum without pairs, which has a mesh.
         """
         return True
 
     @property
     def of_pairs(self) -> bool:
-        """Whether its values are made of eigenpairs; not if there is the same to see without."""
+        """Whether its values depend on eigenpairs."""
         return self.needs_pairs
 
     @property
     def table_columns(self) -> int:
-        """Columns in single precision that its table holds."""
+        """Number of columns in single precision of its table."""
         return 0
 
     def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
-        """The same with what was left open filled in; equal ones have equal values.
+        """Set parameters that are None, so that equal families have equal values.
 
-        The spectrum has a pair or more if they are needed; `chosen` is every family, for one may
-        build on another.
+        The spectrum has at least one pair if needed; `chosen` are the choices of all families,
+        since one may use another.
         """
         raise NotImplementedError
 
     def at_rest(self) -> Self:
-        """The same without the position: equal ones have equal columns."""
+        """Reset the position, so that equal families have equal columns."""
         start = {each.name: each.default for each in fields(self) if each.name in self.position}
         return replace(self, **start)
 
     def for_other_mesh(self, n_components: int) -> Self:
-        """What of it carries over to another mesh, which has so many connected components."""
+        """Keep what applies to another mesh with some number of connected components."""
         return self
 
     def for_repaired(self, n_components: int, vertex: Callable[[int], int | None]) -> Self:
-        """The same on the repaired mesh, of which a function gives the same vertices, or None."""
+        """Convert to the repaired mesh; `vertex` maps vertices, or returns None."""
         moved = self.for_other_mesh(n_components)
         return replace(moved, **self._vertices(vertex))
 
     def at_vertices(self, vertex: Callable[[int], int | None]) -> Self:
-        """The same at the vertices that a function gives for those that it has."""
+        """Replace vertices by a function."""
         return replace(self, **self._vertices(vertex))
 
     def _vertices(self, vertex: Callable[[int], int | None]) -> dict[str, Any]:
-        """Parameters that are vertices, changed by a function."""
+        """Return the parameters that are vertices, replaced by a function."""
         chosen = {each.name: getattr(self, each.name) for each in fields(self) if is_vertex(each)}
         return {name: None if at is None else vertex(at) for name, at in chosen.items()}
 
     def carried(self, to: Correspondence) -> Self:
-        """The same on another shape: what are lengths grows with it, vertices are the same ones."""
+        """Convert to another shape: lengths are scaled, vertices are the corresponding ones."""
         other: dict[str, Any] = {}
         for each in fields(self):
             value = getattr(self, each.name)
@@ -315,146 +313,146 @@ class Family:
                 other[each.name] = value * to.length**power
         return replace(self, **other)
 
-    def told(self, to: Correspondence) -> str:
-        """Which one of another shape is shown for it, where that is a question."""
+    def correspondence_text(self, to: Correspondence) -> str:
+        """Describe the corresponding field of another shape, if it is not obvious."""
         return ""
 
     def filled_in(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
-        """The same with the parameters that were left open, where they can be told."""
+        """Set parameters that are None, as far as the spectrum allows."""
         if not self.usable or (self.needs_pairs and not len(spectrum)):
             return self
         known = self.resolved(spectrum, chosen)
         names = (each.name for each in fields(self) if each.metadata)
-        told = {name: getattr(known, name) for name in names if getattr(known, name) is not None}
-        return replace(self, **told)
+        found = {name: getattr(known, name) for name in names if getattr(known, name) is not None}
+        return replace(self, **found)
 
     def within(self, spectrum: Spectrum) -> Self:
-        """The same at a position that a spectrum has."""
+        """Limit the position to those of a spectrum."""
         return self
 
-    def turned(self) -> Self:
-        """The same with the other sign; itself where there is but one."""
+    def sign_flipped(self) -> Self:
+        """Flip the sign; unchanged if it has none."""
         return self
 
     def like(self, vertex: int) -> Self | None:
-        """The one that shows what looks like a vertex; None where it tells no such thing."""
+        """Return the field of similarity to a vertex; None for other families."""
         return None
 
     def of_map(self, name: str) -> Self | None:
-        """The one that shows a map of the mesh; None where it shows no maps."""
+        """Return the field that shows a map of the mesh; None for other families."""
         return None
 
-    def behind(self, chosen: Mapping[str, Family]) -> Family:
-        """The family whose filters and profiles say what this one is made of."""
+    def profile_family(self, chosen: Mapping[str, Family]) -> Family:
+        """Return the family whose filters and profiles are shown for this one."""
         return self
 
     def step(self, spectrum: Spectrum, steps: int) -> Self:
-        """Some steps on, or back by a negative number; stops at the ends."""
+        """Move by some steps, back if negative, up to the ends."""
         return self
 
-    # -- values, of resolved ones -------------------------------------------------------------
+    # -- values of resolved families ----------------------------------------------------------
 
     def title(self) -> str:
-        """What the field is called on the render."""
+        """Return the title of the field on the render."""
         return self.label
 
     def quantity(self, spectrum: Spectrum, unit: str) -> str:
-        """Which one it is, with the unit: "λ₅ = 1.2e-08 nm⁻²"."""
+        """Describe the position with its unit: "λ₅ = 1.2e-08 nm⁻²"."""
         raise NotImplementedError
 
     def caption(self, spectrum: Spectrum, unit: str) -> str:
-        """What tells it from the other columns of a gallery."""
+        """Return the caption in a gallery."""
         return self.quantity(spectrum, unit)
 
     def unit(self, length: str) -> str:
-        """Unit of the values; eigenvectors are M-orthonormal, so that φ² is per area."""
+        """Return the unit of the values; eigenvectors are M-orthonormal, so φ² is per area."""
         return power_unit(length, -2)
 
     def labels(self, spectrum: Spectrum, unit: str) -> tuple[Label, ...]:
-        """What values 0, 1, 2 … stand for, where they name parts of the surface."""
+        """Return the labels of values 0, 1, 2 … if they name parts of the surface."""
         return ()
 
     def compute(self, spectrum: Spectrum, table: Table | None) -> Answer | None:
-        """Values at every vertex, from a table where it serves; None if there is no other way."""
+        """Compute values at every vertex, with a table if possible; None if one is required."""
         raise NotImplementedError
 
     def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
-        """Whether `prepare` would have nothing to do."""
+        """Whether the table is up to date."""
         return True
 
     def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
-        """Build the table for fields like this one; `Cancelled` is raised if `cancel` says so."""
+        """Build the table; `Cancelled` is raised after `cancel` returns True."""
         raise NotImplementedError
 
     def improve(self, spectrum: Spectrum, table: Table, cancel: CancelCallback | None) -> Table:
-        """The table for fields like this one, made from an older one that serves."""
+        """Build the table from an older one that serves."""
         return self.prepare(spectrum, cancel)
 
     def serves(self, spectrum: Spectrum, table: Table) -> bool:
-        """Whether an older table tells something until the next is built."""
+        """Whether an older table can be used until the next one is built."""
         return False
 
     # -- plots --------------------------------------------------------------------------------
 
     @classmethod
     def responds(cls) -> bool:
-        """Whether it has something to be drawn over the eigenvalue."""
+        """Whether it has a response plot."""
         return cls.response is not Family.response
 
     def response(self, spectrum: Spectrum, along: FloatArray) -> Response | None:
-        """Filters, sampled along some eigenvalues where they have no places of their own."""
+        """Return the filters, sampled at eigenvalues `along` unless they choose their own."""
         return None
 
     def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
-        """The one whose filter is held at an eigenvalue."""
+        """Move the filter to an eigenvalue."""
         return self
 
     def between(self, low: float, high: float) -> Self:
-        """The same over another range of eigenvalues."""
+        """Change the range of eigenvalues."""
         return self
 
     def profile(self, spectrum: Spectrum) -> Profile | None:
-        """How the profile of a vertex is made; None where it has none of its own."""
+        """Return the profile of a vertex; None if the family has none."""
         return None
 
     def axes(self, unit: str) -> tuple[str, str]:
-        """Names of the profile's axes, bottom and left."""
+        """Return the labels of the axes of the profile, bottom and left."""
         raise NotImplementedError
 
     def place(self, spectrum: Spectrum) -> float:
-        """Where on the bottom axis of the profile it is."""
+        """Return the position on the bottom axis of the profile."""
         raise NotImplementedError
 
     def at_place(self, spectrum: Spectrum, place: float) -> Self:
-        """The one nearest to a place of the bottom axis."""
+        """Select the field nearest to a position on the bottom axis."""
         raise NotImplementedError
 
     def unresolved(self, spectrum: Spectrum) -> tuple[float, float] | None:
-        """What part of the bottom axis the pairs at hand do not resolve."""
+        """Return the range of the bottom axis that the computed pairs do not resolve."""
         return None
 
     # -- files --------------------------------------------------------------------------------
 
     @classmethod
     def exported(cls, n_columns: int | None = None, **chosen: Any) -> Self:
-        """One with so many columns, and other parameters as they are asked for.
+        """Create a family with a number of columns and the given options.
 
-        `InputError` is raised if they do not go together.
+        `InputError` is raised if they are not compatible.
         """
         count = {cls.counted: n_columns} if cls.counted and n_columns is not None else {}
         return cls(**count, **chosen)
 
     @classmethod
     def makes_features(cls) -> bool:
-        """Whether it is exported as columns, rather than as eigenpairs."""
+        """Whether it is exported as columns rather than as eigenpairs."""
         return bool(cls.counted) or cls.compute_features is not Family.compute_features
 
     def measured_from(self, vertices: Sequence[int]) -> Self:
-        """The same with a column for each of some vertices, where its columns are of vertices."""
+        """Export a column for each of some vertices, if columns belong to vertices."""
         return self
 
     def check_mesh(self, mesh: Mesh) -> None:
-        """Raise `InputError` if a mesh does not have what was asked for."""
+        """Raise `InputError` if the mesh does not have a required vertex or map."""
 
     def compute_features(
         self,
@@ -464,7 +462,7 @@ class Family:
         bound: float | None = None,
         **summed: Any,
     ) -> Features:
-        """The exported columns; without pairs if it needs none.
+        """Compute the exported columns; `pairs` is None if they are not needed.
 
         `area` and `bound` are those of `bank`, `summed` goes to
         `meshmash_viewer.features.sums.compute_features`.
@@ -474,30 +472,30 @@ class Family:
         return truncated_features(pairs, bank, unit=mesh.unit, **summed)
 
     def column_names(self, spectrum: Spectrum) -> tuple[str, ...]:
-        """Names of the exported columns; `InputError` is raised where there are none."""
+        """Return the names of the exported columns; raise `InputError` if there are none."""
         return self.bank(spectrum.eigenvalues).columns
 
     def bank(
         self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None
     ) -> FilterBank:
-        """Filters of the exported columns, for eigenvalues of shape (k,).
+        """Return the filters of the exported columns, for eigenvalues of shape (k,).
 
-        `area` gives a range where all eigenvalues are zero, `bound` is the threshold that they were
-        computed to. `InputError` is raised if they do not suffice.
+        `area` is used for a range if all eigenvalues are zero; `bound` is the threshold of the
+        computation. `InputError` is raised if they do not suffice.
         """
         raise NotImplementedError
 
     def contents(self, spectrum: Spectrum, unit: str) -> str:
-        """One sentence on the range of the exported columns."""
+        """Return a sentence on the range of the exported columns."""
         return ""
 
     def bank_script(self) -> str:
-        """The expression that makes the bank of the exported columns."""
+        """Return the Python expression of the bank of the exported columns."""
         raise NotImplementedError
 
     def script(self, spectrum: Spectrum) -> list[str]:
-        """Python lines that make ``values`` of a ``decomposition`` and a ``mesh``.
+        """Return Python lines that compute ``values`` from a ``decomposition`` and a ``mesh``.
 
-        Where they make ``features`` as well, these are what is exported.
+        ``features``, if computed as well, are the exported ones.
         """
         raise NotImplementedError

@@ -1,4 +1,4 @@
-"""Eigenfunctions squared and summed with weights of one's own: a filter that is a formula in λ."""
+"""Family of filters given by a formula in λ: weighted sums of squared eigenfunctions."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from meshmash_viewer.units import format_number, format_quantity, named_quantity
 if TYPE_CHECKING:
     from meshmash_viewer.features.comparison import Correspondence
 
-#: Ready filters: what they are called, and their formulas.
+#: Predefined filters: labels and formulas.
 READY: dict[str, str] = {
     "Low-pass": "x < c",
     "Low-pass, smooth": "1 / (1 + (x/c)**8)",
@@ -52,25 +52,25 @@ READY: dict[str, str] = {
     "Wave kernel": "exp(-log(x/c)**2 / (2*w**2))",
 }
 
-#: A formula is parsed once, however many filters are made of it while a parameter is dragged.
+#: Formulas are cached, since many filters are made of one while a parameter is dragged.
 _formula = lru_cache(maxsize=64)(Formula)
 
-#: Samples of a profile's curve, and steps of the arrow keys from one end of the range to the other.
+#: Samples of the curve of a profile, and steps of the arrow keys over the range.
 _FINE, _STEPS = 64, 32
-#: Ends of the slider of a pure number.
+#: Range of the slider of a dimensionless parameter.
 _PURE = 0.1, 10.0
-#: How far beyond the ends of the spectrum an edge can be, so that all pairs can be on one side.
+#: Factor by which an edge can exceed the ends of the spectrum.
 _BEYOND = 1.001
-#: Times go on until the slowest mode has sunk to this power of 1/e.
+#: Exponent of 1/e to which the slowest mode has decayed at the longest time.
 _DECAYED = 10.0
-#: More than a formula has.
+#: Maximum number of parameter values in a session.
 _MOST_VALUES = 16
 
 Values = tuple[tuple[str, float], ...]
 
 
 def _end(value: object) -> float | None:
-    """An end of the range of a parameter; zero, which sessions may have, leaves it open."""
+    """Check an end of the range of a parameter; zero, used in old sessions, is None."""
     end: float = number(0.0)(value)
     return end or None
 
@@ -82,15 +82,15 @@ class Filters(Family):
     Parameters
     ----------
     text : str
-        Its `meshmash_viewer.features.formula.Formula`. The first parameter is what one steps
-        through, and what tells exported columns apart.
+        Text of its `meshmash_viewer.features.formula.Formula`. Steps and exported columns vary the
+        first parameter.
     values : tuple of (str, float)
-        Parameters that have been chosen; the others are taken from the spectrum.
+        Chosen parameters; the others are determined by the spectrum.
     count : int
-        Number of exported columns: with one, the filter as it is; with more, the first parameter
-        goes through its range.
+        Number of exported columns: with one, the present filter; with more, the first parameter
+        varies over its range.
     automatic : bool
-        Whether that range comes from the spectrum or is the next two.
+        Whether that range is determined by the spectrum or given by `low` and `high`.
     low, high : float or None
     """
 
@@ -130,11 +130,11 @@ class Filters(Family):
 
     @property
     def first(self) -> str:
-        """The parameter that one steps through; "" where there is none."""
+        """The first parameter, which steps vary; "" if there is none."""
         return next(iter(self.formula.parameters), "")
 
     def span(self, name: str, spectrum: Spectrum) -> tuple[float, float]:
-        """Smallest and largest value of a parameter that means something on these pairs."""
+        """Return the meaningful range of a parameter for these pairs."""
         power = self.formula.powers[name]
         zeros = first_nonzero(spectrum)
         if not power or zeros >= len(spectrum):
@@ -145,7 +145,7 @@ class Filters(Family):
         return (low / _BEYOND) ** (-power / 2), (high * _BEYOND) ** (-power / 2)
 
     def range(self, spectrum: Spectrum) -> tuple[float, float]:
-        """Values that the first parameter goes through."""
+        """Return the range of the first parameter."""
         if not self.first:
             return _PURE
         low, high = self.span(self.first, spectrum)
@@ -154,7 +154,7 @@ class Filters(Family):
         return (low, high) if low < high else (high, low)
 
     def value(self, name: str, spectrum: Spectrum) -> float:
-        """A parameter as it was chosen, or spread over its span beside those of its kind."""
+        """Return the chosen value of a parameter, or a default within its span."""
         for known, value in self.values:
             if known == name:
                 return value
@@ -164,15 +164,15 @@ class Filters(Family):
         return low * math.pow(high / low, (alike.index(name) + 1) / (len(alike) + 1))
 
     def all_values(self, spectrum: Spectrum) -> dict[str, Any]:
-        """All parameters in force, by name."""
+        """Return the values of all parameters by name."""
         return {name: self.value(name, spectrum) for name in self.formula.parameters}
 
     def with_values(self, **values: float) -> Self:
-        """The same with some parameters chosen."""
+        """Choose some parameters."""
         return replace(self, values=tuple({**dict(self.values), **values}.items()))
 
     def with_text(self, text: str) -> Self:
-        """Another formula, with the values chosen before if it has the same parameters."""
+        """Change the formula; chosen values are kept if it has the same parameters."""
         same = Formula(text).powers == self.formula.powers
         values = self.values if same else ()
         return replace(self, text=text, values=values, automatic=True, low=None, high=None)
@@ -183,11 +183,11 @@ class Filters(Family):
         return replace(self, values=values, low=low, high=high, automatic=False)
 
     def for_other_mesh(self, n_components: int) -> Self:
-        """The formula stays; its parameters were chosen for another spectrum."""
+        """Keep the formula only, since its parameters depend on the spectrum."""
         return replace(self, values=(), automatic=True, low=None, high=None)
 
     def carried(self, to: Correspondence) -> Self:
-        """Its parameters are the lengths: what they mean is in the formula."""
+        """Scale the parameters by their units, which follow from the formula."""
         powers = self.formula.powers
 
         def grown(name: str) -> float:
@@ -204,8 +204,8 @@ class Filters(Family):
         before = math.log(self.value(self.first, spectrum))
         far = steps / (self.count - 1 or _STEPS) * math.log(high / low)
         moved = min(max(before + far, math.log(low)), math.log(high))
-        there = self.with_values(**{self.first: math.exp(moved)})
-        return there if abs(moved - before) > 1e-9 else self
+        stepped = self.with_values(**{self.first: math.exp(moved)})
+        return stepped if abs(moved - before) > 1e-9 else self
 
     def quantity(self, spectrum: Spectrum, unit: str) -> str:
         powers = self.formula.powers
@@ -218,7 +218,7 @@ class Filters(Family):
     # -- values -------------------------------------------------------------------------------
 
     def weights(self, spectrum: Spectrum) -> FloatArray:
-        """The filter at the eigenvalues, shape (k,)."""
+        """Compute the filter at the eigenvalues, shape (k,)."""
         return self.formula(spectrum.eigenvalues, **self.all_values(spectrum))
 
     @property
@@ -226,11 +226,11 @@ class Filters(Family):
         return MOST_BENDS
 
     def compute(self, spectrum: Spectrum, table: Table | None) -> Answer:
-        """The last sum, or the table's near one until there is another, or the sum itself."""
+        """Return the exact sum if it is stored or fast, else the approximation of the table."""
         weights = self.weights(spectrum)
         if table is None or spectrum.small or not self.serves(spectrum, table):
             return Answer(summed(weights, spectrum.rows))
-        table.spectrum = spectrum  # next time it is the very same
+        table.spectrum = spectrum  # faster comparison next time
         near: PairTable = table.content
         return near.answer(weights, spectrum.rows)
 
@@ -255,7 +255,7 @@ class Filters(Family):
     # -- plots --------------------------------------------------------------------------------
 
     def edges(self, spectrum: Spectrum) -> tuple[tuple[str, float], ...]:
-        """Parameters that are eigenvalues, in the order of their values."""
+        """Return the parameters that are eigenvalues, in the order of their values."""
         found = [
             (name, self.value(name, spectrum))
             for name, power in self.formula.powers.items()
@@ -265,12 +265,12 @@ class Filters(Family):
 
     def response(self, spectrum: Spectrum, along: FloatArray) -> Response:
         legend, edges = html.escape(self.text), self.edges(spectrum)
-        # on both sides of an edge, so that a sharp one is drawn upright
-        beside = [edge * side for _, edge in edges for side in (1.0 - 1e-9, 1.0 + 1e-9)]
-        along = np.sort(np.concatenate([along, beside]))
+        # samples on both sides of an edge, so that a sharp one is drawn vertically
+        at_edges = [edge * side for _, edge in edges for side in (1.0 - 1e-9, 1.0 + 1e-9)]
+        along = np.sort(np.concatenate([along, at_edges]))
         heights = self.formula.sampled(along, self.all_values(spectrum))
         highest = float(np.max(heights, initial=0.0, where=np.isfinite(heights)))
-        if highest > 1.0:  # the axis ends there
+        if highest > 1.0:  # the end of the axis
             heights, legend = heights / highest, f"{legend}, ÷ {format_number(highest)}"
         curve = along, np.where(np.isfinite(heights), np.maximum(heights, 0.0), np.nan)
         if len(edges) == 2:
@@ -279,7 +279,7 @@ class Filters(Family):
         return Response(curve, self._held(spectrum), legend)
 
     def _held(self, spectrum: Spectrum) -> float | None:
-        """The eigenvalue at which the first parameter that is a power of length is held."""
+        """Return the eigenvalue of the first parameter that is not dimensionless."""
         for name, power in self.formula.powers.items():
             if power:
                 return float(self.value(name, spectrum) ** (-2.0 / power))
@@ -316,7 +316,7 @@ class Filters(Family):
         return Samples(np.log10(places), bank(spectrum.eigenvalues))
 
     def _columns(self, spectrum: Spectrum, count: int) -> FloatArray:
-        """Values of the first parameter in so many columns."""
+        """Return the values of the first parameter in a number of columns."""
         if count == 1:
             return np.array([self.value(self.first, spectrum)])
         return np.geomspace(*self.range(spectrum), count)
@@ -338,9 +338,10 @@ class Filters(Family):
 
     @classmethod
     def exported(cls, n_columns: int | None = None, **chosen: Any) -> Self:
-        """`formula` is its text, `set` a list of ``name=value`` or, once, ``name=low:high``.
+        """Create a filter from options of the command line.
 
-        `unit` is the unit of length that their values are to be in, None where it is not known yet.
+        `formula` is its text, `set` a list of ``name=value`` or, once, ``name=low:high``. `unit` is
+        the unit of length of the mesh, None if not known yet.
         """
         family = cls(chosen.get("formula", cls.text), count=1 if n_columns is None else n_columns)
         values: dict[str, float] = {}
@@ -394,21 +395,21 @@ class Filters(Family):
         ]
 
     def _script(self, columns: str = "") -> str:
-        """The bank with the values that were chosen, or with `columns` for the first of them."""
+        """Return the expression of the bank, with `columns` as values of the first parameter."""
         values = {name: repr(value) for name, value in self.values}
         if columns:
             values[self.first] = columns
         name = _bank_name(self.text, [] if columns else [value for _, value in self.values])
         if name == "formula_bank":
-            told = "".join(f", {name}={value}" for name, value in values.items())
-            return f"mv.formula_bank({self.text!r}{told})"
+            given = "".join(f", {name}={value}" for name, value in values.items())
+            return f"mv.formula_bank({self.text!r}{given})"
         if name == "gaussian_pyramid_bank":
             return f"mv.gaussian_pyramid_bank({columns or f'[{values[self.first]}]'})"
         return f"mv.{name}({', '.join(values.values())})"
 
 
 def _ends(given: str, name: str, text: str, power: int, unit: str | None) -> list[float]:
-    """The numbers of a parameter on the command line: one, or the ends of a range."""
+    """Parse the values of a parameter on the command line: one, or the ends of a range."""
     try:
         ends = [parse_quantity(end, power) for end in text.split(":")]
     except InputError as fault:
@@ -419,9 +420,9 @@ def _ends(given: str, name: str, text: str, power: int, unit: str | None) -> lis
 
 
 def _bank_name(text: str, edges: Sequence[float]) -> str:
-    """The ready bank of a formula, which knows what truncation costs it, or that of any formula.
+    """Return the function of a predefined bank, with known truncation error, or `formula_bank`.
 
-    `edges` are its values where each is one number.
+    `edges` are its values if each is one number.
     """
     if text == READY["Gaussian"]:
         return "gaussian_pyramid_bank"

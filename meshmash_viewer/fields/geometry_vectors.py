@@ -17,7 +17,7 @@ from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.spectral.weyl import weyl_eigenvalue
 from meshmash_viewer.units import format_range, named_quantity
 
-#: Along the support of one band, as it is drawn.
+#: Samples on the support of one band.
 _SAMPLES = 33
 
 
@@ -28,9 +28,9 @@ class GeometryVectors(BankColumns):
     Parameters
     ----------
     index, count : int
-        Band, counted from 0, and their number.
+        Band, from 0, and number of bands.
     automatic : bool
-        Whether bands span the whole computed spectrum or the next two.
+        Whether bands span the computed spectrum or the range `low` to `high`.
     low, high : float or None
         Range of eigenvalues in inverse squared length units when not automatic.
     """
@@ -48,7 +48,7 @@ class GeometryVectors(BankColumns):
     high: float | None = parameter(None, number(0.0), power=-2)
 
     def range(self, spectrum: Spectrum) -> tuple[float, float]:
-        """Smallest and largest eigenvalue in force, in inverse squared length units."""
+        """Return smallest and largest eigenvalue of the bands, in inverse squared length units."""
         return self._ends(float(spectrum.eigenvalues[-1]))
 
     def _ends(self, top: float) -> tuple[float, float]:
@@ -76,11 +76,11 @@ class GeometryVectors(BankColumns):
     # -- bands --------------------------------------------------------------------------------
 
     def centers(self, spectrum: Spectrum) -> FloatArray:
-        """Eigenvalue in the middle of each band, shape (count,)."""
+        """Return the eigenvalue in the middle of each band, shape (count,)."""
         return bspline_bank(*self.range(spectrum), self.count).parameters
 
     def support(self, spectrum: Spectrum, band: int | None = None) -> tuple[float, float]:
-        """Eigenvalues between which the band, or another one, is not zero."""
+        """Return the range of eigenvalues in which the band, or another one, is not zero."""
         # Uniform cubic B-splines: each spans at most four intervals between knots.
         band = self.column if band is None else band
         low, high = self.range(spectrum)
@@ -111,7 +111,7 @@ class GeometryVectors(BankColumns):
     def bank(
         self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None
     ) -> FilterBank:
-        """From zero to the threshold, where there is one, as `compute_geometry_vectors`."""
+        """Return bands from zero to the threshold, if any, as in `compute_geometry_vectors`."""
         top = float(eigenvalues[-1]) if bound is None else bound
         if not top > 0.0 and area is not None:
             top = weyl_eigenvalue(area, len(eigenvalues))

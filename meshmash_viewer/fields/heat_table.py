@@ -1,9 +1,9 @@
-"""The heat kernel signature at any time of a range, from a few stored columns.
+"""Interpolation of the heat kernel signature in time, from a few stored columns.
 
-As a function of log t the signature of a vertex is smooth, so its values at nodes that are evenly
-spaced in log t tell those in between. Polynomials would do poorly where ``exp(-λ t)`` falls
-steeply; instead the six nodes around a time are combined with the weights that fit
-``exp(-λ_k t)`` best, in least squares over the spectrum itself, within 1e-4 of its sum.
+The signature of a vertex is a smooth function of log t, so it is interpolated between nodes evenly
+spaced in log t. Polynomials would be inaccurate where ``exp(-λ t)`` decreases steeply; instead the
+six nodes around a time are combined with the weights of a least-squares fit of ``exp(-λ_k t)`` over
+the spectrum, with an error of at most 1e-4 of its sum.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ from meshmash_viewer.progress import CancelCallback
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 ColumnArray: TypeAlias = npt.NDArray[np.float32]
 
-#: Nodes that one time is combined from, and their distance in log t.
+#: Number of nodes combined for one time, and their distance in log t.
 _STENCIL, _STEP = 6, 0.27
-#: Singular values below this share of the largest are rounding of the columns, in a fit.
+#: Share of the largest singular value below which others are neglected in a fit.
 _ROUNDING = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
 class HeatTable:
-    """Stored columns of the signature, and how to combine them.
+    """Stored columns of the signature, and weights to combine them.
 
     Parameters
     ----------
     times : tuple of float
-        The shortest and the longest that it tells, in squared length units.
+        Shortest and longest time, in squared length units.
     rates : ndarray of float64, shape (k,)
         Nonzero eigenvalues.
     columns : ndarray of float32, shape (m, n)
-        The signature at the nodes without the null space, each over its heat trace.
+        The signature at the nodes without the null space, divided by the heat trace.
     fits : list of ndarray of float64, shape (6, k)
-        Of the nodes from each on: decay of the pairs at a time, over its sum, to weights.
+        For each first node: matrix from the normalised decay of the pairs to weights.
     base : ndarray of float32, shape (n,)
-        The null space's part, which is the same at all times. Beside it, what varies may be small.
+        Contribution of the null space, constant in time and possibly much larger than the rest.
     """
 
     times: tuple[float, float]
@@ -53,12 +53,12 @@ class HeatTable:
     base: ColumnArray
 
     def covers(self, time: float, last: float | None = None) -> bool:
-        """Whether it tells a time, or a range of times."""
+        """Whether a time, or a range of times, is within that of the table."""
         rounding = 1.0 + 1e-9
         return self.times[0] <= time * rounding and (last or time) <= self.times[1] * rounding
 
     def at(self, time: float) -> ColumnArray:
-        """The signature at one time that the table `covers`, shape (n,), in 1 / area."""
+        """Interpolate the signature at one time that the table `covers`, shape (n,), 1 / area."""
         start = int(math.log(max(time / self.times[0], 1.0)) / _STEP)
         start = min(start, len(self.fits) - 1)
         weights = self.fits[start] @ _shares(self.rates, np.array([time]))[0]
@@ -71,7 +71,7 @@ class HeatTable:
 def build_heat_table(
     spectrum: Spectrum, times: tuple[float, float], cancel: CancelCallback | None = None
 ) -> HeatTable:
-    """Compute a table for a range of times, in squared length units."""
+    """Compute the table for a range of times, in squared length units."""
     n_zero = first_nonzero(spectrum)
     rates = spectrum.eigenvalues[n_zero:]
     n_fits = max(math.ceil(math.log(times[1] / times[0]) / _STEP), 1)
@@ -88,6 +88,6 @@ def build_heat_table(
 
 
 def _shares(rates: FloatArray, times: FloatArray) -> FloatArray:
-    """Decay of each pair over the sum of all, shape (times, k), however little is left."""
+    """Compute the decay of each pair divided by the sum, without underflow, (times, k)."""
     decay = np.exp(-np.outer(times, rates - rates[:1]))
     return np.asarray(decay / np.maximum(decay.sum(axis=1, keepdims=True), 1e-300))

@@ -33,7 +33,7 @@ from meshmash_viewer.quantities import parse_quantity
 from meshmash_viewer.spectral.weyl import resolved_time
 from meshmash_viewer.units import format_quantity, named_quantity
 
-#: Times of a profile's curve; the exported ones are dots on it.
+#: Number of times of the curve of a profile; the exported ones are dots.
 _FINE = 96
 _ABOVE_ZERO = 1e-300
 
@@ -47,7 +47,7 @@ class HeatKernelSignature(Family):
     time : float or None
         In squared length units; None is the middle of the range in log scale.
     automatic : bool
-        Whether the range comes from the spectrum (Sun et al. 2009) or from the next two.
+        Whether the range is chosen from the spectrum (Sun et al. 2009), or given by the next two.
     t_min, t_max : float or None
         Range of times in squared length units when not automatic.
     scales : int
@@ -63,8 +63,8 @@ class HeatKernelSignature(Family):
     options: ClassVar[tuple[Option, ...]] = (
         Option(
             "t_min",
-            "shortest diffusion time (unit²); default by the λ of each mesh, so give both times"
-            " where columns of many meshes are to agree",
+            "shortest diffusion time (unit²); default: from the eigenvalues of each mesh, so give"
+            " both times if columns of several meshes are to be compared",
             "T",
             partial(parse_quantity, power=2),
         ),
@@ -72,7 +72,7 @@ class HeatKernelSignature(Family):
     )
     position: ClassVar[tuple[str, ...]] = ("time",)
     ordered: ClassVar[tuple[str, str] | None] = ("t_min", "t_max")
-    interval: ClassVar[int] = 50  # times are a film
+    interval: ClassVar[int] = 50
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (True, True, True)
 
     time: float | None = parameter(None, number(_ABOVE_ZERO), power=2)
@@ -82,9 +82,9 @@ class HeatKernelSignature(Family):
     scales: int = parameter(32, whole(1, MOST_COUNT))
 
     def range(self, spectrum: Spectrum) -> tuple[float, float]:
-        """Shortest and longest time in force, in squared length units.
+        """Return shortest and longest time, in squared length units.
 
-        An end left open by hand is automatic, and ends in the wrong order are exchanged.
+        An end that is None is chosen from the spectrum; ends in the wrong order are swapped.
         """
         t_min, t_max = spectrum.time_range
         if not self.automatic:
@@ -93,7 +93,7 @@ class HeatKernelSignature(Family):
         return (t_min, t_max) if t_min < t_max else (t_max, t_min)
 
     def time_in(self, spectrum: Spectrum) -> float:
-        """Time in force: the chosen one, or the middle of the range in log scale."""
+        """Return the chosen time, or the middle of the range in log scale."""
         if self.time is not None:
             return self.time
         t_min, t_max = self.range(spectrum)
@@ -110,7 +110,7 @@ class HeatKernelSignature(Family):
         return self if inside else replace(self, time=None)
 
     def step(self, spectrum: Spectrum, steps: int) -> Self:
-        """Times of the exported scales."""
+        """Step through the exported times."""
         if first_nonzero(spectrum) >= len(spectrum):
             return self
         low, high = self.range(spectrum)
@@ -154,7 +154,7 @@ class HeatKernelSignature(Family):
         return Response((along, np.exp(-along * time)), 1.0 / time, "exp(−λt), ╌ λ = 1/t")
 
     def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
-        """The time of which the eigenvalue is the inverse."""
+        """Select the inverse of the eigenvalue as time."""
         if not value > 0.0:
             return self
         low, high = self.range(spectrum)
@@ -219,7 +219,7 @@ class HeatKernelSignature(Family):
 
 
 def resolved_from(spectrum: Spectrum) -> float:
-    """Time from which the known pairs tell the HKS but for 1 %; 0 where these are all there are.
+    """Return the time from which the known pairs give HKS within 1 %; 0 if all pairs are known.
 
     See `meshmash_viewer.spectral.weyl.resolved_time`. The automatic range begins above it.
     """

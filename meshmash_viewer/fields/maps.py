@@ -1,4 +1,4 @@
-"""Maps that a person brings, and the curvature of the mesh: themselves, and on the eigenpairs."""
+"""Family of maps: those of the mesh and its curvatures, and their expansion in eigenpairs."""
 
 from __future__ import annotations
 
@@ -42,36 +42,36 @@ from meshmash_viewer.surface.curvature import DIRECTION_FAULT
 from meshmash_viewer.units import format_number, format_quantity, power_unit
 from meshmash_viewer.vertex_map import Label, VertexMap
 
-#: Maps that every mesh has: the power of the length in their unit, and the public function.
+#: Maps of every mesh: power of length in their unit, and name of the public function.
 CURVATURES: dict[str, tuple[int, str]] = {
     "Mean curvature": (-1, "mean_curvature"),
     "Gaussian curvature": (-2, "gaussian_curvature"),
 }
-#: What is shown of a map.
+#: Views of a map.
 VIEWS = {"map": "Map", "pairs": "From pairs", "filter": "Filtered", "band": "Band"}
-#: Of the means of maps, among what is derived from the mesh.
+#: Key of the means of maps in `Mesh.derived`.
 _MEANS = "means of maps"
-#: Of the spectra of maps there, with the pairs that they are on.
+#: Key of the spectra of maps in `Mesh.derived`, with their pairs.
 _PROJECTED = "spectra of maps"
 
 
 @dataclass(frozen=True)
 class OwnMaps(Family):
-    """One of the maps of the mesh; without eigenpairs the map itself.
+    """One of the maps of the mesh, or its expansion in eigenpairs.
 
     Parameters
     ----------
     chosen : str
-        Name of the map; one that is not there is the first.
+        Name of the map; if it does not exist, the first map is used.
     view : str
-        A key of `VIEWS`: the map, its sum over the lowest pairs, the map passed through the filter
-        of `Filters`, or the band that is strongest at each vertex.
+        A key of `VIEWS`: the map, its sum over the lowest pairs, the map filtered with that of
+        `Filters`, or the strongest band at each vertex.
     pairs : int
         Number of the lowest pairs.
     shown : VertexMap or None
-        The map once resolved; None for a curvature, which is computed when it is asked for.
+        The map once resolved; None for a curvature, which is computed on demand.
     filter : Filters or None
-        What it is passed through, once resolved.
+        The filter, once resolved.
     """
 
     name: ClassVar[str] = "map"
@@ -79,7 +79,7 @@ class OwnMaps(Family):
     short: ClassVar[str] = "Own maps"
     tip: ClassVar[str] = "Values per vertex from a file, and the curvature of the mesh"
     options: ClassVar[tuple[Option, ...]] = (
-        Option("map_name", "which map, of a file or of the mesh, or a curvature", "NAME"),
+        Option("map_name", "name of a map of the mesh or of a file, or of a curvature", "NAME"),
         Option(
             "view",
             "the map itself, and each is a column; its sum over the lowest pairs, with a column"
@@ -125,7 +125,7 @@ class OwnMaps(Family):
         names = [*maps, *CURVATURES]
         name = self.chosen if self.chosen in names else names[0]
         shown = maps.get(name)
-        # the numbers of labels have no spectrum, nor has a map without pairs
+        # labels have no spectrum, nor has a map without pairs
         view = self.view if len(spectrum) and not (shown and shown.labels) else "map"
         pairs = self.within(spectrum).pairs if view == "pairs" else 1
         passed = chosen.get(Filters.name) if view == "filter" else None
@@ -138,12 +138,12 @@ class OwnMaps(Family):
     def of_map(self, name: str) -> Self:
         return replace(self, chosen=name, view="map")
 
-    def behind(self, chosen: Mapping[str, Family]) -> Family:
-        """Values at a vertex are profiled by the first family."""
+    def profile_family(self, chosen: Mapping[str, Family]) -> Family:
+        """Return the first family."""
         return next(iter(chosen.values()))
 
     def step(self, spectrum: Spectrum, steps: int) -> Self:
-        """One pair more in their sum; otherwise the next map."""
+        """Step through the number of pairs in the sum; otherwise through maps."""
         if self.view == "pairs" and len(spectrum):
             return replace(self, pairs=self.within(spectrum).pairs + steps).within(spectrum)
         own = () if spectrum.mesh is None else spectrum.mesh.maps
@@ -193,7 +193,7 @@ class OwnMaps(Family):
         return self.shown.labels if self.shown is not None and self.view == "map" else ()
 
     def compute(self, spectrum: Spectrum, table: Table | None) -> Answer | None:
-        """A draft while the map's spectrum is still to come; None where that is needed."""
+        """Compute values; a draft, or None, until the spectrum of the map is computed."""
         ready = self.prepared(spectrum, table)
         if self.view == "map":
             return Answer(self._shown_map(spectrum).shown, not ready)
@@ -201,7 +201,7 @@ class OwnMaps(Family):
             return None
         content: _Sums = table.content
         if ready:
-            table.spectrum = spectrum  # next time it is the very same
+            table.spectrum = spectrum  # faster comparison next time
         if self.view == "band":
             assert content.bands is not None
             return Answer(content.bands, not ready)
@@ -243,7 +243,7 @@ class OwnMaps(Family):
         return self.prepare(spectrum, cancel)
 
     def _resting(self, table: Table, cancel: CancelCallback | None) -> Table:
-        """With the sum for the filter as it is, and what tells it nearly while that moves."""
+        """Add the exact sum for the present filter, and the table of approximations."""
         if self.filter is not None and not table.spectrum.small:
             content, spectrum = table.content, table.spectrum
             near = content.near or build_pair_table(spectrum, cancel, content.spectrum.coefficients)
@@ -253,31 +253,31 @@ class OwnMaps(Family):
     def serves(self, spectrum: Spectrum, table: Table) -> bool:
         known: OwnMaps = table.family  # type: ignore[assignment]
         same = (known.chosen, known.shown) == (self.chosen, self.shown)
-        there = self.view != "band" or table.content.bands is not None
-        return same and there and grew(table.spectrum, spectrum)
+        has_bands = self.view != "band" or table.content.bands is not None
+        return same and has_bands and grew(table.spectrum, spectrum)
 
     @property
     def _labelled(self) -> bool:
         return self.shown is not None and bool(self.shown.labels)
 
     def vertex_map(self, spectrum: Spectrum) -> VertexMap | None:
-        """The map, if it is known; a curvature has to be computed first."""
+        """Return the map if it is known; a curvature has to be computed first."""
         resolved = self if self.shown is not None else self.resolved(spectrum, {})
         if resolved.shown is not None or spectrum.mesh is None:
             return resolved.shown
         return spectrum.mesh.derived.get((resolved.chosen, spectrum.mesh.unit))
 
     def map_spectrum(self, spectrum: Spectrum) -> MapSpectrum | None:
-        """The map's coefficients on these pairs, once they have been computed."""
+        """Return the coefficients of the map on these pairs, once they have been computed."""
         shown = self.vertex_map(spectrum)
         found = None if shown is None else _projected(spectrum).get(shown)
         if shown is None or found is None or not same_pairs(found[0], spectrum):
             return None
-        _projected(spectrum)[shown] = spectrum, found[1]  # next time it is the very same
+        _projected(spectrum)[shown] = spectrum, found[1]  # faster comparison next time
         return found[1]
 
     def mean(self, spectrum: Spectrum) -> float:
-        """Mean over the surface where the map has values, each weighed by the area of its vertex.
+        """Return the area-weighted mean of the map where it has values.
 
         NaN before the map has been shown once, for labels, and without values on the surface.
         """
@@ -287,7 +287,7 @@ class OwnMaps(Family):
         return float(_kept(mesh, _MEANS).get(shown, np.nan))
 
     def _shown_map(self, spectrum: Spectrum) -> VertexMap:
-        """The map, computed where it is a curvature that is not known yet."""
+        """Return the map; compute it if it is a curvature that is not known yet."""
         known, mesh = self.vertex_map(spectrum), spectrum.mesh
         if known is None:
             from meshmash_viewer.surface import curvature  # which loads SciPy
@@ -305,7 +305,7 @@ class OwnMaps(Family):
     # -- plots --------------------------------------------------------------------------------
 
     def response(self, spectrum: Spectrum, along: FloatArray) -> Response | None:
-        """The map's spectrum |ΦᵀMf|², a line for each pair, relative to the largest."""
+        """Return the spectrum |ΦᵀMf|² of the map, a line for each pair, relative to the largest."""
         known = self.map_spectrum(spectrum)
         if known is None:
             return None
@@ -321,7 +321,7 @@ class OwnMaps(Family):
         return Response(curve, held, legend)
 
     def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
-        """As many pairs as reach up to there."""
+        """Select the number of pairs up to an eigenvalue."""
         count = int(np.searchsorted(spectrum.eigenvalues, value * (1.0 + 1e-9), side="right"))
         return replace(self, view="pairs", pairs=count).within(spectrum)
 
@@ -335,7 +335,7 @@ class OwnMaps(Family):
         return "Index", "Share of the map"
 
     def profile(self, spectrum: Spectrum) -> Profile | None:
-        """What each pair adds at a vertex."""
+        """Return the profile: the contribution of each pair at a vertex."""
         known = self.map_spectrum(spectrum)
         if known is None:
             return None
@@ -357,7 +357,7 @@ class OwnMaps(Family):
         shown = next((each for each in mesh.maps if each.name == (self.chosen or names[0])), None)
         if self.view != "map" and shown is not None and shown.labels:
             raise InputError(
-                f"{shown.name} holds numbers of labels, and these have no sum over pairs: leave"
+                f"{shown.name} contains labels, which have no expansion in eigenpairs: omit"
                 " --view, or choose another map."
             )
 
@@ -387,39 +387,39 @@ class OwnMaps(Family):
 
 
 def _projected(spectrum: Spectrum) -> WeakKeyDictionary[VertexMap, tuple[Spectrum, MapSpectrum]]:
-    """Spectra by map: made in the thread that answers, read by whoever draws."""
+    """Return spectra by map: written in the computing thread, read in the main thread."""
     return WeakKeyDictionary() if spectrum.mesh is None else _kept(spectrum.mesh, _PROJECTED)
 
 
 def _kept(mesh: Mesh, name: str) -> WeakKeyDictionary[VertexMap, Any]:
-    """What is known of maps.
+    """Return a cache by map.
 
-    It is kept with the mesh, since pairs know it and it knows the maps: kept by anything that
-    outlives it, none of it would ever go.
+    It is stored with the mesh, since entries refer to pairs, these to the mesh, and the mesh to the
+    maps: in an object that outlives the mesh, entries would never be freed.
     """
     known: WeakKeyDictionary[VertexMap, Any] = mesh.derived.setdefault(name, WeakKeyDictionary())
     return known
 
 
 def _mean_over(mesh: Mesh, values: FloatArray) -> float:
-    """Mean over the surface where there are values."""
+    """Compute the mean over the surface where there are values."""
     weights = mesh.vertex_areas * np.isfinite(values)
     total = weights.sum()
     return float(weights @ np.nan_to_num(values) / total) if total > 0.0 else np.nan
 
 
 class _Sums:
-    """The spectrum of a map, and its sum over the lowest pairs, which goes on from the last one."""
+    """The spectrum of a map, and its sum over the lowest pairs, updated from the last one."""
 
     def __init__(self, spectrum: MapSpectrum, bands: ColumnArray | None) -> None:
         self.spectrum = spectrum
         self.bands = bands
         self._last: tuple[int, FloatArray | None] = 0, None
-        #: What tells any filtered sum nearly, once one has been asked for.
+        #: Table of approximate filtered sums, once one has been requested.
         self.near: PairTable | None = None
 
     def up_to(self, count: int, rows: Any) -> ColumnArray:
-        """Sum over so many pairs; a slider moves by a few, which are added or taken away."""
+        """Compute the sum over a number of pairs by adding or subtracting the difference."""
         known, total = self._last
         if total is None or abs(count - known) > count:
             known, total = 0, np.zeros(rows.shape[1])
@@ -437,7 +437,7 @@ class _Sums:
 
 
 def _band_labels(eigenvalues: FloatArray, unit: str) -> tuple[Label, ...]:
-    """One a band, named by the wavelengths in it, from yellow for long waves to violet."""
+    """Return a label for each band, with its wavelengths, from yellow (long) to violet."""
     from matplotlib import colormaps
 
     edges = [wavelength(float(edge)) for edge in band_edges(eigenvalues)]

@@ -1,6 +1,6 @@
-"""What the entries of a JSON file may be: types, bounds, and what to say of one that is neither.
+"""Checks of JSON values: types, bounds, and error messages.
 
-A check is a function that takes what was read and gives back what it means, or raises `Refused`::
+A check is a function that converts a value that was read, or raises `Refused`::
 
     point = record({"x": number(0.0, 1.0), "kind": choice(["a", "b"])})
     point({"x": 0.5, "kind": "a"})
@@ -19,25 +19,25 @@ from meshmash_viewer.errors import InputError, printable
 
 Check: TypeAlias = Callable[[Any], Any]
 
-#: Indices and counts are whole numbers of 32 bits, as the window's fields are.
+#: Largest index or count, a 32-bit integer as in the fields of the window.
 MOST_INDEX = 2**31 - 1
-#: Characters of a name out of a file, which may be a sentence or a whole path.
+#: Maximum length of a name from a file, which may be a sentence or a path.
 MOST_NAME = 100_000
-#: Characters of a value that a sentence repeats.
+#: Maximum length of a value quoted in a message.
 _SHOWN = 40
 
 
 class Refused(ValueError):
-    """A value that is not what its place is for.
+    """A value that is not valid.
 
     Parameters
     ----------
     expected : str
-        What it should be: "a whole number from 1 to 1024".
+        Description of valid values: "a whole number from 1 to 1024".
     value : object
-        What it is.
+        The value.
     place : str
-        Where within the value that was checked: ".limits.low".
+        Path within the checked value: ".limits.low".
     """
 
     def __init__(self, expected: str, value: object, place: str = "") -> None:
@@ -47,17 +47,17 @@ class Refused(ValueError):
         self.place = place
 
     def within(self, place: str) -> Refused:
-        """The same, told from one level further out."""
+        """Prepend to the path."""
         return Refused(self.expected, self.value, place + self.place)
 
 
 def understood(check: Check, value: object, path: Path, entry: str) -> Any:
-    """What an entry of a file means.
+    """Convert an entry of a file.
 
     Raises
     ------
     InputError
-        If it is not what it should be; the sentence names the file, the entry and its value.
+        If it is not valid; the message names the file, the entry and its value.
     """
     try:
         return check(value)
@@ -68,19 +68,19 @@ def understood(check: Check, value: object, path: Path, entry: str) -> Any:
             shown = type(refused.value).__name__
         raise InputError(
             f"{path.name} has {entry}{refused.place} = {printable(shown, _SHOWN)}, which should be "
-            f"{refused.expected}: mend that entry, or open another file."
+            f"{refused.expected}: correct that entry, or open another file."
         ) from refused
 
 
 def flag(value: object) -> bool:
-    """True or false."""
+    """Check for true or false."""
     if not isinstance(value, bool):
         raise Refused("true or false", value)
     return value
 
 
 def whole(least: int, most: int) -> Check:
-    """A whole number within bounds, both included; 50.0 is one, as some programs write it."""
+    """Make a check for a whole number within bounds, both included; 50.0 is accepted."""
 
     def check(value: object) -> int:
         if isinstance(value, float) and value.is_integer():
@@ -93,7 +93,7 @@ def whole(least: int, most: int) -> Check:
 
 
 def number(least: float = -1e300, most: float = 1e300) -> Check:
-    """A finite number within bounds, both included."""
+    """Make a check for a finite number within bounds, both included."""
     bounds = f"from {least:g} to {most:g}"
     expected = "a finite number" if (least, most) == (-1e300, 1e300) else f"a number {bounds}"
 
@@ -107,7 +107,7 @@ def number(least: float = -1e300, most: float = 1e300) -> Check:
 
 
 def text(most: int = 4096) -> Check:
-    """A text that can be the name of a file, too."""
+    """Make a check for a text that can also be a file name."""
 
     def check(value: object) -> str:
         try:
@@ -122,7 +122,7 @@ def text(most: int = 4096) -> Check:
 
 
 def checked_text(most: int, sound: Callable[[str], object]) -> Check:
-    """A text that `sound` has nothing against, which raises `InputError` if it has."""
+    """Make a check for a text for which `sound` does not raise `InputError`."""
     short = text(most)
 
     def check(value: object) -> str:
@@ -137,7 +137,7 @@ def checked_text(most: int, sound: Callable[[str], object]) -> Check:
 
 
 def choice(values: Iterable[str], named: str = "") -> Check:
-    """One of some texts; `named` says what they are where there are too many to list."""
+    """Make a check for one of some texts; `named` describes them if they are too many."""
     known = tuple(values)
     expected = named or " or ".join(f'"{each}"' for each in known)
 
@@ -150,7 +150,7 @@ def choice(values: Iterable[str], named: str = "") -> Check:
 
 
 def none_or(check: Check) -> Check:
-    """Null, or what another check takes."""
+    """Make a check for null, or what another check accepts."""
 
     def either(value: object) -> Any:
         if value is None:
@@ -165,7 +165,7 @@ def none_or(check: Check) -> Check:
 
 
 def listing(check: Check, most: int, least: int = 0, *, different: bool = False) -> Check:
-    """A list of so many values; `different` says that none comes twice."""
+    """Make a check for a list of `least` to `most` values, which may have to be `different`."""
     expected = f"a list of {least} values" if least == most else f"a list of at most {most} values"
 
     def each(value: object) -> list[Any]:
@@ -178,14 +178,14 @@ def listing(check: Check, most: int, least: int = 0, *, different: bool = False)
             except Refused as refused:
                 raise refused.within(f"[{at}]") from None
         if different and len(set(taken)) < len(taken):
-            raise Refused("a list in which no value comes twice", value)
+            raise Refused("a list without repeated values", value)
         return taken
 
     return each
 
 
 def named(check: Check, most: int) -> Check:
-    """An object with so many entries of any names, as pairs of name and value."""
+    """Make a check for an object with entries of any name; return pairs of name and value."""
 
     def entries(value: object) -> tuple[tuple[str, Any], ...]:
         if not isinstance(value, dict) or len(value) > most:
@@ -197,9 +197,9 @@ def named(check: Check, most: int) -> Check:
 
 
 def record(checks: Mapping[str, Check], *, whole: bool = False) -> Check:
-    """An object with some entries; those that it has not are left out, unknown ones passed over.
+    """Make a check for an object; missing entries are left out, unknown ones ignored.
 
-    `whole` says that it has all of them.
+    With `whole` all entries are required.
     """
 
     def entries(value: object) -> dict[str, Any]:

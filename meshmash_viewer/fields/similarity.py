@@ -1,4 +1,4 @@
-"""How far every vertex is from one of them in the space of a feature."""
+"""Family of distances from a vertex in feature space."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from meshmash_viewer.fields.schema import MOST_INDEX, whole
 from meshmash_viewer.fields.spectrum import Spectrum, grew
 from meshmash_viewer.progress import CancelCallback
 
-#: Share of the variance that may be left out: an error of 2e-3 is half a step of colour.
+#: Neglected share of the variance: its error of 2e-3 is half a step of colour.
 _VARIANCE = 4e-6
-#: How many spreads from the median a vertex may be before its length stops to count.
+#: Distance from the median, in spreads, to which vertices are limited.
 _FAR = 3.0
-#: Vertices at a time, whose differences stay in the processor's cache.
+#: Vertices processed at a time, whose differences stay in the cache.
 _BLOCK = 1 << 15
 
 
@@ -30,9 +30,9 @@ class Similarity(Family):
     Parameters
     ----------
     vertex : int or None
-        From which it is measured.
+        Vertex from which distances are measured.
     basis : str
-        Name of the family whose exported columns it is measured in.
+        Name of the family whose exported columns are the features.
     features : Family or None
         That family with its parameters, once resolved.
     """
@@ -60,7 +60,7 @@ class Similarity(Family):
     def like(self, vertex: int) -> Self:
         return replace(self, vertex=vertex)
 
-    def behind(self, chosen: Mapping[str, Family]) -> Family:
+    def profile_family(self, chosen: Mapping[str, Family]) -> Family:
         return chosen[self.basis]
 
     def title(self) -> str:
@@ -70,16 +70,16 @@ class Similarity(Family):
         return "" if self.vertex is None else f"from {spectrum.named_vertex(self.vertex)}"
 
     def unit(self, length: str) -> str:
-        """A pure number: each column is in units of its spread."""
+        """Return no unit, since each column is divided by its spread."""
         return ""
 
     def compute(self, spectrum: Spectrum, table: Table | None) -> Answer | None:
-        """None without a table: there is no quick way."""
+        """Compute from the table; None without one."""
         if table is None or self.vertex is None or not self.serves(spectrum, table):
             return None
         draft = not self.prepared(spectrum, table)
         if not draft:
-            table.spectrum = spectrum  # next time it is the very same
+            table.spectrum = spectrum  # faster comparison next time
         return Answer(table.content.from_vertex(self.vertex), draft)
 
     def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
@@ -96,7 +96,7 @@ class Similarity(Family):
         return self.prepared(spectrum, table) or grew(table.spectrum, spectrum)
 
     def script(self, spectrum: Spectrum) -> list[str]:
-        assert self.vertex is not None, "it is shown"
+        assert self.vertex is not None, "only for a shown field"
         bank = self._features().bank_script()
         return [
             f"features = mv.compute_features(decomposition, {bank}, unit=mesh.unit)",
@@ -104,23 +104,23 @@ class Similarity(Family):
         ]
 
     def _features(self) -> Family:
-        assert self.features is not None, "resolved ones have them"
+        assert self.features is not None, "only for resolved families"
         return self.features
 
 
 @dataclass(frozen=True, eq=False)
 class SimilarityTable:
-    """Features in which the plain distance is the one of `shape.feature_distance`.
+    """Features whose Euclidean distance is that of `shape.feature_distance`.
 
-    `coordinates`, shape (r, n), run along the principal directions. `error` is that of a typical
-    distance, relative to it: the root of the share of the variance that was left out.
+    `coordinates`, shape (r, n), are along the principal directions. `error` is the relative error
+    of a typical distance: the root of the neglected share of the variance.
     """
 
     coordinates: npt.NDArray[np.float32]
     error: float
 
     def from_vertex(self, vertex: int) -> npt.NDArray[np.float32]:
-        """Distance of every vertex from one, shape (n,), a pure number."""
+        """Compute the distance of every vertex from one, shape (n,), dimensionless."""
         here = self.coordinates[:, vertex, None]
         distances = np.empty(self.coordinates.shape[1], dtype=np.float32)
 
@@ -139,7 +139,7 @@ def build_similarity_table(
     response: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float64]],
     cancel: CancelCallback | None = None,
 ) -> SimilarityTable:
-    """Compute features, standardise them, and turn them to their principal directions.
+    """Compute features, standardise them, and rotate them to their principal directions.
 
     `response` is that of a filter bank, ``(k,) -> (f, k)``.
     """
@@ -151,8 +151,8 @@ def build_similarity_table(
     features -= np.median(features[:, used], axis=1, keepdims=True)
     features /= column_spread(features[:, used].T)[:, None]
     standard = features[:, used]
-    # A neuron's specks lie thousands of times farther out than the rest: taken as they are they
-    # alone would decide which directions are kept, so each counts as its direction.
+    # Small components of a neuron are thousands of times farther out than the rest, and would
+    # determine which directions are kept: their distance is limited.
     far = _FAR * np.sqrt(len(standard))
     standard /= np.maximum(np.linalg.norm(standard, axis=0) / far, 1.0)
     variances, directions = np.linalg.eigh(standard @ standard.T)

@@ -1,4 +1,4 @@
-"""The eigenpairs known so far, as the views read them."""
+"""Spectrum: the eigenpairs computed so far, as displayed."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.certificate import Certificate
 
-#: Numbers read (pairs times vertices) by a sum that nobody feels.
+#: Number of values (pairs times vertices) up to which a sum takes negligible time.
 _SMALL = 3_000_000
 
 
 @dataclass(frozen=True)
 class Multiplet:
-    """Neighbouring eigenvalues that agree to a relative gap: any rotation of them is as good."""
+    """Eigenvalues equal to a relative gap: any orthogonal combination is an eigenfunction too."""
 
     first: int
     last: int
@@ -35,40 +35,39 @@ class Multiplet:
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Eigenpairs that have converged so far; a longer one replaces it as the solve goes on.
+    """The eigenpairs computed so far; a longer spectrum replaces it as the computation continues.
 
     Parameters
     ----------
     eigenvalues : ndarray of float64, shape (k,)
         Ascending, in inverse squared length units.
     rows : ndarray or ShownRows, shape (>= k, n)
-        Eigenvectors, one a row; a read-only map of the store, for features. NaN at unreferenced
-        vertices.
+        Eigenvectors, one a row, for features; may be a read-only map of the store. NaN at
+        unreferenced vertices.
     residuals : ndarray of float64, shape (k,)
         Relative residuals ``‖Lφ - λMφ‖ / (λ ‖Mφ‖)``.
     total : int
-        Number of pairs that the solve owes; 0 while unknown.
+        Number of pairs requested; 0 while unknown.
     certificate : Certificate, optional
-        What proves them; None until the solve has ended. Approximate ones may go on from there.
+        Certificate of the exact pairs; None until the computation has ended.
     preview : bool
-        Whether some are coarse approximations that exact ones will replace.
+        Whether some pairs are approximations that will be replaced.
     operator : OperatorOptions, optional
-        The Laplacian that these belong to.
+        Parameters of the Laplacian.
     n_exact : int
-        With `preview`: number of leading pairs that are exact already.
+        With `preview`: number of leading pairs that are exact.
     error : float
         Expected relative error of approximate eigenvalues.
     stored : StoredRows, optional
-        Where the exact rows are, with their checksums if they have not been compared with them:
-        for whoever checks them, as fields know no files.
+        File of the exact rows, with checksums that have not been verified yet.
     shown : ShownRows, optional
-        The rows as they are drawn, where that differs from `rows` by signs and rotations.
+        The rows as drawn, if they differ from `rows` by signs and rotations.
     known_to : float
-        Eigenvalue up to which these are proven to be all; 0 where no threshold was asked for.
+        Eigenvalue up to which these are complete; 0 if no threshold was requested.
     mass : ndarray of float64, shape (n,), optional
-        The areas that they are orthonormal with; see `vertex_areas`.
+        Diagonal of the mass matrix; see `vertex_areas`.
     mesh : Mesh, optional
-        The surface that they belong to, in the unit that it is said to be in.
+        The surface, in its present unit.
     """
 
     eigenvalues: npt.NDArray[np.float64]
@@ -88,7 +87,7 @@ class Spectrum:
 
     @classmethod
     def without_pairs(cls, mesh: Mesh) -> Spectrum:
-        """What is known of a mesh before it has been decomposed."""
+        """Create the spectrum of a mesh that has not been decomposed."""
         none = np.empty(0)
         return cls(none, np.empty((0, mesh.n_vertices)), none, mesh=mesh)
 
@@ -96,39 +95,39 @@ class Spectrum:
         return len(self.eigenvalues)
 
     def file_index(self, vertex: int) -> int:
-        """What a vertex is called: its index in the file of the mesh, see `Mesh.file_index`."""
+        """Return the index of a vertex in the file of the mesh, see `Mesh.file_index`."""
         return vertex if self.mesh is None else self.mesh.file_index(vertex)
 
     def named_vertex(self, vertex: int) -> str:
-        """Which vertex one is: "vertex 22,351"."""
+        """Return the displayed name of a vertex: "vertex 22,351"."""
         return named_vertex(self.file_index(vertex))
 
     def vertex_script(self, vertex: int) -> str:
-        """The expression of a script for a vertex of its ``mesh``."""
+        """Return the Python expression for a vertex of its ``mesh``."""
         if self.mesh is None or self.mesh.numbering is None:
             return str(vertex)
         return f"mesh.vertex_of({self.file_index(vertex)})"
 
     @property
     def complete(self) -> bool:
-        """Whether the solve has ended and its certificate proves the pairs."""
+        """Whether the computation has ended with a complete certificate."""
         return self.certificate is not None and self.certificate.complete
 
     @property
     def small(self) -> bool:
-        """Whether a sum over its pairs is there at once, without a table."""
+        """Whether sums over its pairs are fast without a table."""
         return self.rows.size <= _SMALL
 
     @property
     def shown_rows(self) -> npt.NDArray[np.floating] | ShownRows:
-        """The rows as they are drawn and plotted, shape (>= k, n)."""
+        """The rows as drawn and plotted, shape (>= k, n)."""
         return self.rows if self.shown is None else self.shown
 
     @property
     def vertex_areas(self) -> npt.NDArray[np.float64]:
-        """Area of each vertex, shape (n,): `mass`, or before a solve has ended that of the faces.
+        """Area of each vertex, shape (n,): `mass`, or until a computation has ended that of faces.
 
-        The robust Laplacian shares it out a little differently between neighbours.
+        The robust Laplacian distributes area slightly differently between neighbours.
         """
         if self.mass is not None and len(self.mass):
             return self.mass
@@ -137,14 +136,14 @@ class Spectrum:
 
     @cached_property
     def n_vertices(self) -> int:
-        """Number of vertices of the surface, and of pairs that it has in all."""
+        """Number of vertices of the surface, which is its total number of pairs."""
         return int(np.count_nonzero(~np.isnan(self.rows[0]))) if len(self) else 0
 
     @cached_property
     def time_range(self) -> tuple[float, float]:
-        """Shortest and longest HKS time that these pairs say something about.
+        """Shortest and longest HKS time resolved by these pairs.
 
-        In squared length units; (1, 10) without an eigenvalue that is more than rounding.
+        In squared length units; (1, 10) if all eigenvalues are zero within rounding.
         """
         values = self.eigenvalues
         if not len(values) or not values[-1] > 1e-9 * max(abs(float(values[0])), 1e-300):
@@ -153,12 +152,12 @@ class Spectrum:
         return float(t_min), float(t_max)
 
     def missing_shares(self, bank: FilterBank, area: float) -> npt.NDArray[np.float64]:
-        """Estimate what is missing of each column for want of eigenpairs, shape (f,)."""
+        """Estimate the share of each column due to pairs that were not computed, shape (f,)."""
         known_to = self.known_to or None
         return mean_shares(bank, self.eigenvalues, area, self.n_vertices, known_to)
 
     def first(self, count: int) -> Spectrum:
-        """The lowest pairs of it alone."""
+        """Return the spectrum of the lowest pairs alone."""
         return replace(
             self,
             eigenvalues=self.eigenvalues[:count],
@@ -167,18 +166,18 @@ class Spectrum:
         )
 
     def is_exact(self, index: int) -> bool:
-        """Whether a pair is final, not an approximation."""
+        """Whether a pair is exact, not an approximation."""
         return not self.preview or index < self.n_exact
 
     @property
     def exact(self) -> Spectrum:
-        """The pairs that are final; all of them without a preview."""
+        """The exact pairs; all of them without a preview."""
         if not self.preview:
             return self
         return replace(self.first(self.n_exact), total=self.total, preview=False, n_exact=0)
 
     def before(self, preview: Spectrum) -> Spectrum:
-        """These pairs, then those of a preview that go on from them."""
+        """Append the pairs of a preview beyond these."""
         assert not isinstance(self.rows, ShownRows)
         assert not isinstance(preview.rows, ShownRows)
         count, rest = len(self), preview.eigenvalues[len(self) :]
@@ -195,7 +194,7 @@ class Spectrum:
         )
 
     def multiplet(self, index: int, gap: float = 1e-6) -> Multiplet | None:
-        """The run of near-equal eigenvalues that an index belongs to, by relative gaps, or None."""
+        """Return the multiplet that contains an index, by relative gaps, or None."""
         values = self.eigenvalues
         if not 0 <= index < len(values):
             return None
@@ -209,15 +208,15 @@ class Spectrum:
 
 
 def first_nonzero(spectrum: Spectrum) -> int:
-    """Index of the first eigenvalue that is more than rounding; their number if there is none.
+    """Return the index of the first nonzero eigenvalue (within rounding), or their number.
 
-    Without one there is no scale to take times or bands from.
+    Without one, times and bands cannot be chosen.
     """
     return count_zeros(spectrum.eigenvalues)
 
 
 def grew(old: Spectrum, new: Spectrum) -> bool:
-    """Whether one spectrum is the other, be it before it grew."""
+    """Whether a spectrum is the same as another one, or an extension of it."""
     count = len(old)
     last = slice(max(count - 1, 0), count)
     return old is new or (
@@ -231,5 +230,5 @@ def grew(old: Spectrum, new: Spectrum) -> bool:
 
 
 def same_pairs(old: Spectrum, new: Spectrum) -> bool:
-    """Whether two spectra have the same pairs, be it that their proof has come since."""
+    """Whether two spectra have the same pairs; their certificates may differ."""
     return len(old) == len(new) and grew(old, new)

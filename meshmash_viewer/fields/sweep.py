@@ -1,4 +1,4 @@
-"""The positions of a family in a row: the columns that a gallery or a film goes through."""
+"""Sequences of positions of a family, for galleries and movies."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.units import counted
 
-#: Families with positions to go through, by name.
+#: Families with several positions, by name.
 SWEPT: dict[str, type[Family]] = {
     name: family for name, family in FAMILIES.items() if family.position
 }
-#: Farther than any family goes.
+#: More steps than any family has.
 FAR = 1_000_000_000
-#: More columns than anybody looks through; a family without an end is cut off here.
+#: Maximum number of columns, for families without an end.
 _MOST = 1 << 20
-#: Milliseconds that a column of a film is shown where its family is not played.
+#: Milliseconds of a column in a movie of a family without `interval`.
 _PAUSE = 250
-#: Frames of the longest film: more than an hour.
+#: Maximum number of frames of a movie, more than an hour.
 _MOST_FRAMES = 100_000
 
 
 def n_columns(family: Family, spectrum: Spectrum) -> int:
-    """Number of positions that `Family.step` goes through; 1 where there is nothing to step."""
+    """Count the positions that `Family.step` visits; 1 if there are no steps."""
     first = family.step(spectrum, -FAR)
 
     def is_last(column: int) -> bool:
@@ -36,12 +36,12 @@ def n_columns(family: Family, spectrum: Spectrum) -> int:
 
 
 def chosen_columns(text: str, most: int) -> range:
-    """Columns that "START:STOP:STEP" means among so many, as in Python; each may be left out.
+    """Parse "START:STOP:STEP" as in Python, for `most` columns; each part may be left out.
 
     Raises
     ------
     InputError
-        If it is not written so, or names none of them or one that there is not.
+        If the syntax is wrong, or no column or one that does not exist is selected.
     """
     parts = text.split(":")
     try:
@@ -50,7 +50,7 @@ def chosen_columns(text: str, most: int) -> range:
             raise ValueError
     except ValueError:
         raise InputError(
-            f"{text!r} does not say which columns: write START:STOP or START:STOP:STEP, such as"
+            f"{text!r} is not a range of columns: write START:STOP or START:STOP:STEP, such as"
             " 0:32:4, or one number."
         ) from None
     start, stop, step = (*numbers, None, None)[:3]
@@ -58,7 +58,7 @@ def chosen_columns(text: str, most: int) -> range:
         stop = start + 1
     start, stop, step = start or 0, most if stop is None else stop, 1 if step is None else step
     if step < 1 or start < 0 or stop <= start:
-        raise InputError(f"{text!r} names no column: count up from 0, to a later one.")
+        raise InputError(f"{text!r} selects no column: START must be from 0 and below STOP.")
     if stop > most:
         raise InputError(
             f"{text!r} goes beyond the {counted(most, 'column')}: the last that STOP may be is"
@@ -68,23 +68,23 @@ def chosen_columns(text: str, most: int) -> range:
 
 
 def evenly(most: int, count: int) -> range:
-    """About so many of the columns, evenly spread and the first of them among these."""
+    """Select about `count` columns, evenly spaced from the first one."""
     return range(0, most, -(-most // count))
 
 
 def sweep(
     family: Family, spectrum: Spectrum, columns: range, frames: int | None = None
 ) -> list[Family]:
-    """The family at some of its columns, or at so many places from the first of them to the last.
+    """Return the family at some of its columns, or at `frames` positions between the ends.
 
     Parameters
     ----------
     family : Family
     spectrum : Spectrum
     columns : range
-        Counted from 0, see `n_columns`; not empty.
+        Indices from 0, see `n_columns`; not empty.
     frames : int, optional
-        None for one each column.
+        None for one for each column.
 
     Raises
     ------
@@ -101,8 +101,8 @@ def sweep(
     found = [first.at_place(spectrum, place) for place in places]
     if len(set(found)) < frames:
         raise InputError(
-            f"{counted(frames, 'frame')} are more than the {counted(len(columns), 'column')} that"
-            " they would show: choose fewer seconds, a lower rate or more columns."
+            f"{counted(frames, 'frame')} are more than the {counted(len(columns), 'column')}"
+            " shown: choose fewer seconds, a lower rate or more columns."
         )
     return found
 
@@ -114,7 +114,7 @@ def film(
     rate: float | None = None,
     seconds: float | None = None,
 ) -> tuple[list[Family], float]:
-    """A sweep as frames of a film: of each frame its field, and the number of frames a second.
+    """Return the fields of the frames of a movie, and the number of frames a second.
 
     Parameters
     ----------
@@ -123,8 +123,8 @@ def film(
     columns : range
         See `sweep`.
     rate : float, optional
-        Frames a second; None takes that at which the family is played, or the lower one at which
-        its columns last as long as they should.
+        Frames a second; None for the rate at which the family is played, or a lower one if its
+        columns are too few for `seconds`.
     seconds : float, optional
         None shows every column once.
 
@@ -145,17 +145,17 @@ def film(
 
 
 def n_frames(rate: float, seconds: float) -> int:
-    """How many frames a film has.
+    """Return the number of frames of a movie.
 
     Raises
     ------
     InputError
-        If there are none, or more than anybody looks at.
+        If there are none, or too many.
     """
     frames = rate * seconds
     if not (rate > 0.0 and seconds > 0.0 and frames <= _MOST_FRAMES):
         raise InputError(
-            f"{seconds:g} s at {rate:g} frames a second are no film: choose both above 0, and up to"
+            f"Duration ({seconds:g} s) and frame rate ({rate:g}/s) must be positive, with at most"
             f" {_MOST_FRAMES:,} frames."
         )
     return max(round(frames), 1)

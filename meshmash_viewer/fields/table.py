@@ -1,8 +1,8 @@
-"""The table of families of fields: one file each, listed here once.
+"""Table of families of fields.
 
-Window, export, command line, sessions and the copied script read this table and know no family
-by name. To add one: its file here, its controls in ``app/tabs``, and a line below. Other packages
-add theirs by entry points.
+Window, export, command line, sessions and the copied script use this table; none of them refers to
+a family by name. To add a family, add its file here, its controls in ``app/tabs``, and a line
+below. Other packages add families by entry points.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ _LISTED: tuple[type[Family], ...] = (
 
 def _check_plug_in(name: str, family: type[BankColumns]) -> None:
     if not (isinstance(family, type) and issubclass(family, BankColumns)):
-        raise TypeError("it is no subclass of BankColumns")
-    said = [getattr(family, each, None) for each in ("name", "label", "short", "tip", "export")]
-    if said[0] != name or not all(isinstance(each, str) and each for each in said):
+        raise TypeError("it is not a subclass of BankColumns")
+    texts = [getattr(family, each, None) for each in ("name", "label", "short", "tip", "export")]
+    if texts[0] != name or not all(isinstance(each, str) and each for each in texts):
         raise TypeError("its name is not that of its entry point, or a text is missing")
     if family.options or family.export in {each.export for each in _LISTED}:
         raise TypeError("it has options, or is exported as another family is")
@@ -48,7 +48,7 @@ def _check_plug_in(name: str, family: type[BankColumns]) -> None:
         raise TypeError(f"its bank makes shape {made.shape} of 3 columns and 8 eigenvalues")
 
 
-#: By name, as the window shows them; the first is shown unless another is chosen.
+#: Families by name, in the order of the window; the first one is the default.
 FAMILIES: dict[str, type[Family]] = {family.name: family for family in _LISTED}
 for _plug_in in plug_ins("fields", FAMILIES, _check_plug_in).values():
     try:
@@ -56,12 +56,12 @@ for _plug_in in plug_ins("fields", FAMILIES, _check_plug_in).values():
     except InputError as _fault:
         warn(_fault)
 
-#: Those that have columns, by name.
+#: Families with exported columns, by name.
 FEATURES: dict[str, type[Family]] = {
     name: family for name, family in FAMILIES.items() if family.counted
 }
 
 _WRITTEN = (*FEATURES.values(), *FAMILIES.values())
 
-#: By kind of export, features before eigenpairs.
+#: Families by kind of export, features before eigenpairs.
 EXPORTS: dict[str, type[Family]] = {each.export: each for each in _WRITTEN if each.export}

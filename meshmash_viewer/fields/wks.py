@@ -1,4 +1,4 @@
-"""The wave kernel signature at one energy: eigenfunctions squared and summed in bands of log λ."""
+"""The wave kernel signature at one energy: sums of squared eigenfunctions in bands of log λ."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class WaveKernelSignature(BankColumns):
     Parameters
     ----------
     index, count : int
-        Energy, counted from 0, and their number.
+        Energy, from 0, and number of energies.
     """
 
     name: ClassVar[str] = "wks"
@@ -39,7 +39,7 @@ class WaveKernelSignature(BankColumns):
         return f"ln λ = {energy:.4g} (λ = {format_quantity(np.exp(energy), unit, -2)})"
 
     def bands(self, spectrum: Spectrum) -> LogGaussianResponse:
-        """The bands before they are normalised, with their energies and width in ln λ."""
+        """Return the bands without normalisation, with their energies and width in ln λ."""
         return wave_response(spectrum.eigenvalues, self.count)
 
     def places(self, spectrum: Spectrum) -> FloatArray:
@@ -48,7 +48,7 @@ class WaveKernelSignature(BankColumns):
     def response(self, spectrum: Spectrum, along: FloatArray) -> Response | None:
         known = spectrum.eigenvalues[first_nonzero(spectrum) :]
         if not len(known) or not np.log(known[-1]) > np.log(known[0]):
-            return None  # no energies to choose from; the field says so
+            return None  # no energies
         bands = self.bands(spectrum)
         others = tuple((along, each) for each in bands(along))
         energy = float(bands.energies[self.column])
@@ -59,7 +59,7 @@ class WaveKernelSignature(BankColumns):
         return self.at_place(spectrum, np.log(value)) if value > 0.0 else replace(self, index=0)
 
     def axes(self, unit: str) -> tuple[str, str]:
-        # a logarithm has no unit: that of λ is said
+        # a logarithm has no unit: name that of λ
         energy = named_quantity("Energy ln λ, λ", unit, -2) if unit else "Energy ln λ"
         return energy, named_quantity("WKS", unit, -2)
 

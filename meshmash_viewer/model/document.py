@@ -579,7 +579,7 @@ class Document:
 
     def flip(self) -> None:
         """Show what is on the render with the other sign, where it has one."""
-        self.display.put(self.display.family.turned())
+        self.display.put(self.display.family.sign_flipped())
 
     def similar(self) -> None:
         """Show what looks like the vertex pinned last."""

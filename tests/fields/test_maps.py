@@ -183,7 +183,7 @@ def test_labels_are_not_summed_over_pairs(rectangle: Mesh) -> None:
     OwnMaps.exported(map_name="halves").check_mesh(mesh)
     OwnMaps.exported(map_name="Mean curvature", view="pairs").check_mesh(mesh)
     for chosen in ({}, {"map_name": "halves"}):
-        with pytest.raises(InputError, match="halves holds numbers of labels"):
+        with pytest.raises(InputError, match="halves contains labels"):
             OwnMaps.exported(view="pairs", **chosen).check_mesh(mesh)
 
 

@@ -87,7 +87,7 @@ def test_cannot_be_written(tmp_path: Path) -> None:
         ("pins", "x", r"pins = \"x\", which should be a list"),
         ("pins", [3, -1], r"pins\[1\] = -1, which should be a whole number"),
         ("pins", [3, True], r"pins\[1\] = true"),
-        ("pins", [3, 3], "no value comes twice"),
+        ("pins", [3, 3], "without repeated values"),
         ("pins", [3, 642], "vertex 642, and its mesh has 642 vertices"),
         ("pins", list(range(10_001)), "at most 10000 values"),
         ("camera", 3, "camera = 3, which should be an object"),

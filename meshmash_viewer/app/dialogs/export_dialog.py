@@ -181,7 +181,7 @@ class ExportDialog(SaveDialog):
         self.table.itemSelectionChanged.connect(self._change_format)
         self.file_row.edit.textChanged.connect(self._follow_name)
         shown = document.display.family
-        shown = shown if shown.export else shown.behind(document.display.fields)
+        shown = shown if shown.export else shown.profile_family(document.display.fields)
         self.kind_combo.setCurrentIndex(max(self.kind_combo.findData(shown.export), 0))
         self._change_kind()
         self._choose_ending(ending)

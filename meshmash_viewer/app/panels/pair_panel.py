@@ -247,7 +247,9 @@ class PairPanel(QWidget):
                 "pair_told_label": "by index: same faces"
                 if found.given
                 else f"by features, {found.mutual_share:.1%} mutual",
-                "pair_function_label": self._document.display.family.told(pair.correspondence),
+                "pair_function_label": self._document.display.family.correspondence_text(
+                    pair.correspondence
+                ),
             }
             if pair.first.pins:
                 best, *others = self._matches_of(pair)

@@ -237,7 +237,7 @@ class ProfilePanel(PlotPanel):
 
     def _follow_kind(self) -> None:
         display = self._document.display
-        self._show_view(display.family.behind(display.fields).name)
+        self._show_view(display.family.profile_family(display.fields).name)
 
     @property
     def _family(self) -> Family:

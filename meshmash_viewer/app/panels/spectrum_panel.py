@@ -88,7 +88,7 @@ class SpectrumPanel(PlotPanel):
     def _follow_kind(self) -> None:
         display = self._document.display
         shown = display.family
-        responds = shown.responds() or shown.behind(display.fields).responds()
+        responds = shown.responds() or shown.profile_family(display.fields).responds()
         self._show_view("responses" if responds else "eigenvalues")
 
     def follow_field(self) -> None:

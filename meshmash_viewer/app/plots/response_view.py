@@ -163,7 +163,7 @@ class ResponseView:
         display = self._document.display
         if display.family.responds():
             return display.family
-        shown = display.family.behind(display.fields)
+        shown = display.family.profile_family(display.fields)
         if shown.responds():
             return shown
         even = next(name for name, family in FEATURES.items() if not family.logarithmic[2])

@@ -138,12 +138,6 @@ class Factor:
     Sylvester's law of inertia: the number of negative pivots in D is the number of eigenvalues
     of A below the shift.
 
-    Parameters
-    ----------
-    ordered : OrderedPencil
-    shift : float
-    stop : ndarray of uint8, shape (1,)
-
     Attributes
     ----------
     count_below : int
