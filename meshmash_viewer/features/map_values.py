@@ -7,7 +7,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from scipy import sparse
 
 from meshmash_viewer.errors import InputError, MissingValuesWarning
 from meshmash_viewer.vertex_map import VertexMap
@@ -38,7 +37,7 @@ def as_map_values(given: Any, n: int, *, columns: bool = True) -> FloatArray:
                 f"Map {given.name!r} has labels, whose numbers are names: no function."
             )
         given = given.values
-    if sparse.issparse(given) or callable(given):
+    if hasattr(given, "tocsr") or callable(given):
         raise InputError(
             f"A map is an array of one number a vertex, {wanted}, not of type "
             f"{type(given).__name__}: check the order of the arguments."
