@@ -42,7 +42,7 @@ from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.fields.wks import WaveKernelSignature
-from meshmash_viewer.model.jobs import ExportJob
+from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import subscript
 

@@ -1,4 +1,4 @@
-"""Faults of the program itself: one sentence for the user, and details to send along."""
+"""Reports of defects of the program: one sentence for the user, and a file with details."""
 
 from __future__ import annotations
 
@@ -12,13 +12,11 @@ from importlib import metadata
 
 from meshmash_viewer.folders import log_folder
 
-__all__ = ["report_defect", "versions"]
-
 _PACKAGES = ("meshmash-viewer", "numpy", "scipy", "numba", "vtk", "pyvista", "PySide6-Essentials")
 
 
 def report_defect(fault: BaseException) -> str:
-    """Keep the details of a defect in a file of the user's log folder.
+    """Write the details of a defect to a file in the user's log folder.
 
     Returns
     -------
@@ -43,7 +41,7 @@ def report_defect(fault: BaseException) -> str:
 
 
 def versions() -> str:
-    """The versions that a bug report needs, in one line."""
+    """Return the versions that a bug report needs, in one line."""
     parts = []
     for package in _PACKAGES:
         with contextlib.suppress(metadata.PackageNotFoundError):

@@ -1,4 +1,4 @@
-"""Faults that the person at the keyboard can mend, and how they are said."""
+"""Exceptions and warnings for faults that the user can correct, and their wording."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ __all__ = [
     "printable",
 ]
 
-#: Packages to install that are called otherwise than what is imported.
+#: Names of packages that differ from the imported module.
 _PACKAGES = {"PIL": "pillow", "PySide6": "PySide6-Essentials", "vtkmodules": "vtk"}
 
 
 class InputError(ValueError):
-    """A fault in what was given, said in one sentence that names it and the way out.
+    """Invalid input; the message is one sentence that names the fault and the remedy.
 
     The command line prints the sentence and exits with status 2; the window shows it in its
     message bar. Any other exception is a defect of the program and is reported as such.
@@ -37,14 +37,14 @@ class InputError(ValueError):
 
 
 class UnprovenError(InputError):
-    """The eigenpairs of this matrix cannot be found, or not proven, in floating-point numbers."""
+    """The eigenpairs of a matrix cannot be computed, or not certified, in double precision."""
 
 
 class MeshWarning(UserWarning):
-    """A mesh is not all that its file holds, or has a fault that a result depends on.
+    """A part of a file is not read, or a result depends on a fault of the mesh.
 
-    `read_mesh` warns of what it left out of a file, such as the lines and points of a scene, and
-    `mean_curvature` of faces that do not agree on which side is outside.
+    `read_mesh` warns of ignored content of a file, such as the lines and points of a scene, and
+    `mean_curvature` of neighbouring faces with inconsistent orientation.
 
     Examples
     --------
@@ -76,21 +76,21 @@ class MissingValuesWarning(UserWarning):
 
 
 class UnprovenWarning(UserWarning):
-    """Eigenpairs that a function returns, or makes features of, lack a part of their proof."""
+    """Eigenpairs that a function returns or uses are not fully certified."""
 
 
 class ConstantFeaturesWarning(UserWarning):
-    """Features are right, but the same at all vertices of a component.
+    """Features are constant on each component.
 
-    Only zero eigenvalues lie below the threshold: usual for a speck of membrane, but for a whole
-    mesh a sign of a threshold that was meant for another unit.
+    Only zero eigenvalues lie below the threshold: usual for small components, but for a whole mesh
+    a sign of a threshold in another unit.
     """
 
 
 class TruncationWarning(UserWarning):
-    """More than 1 % of a feature column is missing, because too few eigenpairs took part.
+    """More than 1 % of a feature column is missing, because too few eigenpairs were used.
 
-    By the estimate of `meshmash_viewer.features.truncation`; the features carry it with its bound.
+    The estimate, from `meshmash_viewer.features.truncation`, is stored in the features.
 
     Examples
     --------
@@ -113,27 +113,19 @@ def of_mesh(name: str) -> str:
 
 
 def not_installed(module: str) -> str:
-    """Clause on a module that is not there: "x, which is not installed: pip install x"."""
+    """Return a clause on a missing module: "x, which is not installed: pip install x"."""
     package = _PACKAGES.get(module, module)
     return f"{package}, which is not installed: pip install {package}"
 
 
 def missing_module(fault: BaseException) -> str:
-    """Name of the package that an import did not find; empty if a part of one is missing."""
+    """Return the package that an import did not find, or "" if only a submodule is missing."""
     name = fault.name if isinstance(fault, ModuleNotFoundError) else ""
     return "" if name is None or "." in name else name
 
 
 def printable(text: object, length: int = 120) -> str:
-    """Text out of a file as one line that a terminal and a message bar can show.
-
-    Parameters
-    ----------
-    text : object
-        Anything with a text.
-    length : int
-        Characters at most.
-    """
+    """Convert text from a file to one printable line of at most `length` characters."""
     line = " ".join(str(text).split())
     line = "".join(
         letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in line

@@ -1,25 +1,23 @@
-"""Folders of the user that this program writes into unasked: stored eigenpairs, and its log."""
+"""Folders of the user for stored eigenpairs and logs."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 
-__all__ = ["CACHE_VARIABLE", "cache_folder", "log_folder"]
-
-#: The environment variable that names one folder for all of it, on every operating system.
+#: Environment variable that names one folder for both, on every operating system.
 CACHE_VARIABLE = "MESHMASH_CACHE"
 
 
 def cache_folder() -> Path:
-    """The folder that `CACHE_VARIABLE` names, or else the cache folder of the operating system."""
+    """Return the folder in `CACHE_VARIABLE`, or else the cache folder of the operating system."""
     import platformdirs
 
     return _named() or Path(platformdirs.user_cache_dir("meshmash-viewer", appauthor=False))
 
 
 def log_folder() -> Path:
-    """A folder below the one that `CACHE_VARIABLE` names, or else that of the operating system."""
+    """Return a folder below that in `CACHE_VARIABLE`, or else that of the operating system."""
     import platformdirs
 
     named = _named()

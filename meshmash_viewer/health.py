@@ -1,4 +1,4 @@
-"""What is wrong with a mesh, in numbers, and the repairs that mend it."""
+"""Health of a mesh: counts of its faults, and their repairs."""
 
 from __future__ import annotations
 
@@ -90,18 +90,18 @@ class Health:
 
 @dataclass(frozen=True, slots=True)
 class Repair:
-    """One way to mend a mesh.
+    """A repair of a mesh.
 
     Parameters
     ----------
     name : str
         Its key in `REPAIRS`.
     label : str
-        What a button says.
+        Label of its button.
     count : callable
-        Takes a `Health`, returns how many things the repair would mend; 0 means nothing to do.
+        Takes a `Health`, returns the number of faults that the repair would correct.
     apply : callable
-        Takes a `Mesh`, returns the mended one.
+        Takes a `Mesh`, returns the repaired one.
     """
 
     name: str
@@ -111,7 +111,7 @@ class Repair:
 
 
 def mesh_health(mesh: MeshLike) -> Health:
-    """Count what is wrong with a mesh.
+    """Count the faults of a mesh.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def listed_repairs(names: Sequence[str]) -> str:
 
 
 def repair_mesh(mesh: MeshLike, *names: str) -> Mesh:
-    """Mend a mesh.
+    """Repair a mesh.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def repair_mesh(mesh: MeshLike, *names: str) -> Mesh:
     Returns
     -------
     Mesh
-        The mended one; vertices that are left keep their order.
+        The repaired mesh; remaining vertices keep their order.
 
     Raises
     ------
@@ -189,12 +189,12 @@ def repair_mesh(mesh: MeshLike, *names: str) -> Mesh:
     >>> mv.repair_mesh(mesh, "drop_unreferenced_vertices").n_vertices
     3
     """
-    mended = as_mesh(mesh)
+    repaired = as_mesh(mesh)
     for name in names:
         if name not in REPAIRS:
             raise InputError(f"There is no repair {name!r}: the repairs are {', '.join(REPAIRS)}.")
-        mended = REPAIRS[name].apply(mended)
-    return mended
+        repaired = REPAIRS[name].apply(repaired)
+    return repaired
 
 
 def largest_component(mesh: MeshLike) -> Mesh:
@@ -222,7 +222,7 @@ def median_edge_length(mesh: MeshLike) -> float:
 
 
 def duplicate_faces(mesh: Mesh) -> npt.NDArray[np.bool_]:
-    """Tell which faces join the same three vertices as an earlier face, shape (m,)."""
+    """Return a mask of the faces with the vertices of an earlier face, shape (m,)."""
     return duplicates(mesh.faces)
 
 

@@ -181,7 +181,7 @@ class Mesh:
     def area_sample(self, count: int = 10_000) -> IntArray:
         """Vertices spread over the surface in proportion to its area.
 
-        Statistics over them are those of the surface: a scan's specks, many vertices on little
+        Statistics over them are those of the surface: small debris, many vertices on little
         area, weigh as little as they look.
 
         Parameters
@@ -271,7 +271,7 @@ class Mesh:
         sums = [np.bincount(corners, np.repeat(axis, 3), n) for axis in self._face_crosses.T]
         total = np.column_stack(sums)
         length = np.linalg.norm(total, axis=1, keepdims=True)
-        # Sums that are rounding beside the largest possible one have no direction.
+        # sums below rounding, relative to the largest possible one, have no direction
         vanishing = length[:, 0] <= 1e-12 * self.area / self.n_faces
         total[vanishing] = (0.0, 0.0, 1.0)
         length[vanishing] = 1.0
@@ -347,7 +347,7 @@ class Mesh:
 
     @property
     def file_indices(self) -> IntArray:
-        """For each vertex its index in the file, whatever was repaired since, shape (n,)."""
+        """Index of each vertex in the mesh file, before all repairs, shape (n,)."""
         return np.arange(self.n_vertices) if self.numbering is None else self.numbering.in_file
 
     def file_index(self, vertex: int) -> int:
@@ -556,7 +556,7 @@ def _checked_vertices(given: Any) -> FloatArray:
     if len(bad):
         raise InputError(
             f"The coordinates of some vertices are NaN or infinite (vertex {_offenders(bad)}): "
-            "remove or mend them first."
+            "remove or repair them first."
         )
     return vertices
 

@@ -9,9 +9,6 @@ from typing import Any, TypeAlias
 
 from meshmash_viewer.errors import InputError, printable
 
-__all__ = ["PlugIn", "PlugInWarning", "check_function", "known_plug_ins", "plug_ins", "warn"]
-
-
 Check: TypeAlias = Callable[[str, Any], None]
 
 
@@ -52,12 +49,12 @@ class PlugIn:
         return self.load()(*given)
 
     def load(self) -> Any:
-        """What it stands for.
+        """Import and check the plug-in.
 
         Raises
         ------
         InputError
-            If it cannot be used.
+            If it cannot be imported or used.
         """
         if self.fault:
             raise InputError(self.fault)
@@ -69,7 +66,7 @@ class PlugIn:
         return loaded
 
     def refused(self, why: str) -> InputError:
-        """Keep in mind that it cannot be used, and say so."""
+        """Record why the plug-in cannot be used, and return an `InputError`."""
         self.fault = (
             f"The plug-in {self.name} of {self.package} cannot be used ({why.rstrip('.')}):"
             " update or uninstall that package."
@@ -81,31 +78,25 @@ _known: list[PlugIn] = []
 
 
 def known_plug_ins() -> tuple[PlugIn, ...]:
-    """Those of the groups that have been asked for by now."""
+    """Return the plug-ins of all groups that have been loaded so far."""
     return tuple(_known)
 
 
 def check_function(name: str, loaded: Any) -> None:
-    """See that it is a function.
-
-    Raises
-    ------
-    TypeError
-        If it is none.
-    """
+    """Raise a `TypeError` unless `loaded` is callable."""
     if not callable(loaded):
         raise TypeError("it is no function")
 
 
 def plug_ins(group: str, taken: Container[str], check: Check = check_function) -> dict[str, PlugIn]:
-    """What packages add to a group, by name; it is warned of names that cannot be had.
+    """Return the plug-ins of installed packages in a group, by name; warn of unusable names.
 
     Parameters
     ----------
     group : "fields", "readers" or "writers"
-        Names of the latter two are lower-case endings of files.
+        Names of readers and writers are lower-case file endings.
     taken : container of str
-        Names that cannot be had.
+        Names that are in use.
     check : callable
         See `PlugIn`.
     """
@@ -123,5 +114,5 @@ def plug_ins(group: str, taken: Container[str], check: Check = check_function) -
 
 
 def warn(fault: InputError) -> None:
-    """Say that a plug-in cannot be used, and go on without it."""
+    """Warn that a plug-in cannot be used."""
     warnings.warn(str(fault), PlugInWarning, stacklevel=3)

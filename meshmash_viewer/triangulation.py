@@ -9,8 +9,6 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 
-__all__ = ["fan_triangles", "polydata_triangles", "strip_triangles", "triangulate"]
-
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
 
@@ -188,7 +186,7 @@ def _halves(vertices: FloatArray, indices: IntArray, _: IntArray) -> IntArray:
         places = axes[:, corners.T]
         one, two, three = (places[:, corner] - places[:, 0] for corner in (1, 2, 3))
         other = three - one
-        normal = _cross(two, other)  # twice the area of the whole, whatever its corners
+        normal = _cross(two, other)  # twice the area of the whole polygon
         lower, upper = _dot(_cross(one, two), normal), _dot(_cross(two, three), normal)
         left = _dot(_cross(one, three), normal)
         flatter, flatter_other = np.minimum(lower, upper), np.minimum(left, lower + upper - left)

@@ -33,17 +33,17 @@ __all__ = [
 #: Size of a voxel along x, y and z, by which coordinates that count voxels are multiplied.
 Voxel: TypeAlias = tuple[float, float, float]
 
-#: Of coordinates that are lengths already.
+#: Voxel of coordinates that are lengths already.
 NO_VOXEL: Voxel = (1.0, 1.0, 1.0)
 
 #: Length units that coordinates can carry; the empty unit means "none stated".
 LENGTH_UNITS: tuple[str, ...] = ("", "nm", "µm", "mm", "m")
 
-#: What `parse_unit` reads, for messages and help.
+#: Forms that `parse_unit` accepts, for messages and help.
 UNIT_FORMS = 'nm, µm, mm, m, none, or a voxel such as "8 nm" or "4 x 4 x 40 nm"'
 
-#: Units of length that may be written behind a number, and their size in metres as a power of ten.
-#: The micro sign stands for the Greek letter, too.
+#: Units of length that may follow a number, and their size in metres as a power of ten. The micro
+#: sign and the Greek letter mean the same.
 METRES: dict[str, int] = {
     "pm": -12,
     **dict.fromkeys(("Å", "\N{ANGSTROM SIGN}", "angstrom"), -10),
@@ -68,7 +68,7 @@ _ALIASES = {
 }
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
-#: Numbers below this are written out.
+#: Numbers below this are written without an exponent.
 _LONG = 1e6
 _NUMBER = r"[0-9.]+(?:[eE][+-]?[0-9]+)?"
 _PATTERN = re.compile(
@@ -88,7 +88,7 @@ def parse_unit(text: str) -> tuple[Voxel, str]:
     Returns
     -------
     voxel : tuple of three floats
-        What coordinates are multiplied by to be in `unit`; `NO_VOXEL` without a voxel size.
+        Factors that convert coordinates to `unit`; `NO_VOXEL` without a voxel size.
     unit : str
         One of `LENGTH_UNITS`.
 
@@ -155,40 +155,40 @@ def format_range(
 
 
 def round_length(longest: float) -> float:
-    """The largest of 1, 2 and 5 times a power of ten that is at most `longest` (positive)."""
+    """Return the largest of 1, 2 and 5 times a power of ten that is at most `longest` (> 0)."""
     power = 10.0 ** math.floor(math.log10(longest))
     return max(step * power for step in (0.5, 1.0, 2.0, 5.0) if step * power <= longest * 1.000001)
 
 
 def counted(number: int, noun: str) -> str:
-    """Write how many there are of something: "1 pair", "22,351 vertices"."""
+    """Write a count with its noun: "1 pair", "22,351 vertices"."""
     plural = {"vertex": "vertices", "mesh": "meshes"}.get(noun, f"{noun}s")
     return f"{number:,} {noun if number == 1 else plural}"
 
 
 def named_vertex(vertex: int) -> str:
-    """Write which vertex it is: "vertex 22,351"."""
+    """Write the index of a vertex: "vertex 22,351"."""
     return f"vertex {vertex:,}"
 
 
 def superscript(number: int) -> str:
-    """Write a whole number small and high: "⁻¹²"."""
+    """Write a whole number as superscript: "⁻¹²"."""
     return str(number).translate(_SUPERSCRIPTS)
 
 
 def subscript(number: int) -> str:
-    """Write an index small and low: "₁₂"."""
+    """Write an index as subscript: "₁₂"."""
     return str(number).translate(_SUBSCRIPTS)
 
 
 def whole_number(count: float, name: str) -> int:
-    """A count from 1; `name` is what a message calls it: "n_components", "The number of bands"."""
+    """Check a count from 1; `name` is its name in the message: "The number of bands"."""
     if not (math.isfinite(count) and count >= 1 and count == int(count)):
         raise InputError(f"{name} is {count}: give a whole number from 1.")
     return int(count)
 
 
 def named_quantity(name: str, unit: str, power: int = 1) -> str:
-    """Name an axis: "Time t (nm²)", or "Time t" where there is no unit."""
+    """Write the title of an axis: "Time t (nm²)", or "Time t" without a unit."""
     written = power_unit(unit, power)
     return f"{name} ({written})" if written else name

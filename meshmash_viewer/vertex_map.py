@@ -1,4 +1,4 @@
-"""A value at every vertex that a person brings: a thickness, an activity, a parcellation."""
+"""Maps: a value at every vertex given by the user, such as a thickness or a parcellation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from meshmash_viewer.units import counted
 
 __all__ = ["MOST_LABELS", "Label", "VertexMap", "named_apart"]
 
-#: Labels in use that a map may have: each has a colour on the surface, from a table of so many.
+#: Most labels in use of a map, as the colour table of the surface has that many entries.
 MOST_LABELS = 512
 #: Characters of a name.
 _LONGEST = 60
@@ -44,18 +44,17 @@ class VertexMap:
     Parameters
     ----------
     name : str
-        What people call it.
+        Name of the map.
     values : array_like, shape (n,)
         Real numbers, or with `labels` whole ones. NaN where a vertex has none. Kept as float32 or
         float64, with `labels` as int64, and read-only.
     labels : tuple of Label
-        What the numbers mean, if they are not measured but name parts of the surface. A number
-        without a label is a vertex without a value. Labels that no vertex has are left out, of
-        those with one number all but the first.
+        Names of the numbers, if these are labels of parts of the surface. A vertex whose number
+        has no label has no value. Unused labels, and repeated ones of a number, are removed.
     unit : str
         Unit of the values; "" for none, or not stated.
     path : str
-        The file that it is from; "" if it came with the mesh, or from a script.
+        File of the map; "" if it is part of the mesh file, or from a script.
 
     Raises
     ------
@@ -87,7 +86,7 @@ class VertexMap:
             if len(labels) > MOST_LABELS:
                 raise InputError(
                     f"Map {name!r} has {len(labels):,} labels in use, and {MOST_LABELS} can be"
-                    " told apart by colour: join some of them."
+                    " distinguished by colour: join some of them."
                 )
             object.__setattr__(self, "labels", labels)
         values.flags.writeable = False

@@ -17,7 +17,7 @@ from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.jobs import MeshReady
+from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.spectral.certificate import Certificate
 
 Widget = TypeVar("Widget", bound=QWidget)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from meshmash_viewer.model.jobs import SpectrumGrew
+from meshmash_viewer.model.results import SpectrumGrew
 from meshmash_viewer.progress import Progress
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.model.jobs import Channel
+from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Cancelled, Progress
 
 

@@ -116,4 +116,4 @@ def test_without_any_optional_package_features_are_the_same(folder: Path) -> Non
 def test_a_part_that_is_missing_is_no_missing_package() -> None:
     with pytest.raises(ModuleNotFoundError) as caught:
         import meshmash_viewer.nothing  # noqa: F401
-    assert not failure_of(caught.value).mendable
+    assert not failure_of(caught.value).correctable

@@ -25,8 +25,10 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.decomposition import decompose
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.model.field import request_of
-from meshmash_viewer.model.jobs import ExportJob, MeshReady, ReadJob, RepairJob
+from meshmash_viewer.model.jobs import ReadJob, RepairJob
+from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.model.script import reproduction_script
 from meshmash_viewer.spectral.weyl import Target
 

@@ -232,7 +232,7 @@ class Beside(QWidget):
         carried = self.pair.carries and self.pair.comparison is not None
         if first is None or second is None or carried:
             return None
-        return self.pair.in_step(first, second)
+        return self.pair.with_shared_limits(first, second)
 
     def show_field(self, _field: Field | None = None) -> None:
         """Put the field on the render: its own, or that of the first carried by the match."""

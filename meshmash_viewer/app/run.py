@@ -314,6 +314,6 @@ class _Loader(QObject):
         told = failure_of(fault, "Loading the render")
         if isinstance(fault, ImportError):
             text = f"The render cannot be loaded ({fault}): install what is missing, start again."
-            told = Failure(text, told.details, mendable=True)
+            told = Failure(text, told.details, correctable=True)
         self._window.stage.welcome.set_loading("The render is missing; the message says why.")
         self._window.document.notify(notice_of(told))

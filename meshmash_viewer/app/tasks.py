@@ -9,19 +9,12 @@ from meshmash_viewer.app.listening import listen, stop_listening
 from meshmash_viewer.app.worker import Worker
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
+from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.model.failure import Failure
-from meshmash_viewer.model.jobs import (
-    DecomposeJob,
-    ExportJob,
-    Job,
-    MeshReady,
-    PreviewJob,
-    SpectrumGrew,
-    Written,
-)
+from meshmash_viewer.model.jobs import DecomposeJob, Job, PreviewJob
 from meshmash_viewer.model.pieces import PiecesJob
 from meshmash_viewer.model.previews import is_worthwhile
-from meshmash_viewer.model.results import MapGrew
+from meshmash_viewer.model.results import MapGrew, MeshReady, SpectrumGrew, Written
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.units import counted
 

@@ -17,8 +17,9 @@ from PySide6.QtCore import QObject, QTimer, Signal
 from meshmash_viewer.app.view.geometry import geometry_of
 from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
 from meshmash_viewer.model.failure import Failure, failure_of
-from meshmash_viewer.model.jobs import Job, MeshReady, SpectrumGrew
+from meshmash_viewer.model.jobs import Job
 from meshmash_viewer.model.process import child_command, child_environment, end_group
+from meshmash_viewer.model.results import MeshReady, SpectrumGrew
 from meshmash_viewer.model.transport import Wire
 
 __all__ = ["Worker"]
@@ -181,7 +182,7 @@ class Worker(QObject):
             self._report_end(job)
         except OSError as error:
             text = f"{job.label} stopped: {error.strerror or error}."
-            self.failed.emit(Failure(text, repr(error), mendable=True))
+            self.failed.emit(Failure(text, repr(error), correctable=True))
         except Exception as error:  # noqa: BLE001  a defect must not end the thread in silence
             self._drop_process()
             self.failed.emit(failure_of(error, job.label))

@@ -1,4 +1,4 @@
-"""The arguments of the command ``meshmash-viewer``, and what is asked for with them."""
+"""Arguments of the command ``meshmash-viewer``, and the objects that they describe."""
 
 from __future__ import annotations
 
@@ -19,18 +19,9 @@ if TYPE_CHECKING:
     from meshmash_viewer.fields.family import Family
     from meshmash_viewer.laplacian import OperatorOptions
 
-__all__ = [
-    "COMMANDS",
-    "FAULT",
-    "chosen_family",
-    "chosen_operator",
-    "command_parser",
-    "window_parser",
-]
-
-#: Exit status for what the user can mend.
+#: Exit status for faults that the user can correct.
 FAULT = 2
-#: What can be done without a window: how it is called, and what comes of it.
+#: Commands without a window: their arguments and result.
 _COMMANDS = {
     "info": ("MESH...", "health, area, length of the spectrum"),
     "features": ("MESH... -o OUT", "HKS, geometry vectors, distances …"),
@@ -47,14 +38,14 @@ _FORMATS = ("npz", "npy", "csv", "parquet", "vtp", "ply", "func.gii")
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line, as everything here does."""
+    """Argument parser that reports an error in one line."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(FAULT, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
 
 def window_parser() -> argparse.ArgumentParser:
-    """For the window: ``meshmash-viewer [MESH ...]``."""
+    """Return the parser for the window: ``meshmash-viewer [MESH ...]``."""
     from meshmash_viewer import __version__
 
     calls = {f"{PROGRAM} {name} {takes}": about for name, (takes, about) in _COMMANDS.items()}
@@ -79,7 +70,7 @@ def window_parser() -> argparse.ArgumentParser:
 
 
 def command_parser() -> argparse.ArgumentParser:
-    """For the commands without a window."""
+    """Return the parser for the commands without a window."""
     from meshmash_viewer.fields import EXPORTS
     from meshmash_viewer.fields.sweep import SWEPT
     from meshmash_viewer.io.writers import MESH_WRITERS
@@ -229,7 +220,7 @@ def command_parser() -> argparse.ArgumentParser:
 
 
 def _add_families(parser: argparse.ArgumentParser, table: Mapping[str, type[Family]]) -> None:
-    """The options of the families of a table, each once, with the kinds that they are of."""
+    """Add the options of the families of a table, each once, with the kinds that have it."""
     kinds: dict[str, list[str]] = {}
     for kind, family in table.items():
         for option in family.options:
@@ -291,7 +282,7 @@ def _add_maps(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_preparation(parser: argparse.ArgumentParser) -> None:
-    """What is done to each mesh when it is read."""
+    """Add the options for reading and repairing meshes."""
     _add_unit(parser)
     parser.add_argument(
         "--repair",
@@ -299,7 +290,7 @@ def _add_preparation(parser: argparse.ArgumentParser) -> None:
         default=[],
         type=said(_repair),
         metavar="NAME",
-        help="repair the mesh first, in the order given; `info` counts what each would mend",
+        help="repair the mesh first, in the order given; `info` counts what each would correct",
     )
     parser.add_argument(
         "--largest-component",
@@ -329,7 +320,7 @@ def _add_whole(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_target(parser: argparse.ArgumentParser, *, automatic: bool = False) -> None:
-    """How much of the spectrum, as `target`; None for as much as the shortest time needs."""
+    """Add the options of `target`; None for as many pairs as the shortest time needs."""
     from meshmash_viewer.spectral.weyl import Target
 
     def count(text: str) -> Target | None:
@@ -344,7 +335,7 @@ def _add_target(parser: argparse.ArgumentParser, *, automatic: bool = False) -> 
     about = f"number of eigenpairs, default {_DEFAULT_COUNT}"
     about += "; auto: as many as --t-min needs" if automatic else ""
     target = parser.add_mutually_exclusive_group()
-    for flag, kind, metavar, told in (
+    for flag, kind, metavar, text in (
         ("--count", count, "K", about),
         (
             "--max-eigenvalue",
@@ -359,7 +350,7 @@ def _add_target(parser: argparse.ArgumentParser, *, automatic: bool = False) -> 
             "all waves of length W (unit) and longer",
         ),
     ):
-        target.add_argument(flag, dest="target", type=kind, metavar=metavar, help=told)
+        target.add_argument(flag, dest="target", type=kind, metavar=metavar, help=text)
 
 
 def _add_solver(parser: argparse.ArgumentParser) -> None:
@@ -407,7 +398,7 @@ def _not_negative(text: str) -> float:
 
 
 def chosen_operator(options: argparse.Namespace) -> OperatorOptions:
-    """The Laplacian that is asked for."""
+    """Return the requested options of the Laplacian."""
     from meshmash_viewer.laplacian import OperatorOptions
 
     return OperatorOptions(robust=not options.no_robust, mollify_factor=options.mollify_factor)
@@ -416,10 +407,10 @@ def chosen_operator(options: argparse.Namespace) -> OperatorOptions:
 def chosen_family(
     options: argparse.Namespace, table: Mapping[str, type[Family]], n_columns: int | None = None
 ) -> Family:
-    """The family of a table that is asked for; complains now, not after the first decomposition.
+    """Return the requested family of a table, and check its parameters.
 
-    The options have their quantities in a unit (`numbers.in_unit`). `n_columns` are those of
-    families that have as many as one likes, where nobody says.
+    The options have their quantities in a unit (`numbers.in_unit`). `n_columns` is the default
+    number of columns of families with any number of them.
     """
     chosen = table[options.kind]
     own = {option.name for option in chosen.options}

@@ -1,4 +1,4 @@
-"""What the commands share: meshes one after the other, their eigenpairs, and what is said."""
+"""Functions shared by the commands: loop over meshes, eigenpairs, and reports."""
 
 from __future__ import annotations
 
@@ -29,22 +29,6 @@ from meshmash_viewer.units import format_quantity
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
-__all__ = [
-    "finite",
-    "for_each",
-    "pairs_report",
-    "prepared",
-    "progress_bar",
-    "reach",
-    "read",
-    "say_fault",
-    "solved",
-    "tell",
-    "titled_rows",
-    "until_interrupted",
-    "with_maps",
-]
-
 #: What is done to a mesh, its place among the others and the options: a JSON-able report, and it
 #: for people.
 Work: TypeAlias = Callable[[Mesh, int, Namespace], tuple[dict[str, Any], str]]
@@ -58,9 +42,9 @@ _SEVERITY = (0, FAULT, _DEFECT)
 
 
 def say_fault(fault: Exception, subject: str = "") -> int:
-    """Say what went wrong with a mesh, or with the command; the exit status it comes to."""
+    """Print the fault of a mesh or of the command; return the exit status."""
     failure = failure_of(fault)
-    if not failure.mendable:
+    if not failure.correctable:
         from meshmash_viewer.defects import report_defect
 
         say(f"{subject or 'The command'} failed by {report_defect(fault)}")
@@ -70,21 +54,21 @@ def say_fault(fault: Exception, subject: str = "") -> int:
     return FAULT
 
 
-def tell(options: Namespace, subject: Path, report: dict[str, Any], said: str) -> None:
-    """Print what became of a mesh, for people or as JSON."""
+def print_report(options: Namespace, subject: Path, report: dict[str, Any], said: str) -> None:
+    """Print the result for a mesh, as text or as JSON."""
     for remark in report.get("remarks", ()):
         say(f"{subject}: {remark}")
     answer(json.dumps(report) if options.json else said)
 
 
 def titled_rows(title: str, rows: Sequence[tuple[str, str]]) -> str:
-    """Names and values below each other."""
+    """Format names and values as rows of text."""
     width = max(len(name) for name, _ in rows)
     return "\n".join([title, *(f"  {name:<{width}}  {value}" for name, value in rows)])
 
 
 def reach(report: dict[str, Any], mesh: Mesh) -> str:
-    """How far up the spectrum a run went, for people."""
+    """Format the largest eigenvalue of a run, and its wavelength."""
     reached = f"up to λ = {format_quantity(report['max_eigenvalue'], mesh.unit, -2)}"
     if report["wavelength"] is None:
         return reached
@@ -92,7 +76,7 @@ def reach(report: dict[str, Any], mesh: Mesh) -> str:
 
 
 def pairs_report(pairs: Decomposition, mesh: Mesh) -> dict[str, Any]:
-    """What a report says of eigenpairs."""
+    """Return the entries of a report on eigenpairs."""
     largest = float(pairs.eigenvalues[-1])
     return {
         "n_eigenpairs": pairs.n_components,
@@ -103,7 +87,7 @@ def pairs_report(pairs: Decomposition, mesh: Mesh) -> dict[str, Any]:
 
 
 def finite(value: float) -> float | None:
-    """A number as JSON has it: the wavelength of a constant is none."""
+    """Return a number for JSON, None for infinite ones such as the wavelength of a constant."""
     return value if math.isfinite(value) else None
 
 
@@ -111,7 +95,7 @@ def finite(value: float) -> float | None:
 
 
 def for_each(options: Namespace, work: Work, *, repaired: bool = True) -> int:
-    """Do the work for every mesh; one that cannot be done does not hold up the others.
+    """Do the work for every mesh; a fault of one does not stop the others.
 
     It gets the mesh repaired as asked for, or as it was read, and the options with all quantities
     in its unit.
@@ -122,7 +106,7 @@ def for_each(options: Namespace, work: Work, *, repaired: bool = True) -> int:
             mesh = read(path, options)
             own = in_unit(options, mesh.unit)
             mesh = prepared(mesh, options) if repaired else mesh
-            tell(options, path, *work(mesh, index, own))
+            print_report(options, path, *work(mesh, index, own))
         except (Cancelled, BrokenPipeError):  # meant for all of them
             raise
         except Exception as fault:  # noqa: BLE001  it is said, and the next mesh has its turn
@@ -131,19 +115,19 @@ def for_each(options: Namespace, work: Work, *, repaired: bool = True) -> int:
 
 
 def read(path: Path, options: Namespace) -> Mesh:
-    """A mesh in the unit, and of the brain structure, that are asked for."""
+    """Read a mesh with the requested unit and brain structure."""
     mesh = read_mesh(path, options.unit)
     structure = getattr(options, "structure", None)  # of the commands that write files
     return replace(mesh, structure=structure) if structure else mesh
 
 
 def prepared(mesh: Mesh, options: Namespace) -> Mesh:
-    """A mesh that was read, with the repairs that are asked for."""
+    """Apply the requested repairs to a mesh."""
     return repair_mesh(mesh, *options.repair)
 
 
 def with_maps(mesh: Mesh, paths: Sequence[Path]) -> Mesh:
-    """A mesh with the maps in files, besides its own."""
+    """Add the maps in files to a mesh."""
     for path in paths:
         mesh = mesh.with_maps(*read_maps(path, mesh))
     return mesh
@@ -153,7 +137,7 @@ def with_maps(mesh: Mesh, paths: Sequence[Path]) -> Mesh:
 
 
 def solved(mesh: Mesh, options: Namespace, target: Target) -> Decomposition:
-    """Eigenpairs of a mesh, from the store or computed."""
+    """Return the eigenpairs of a mesh, stored or computed."""
     from meshmash_viewer.model.decomposition import free_memory, refuse_what_cannot_fit
 
     free = free_memory()
@@ -174,7 +158,7 @@ def solved(mesh: Mesh, options: Namespace, target: Target) -> Decomposition:
 
 
 def progress_bar(mesh: Mesh) -> contextlib.AbstractContextManager[ProgressBar | None]:
-    """A bar on a terminal, nothing in a pipe."""
+    """Return a progress bar on a terminal, None otherwise."""
     if sys.stderr.isatty():
         return ProgressBar(mesh.name, leave=False)
     return contextlib.nullcontext()
@@ -182,7 +166,7 @@ def progress_bar(mesh: Mesh) -> contextlib.AbstractContextManager[ProgressBar | 
 
 @contextlib.contextmanager
 def until_interrupted() -> Iterator[Any]:
-    """Let Ctrl-C ask the solver to stop, which ends its processes; a second one is not so kind."""
+    """Let Ctrl-C cancel the solver; a second Ctrl-C raises KeyboardInterrupt."""
     asked = False
 
     def ask(*_: object) -> None:

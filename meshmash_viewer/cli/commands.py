@@ -17,11 +17,11 @@ from meshmash_viewer.cli.batch import (
     for_each,
     pairs_report,
     prepared,
+    print_report,
     progress_bar,
     reach,
     read,
     solved,
-    tell,
     titled_rows,
     until_interrupted,
     with_maps,
@@ -52,14 +52,11 @@ from meshmash_viewer.model.pieces import described_seams, write_in_pieces
 from meshmash_viewer.spectral.weyl import Target, Translation, required_eigenvalue, wavelength
 from meshmash_viewer.units import NO_VOXEL, counted, format_quantity, written_unit
 
-__all__ = ["compare", "features", "info", "more_pairs", "reconstruct"]
-
-
 # info -----------------------------------------------------------------------------------------
 
 
 def info(options: Namespace) -> int:
-    """Say what meshes are like."""
+    """Print health, size and spectrum of meshes."""
 
     def work(mesh: Mesh, index: int, own: Namespace) -> tuple[dict[str, Any], str]:
         about = {"path": str(own.mesh[index]), **_facts(mesh, own.target)}
@@ -69,7 +66,7 @@ def info(options: Namespace) -> int:
 
 
 def _facts(mesh: Mesh, target: Target) -> dict[str, Any]:
-    """Health, size and the length of spectrum that a request comes to.
+    """Report health, size, and the part of the spectrum that a target selects.
 
     Lengths are in ``unit``, eigenvalues in its inverse square; the entries of ``weyl`` are
     estimates by Weyl's law, except those that its ``exact`` names: what was asked for, and what the
@@ -139,7 +136,7 @@ def _described_facts(about: dict[str, Any]) -> str:
 
 
 def _ambiguous(about: dict[str, Any]) -> str:
-    """Count of these edges, and what follows from it."""
+    """Describe the count of these edges, and its consequence."""
     count, duplicates = about["ambiguous_edges"], about["duplicate_faces"]
     if not count:
         return "0"
@@ -148,7 +145,7 @@ def _ambiguous(about: dict[str, Any]) -> str:
 
 
 def _disagreeing(about: dict[str, Any]) -> str:
-    """Count of these edges, and what to do about them."""
+    """Describe the count of these edges, and the remedy."""
     count = about["disagreeing_edges"]
     if not count:
         return "0"
@@ -185,12 +182,12 @@ def features(options: Namespace) -> int:
 
 
 def _is_folder(output: str) -> bool:
-    """Whether results go into a folder, which may still have to be made."""
+    """Whether results are written to a folder, which may not exist yet."""
     return "{" not in output and (output.endswith(("/", "\\")) or Path(output).is_dir())
 
 
 def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> list[Path]:
-    """Where the result of each mesh goes.
+    """Return the output file of each mesh.
 
     Parameters
     ----------
@@ -239,7 +236,7 @@ def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> lis
 
 
 def _check_pieces(options: Namespace) -> None:
-    """Complain of what cannot be had in pieces."""
+    """Raise for options that cannot be combined with pieces."""
     wrong = {
         "--tail": options.tail is not None,
         "--count auto": options.target is None,
@@ -372,7 +369,7 @@ def _write_whole(
 
 
 def more_pairs(t_min: float | None = None) -> str:
-    """The way out of a truncated column."""
+    """Return the remedy for a truncated column."""
     if t_min is not None:
         return ": --count auto takes as many as it needs"
     return ": take more of them (--count, --max-eigenvalue, --wavelength)"
@@ -382,7 +379,7 @@ def more_pairs(t_min: float | None = None) -> str:
 
 
 def compare(options: Namespace) -> int:
-    """Compare two meshes, and write which vertex of the second each of the first looks like."""
+    """Compare two meshes, and write the match of each vertex of the first on the second."""
     if options.output is not None:
         check_output(options.output, "features")
     began, target = time.perf_counter(), options.target
@@ -429,15 +426,15 @@ def compare(options: Namespace) -> int:
         table = table.on_file(meshes[0]) if whole else table
         write_features(options.output, table, read_as[0] if whole else meshes[0], meta=made)
     report["seconds"] = round(time.perf_counter() - began, 3)
-    tell(options, options.mesh[0], report, _described_comparison(report))
+    print_report(options, options.mesh[0], report, _described_comparison(report))
     return 0
 
 
 def _described_comparison(report: dict[str, Any]) -> str:
     first, second = (name or "mesh" for name in report["meshes"])
-    told, compared = report["eigenfunctions"], report["compared"]
-    flipped = sum(1 for each in told if each["sign"] < 0)
-    moved = sum(1 for each in told if each["first"] != each["second"])
+    matched, compared = report["eigenfunctions"], report["compared"]
+    flipped = sum(1 for each in matched if each["sign"] < 0)
+    moved = sum(1 for each in matched if each["first"] != each["second"])
     distance = f"{report['spectral_distance']:.4g}"
     share = f"{100 * report['relative_distance']:.2g} % of the spectrum"
     vertices = "by index: the faces are the same"
@@ -449,8 +446,8 @@ def _described_comparison(report: dict[str, Any]) -> str:
         ("spectral distance", f"{distance} ({share})"),
         ("vertices", vertices),
         (
-            "eigenfunctions told",
-            f"{len(told)} of {compared}, {flipped} of them flipped, {moved} at another index",
+            "eigenfunctions matched",
+            f"{len(matched)} of {compared}, {flipped} of them flipped, {moved} at another index",
         ),
     ]
     said = titled_rows(f"{first} and {second}", rows)

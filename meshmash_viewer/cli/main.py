@@ -1,8 +1,8 @@
-"""The command ``meshmash-viewer``: the window, and what can be done without it.
+"""The command ``meshmash-viewer``: the window, and commands without it.
 
-Nothing heavy is imported before the arguments are known to be right. What the user can mend is
-said in one line on stderr, with exit status 2; a defect of the program, with 1, names a file of
-details. Neither holds up the other meshes of a batch.
+Large modules are imported only after the arguments are checked. A fault that the user can correct
+is one line on stderr and exit status 2; a defect of the program is status 1, and its message names
+a file with details. Neither stops the other meshes of a batch.
 """
 
 from __future__ import annotations
@@ -26,8 +26,6 @@ from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.engine.blas_threads import limit_accelerate
 from meshmash_viewer.spectral.engine.compiler import check_compiler
 
-__all__ = ["main", "open_window"]
-
 _INTERRUPTED = 130
 
 
@@ -42,8 +40,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0 well, 1 a defect of the program, 2 something the user can mend, 130
-        interrupted.
+        Exit status: 0 success, 1 a defect of the program, 2 a fault that the user can correct,
+        130 interrupted.
     """
     prepare_streams()
     limit_accelerate(os.environ)
@@ -63,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def open_window() -> int:
-    """Open the window by a program without a console, for a desktop; the exit status.
+    """Open the window from a desktop, without a console; return the exit status.
 
     What the command line says of wrong arguments is shown in a box.
     """
@@ -83,7 +81,7 @@ def open_window() -> int:
 
 
 def _run(arguments: list[str]) -> int:
-    """Do what the arguments ask for, and say what went wrong; the exit status."""
+    """Run the command, print its fault if it fails, and return the exit status."""
     warnings.showwarning = lambda message, *_: say(str(message))
     from meshmash_viewer.cli.batch import say_fault  # now that a plug-in can complain in a line
 
@@ -101,7 +99,7 @@ def _run(arguments: list[str]) -> int:
         return _INTERRUPTED
     except BrokenPipeError:
         raise
-    except Exception as fault:  # noqa: BLE001  nobody is shown a traceback
+    except Exception as fault:  # noqa: BLE001  a message instead of a traceback
         return say_fault(fault)
 
 

@@ -14,8 +14,6 @@ from meshmash_viewer.quantities import Quantity, parse_number, parse_quantity, p
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.weyl import Target
 
-__all__ = ["TargetQuantity", "in_unit", "number", "quantity", "said", "signed", "target", "whole"]
-
 _T = TypeVar("_T")
 #: Largest whole number of an option: indices and counts have 32 bits.
 _MOST = 2**31 - 1
@@ -23,12 +21,12 @@ _NEGATIVE = re.compile(r"\A-(?=[.,]?[0-9][-0-9.,'_eE+×x*^⁻⁺⁰¹²³⁴-⁹
 
 
 def signed(arguments: list[str]) -> list[str]:
-    """Arguments with a minus sign before negative numbers: argparse takes "-1e-4" for an option."""
+    """Replace the hyphen of negative numbers, as argparse takes "-1e-4" for an option."""
     return [_NEGATIVE.sub("\u2212", each) for each in arguments]
 
 
 def said(meaning: Callable[[str], _T]) -> Callable[[str], _T]:
-    """What a text means, for argparse to say why where it means nothing."""
+    """Parse a text, and convert an `InputError` for argparse."""
 
     def taken(text: str) -> _T:
         try:
@@ -40,29 +38,29 @@ def said(meaning: Callable[[str], _T]) -> Callable[[str], _T]:
 
 
 def whole(least: int = 0) -> Callable[[str], int]:
-    """A whole number from the least one on."""
+    """Return a parser of whole numbers from a minimum."""
     return said(lambda text: parse_whole(text, least, _MOST, "the value"))
 
 
 def number(unit: str = "", *, share: bool = False) -> Callable[[str], float]:
-    """A number, which may have this unit."""
+    """Return a parser of numbers, which may have a unit."""
     return said(lambda text: parse_number(text, unit, share=share))
 
 
 def quantity(power: int) -> Callable[[str], Quantity]:
-    """A power of a length, in any unit, or in that of each mesh."""
+    """Return a parser of powers of a length, in any unit or in that of each mesh."""
     return said(lambda text: parse_quantity(text, power))
 
 
 @dataclass(frozen=True)
 class TargetQuantity:
-    """How far up the spectrum, as a quantity that means a `Target` once its mesh is known."""
+    """A quantity that becomes a `Target` once the unit of its mesh is known."""
 
     kind: Literal["max_eigenvalue", "wavelength"]
     quantity: Quantity
 
     def in_unit(self, unit: str) -> Target:
-        """The target in a unit of length."""
+        """Return the target in a unit of length."""
         from meshmash_viewer.spectral.weyl import Target
 
         return Target(self.kind, self.quantity.in_unit(unit))
@@ -71,7 +69,7 @@ class TargetQuantity:
 def target(
     kind: Literal["max_eigenvalue", "wavelength"], power: int
 ) -> Callable[[str], Target | TargetQuantity]:
-    """A target of a kind; one in the unit of the mesh is complained of at once."""
+    """Return a parser of targets, which checks those without a unit at once."""
 
     def taken(text: str) -> Target | TargetQuantity:
         found = TargetQuantity(kind, parse_quantity(text, power))
@@ -81,7 +79,7 @@ def target(
 
 
 def in_unit(options: Namespace, unit: str | None = None) -> Namespace:
-    """The options with all quantities in the unit of a mesh, which is their `mesh_unit`.
+    """Convert all quantities of the options to the unit of a mesh, their `mesh_unit`.
 
     Without one those in a unit of their own are left out, to check the others.
     """

@@ -1,4 +1,4 @@
-"""Patterns such as ``*.ply`` among the files that are named: not every shell expands them.
+"""Expansion of patterns such as ``*.ply``, which not every shell expands.
 
 The shells of Windows hand them over as they are, as those of POSIX do where they are quoted.
 """
@@ -12,11 +12,9 @@ from pathlib import Path
 
 from meshmash_viewer.errors import InputError
 
-__all__ = ["expanded"]
-
 
 def expanded(named: Iterable[Path]) -> list[Path]:
-    """Files that are named, with those that match a pattern in its place.
+    """Replace each pattern by the files that match it.
 
     Parameters
     ----------
@@ -50,7 +48,7 @@ def _matches(name: Path) -> list[Path]:
 
 
 def _remedy(rest: Path) -> str:
-    """What to do about a pattern, by its part below the folder that exists."""
+    """Return the remedy for a pattern without a match."""
     if len(rest.parts) > 1 and not glob.has_magic(rest.parts[0]):
         return f"there is no folder {rest.parts[0]}: check the spelling."
     return "check its folder, its spelling and its ending."

@@ -1,4 +1,4 @@
-"""The commands that draw: render, gallery and movie, all without a window."""
+"""The commands render, gallery and movie, which draw without a window."""
 
 from __future__ import annotations
 
@@ -57,13 +57,11 @@ from meshmash_viewer.units import counted
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
-__all__ = ["gallery", "movie", "render"]
-
 #: Columns where a family has as many as one likes.
 _COLUMNS = 32
 #: Pictures of a gallery of which it is not said which.
 _PICTURES = 24
-#: Frames that the size of a movie is told from.
+#: Frames from which the size of a movie is estimated.
 _MEASURED = 6
 _AS_IT_COMES = {name: family() for name, family in FAMILIES.items()}
 
@@ -135,7 +133,7 @@ def _write_render(mesh: Mesh, options: Namespace) -> tuple[dict[str, Any], str]:
 
 
 def _chosen_map(mesh: Mesh, options: Namespace) -> tuple[Mesh, Family]:
-    """The mesh with the maps of files, and the one that is named; else the first of a file."""
+    """Return the mesh with the maps of files, and the map to draw: the named or the first one."""
     own, mesh, name = len(mesh.maps), with_maps(mesh, options.map), options.map_name or ""
     if options.map and not name:
         name = mesh.maps[own].name
@@ -145,7 +143,7 @@ def _chosen_map(mesh: Mesh, options: Namespace) -> tuple[Mesh, Family]:
 
 
 def _chosen_field(pairs: Decomposition, options: Namespace) -> Family:
-    """The eigenfunction, the time or the band that is asked for."""
+    """Return the family with the requested eigenfunction, time or band."""
     index = options.index
     if options.field == "hks":
         return HeatKernelSignature(options.time)
@@ -166,7 +164,7 @@ def _chosen_field(pairs: Decomposition, options: Namespace) -> Family:
 
 
 def _missing(pairs: Decomposition, family: Family, mesh: Mesh) -> str:
-    """What the field lacks for want of eigenpairs, see `Features.missing`."""
+    """Describe what too few eigenpairs leave out, see `Features.missing`."""
     if not family.counted:
         return ""
     if isinstance(family, HeatKernelSignature):
@@ -230,7 +228,7 @@ def _write_gallery(mesh: Mesh, family: Family, options: Namespace) -> tuple[dict
 
 
 def movie(options: Namespace) -> int:
-    """Film a sweep through the columns of a family, or a turn of the mesh."""
+    """Write a movie of the columns of a family, or of the turning mesh."""
     check_movie(options.output, options.size, 1.0 if options.rate is None else options.rate)
     _chosen_swept(in_unit(options))
     check_output(options.output, "movie")
@@ -299,7 +297,7 @@ def _chosen_swept(options: Namespace) -> Family:
 
 
 def _solved(mesh: Mesh, family: Family, options: Namespace) -> tuple[Spectrum, dict[str, Any]]:
-    """The eigenpairs, if the family is made of any, and what is reported of them."""
+    """Return the eigenpairs, if the family needs any, and their report."""
     family.check_mesh(mesh)
     output = str(options.output)
     report: dict[str, Any] = {"mesh": mesh.name, "output": output, "kind": family.name}
@@ -327,7 +325,7 @@ def _spectrum(mesh: Mesh, pairs: Decomposition | None, options: Namespace) -> Sp
 
 
 def _policy(options: Namespace) -> LockedLimits | None:
-    """The limits that are asked for."""
+    """Return the requested colour limits."""
     if options.limits is None:
         return None
     low, high = options.limits
@@ -337,7 +335,7 @@ def _policy(options: Namespace) -> LockedLimits | None:
 
 
 def _display(options: Namespace, family: Family) -> Display:
-    """The limits and colours of all pictures."""
+    """Return the limits and colour map of all pictures."""
     policy = _policy(options)
     display = Display(policies={} if policy is None else {family.name: policy})
     if options.colormap:
@@ -346,7 +344,7 @@ def _display(options: Namespace, family: Family) -> Display:
 
 
 def _drawing(mesh: Mesh, options: Namespace) -> Any:
-    """A `MeshRenderer` with the mesh."""
+    """Return a `MeshRenderer` with the mesh."""
     from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 
     drawing = MeshRenderer(options.dark)

@@ -1,4 +1,4 @@
-"""Standard output and error: any encoding, none at all, or closed by the program that reads them.
+"""Standard output and error, for any encoding, and if they are missing or closed.
 
 Windows redirects output in the code page of the country, a terminal over ssh may be ASCII, and a
 program without a console has no streams. What an encoding lacks is spelled in ASCII (λ as
@@ -17,8 +17,6 @@ import unicodedata
 from typing import TextIO
 
 from meshmash_viewer.io.pipes import closed_pipe_errors
-
-__all__ = ["PROGRAM", "SPELLED", "answer", "drop", "prepare_streams", "say"]
 
 PROGRAM = "meshmash-viewer"
 
@@ -70,7 +68,7 @@ _GREEK_WORD = 3
 
 
 def prepare_streams() -> None:
-    """Let standard output and error take every character, and be there."""
+    """Make standard output and error accept every character, and replace missing ones."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:  # a program without a console, or one whose streams were closed
@@ -94,7 +92,7 @@ def answer(text: str) -> None:
 
 
 def say(sentence: str) -> None:
-    """Print something next to the results, on standard error."""
+    """Print a message on standard error."""
     try:
         print(f"{PROGRAM}: {' '.join(sentence.split())}", file=sys.stderr, flush=True)
     except OSError:
@@ -102,7 +100,7 @@ def say(sentence: str) -> None:
 
 
 def drop(stream: TextIO) -> None:
-    """Discard what a stream still holds and all that comes: Python would complain at its end."""
+    """Discard pending and further output of a stream, which would raise at exit."""
     with contextlib.suppress(OSError, ValueError):  # a stream of a test or notebook has no number
         nothing = os.open(os.devnull, os.O_WRONLY)
         try:
@@ -115,7 +113,7 @@ def drop(stream: TextIO) -> None:
 
 
 def _spell(fault: UnicodeError) -> tuple[str | bytes, int]:
-    """Spell the characters that an encoding lacks; an error handler as `codecs` takes them."""
+    """Spell the characters that an encoding lacks; an error handler for `codecs`."""
     if not isinstance(fault, UnicodeEncodeError):
         raise fault
     text, start, end = fault.object, fault.start, fault.end
@@ -146,7 +144,7 @@ def _escaped(text: str) -> str:
 
 
 def _spelled(before: str, lost: str, after: str) -> str:
-    """ASCII for lost characters, which are between two others."""
+    """Return ASCII for lost characters between two others."""
     spelled, last = "", _mark(before)
     groups = [(kind, "".join(letters)) for kind, letters in itertools.groupby(lost, _kind)]
     for place, (kind, letters) in enumerate(groups):
@@ -174,7 +172,7 @@ def _mark(letter: str) -> str:
 
 
 def _kind(letter: str) -> str:
-    """Which mark a character needs, "word" for one that becomes a word, empty for others."""
+    """Return the kind of a character: a mark, "word" for one that becomes a word, or ""."""
     decomposed = unicodedata.decomposition(letter).split()
     if decomposed and decomposed[0] in _MARKS:
         return decomposed[0]
@@ -182,7 +180,7 @@ def _kind(letter: str) -> str:
 
 
 def _word(letter: str) -> str:
-    """The word that a character becomes: "lambda", "Sigma"; empty for others."""
+    """Return the word for a character, "lambda" or "Sigma", or ""."""
     if letter in _SIGNS:
         return ""
     name = unicodedata.name(letter, "")
@@ -195,7 +193,7 @@ def _word(letter: str) -> str:
 
 
 def _plain(letter: str) -> str:
-    """ASCII for one character: a sign, its base letter, or else its number."""
+    """Return ASCII for one character: a sign, its base letter, or else its number."""
     if letter in _SIGNS:
         return _SIGNS[letter]
     parts = unicodedata.normalize("NFKD", letter)

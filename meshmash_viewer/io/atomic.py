@@ -1,7 +1,7 @@
-"""Files that are either whole or not there, and temporary folders: what a kill leaves goes.
+"""Atomic writing of files, and temporary folders that are removed after a killed process.
 
-On Windows another program, such as a scanner for viruses or an indexer of files, may refuse for a
-moment that a file is replaced or deleted, and one that has it mapped refuses it as long.
+On Windows another program, such as a virus scanner or a file indexer, may prevent for a moment that
+a file is replaced or deleted; a program that has the file mapped prevents it until it is unmapped.
 """
 
 from __future__ import annotations
@@ -23,46 +23,28 @@ from typing import TypeVar
 
 from meshmash_viewer.errors import InputError
 
-__all__ = [
-    "LEFT_OVER",
-    "discard",
-    "made_folder",
-    "persistently",
-    "remove_abandoned",
-    "remove_left_overs",
-    "scratch_prefix",
-    "writing_errors",
-    "written_together",
-    "written_whole",
-]
-
-#: What the names of parts begin with.
+#: Prefix of the names of partial files.
 LEFT_OVER = ".meshmash-"
-#: ".meshmash-<machine>-<process>-<random>-<name>": whose part of which file it is.
+#: ".meshmash-<machine>-<process>-<random>-<name>": names of partial files.
 _PART = re.compile(r"\.meshmash-([0-9a-f]{8})-(\d+)-[0-9a-f]{8}-.", re.DOTALL)
-#: What the names of temporary folders begin with, before machine and process as well.
+#: Prefix of the names of temporary folders; machine and process follow it.
 _SCRATCH = "meshmash-viewer-"
 _OWNED = re.compile(_SCRATCH + r"([0-9a-f]{8})-(\d+)-")
-#: Seconds after which nobody uses any more what is of a process that cannot be asked for.
+#: Seconds after which files of processes on another machine are considered abandoned.
 _FORGOTTEN = 86_400.0
-#: Seconds for which what another program refuses is tried again, and between two trials.
+#: Seconds for which an operation that another program prevents is retried, and between retries.
 _PATIENCE, _PAUSE = 1.0, 0.05
 
 _T = TypeVar("_T")
 
 
 def persistently(act: Callable[[], _T]) -> _T:
-    """Do what another program may refuse for a moment, trying again for a second.
-
-    Parameters
-    ----------
-    act : callable
-        What is done with a file; its result is returned.
+    """Call a file operation, retry it for a second on `PermissionError`, and return its result.
 
     Raises
     ------
     PermissionError
-        If it is refused to the end. Other errors are raised at once.
+        If the last retry fails. Other errors are raised at once.
     """
     deadline = time.monotonic() + _PATIENCE
     while True:
@@ -75,9 +57,9 @@ def persistently(act: Callable[[], _T]) -> _T:
 
 
 def discard(*paths: Path) -> None:
-    """Delete files that are of no more use, as far as that is possible within a second.
+    """Delete files that are not needed any more, as far as that is possible within a second.
 
-    No error is raised: what needs no file any more must not fail because it stays.
+    Errors are ignored, so that an undeletable file does not fail a finished operation.
     """
     deadline = time.monotonic() + _PATIENCE
     left = list(paths)
@@ -97,10 +79,10 @@ def discard(*paths: Path) -> None:
 
 @contextlib.contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Give a path beside `path` to write to, and rename it to `path` at the end.
+    """Yield a temporary path in the folder of `path`, and rename it to `path` at the end.
 
-    If the body raises, the part is removed and an older file at `path` is left as it was. What a
-    killed process has left in the same folder is removed.
+    If the body raises, the temporary file is removed and an older file at `path` is unchanged.
+    Temporary files of killed processes in the same folder are removed.
 
     Parameters
     ----------
@@ -110,7 +92,7 @@ def written_whole(path: Path) -> Iterator[Path]:
     Yields
     ------
     Path
-        In the same folder and with the same endings, which some writers go by.
+        In the same folder and with the same ending, which determines the format of some writers.
     """
     with written_together(path) as (part,):
         yield part
@@ -118,17 +100,12 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def written_together(*paths: Path) -> Iterator[list[Path]]:
-    """As `written_whole`, for files that belong together and take their places as one.
+    """As `written_whole`, for files that belong together.
 
     Parameters
     ----------
     *paths : Path
-        Files to make or replace; the first one goes first, the others right after it.
-
-    Yields
-    ------
-    list of Path
-        One for each of them.
+        Files to make or replace, renamed in this order.
     """
     for folder in {path.parent for path in paths}:
         remove_left_overs(folder)
@@ -138,7 +115,7 @@ def written_together(*paths: Path) -> Iterator[list[Path]]:
     ]
     try:
         yield parts
-        # The rename must not reach the disk before the content does.
+        # the content must be on the disk before the rename
         for part in parts:
             persistently(functools.partial(_flush, part))
         for part, path in zip(parts, paths, strict=True):
@@ -153,23 +130,23 @@ def _flush(path: Path) -> None:
 
 
 def remove_left_overs(folder: Path) -> None:
-    """Delete the parts of files whose process was killed before it could."""
-    with contextlib.suppress(OSError):  # no such folder, which whoever writes there will say
+    """Delete the partial files of killed processes."""
+    with contextlib.suppress(OSError):  # no such folder; the write reports it
         names = [entry.name for entry in os.scandir(folder) if entry.name.startswith(LEFT_OVER)]
         for name in names:
             found = _PART.match(name)
             if found is not None and _is_left(folder / name, found):
-                with contextlib.suppress(PermissionError):  # another's, or held: the next time
+                with contextlib.suppress(PermissionError):  # of another user, or open
                     (folder / name).unlink(missing_ok=True)
 
 
 def scratch_prefix() -> str:
-    """What `tempfile` is to begin the name of a folder with that `remove_abandoned` knows."""
+    """Return the prefix of temporary folders that `remove_abandoned` recognizes."""
     return f"{_SCRATCH}{_machine()}-{os.getpid()}-"
 
 
 def remove_abandoned() -> None:
-    """Delete the temporary folders of processes that were killed before they could."""
+    """Delete the temporary folders of killed processes."""
     for folder in Path(tempfile.gettempdir()).glob(f"{_SCRATCH}*"):
         with contextlib.suppress(OSError):  # another user's, or just gone
             if folder.is_dir() and _is_left(folder, _OWNED.match(folder.name)):
@@ -177,7 +154,7 @@ def remove_abandoned() -> None:
 
 
 def _is_left(path: Path, owner: re.Match[str] | None) -> bool:
-    """Whether the process is gone that a name tells of, or nobody has touched it for long."""
+    """Whether the process in a name has ended, or the file was not changed for a day."""
     if owner is None or owner[1] != _machine():
         return time.time() - path.stat().st_mtime > _FORGOTTEN
     import psutil
@@ -187,7 +164,7 @@ def _is_left(path: Path, owner: re.Match[str] | None) -> bool:
 
 @functools.cache
 def _machine() -> str:
-    """What tells processes of the same number apart: the machine, its start, the container."""
+    """Return a hash of machine, boot and container, within which process numbers are unique."""
     marks = [platform.node(), sys.platform]
     for name in ("/proc/sys/kernel/random/boot_id", "/proc/self/ns/pid"):
         with contextlib.suppress(OSError):
@@ -197,7 +174,7 @@ def _machine() -> str:
 
 @contextlib.contextmanager
 def made_folder(folder: Path) -> Iterator[None]:
-    """Make a folder, with those above it, and remove those that are still empty at the end.
+    """Make a folder with its parents, and remove those that are still empty at the end.
 
     Raises
     ------
@@ -217,7 +194,7 @@ def made_folder(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def writing_errors(path: Path, *, is_folder: bool = False) -> Iterator[None]:
-    """Turn what the system says against writing `path`, a file or a folder, into one sentence.
+    """Convert an `OSError` while writing `path`, a file or a folder, to an `InputError`.
 
     Raises
     ------

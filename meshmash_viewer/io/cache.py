@@ -1,4 +1,4 @@
-"""The folder of all stored spectra: how large it is, what goes when it is full."""
+"""The folder of all stored spectra: its size, and the removal of the least recently used ones."""
 
 from __future__ import annotations
 
@@ -20,20 +20,9 @@ if sys.platform == "win32":
 else:
     import fcntl
 
-__all__ = [
-    "DEFAULT_CAP",
-    "FORMAT",
-    "PROBLEM",
-    "EigenpairCache",
-    "FileLock",
-    "default_cache_folder",
-    "folder_size",
-]
-
-#: Raised whenever the files of a store or the operator change their meaning, so that old ones are
-#: not found.
+#: Version of the files of a store and of the operator; stores of other versions are not used.
 FORMAT = 5
-#: File of a store that says what it is of; its time of change is the time of last use.
+#: File that describes a store; its modification time is the time of last use.
 PROBLEM = "problem.json"
 
 #: Bytes that the cache may hold: 300 pairs of eight meshes of a million vertices.
@@ -41,36 +30,36 @@ DEFAULT_CAP = 20_000_000_000
 
 _KEY = re.compile(r"[0-9a-f]{32}")
 _REMOVED = re.compile(r"removed-[0-9a-f]{32}-\d+")
-#: Seconds without use after which the stores of other versions go.
+#: Seconds without use after which stores of other versions are removed.
 _FORGOTTEN = 7 * 86_400.0
 
 
 def default_cache_folder() -> Path:
-    """The user's folder of stored spectra."""
+    """Return the user's folder of stored spectra."""
     return cache_folder() / "eigenpairs"
 
 
 def folder_size(folder: Path) -> int:
-    """Bytes that a folder takes on the disk; holes in a file take none."""
+    """Return the bytes that a folder takes on the disk; holes in sparse files count as 0."""
     total = 0
     for place, _, names in os.walk(folder):
         for name in names:
             try:
                 status = os.stat(os.path.join(place, name))
             except FileNotFoundError:
-                continue  # gone in between
+                continue  # deleted meanwhile
             blocks = getattr(status, "st_blocks", None)
             total += status.st_size if blocks is None else min(512 * blocks, status.st_size)
     return total
 
 
 class FileLock:
-    """An exclusive lock on a file, held by at most one process; it ends with it, however it ends.
+    """An exclusive lock on a file, held by at most one process and released when that ends.
 
     Parameters
     ----------
     path : Path
-        A file that exists only for this; it is made when needed and stays, empty.
+        An empty file for the lock only; it is made when needed and kept.
     """
 
     def __init__(self, path: Path) -> None:
@@ -78,7 +67,7 @@ class FileLock:
         self._descriptor: int | None = None
 
     def acquire(self) -> bool:
-        """Take the lock if nobody else has it; True if it is held now.
+        """Take the lock if it is free; return whether it is held now.
 
         Raises
         ------
@@ -104,12 +93,12 @@ class FileLock:
         return True
 
     def release(self) -> None:
-        """Let others have it."""
+        """Release the lock."""
         if self._descriptor is None:
             return
         descriptor, self._descriptor = self._descriptor, None
         with contextlib.suppress(OSError):
-            # Windows unlocks a file that is closed only when it finds the time.
+            # Windows unlocks a closed file with a delay
             if sys.platform == "win32":
                 msvcrt.locking(descriptor, msvcrt.LK_UNLCK, 1)
             else:
@@ -118,14 +107,14 @@ class FileLock:
 
 
 class EigenpairCache:
-    """All stores below one folder.
+    """All stores in one folder.
 
     Parameters
     ----------
     root : str or Path, optional
         The folder; None for the user's.
     cap : int
-        Bytes it may hold.
+        Largest size in bytes.
     """
 
     def __init__(self, root: str | Path | None = None, cap: int = DEFAULT_CAP) -> None:
@@ -133,22 +122,22 @@ class EigenpairCache:
         self.cap = cap
 
     def lock_path(self, key: str) -> Path:
-        """File that whoever writes into the store `key` holds locked."""
+        """Return the file that is locked while the store `key` is written."""
         return self.root / "locks" / f"{key}.lock"
 
     def stores(self) -> list[Path]:
-        """Folders of all stores, least recently used first."""
+        """List the folders of all stores, least recently used first."""
         if not self.root.is_dir():
             return []
         found = [entry for entry in self.root.iterdir() if _KEY.fullmatch(entry.name)]
         return sorted(found, key=lambda folder: (_last_used(folder), folder.name))
 
     def size(self) -> int:
-        """Bytes on the disk."""
+        """Return the bytes on the disk."""
         return folder_size(self.root)
 
     def clear(self) -> int:
-        """Remove everything that no process is writing; returns the bytes freed."""
+        """Remove all stores that no process is writing; return the bytes freed."""
         before = self.size()
         for folder in self.stores():
             self._remove(folder)
@@ -156,12 +145,12 @@ class EigenpairCache:
         return before - self.size()
 
     def evict(self, keep: str | None = None, room_for: int = 0) -> None:
-        """Remove the least recently used until the cap holds.
+        """Remove the least recently used stores until the cap holds.
 
         Parameters
         ----------
         keep : str, optional
-            Key of a store that stays whatever its age.
+            Key of a store that is not removed.
         room_for : int
             Bytes about to be written.
         """
@@ -173,19 +162,19 @@ class EigenpairCache:
                 excess -= self._remove(folder)
 
     def touch(self, folder: Path) -> None:
-        """Note that a store was used now, where that can be noted."""
-        with contextlib.suppress(OSError):  # cleared in between, or not ours to write
+        """Set the time of last use of a store, where it can be written."""
+        with contextlib.suppress(OSError):  # removed meanwhile, or not writable
             os.utime(folder / PROBLEM)
 
     def tidy(self) -> None:
-        """Remove what processes that were cut off have left, and stores of other versions."""
+        """Remove partial files of killed processes, and stores of other versions."""
         with contextlib.suppress(OSError):
             for entry in list(self.root.iterdir()):
                 if _REMOVED.fullmatch(entry.name):
                     shutil.rmtree(entry, ignore_errors=True)
         for folder in self.stores():
             lock = FileLock(self.lock_path(folder.name))
-            with contextlib.suppress(OSError):  # another user's, or cleared in between
+            with contextlib.suppress(OSError):  # of another user, or removed meanwhile
                 if not lock.acquire():
                     continue  # being written
                 try:
@@ -201,19 +190,19 @@ class EigenpairCache:
             if not lock.acquire():
                 return 0  # being written
             size = folder_size(folder)
-            # Renamed first, so that a half-removed store is never taken for one.
+            # renamed first, so that a partly removed store is never read
             place = self.root / f"removed-{folder.name}-{time.time_ns()}"
             folder.rename(place)
             shutil.rmtree(place, ignore_errors=True)
         except OSError:
-            return 0  # another process was faster, or it is another user's
+            return 0  # removed by another process, or of another user
         finally:
             lock.release()
         return size
 
 
 def _tidy_store(folder: Path) -> bool:
-    """Remove the left-overs in a store that nobody writes; whether nothing of use remains."""
+    """Remove partial files in a store that no process writes; return whether it is then empty."""
     try:
         about = json.loads((folder / PROBLEM).read_bytes())
         n_vertices, version = int(about["mesh"]["n_vertices"]), about["format"]
@@ -227,7 +216,7 @@ def _tidy_store(folder: Path) -> bool:
             discard(folder / name)
     rows, published = folder / ROWS, 8 * n_vertices * published_pairs(names)
     if rows.exists() and rows.stat().st_size > published:
-        os.truncate(rows, published)  # room for pairs that did not come
+        os.truncate(rows, published)  # allocated for pairs that were not computed
     return not any(name.endswith(SEALED) for name in names)
 
 

@@ -1,4 +1,4 @@
-"""Provenance and column names in the headers of PLY and OBJ files, in lines that others read."""
+"""Provenance and column names in the headers of PLY and OBJ files, readable by other programs."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ import json
 import re
 from collections.abc import Iterable, Iterator, Sequence
 
-__all__ = ["comment_lines", "names_of_properties", "property_names", "stated_comment"]
-
-#: Characters of a line: MeshLab refuses lines of more than 512, the end of the line included.
+#: Longest line in characters: MeshLab rejects lines over 512, the end of the line included.
 _LONGEST_LINE = 500
-#: Characters of a property's name, which other programs show in lists.
+#: Longest name of a property in characters, as other programs show names in lists.
 _LONGEST_NAME = 100
 _SPACE = r"\u0020"
 _FIRST, _NEXT = "meshmash-viewer ", "meshmash-viewer+ "
@@ -27,9 +25,9 @@ def comment_lines(meta: str, keyword: str) -> Iterator[str]:
     meta : str
         JSON, one line of ASCII without spaces between items.
     keyword : str
-        What makes a line a comment: "comment" in PLY, "#" in OBJ.
+        Prefix of a comment line: "comment" in PLY, "#" in OBJ.
     """
-    # All spaces are within its strings: those in a row, or where a line ends, are escaped.
+    # all spaces are within strings; repeated ones, and those at the end of a line, are escaped
     begin, rest = f"{keyword} {_FIRST}", meta.replace("  ", " " + _SPACE)
     while len(begin + rest) > _LONGEST_LINE:
         room = _LONGEST_LINE - len(begin)
@@ -46,9 +44,9 @@ def comment_lines(meta: str, keyword: str) -> Iterator[str]:
 
 
 def stated_comment(lines: Iterable[str]) -> str:
-    """The text of `provenance` in comment lines without their keyword, "" if there is none.
+    """Return the text of `provenance` in comment lines without their keyword, or "".
 
-    Files written before lines were split have all of it in one.
+    Older files have it in one line.
     """
     text = ""
     for line in lines:
@@ -60,7 +58,7 @@ def stated_comment(lines: Iterable[str]) -> str:
 
 
 def property_names(columns: Sequence[str]) -> list[str]:
-    """Names of columns as PLY has them: ASCII without white space, each once and none too long."""
+    """Convert column names to names of PLY properties: ASCII, no white space, unique, short."""
     names: list[str] = []
     for column in columns:
         name = re.sub(r"[^!-~]", "_", column.replace("λ", "lambda"))[:_LONGEST_NAME] or "feature"
@@ -72,7 +70,7 @@ def property_names(columns: Sequence[str]) -> list[str]:
 
 
 def names_of_properties(meta: str) -> dict[str, str]:
-    """The column that each property is named after, by the text of `provenance`."""
+    """Return the column of each property, from the text of `provenance`."""
     try:
         columns = json.loads(meta)["columns"]
         return dict(zip(property_names(columns), columns, strict=True))

@@ -1,7 +1,6 @@
-"""Reading in a process of its own, stopped when a file takes more than one of its size may.
+"""Reading of files in a child process with limits of time and memory.
 
-Some libraries do not fail on a broken file: they end their process, go round for ever or take all
-memory. That must not be our process.
+Some libraries do not raise on a broken file but crash, loop forever or exhaust the memory.
 """
 
 from __future__ import annotations
@@ -28,19 +27,17 @@ from meshmash_viewer.io.process_tree import ProcessTree
 from meshmash_viewer.plug_ins import PlugIn
 from meshmash_viewer.spectral.engine.blas_threads import limit_accelerate
 
-__all__ = ["RAISE_LIMITS", "LimitExceeded", "ReadLimits", "convert", "read_guarded", "unreadable"]
-
-#: The environment variable by whose value every limit is multiplied.
+#: Environment variable whose value multiplies all limits.
 RAISE_LIMITS = "MESHMASH_READ_LIMITS"
 
 _SECONDS, _SECONDS_PER_BYTE = 8.0, 5e-7
 _BYTES, _BYTES_PER_BYTE = 640e6, 40.0
-#: Text of the most regular meshes shrinks thirty-fold by gzip, binary files far less.
+#: Largest plausible compression: gzip compresses text of very regular meshes thirty-fold.
 _HONEST_RATIO = 40.0
-#: What unpacks to a few megabytes at most, or not by much, can do no harm.
+#: Files that unpack to less than this size, or by less than this ratio, need no limits.
 _HARMLESS_BYTES, _HARMLESS_RATIO = 12e6, 8.0
 
-# The child finds this package wherever the parent found it.
+# the child imports this package from where the parent did
 _CHILD = """
 import json, sys
 sys.path[:] = json.loads(sys.argv[1])
@@ -50,17 +47,17 @@ convert(*sys.argv[2:])
 
 #: Exit statuses of the child; any other is that of a library that ended it.
 _READ, _FAULT, _TOO_LARGE = 0, 64, 65
-#: Seconds until the first look at the child, in which it hardly gets beyond its start, and between
-#: the others: memory fills by some tens of megabytes meanwhile.
+#: Seconds until the first check of the child, and between the next ones, in which it can allocate
+#: some tens of megabytes.
 _START, _LOOK = 0.2, 0.02
-#: Whether this is the process that is stopped when it takes too much.
+#: Whether this is the child process, which runs under limits already.
 _watched = False
-#: A child that does not compute waits for something that will not come.
+#: Seconds without processor use after which the child is considered blocked.
 _IDLE_SECONDS = 60.0
 
 
 class LimitExceeded(InputError):
-    """A file that takes more than one of its size should; the sentence says how to go on."""
+    """A file takes more time or memory than its size justifies; the message names the remedy."""
 
     def __init__(self, what: str) -> None:
         super().__init__(
@@ -71,15 +68,14 @@ class LimitExceeded(InputError):
 
 @dataclass(frozen=True)
 class ReadLimits:
-    """What the process that reads a file may take before it is stopped.
+    """Limits of the process that reads a file, about twenty times what regular files need.
 
-    Honest files take a twentieth of it. Both limits are multiplied by the number in the
-    environment variable `RAISE_LIMITS`.
+    Both are multiplied by the number in the environment variable `RAISE_LIMITS`.
 
     Parameters
     ----------
     seconds : float
-        Processor time, which does not depend on what else the machine is doing.
+        Processor time.
     memory : float
         Bytes in use at once, the interpreter and its libraries included.
     """
@@ -89,14 +85,14 @@ class ReadLimits:
 
     @classmethod
     def of(cls, n_bytes: int, *, unpacked: int = 0) -> ReadLimits:
-        """Limits for a file of so many bytes.
+        """Return the limits for a file.
 
         Parameters
         ----------
         n_bytes : int
-            Of the file as it lies on the disk.
+            Size of the file on the disk.
         unpacked : int, optional
-            Of what it unpacks to, where it is compressed as a whole.
+            Size after decompression, where the file is compressed as a whole.
 
         Raises
         ------
@@ -113,7 +109,7 @@ class ReadLimits:
 
     @staticmethod
     def are_needed(n_bytes: int, unpacked: float) -> bool:
-        """Whether a file unpacks to so much that it had better be read under limits."""
+        """Whether a file unpacks to so much that it must be read under limits."""
         return unpacked > max(_HARMLESS_BYTES, _HARMLESS_RATIO * n_bytes)
 
 
@@ -134,27 +130,27 @@ def _factor() -> float:
 def read_guarded(
     reader: Callable[[Path], RawMesh], path: Path, limits: ReadLimits | None = None
 ) -> RawMesh:
-    """Read a file by a function of this package, in another process and under limits.
+    """Read a file in a child process under limits.
 
     Parameters
     ----------
     reader : callable
-        A public function of a module; its file goes in and a `RawMesh` comes out.
+        A public function of a module that takes a path and returns a `RawMesh`.
     path : Path
     limits : ReadLimits, optional
-        Those of the file's size if not given.
+        By default ``ReadLimits.of`` the size of the file.
 
     Raises
     ------
     LimitExceeded
         If it takes more time or memory than `limits`.
     InputError
-        What `reader` raises, or that it ended its process.
+        If `reader` raises it, or the child crashes.
     """
     if _watched:
         return raw_mesh(reader(path))
     if isinstance(reader, PlugIn):
-        reader.load()  # says what is wrong with it, as its process could not
+        reader.load()  # raises here if the plug-in cannot be loaded
     limits = limits or ReadLimits.of(path.stat().st_size)
     with TemporaryDirectory(prefix=scratch_prefix(), ignore_cleanup_errors=True) as folder:
         result = Path(folder) / "mesh.pickle"
@@ -163,7 +159,7 @@ def read_guarded(
         with subprocess.Popen(
             [*command, str(limits.memory)],
             stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,  # where libraries complain once more before they end it
+            stderr=subprocess.DEVNULL,  # messages of libraries before a crash
             env=_environment(),
             creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
         ) as child:
@@ -185,14 +181,14 @@ def read_guarded(
 
 
 def _environment() -> dict[str, str]:
-    """Variables of the child, whose threads of OpenBLAS would take memory each."""
+    """Return the environment of the child, with one OpenBLAS thread as each takes memory."""
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     limit_accelerate(environment)
     return environment
 
 
 def _watch(child: subprocess.Popen[bytes], tree: ProcessTree, limits: ReadLimits) -> bytes:
-    """What the child says; it has ended then."""
+    """Wait until the child has ended, and return its output."""
     began = time.monotonic()
     look = _START
     while True:
@@ -206,7 +202,7 @@ def _watch(child: subprocess.Popen[bytes], tree: ProcessTree, limits: ReadLimits
         if computed > limits.seconds:
             raise LimitExceeded(f"takes longer than {limits.seconds:.0f} seconds to read")
         if time.monotonic() - began > _IDLE_SECONDS + 10.0 * computed:
-            raise LimitExceeded("keeps its reader waiting")
+            raise LimitExceeded("takes too long to read")
 
 
 def _too_large(limits: ReadLimits) -> LimitExceeded:
@@ -214,16 +210,16 @@ def _too_large(limits: ReadLimits) -> LimitExceeded:
 
 
 def convert(reader: str, source: str, result: str, memory: str) -> None:
-    """Do the reading, in the child process, which ends with it.
+    """Read a file; the main function of the child process.
 
     Parameters
     ----------
     reader : str
-        Module and function, with a colon between.
+        Module and function, joined by a colon.
     source, result : str
         Files to read and to write, the latter as a pickled `RawMesh`.
     memory : str
-        Bytes that the process may take.
+        Limit of memory in bytes.
     """
     global _watched
     module, _, function = reader.partition(":")
@@ -237,7 +233,7 @@ def convert(reader: str, source: str, result: str, memory: str) -> None:
             pickle.dump(raw, file, pickle.HIGHEST_PROTOCOL)
     except MemoryError:
         sys.exit(_TOO_LARGE)
-    except Exception as fault:  # noqa: BLE001  the parent says it
+    except Exception as fault:  # noqa: BLE001  reported by the parent
         said = fault if isinstance(fault, InputError) else unreadable(fault)
         sys.stdout.buffer.write(str(said).encode("utf-8", "replace"))
         sys.exit(_FAULT)
@@ -246,18 +242,18 @@ def convert(reader: str, source: str, result: str, memory: str) -> None:
 
 
 def unreadable(fault: BaseException) -> InputError:
-    """What is left to say where a library says it best, or is not there."""
+    """Return an `InputError` for an exception of a library, or for a library not installed."""
     if missing := missing_module(fault):
         return InputError(f"is read by {not_installed(missing)}")
     return InputError(f"is not readable ({printable(fault) or type(fault).__name__})")
 
 
 def _refuse_memory_beyond(limit: float) -> None:
-    """On Linux, refuse at once what the parent, which measures, would see too late."""
+    """On Linux, limit the memory by the system, which is faster than checks by the parent."""
     try:
         import resource
     except ImportError:
         return  # the parent measures
     if sys.platform == "linux" and limit < 2.0**62:
-        with contextlib.suppress(ValueError, OSError):  # a stricter limit of the user's own
+        with contextlib.suppress(ValueError, OSError):  # the user has set a stricter limit
             resource.setrlimit(resource.RLIMIT_DATA, (int(limit), resource.RLIM_INFINITY))

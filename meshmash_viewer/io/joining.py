@@ -7,8 +7,6 @@ import numpy as np
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import FloatArray, IntArray, first_equal
 
-__all__ = ["join_vertices"]
-
 #: Distance below which two vertices are one, relative to the longest side of the mesh: half the
 #: step between float32 numbers at its ends, if its middle is at the origin.
 _OF_EXTENT = 2.0**-26
@@ -126,7 +124,7 @@ def _near_pairs(points: FloatArray, reach: FloatArray) -> IntArray:
         if tree.query_ball_point(sample, distance, return_length=True).mean() > _MOST_NEIGHBOURS:
             raise InputError(
                 f"has a coordinate as large as {np.abs(points).max():.3g}, next to which the others"
-                " are so small that they cannot be told apart"
+                " are so small that they cannot be distinguished"
             )
         pairs = left[tree.query_pairs(distance, output_type="ndarray")]
         first, second = pairs.T

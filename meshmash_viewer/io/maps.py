@@ -74,7 +74,7 @@ def is_map_file(path: str | Path) -> bool:
                 return b"NIFTI_INTENT_POINTSET" not in file.read(1_000_000)
         return path.suffix.lower() not in _OF_MESHES and is_freesurfer_values(path)
     except OSError:
-        return False  # whoever reads it as a mesh says why not
+        return False  # reading it as a mesh then raises the reason
 
 
 #: Endings of meshes that say for sure what is in the file, unlike FreeSurfer's.
@@ -82,7 +82,7 @@ _OF_MESHES = tuple(ending for ending in READERS if READERS[ending] is not READER
 
 
 def read_maps(path: str | Path, mesh: MeshLike) -> tuple[VertexMap, ...]:
-    """Read values per vertex from a file; the format is told by the file's ending.
+    """Read values per vertex from a file; the format is given by the file's ending.
 
     Files of maps alone are NPZ, NPY, CSV, Parquet, GIFTI (functional, shape and label files), and
     FreeSurfer's (``.curv`` and alike, ``.annot``, ``.label``, ``.mgh``). Of a mesh file, what it

@@ -6,8 +6,6 @@ import contextlib
 import errno
 from collections.abc import Iterator
 
-__all__ = ["closed_pipe_errors", "is_closed_pipe"]
-
 #: Of POSIX; and of Windows, whose C library has no better word for ERROR_NO_DATA.
 _CLOSED = (errno.EPIPE, errno.EINVAL)
 

@@ -13,22 +13,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.mesh import FloatArray, IntArray, MeshLike, as_mesh
-from meshmash_viewer.triangulation import strip_triangles, triangulate
 from meshmash_viewer.vertex_map import Label
-
-__all__ = [
-    "MOST_MAPS",
-    "NotANumber",
-    "RawMap",
-    "RawMesh",
-    "are_ascending_indices",
-    "maps_alone",
-    "parse_rows",
-    "raw_mesh",
-    "strip_triangles",
-    "triangulate",
-]
-
 
 #: Maps that are taken of one file.
 MOST_MAPS = 64

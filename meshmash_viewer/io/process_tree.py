@@ -14,8 +14,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import psutil
 
-__all__ = ["ProcessTree"]
-
 #: Seconds between two searches for new processes, which read the table of all processes.
 _SEARCH = 0.5
 #: Part of the command line of a process that only deletes what others leave, then ends by itself.

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.weyl import Target
 
-__all__ = ["export_options", "provenance", "stated_structure", "stated_unit"]
-
 #: The packages whose numbers end up in a file.
 _PACKAGES = ("numpy", "scipy", "robust_laplacian")
 

@@ -81,12 +81,12 @@ READABLE_ENDINGS: tuple[str, ...] = (
 
 
 def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
-    """Read a triangle mesh from a file; the format is told by the file's ending.
+    """Read a triangle mesh from a file.
 
-    FreeSurfer surfaces, which have endings of many kinds, are told by how they begin. Polygons
-    become triangles, concave ones too, a scene becomes one mesh, STL and glTF vertices with equal
-    coordinates are merged, and texture seams do not cut the surface. What else a file has at each
-    vertex comes along as `Mesh.maps`: of PLY, VTP, VTK, GLB, glTF, NPZ and GIFTI.
+    The format is given by the file's ending, for FreeSurfer surfaces by the first bytes. Polygons
+    are triangulated, concave ones too, a scene becomes one mesh, STL and glTF vertices with equal
+    coordinates are merged, and texture seams do not cut the surface. Other values per vertex in
+    PLY, VTP, VTK, GLB, glTF, NPZ and GIFTI files become `Mesh.maps`.
 
     Parameters
     ----------
@@ -94,25 +94,25 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
         A file with one of `READABLE_ENDINGS`, or a FreeSurfer surface.
     unit : str, optional
         The unit of the file's coordinates: "nm", "µm", "mm", "m", "none", or the size of a
-        voxel such as "8 nm" or "4 x 4 x 40 nm", by which coordinates are multiplied. None takes
-        what the format states: mm for GIFTI and FreeSurfer, otherwise no unit.
+        voxel such as "8 nm" or "4 x 4 x 40 nm", by which coordinates are multiplied. None for the
+        unit that the format states: mm for GIFTI and FreeSurfer, otherwise no unit.
 
     Returns
     -------
     Mesh
-        With `Mesh.unit` and `Mesh.voxel` set and `Mesh.name` the file's name without its ending.
-        `Mesh.structure` is what the file states, or by FreeSurfer's names, such as ``lh.pial``.
+        With `Mesh.unit` and `Mesh.voxel` set; `Mesh.name` is the file's name without its ending.
+        `Mesh.structure` is stated in the file, or by FreeSurfer's file names, such as ``lh.pial``.
 
     Raises
     ------
     InputError
         If there is no such file or it holds no usable mesh; one sentence that names the file,
-        the fault and the way out.
+        the fault and the remedy.
 
     Warns
     -----
     MeshWarning
-        For each kind of thing that the file holds and the mesh lacks.
+        For each kind of content that is not read.
 
     Examples
     --------
@@ -125,10 +125,10 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
     voxel, given_unit = (NO_VOXEL, None) if unit is None else parse_unit(unit)
     check_file(path)
     ending = _ending(path)
-    ReadLimits.of(0)  # which may have been set to what is no number
+    ReadLimits.of(0)  # raises if the environment variable is no number
     try:
         with warnings.catch_warnings(), _unpacked(path, ending) as (plain, limits):
-            warnings.simplefilter("ignore")  # what is wrong is said below, in one sentence
+            warnings.simplefilter("ignore")  # the fault is raised below, in one sentence
             reader = READERS.get(ending.removesuffix(".gz"), read_freesurfer)
             guarded = limits is not None
             raw = read_guarded(reader, plain, limits) if guarded else raw_mesh(reader(plain))
@@ -154,7 +154,7 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
             f"{path} needs more memory than this machine has; read it on a larger one or"
             " reduce the mesh first."
         ) from fault
-    except Exception as fault:  # whatever a library raises on a broken file, it is the file's
+    except Exception as fault:  # libraries raise any exception on a broken file
         raise InputError(f"{path} {_way_out(str(unreadable(fault)), ending)}") from fault
     for remark in (*raw.remarks, *faults):
         warnings.warn(f"{path} {remark}.", MeshWarning, stacklevel=2)
@@ -162,7 +162,7 @@ def read_mesh(path: str | Path, unit: str | None = None) -> Mesh:
 
 
 def _own_maps(raw: RawMesh) -> tuple[tuple[VertexMap, ...], tuple[str, ...]]:
-    """What a mesh file has at its vertices, and a clause on each that is no map."""
+    """Return the maps of a mesh file, and a clause on each that is not usable."""
     n = len(raw.vertices)
     known = [each for each in raw.maps if each.last >= 0 or len(each.values) == n]
     found, faults = checked_maps(known)
@@ -172,7 +172,7 @@ def _own_maps(raw: RawMesh) -> tuple[tuple[VertexMap, ...], tuple[str, ...]]:
 def checked_maps(
     maps: Iterable[RawMap], n_vertices: int = 0, path: str | Path = ""
 ) -> tuple[tuple[VertexMap, ...], list[InputError]]:
-    """Maps of what a file has at its n vertices, and what is wrong with each of the others."""
+    """Convert values at n vertices to maps; return these, and the faults of the others."""
     found, faults = [], []
     for each in maps:
         try:
@@ -184,12 +184,12 @@ def checked_maps(
 
 
 def left_out(fault: InputError) -> str:
-    """A clause on a map that is not taken, from what `VertexMap` says of it."""
+    """Return a clause on an unusable map, from the message of `VertexMap`."""
     return f"has a map that is left out: {str(fault).removeprefix('Map ').removesuffix('.')}"
 
 
 def vertex_map(raw: RawMap, n_vertices: int, path: str = "") -> VertexMap:
-    """What a file has at its vertices, of which there are n, checked.
+    """Convert values at n vertices to a checked map.
 
     Raises
     ------
@@ -244,7 +244,7 @@ def _is_freesurfer(path: Path, ending: str) -> bool:
 
 
 def check_file(path: Path) -> None:
-    """Refuse what is no file, or none that can be read.
+    """Raise unless a path is a regular, readable file.
 
     Raises
     ------
@@ -302,7 +302,7 @@ def _check_content(raw: RawMesh) -> None:
 
 
 def _way_out(fault: str, ending: str) -> str:
-    """End the reader's clause with what the user can do about it; `Mesh` says that itself."""
+    """Complete the clause of a reader with the remedy; messages of `Mesh` have one."""
     if "not installed" in fault:
         return f"{fault}."
     if fault.endswith("."):
@@ -327,9 +327,9 @@ def _kind(ending: str) -> str:
 
 @contextlib.contextmanager
 def _unpacked(path: Path, ending: str) -> Iterator[tuple[Path, ReadLimits | None]]:
-    """The file itself, or what its gzip holds as a temporary file of the same name.
+    """Yield the file itself, or the content of its gzip as a temporary file of the same name.
 
-    With it come the limits to read it under, where it has grown by more than meshes do.
+    The second value is the limits to read it under, if it unpacks to more than meshes usually do.
     """
     if not ending.endswith(".gz"):
         yield path, None
@@ -358,7 +358,7 @@ def _unpacked(path: Path, ending: str) -> Iterator[tuple[Path, ReadLimits | None
 
 
 def _blocks(packed: gzip.GzipFile) -> Iterator[bytes]:
-    """What a gzip holds, a megabyte at a time."""
+    """Yield the content of a gzip, a megabyte at a time."""
     try:
         while block := packed.read(1_000_000):
             yield block

@@ -1,4 +1,4 @@
-"""Small files that say themselves whether they are whole, and whose they are.
+"""Small files with a checksum and the key of their owner.
 
 The first line holds a digest of all bytes after it, which are a NumPy archive: the arrays, and as
 JSON the content with the key of the owner. Such a file is never changed, only replaced.
@@ -17,8 +17,6 @@ import numpy.typing as npt
 
 from meshmash_viewer.io.atomic import written_whole
 
-__all__ = ["Damaged", "Sealed", "read_sealed", "write_sealed"]
-
 _MAGIC = b"meshmash-viewer sha256 "
 _FIRST_LINE = len(_MAGIC) + 64 + 1
 #: Name of the JSON among the arrays.
@@ -26,21 +24,12 @@ _ABOUT = "about.json"
 
 
 class Damaged(ValueError):
-    """A file is not what was written there."""
+    """A file differs from what was written."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sealed:
-    """What a sealed file holds.
-
-    Parameters
-    ----------
-    content : dict
-        As it was given, from JSON.
-    arrays : dict of ndarray
-    seal : str
-        The digest of the file.
-    """
+    """Content of a sealed file; `seal` is its digest."""
 
     content: dict[str, Any]
     arrays: dict[str, npt.NDArray[Any]]
@@ -50,20 +39,20 @@ class Sealed:
 def write_sealed(
     path: Path, key: str, content: dict[str, Any], arrays: dict[str, npt.NDArray[Any]] | None = None
 ) -> str:
-    """Write a sealed file whole or not at all; returns its seal.
+    """Write a sealed file atomically; return its seal.
 
     Parameters
     ----------
     path : Path
     key : str
-        Of the owner.
+        Key of the owner.
     content : dict
         JSON-able, without NaN.
     arrays : dict of ndarray, optional
     """
     about = json.dumps({"key": key, "content": content}, allow_nan=False).encode()
     members: dict[str, Any] = {_ABOUT: np.array(about), **(arrays or {})}
-    with written_whole(path) as beside, beside.open("w+b") as file:
+    with written_whole(path) as part, part.open("w+b") as file:
         file.write(bytes(_FIRST_LINE))
         np.savez(file, **members)
         file.seek(_FIRST_LINE)
@@ -80,12 +69,12 @@ def read_sealed(path: Path, key: str) -> Sealed:
     ----------
     path : Path
     key : str
-        Of whom it should be.
+        Key of the expected owner.
 
     Raises
     ------
     Damaged
-        If a byte of it is another one than was written, or it belongs to somebody else.
+        If its bytes do not agree with the digest, or it has another owner.
     OSError
         If it cannot be read.
     """

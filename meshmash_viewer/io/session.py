@@ -1,4 +1,4 @@
-"""A session on disk: what was open and how it was looked at, as versioned JSON."""
+"""Session files: the open meshes and their display, as versioned JSON."""
 
 from __future__ import annotations
 
@@ -27,39 +27,36 @@ from meshmash_viewer.io.atomic import writing_errors, written_whole
 from meshmash_viewer.spectral.weyl import TARGET_KINDS
 from meshmash_viewer.units import parse_unit
 
-__all__ = ["SESSION_ENDING", "Session", "read_session", "write_session"]
-
 SESSION_ENDING = ".meshmash.json"
 
 _FORMAT = "meshmash-viewer session"
-#: From version 3 on vertices are those of the file; that differs only where repairs were made, and
-#: sessions without them stay readable for the programs before.
+#: Since version 3, vertices are indices in the mesh file, which differ only after repairs; sessions
+#: without repairs are written as version 2, which older programs can read.
 _VERSION, _WITHOUT_REPAIRS = 3, 2
-#: Bytes that a session may have: thousands of pins take a hundredth of it.
+#: Largest session in bytes, a hundred times the size of one with thousands of pins.
 _LARGEST = 16_000_000
 
 
 @dataclass(frozen=True)
 class Session:
-    """What it takes to come back to where one was.
+    """State of a window as it is written to a session file.
 
     Parameters
     ----------
     mesh_path : str
-        The mesh's file. In the session's file it is relative to it where both share a folder, so
-        that the two can be moved together.
+        File of the mesh; written as a relative path if it is below the folder of the session file,
+        so that both can be moved together.
     maps : list of str
-        Files of maps that were added to it, in their order; relative as `mesh_path` is.
+        Files of added maps, in their order; relative as `mesh_path` is.
     unit : str
-        What `read_mesh` was asked for: "nm", "8 nm", "4 × 4 × 40 nm", "none", or "" for what the
-        format states.
+        Unit given to `read_mesh`: "nm", "8 nm", "4 × 4 × 40 nm", "none", or "" for the unit that
+        the format states.
     repairs : list of str
         Names of the repairs made after reading, oldest first.
     mesh_hash : str
-        Content hash of the repaired mesh, to tell whether the file has changed since; "" if not
-        known.
+        Content hash of the repaired mesh, to detect changes of the file; "" if not known.
     n_vertices : int
-        Number of vertices that `pins` are of; 0 if not known.
+        Number of vertices of the mesh of `pins`; 0 if not known.
     operator : dict
         Fields of `OperatorOptions`.
     target : dict
@@ -67,19 +64,18 @@ class Session:
     display : dict
         The displayed field with its limits and colours, as the model writes it.
     pins, pin_numbers : list of int
-        Pinned vertices, by their index in the file, and the numbers of their pins, which decide
+        Pinned vertices, by their index in the file, and the numbers of their pins, which determine
         their colours.
     file_indices : bool
-        False for a session written before this was so: its pins, and the vertices of its display,
-        are those of the repaired mesh.
+        False for older sessions, whose pins and other vertices are indices in the repaired mesh.
     camera : dict
         Position, focal point and so on in the mesh's coordinates; empty for the default view.
     second_path, second_unit : str
         File of the second mesh, relative as `mesh_path` is, and its unit as `unit` is; "" for none.
     second_maps, second_repairs : list of str
-        As `maps` and `repairs`, of the second.
+        As `maps` and `repairs`, of the second mesh.
     links : list of str
-        What of the second follows the first.
+        The active links between both meshes.
     """
 
     mesh_path: str = ""
@@ -153,7 +149,7 @@ def write_session(path: str | Path, session: Session) -> None:
     Raises
     ------
     InputError
-        If the system refuses.
+        If the file cannot be written.
     """
     path = Path(path)
     content = asdict(session)
@@ -171,15 +167,15 @@ def write_session(path: str | Path, session: Session) -> None:
 
 
 def read_session(path: str | Path) -> Session:
-    """Read a session, with its mesh's path made absolute.
+    """Read a session, with absolute paths.
 
-    What only the model can judge, its `display`, is given back as it is.
+    `display` is not checked here (see `model.display_json.read_display`).
 
     Raises
     ------
     InputError
-        If there is no such file, it is no session, a newer program wrote it, or an entry has
-        another type or is out of bounds.
+        If the file cannot be read, is not a session, was written by a newer program, or has an
+        entry of the wrong type or out of bounds.
     """
     path = Path(path)
     try:
@@ -214,7 +210,7 @@ def read_session(path: str | Path) -> Session:
     if session.get("n_vertices") and beyond:
         raise InputError(
             f"{path.name} has pins at vertex {beyond[0]}, and its mesh has "
-            f"{session['n_vertices']} vertices: mend that entry, or open another file."
+            f"{session['n_vertices']} vertices: correct that entry, or open another file."
         )
     folder = path.absolute().parent
     for name in ("mesh_path", "second_path"):
@@ -226,6 +222,6 @@ def read_session(path: str | Path) -> Session:
 
 
 def _relative(name: str, folder: Path) -> str:
-    """A file as a session names it: relative to its folder if it is in it."""
+    """Return a path relative to a folder if the file is in it."""
     file = Path(name).absolute()
     return file.relative_to(folder).as_posix() if file.is_relative_to(folder) else str(file)

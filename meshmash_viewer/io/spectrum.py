@@ -1,7 +1,7 @@
-"""The eigenpairs of a mesh: found in a store, resumed where a run stopped, or computed.
+"""Eigenpairs of a mesh: read from a store, resumed from a partial run, or computed.
 
-One function for whoever wants eigenpairs, window and command line alike. Where the cache cannot
-serve they are computed all the same, into a second store or into memory, and a remark says so.
+The window and the command line use the same function. Where the cache cannot be written, pairs are
+computed into a second store or into memory, and a remark says so.
 """
 
 from __future__ import annotations
@@ -26,32 +26,23 @@ if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigensolver import Decomposition
     from meshmash_viewer.spectral.weyl import Target
 
-__all__ = [
-    "Eigenpairs",
-    "FitCheck",
-    "Follower",
-    "damage_remark",
-    "find_eigenpairs",
-    "obtain_eigenpairs",
-]
-
-#: ``(n, nnz, k)``: raises where k pairs of n vertices cannot be computed on this machine.
+#: ``(n, nnz, k)``: raises `InputError` if k pairs of n vertices cannot be computed here.
 FitCheck: TypeAlias = Callable[[int, int, int], None]
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Eigenpairs:
-    """Eigenpairs of a mesh, and where they are.
+    """Eigenpairs of a mesh, and the file of their rows.
 
     Parameters
     ----------
     decomposition : Decomposition
-        Its rows are mapped read-only where they are in a file.
+        Its rows are mapped read-only if they are in a file.
     stored : StoredRows, optional
-        That file; None where they are in memory.
+        That file; None for rows in memory.
     remark : str
-        A sentence for the user where there is something to say of the store, else empty.
+        A sentence for the user about the store, or "".
     """
 
     decomposition: Decomposition
@@ -60,16 +51,16 @@ class Eigenpairs:
 
 
 class Follower(Protocol):
-    """Whoever shows eigenpairs while they are computed."""
+    """Receiver of eigenpairs while they are computed."""
 
     def begin(self, known: Eigenpairs | None, mass: FloatArray) -> None:
-        """The computation starts from known leading pairs (if any); the diagonal of M, (n,)."""
+        """Start with the known leading pairs, if any, and the diagonal of M, shape (n,)."""
         ...
 
     def grow(
         self, stored: StoredRows | None, rows: FloatArray, values: FloatArray, residuals: FloatArray
     ) -> None:
-        """So many leading pairs are final; `rows`, shape (k, n), is all that will be."""
+        """Receive all final leading pairs; `rows`, shape (k, n), has room for all k requested."""
         ...
 
 
@@ -80,17 +71,17 @@ def find_eigenpairs(
     *,
     count: int = 0,
 ) -> StoredSpectrum | None:
-    """What is stored of the eigenpairs of a mesh, or None; nothing is computed.
+    """Return the stored eigenpairs of a mesh, or None, without computing any.
 
     Parameters
     ----------
     mesh : Mesh
     operator : OperatorOptions
     spare : Path, optional
-        A second cache folder, which is looked into if the user's holds less.
+        A second cache folder, which is used if it holds more pairs than the user's.
     count : int
-        How many leading pairs are compared with their checksums, two seconds for a million vertices
-        and 300 pairs. No other number may leave the program.
+        Number of leading pairs that are compared with their checksums (2 s for a million vertices
+        and 300 pairs). Pairs that are not compared must not be exported.
     """
     return _most(_stores(mesh, operator, spare), count, None)
 
@@ -108,32 +99,32 @@ def obtain_eigenpairs(
     check: FitCheck | None = None,
     n_jobs: int | None = None,
 ) -> Eigenpairs:
-    """Eigenpairs of a mesh, through the store.
+    """Return the eigenpairs of a mesh: stored ones, and computed ones that are then stored.
 
     Parameters
     ----------
     mesh : Mesh
     operator : OperatorOptions
     target : Target
-        How many pairs, or up to where.
+        Number of pairs, or largest eigenvalue.
     use_cache : bool
-        Whether to look into the user's cache and add to it.
+        Whether to read from and write to the user's cache.
     spare : Path, optional
-        Cache folder for what the user's cannot take; without it memory.
+        Cache folder used when the user's cannot be written; without it memory is used.
     progress, cancel : callable, optional
         As for `meshmash_viewer.spectral.eigensolver.solve`.
     follower : Follower, optional
     check : callable, optional
-        Asked before the computation begins, and again when the number of pairs is known.
+        Called before the computation begins, and again when the number of pairs is known.
     n_jobs : int, optional
-        Slices at a time.
+        Number of slices computed at a time.
 
     Raises
     ------
     InputError
-        If the request makes no sense or cannot fit.
+        If the target is invalid, or the pairs do not fit into memory.
     Cancelled
-        If `cancel` said so; what has converged stays in the store.
+        If `cancel` returned True; converged pairs stay in the store.
     """
     stores = _stores(mesh, operator, spare) if use_cache else []
     for store in stores:
@@ -147,9 +138,9 @@ def obtain_eigenpairs(
     with _Keeper(stores, in_file=spare is not None) as keeper:
         known = _most(stores, None, cancel)
         count = None if known is None else known.covers(target)
-        if known is not None and count is not None:  # by another process, meanwhile
+        if known is not None and count is not None:  # computed by another process meanwhile
             return _leading(known, count)
-        known = keeper.go_on_from(known)
+        known = keeper.resume(known)
         if progress is not None:
             progress(Progress("operator", message="Building the Laplacian"))
         stiffness, mass = keeper.laplacian(mesh, operator)
@@ -216,14 +207,14 @@ def _damaged(
 ) -> list[Batch]:
     damaged = stored.damaged_batches(count, cancel)
     if cancel is not None and cancel():
-        raise Cancelled  # maybe before all was looked at
+        raise Cancelled  # maybe before all rows were compared
     return damaged
 
 
 def _most(
     stores: list[EigenpairStore], count: int | None, cancel: CancelCallback | None
 ) -> StoredSpectrum | None:
-    """What the store with most pairs holds; the first `count` of them, None for all, checked."""
+    """Load the store with most pairs; compare its first `count` rows (None: all) to checksums."""
     found = [stored for store in stores if (stored := store.load()) is not None]
     if not found:
         return None
@@ -232,24 +223,24 @@ def _most(
 
 
 def damage_remark(faults: Sequence[str]) -> str:
-    """Say what of a store is damaged, if anything; see `StoredSpectrum.faults`."""
+    """Describe the damage of a store, or return ""; see `StoredSpectrum.faults`."""
     if not faults:
         return ""
     return (
-        f"Damaged on the disk, of what is stored of this mesh: {', '.join(faults)}."
+        f"Damaged on the disk, in the stored spectrum of this mesh: {', '.join(faults)}."
         " Only that is computed again."
     )
 
 
 class _Keeper:
-    """Where the pairs of a run go: into the first store that can take them, or into memory.
+    """Output of a run: into the first usable store, or into memory.
 
     Parameters
     ----------
     stores : list of EigenpairStore
-        Tried one after the other, now and whenever one fails.
+        Tried in this order, at first and whenever one fails.
     in_file : bool
-        Whether memory is of no use, because another process is to read the pairs.
+        Whether pairs must be in a file, because another process reads them.
     """
 
     def __init__(self, stores: list[EigenpairStore], in_file: bool) -> None:
@@ -277,15 +268,15 @@ class _Keeper:
         """The file with the rows; None where they are in memory."""
         return None if self._store is None else self._store.stored_rows
 
-    def go_on_from(self, known: StoredSpectrum | None) -> StoredSpectrum | None:
-        """Keep these pairs as they are; those that there are."""
+    def resume(self, known: StoredSpectrum | None) -> StoredSpectrum | None:
+        """Resume from known pairs; return them, or None if there are none."""
         self._known = known if known is not None and known.batches else None
         if known is not None and known.faults:
             self.remarks.append(damage_remark(known.faults))
         return self._known
 
     def laplacian(self, mesh: Mesh, operator: OperatorOptions) -> tuple[SparseMatrix, SparseMatrix]:
-        """L and M, as they were kept or built."""
+        """Return L and M, from the store or newly built."""
         from meshmash_viewer.laplacian import cotangent_laplacian
 
         for store in self._all:
@@ -300,7 +291,7 @@ class _Keeper:
         return built
 
     def extend(self, k: int, n: int, kept: npt.NDArray[np.int64]) -> FloatArray:
-        """Room for k rows, of which those of the indices `kept` are there."""
+        """Allocate k rows; those at the indices `kept` hold the known pairs."""
         self.eigenvalues, self.residuals = np.full(k, np.nan), np.full(k, np.nan)
         store, known = self._store, self._known
         in_place = known is not None and store is not None and store.folder == known.path.parent
@@ -317,13 +308,13 @@ class _Keeper:
         return self.rows
 
     def append(self, start: int, eigenvalues: FloatArray, residuals: FloatArray) -> None:
-        """Keep pairs whose rows have become final."""
+        """Store pairs whose rows have become final."""
         stop = start + len(eigenvalues)
         self.eigenvalues[start:stop], self.residuals[start:stop] = eigenvalues, residuals
         self._publish(start, stop)
 
     def _publish(self, start: int, stop: int) -> None:
-        """Publish pairs in the store, or all up to them in the next that can take them."""
+        """Publish pairs in the store; if it fails, all pairs up to them in the next store."""
         while self._store is not None:
             if self._there is not self.rows:
                 self._there[start:stop] = self.rows[start:stop]
@@ -337,7 +328,7 @@ class _Keeper:
     def _take_next(
         self, fault: StoreUnusable | None = None, room: tuple[int, ...] | None = None
     ) -> None:
-        """Lock the next store that can be, and has room; say why the one before can't be used."""
+        """Lock the next usable store with room; record why the one before cannot be used."""
         self._store = None
         while True:
             if fault is not None:
@@ -359,7 +350,7 @@ class _Keeper:
                 return
 
     def finish(self, decomposition: Decomposition, max_eigenvalue: float | None) -> Eigenpairs:
-        """All pairs with their proof, where they are."""
+        """Store the certificate, and return all pairs."""
         while (store := self._store) is not None:
             try:
                 store.finish(decomposition, max_eigenvalue)

@@ -1,10 +1,10 @@
-"""Eigenpairs on disk: written by one process while others look, found again by content.
+"""Eigenpairs on disk: written by one process, read by others, identified by content.
 
-A spectrum lives in a folder named after its mesh and operator (see
-`meshmash_viewer.io.stored_spectrum`). What has been published there is never written again, so
-neither a kill nor a power cut nor a run that goes on from it can take it away. Blocks of the disk
-are allocated before rows are written, rows are flushed before their batch names them, and the
-proof comes last. What fails a check is left out alone, and computed again.
+A spectrum is stored in a folder named after its mesh and operator (see
+`meshmash_viewer.io.stored_spectrum`). Published data is never overwritten, so that it survives a
+kill, a power failure and a resumed run. Disk blocks are allocated before rows are written, rows are
+flushed before the file of their batch is written, and the certificate is written last. Batches that
+fail their checksum are ignored, and computed again.
 """
 
 from __future__ import annotations
@@ -53,19 +53,17 @@ if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
-__all__ = ["EigenpairStore", "StoreBusy", "StoreUnusable", "StoredSpectrum"]
-
 FloatArray = npt.NDArray[np.float64]
 
 _LAPLACIAN = "laplacian.sealed"
 #: Zeros written at a time.
 _CHUNK = 1 << 20
-#: What a file system answers that cannot allocate blocks beforehand.
+#: Error codes of file systems that cannot allocate blocks in advance.
 _NOT_SUPPORTED = (errno.EINVAL, errno.EOPNOTSUPP, errno.ENOSYS)
 
 
 class StoreUnusable(InputError):
-    """Nothing can be kept in the cache folder; what is computed has to be kept elsewhere."""
+    """Nothing can be written to the cache folder; results have to be kept elsewhere."""
 
 
 class StoreBusy(StoreUnusable):
@@ -73,7 +71,7 @@ class StoreBusy(StoreUnusable):
 
 
 class EigenpairStore:
-    """The folder of one mesh under one operator; made when something is written into it.
+    """The folder of one mesh and operator; made at the first write.
 
     Parameters
     ----------
@@ -96,7 +94,7 @@ class EigenpairStore:
         key = self.key(mesh, operator)
         self.folder = self._cache.root / key
         self.n_vertices = mesh.n_vertices
-        #: For people who look into the folder.
+        #: Content of `PROBLEM`, for users who open the folder.
         self._description = {
             "format": FORMAT,
             "mesh": {
@@ -109,7 +107,7 @@ class EigenpairStore:
             "operator": asdict(operator),
         }
         self._lock = FileLock(self._cache.lock_path(key))
-        #: All rows, mapped for writing, and what tells their file from one that took its place.
+        #: All rows, mapped for writing, and the identity of their file, to detect a replaced one.
         self._rows: np.memmap[Any, np.dtype[np.float64]] | None = None
         self._opened: os.stat_result | None = None
         self._lost = False
@@ -117,7 +115,7 @@ class EigenpairStore:
 
     @staticmethod
     def key(mesh: Mesh, operator: OperatorOptions) -> str:
-        """32 hexadecimal digits that tell one mesh and operator from all others."""
+        """Return the key of a mesh and operator, 32 hexadecimal digits."""
         options = json.dumps(asdict(operator), sort_keys=True)
         text = f"{FORMAT}|{mesh.n_vertices}|{mesh.content_hash}|{options}"
         return hashlib.sha256(text.encode()).hexdigest()[:32]
@@ -125,22 +123,22 @@ class EigenpairStore:
     # Reading, by any process -----------------------------------------------------------------
 
     def load(self) -> StoredSpectrum | None:
-        """What is there, or None without a pair; see `StoredSpectrum.faults` for what is not.
+        """Return the stored spectrum, or None without pairs; `faults` lists damaged ones.
 
-        Rows are not compared with their checksums here: whoever lets numbers out of the program
-        does so (`StoredSpectrum.damaged_batches`).
+        Rows are not compared with their checksums here, which is required before an export
+        (`StoredSpectrum.damaged_batches`).
         """
         spectrum = read_spectrum(self.folder, self.folder.name, self.n_vertices)
         if spectrum.batches:
             try:
                 _ = spectrum.rows  # mapped while the folder is there
             except (OSError, ValueError):
-                return None  # cleared, this moment
+                return None  # just removed
             self._cache.touch(self.folder)
         return spectrum if spectrum.batches or spectrum.faults else None
 
     def laplacian(self) -> tuple[SparseMatrix, SparseMatrix] | None:
-        """L and M as they were kept, or None; see `keep_laplacian`."""
+        """Return the stored L and M, or None; see `keep_laplacian`."""
         from scipy import sparse
 
         n = self.n_vertices
@@ -155,7 +153,7 @@ class EigenpairStore:
     # Writing, by the one process that holds the lock -----------------------------------------
 
     def keep_laplacian(self, stiffness: SparseMatrix, mass: SparseMatrix) -> None:
-        """Keep the matrices, which take as long to build as many a pair; no loss if that fails."""
+        """Store the matrices, to save building them again; errors are ignored."""
         arrays = {
             "data": stiffness.data,
             "indices": stiffness.indices,
@@ -167,25 +165,25 @@ class EigenpairStore:
             write_sealed(self.folder / _LAPLACIAN, self.folder.name, {}, arrays)
 
     def allocate(self, k: int, n: int | None = None) -> FloatArray:
-        """Make room for k eigenvectors in place of what is there.
+        """Allocate k eigenvectors in place of the stored ones.
 
         Returns
         -------
         ndarray of float64, shape (k, n)
-            Memory map to write the rows into; call `append` when some are final.
+            Memory map to write the rows to; call `append` when some are final.
 
         Raises
         ------
         StoreUnusable
-            If another process is writing into the same store, the disk has no room, or the cache
-            folder cannot be written.
+            If another process is writing to the same store, the disk is full, or the cache folder
+            cannot be written.
         """
         return self.extend(k, n, np.zeros(0, dtype=np.int64))
 
     def extend(self, k: int, n: int | None, kept: npt.NDArray[np.int64]) -> FloatArray:
-        """Make room for k eigenvectors, of which those of the indices `kept` are there already.
+        """As `allocate`, but keep the stored eigenvectors with the indices `kept`.
 
-        Batches with other indices below k are dropped. As `allocate` otherwise.
+        Batches with other indices below k are removed.
         """
         n = self.n_vertices if n is None else n
         if n != self.n_vertices:
@@ -216,12 +214,12 @@ class EigenpairStore:
             if path not in named:
                 persistently(functools.partial(path.unlink, missing_ok=True))
         if not kept:
-            # A new file: whoever has mapped the old one goes on with that.
+            # a new file, so that existing maps of the old one stay valid
             for name in (PROOF, ROWS):
                 persistently(functools.partial((self.folder / name).unlink, missing_ok=True))
         path = self.folder / ROWS
         _make_room(path, highest * self.stored_rows.row_bytes)
-        # by a handle, as it is compared: Windows numbers devices otherwise by the path
+        # of the open file, as it is compared: on Windows the device differs for the path
         with path.open("rb") as file:
             self._opened = os.fstat(file.fileno())
         self._lost = False
@@ -230,7 +228,7 @@ class EigenpairStore:
 
     @contextlib.contextmanager
     def _row_file(self) -> Iterator[IO[bytes]]:
-        """The file of rows, unless it has been taken away."""
+        """Open the file of rows, unless it was removed or replaced."""
         with (self.folder / ROWS).open("r+b", buffering=0) as file:
             assert self._opened is not None
             if not os.path.samestat(os.fstat(file.fileno()), self._opened):
@@ -240,18 +238,18 @@ class EigenpairStore:
     def append(self, start: int, eigenvalues: FloatArray, residuals: FloatArray) -> None:
         """Publish pairs whose rows have been written: ``start``, ``start + 1``, ...
 
-        Pairs that were published before are left as they are.
+        Pairs that were published before are unchanged.
 
         Parameters
         ----------
         start : int
-            Index of the first of them.
+            Index of the first one.
         eigenvalues, residuals : ndarray of float64, shape (b,)
 
         Raises
         ------
         StoreUnusable
-            If the disk has no room for more, or the folder has gone; the rows stay mapped.
+            If the disk is full, or the folder was removed; the rows stay mapped.
         """
         assert self._rows is not None, "allocate comes before append"
         stop = start + len(eigenvalues)
@@ -273,14 +271,14 @@ class EigenpairStore:
         self._batches.append(batch)
 
     def finish(self, decomposition: Decomposition, max_eigenvalue: float | None = None) -> None:
-        """Record that a run is complete, and let other processes write.
+        """Record that a run is complete, and release the lock.
 
         Parameters
         ----------
         decomposition : Decomposition
-            What the solver returned; all of its pairs have been published.
+            Result of the solver; all of its pairs have been published.
         max_eigenvalue : float, optional
-            The threshold asked for, which the next request may ask for again.
+            The requested threshold, to recognize the same request later.
 
         Raises
         ------
@@ -308,12 +306,12 @@ class EigenpairStore:
             self.close()
 
     def lock(self) -> None:
-        """Keep other processes from writing, until `close`.
+        """Prevent other processes from writing, until `close`.
 
         Raises
         ------
         StoreBusy
-            If another process is at it.
+            If another process is writing.
         StoreUnusable
             If the cache folder cannot be written.
         """
@@ -325,9 +323,9 @@ class EigenpairStore:
             raise StoreBusy("Another process is computing the eigenpairs of this mesh.")
 
     def close(self) -> None:
-        """Stop writing; what has converged stays and can be resumed."""
+        """Stop writing; published pairs stay, and a run can resume from them."""
         mapped, self._rows = self._rows is not None, None
-        if mapped and not self._lost:  # else whoever has mapped the rows goes on with them
+        if mapped and not self._lost:  # else the rows may still be mapped elsewhere
             published = max((batch.stop for batch in self._batches), default=0)
             with contextlib.suppress(OSError), self._row_file() as file:
                 file.truncate(published * self.stored_rows.row_bytes)  # not on all systems
@@ -335,23 +333,23 @@ class EigenpairStore:
 
     @property
     def stored_rows(self) -> StoredRows:
-        """Where the rows are."""
+        """The file of the rows."""
         return StoredRows(self.folder / ROWS, self.n_vertices)
 
     def _published(self, count: int) -> npt.NDArray[np.bool_]:
-        """Which of the first pairs have been published, shape (count,)."""
+        """Return a mask of the published ones of the first pairs, shape (count,)."""
         published = np.zeros(count, dtype=bool)
         for batch in self._batches:
             published[batch.start : batch.stop] = True
         return published
 
     def _make_folder(self, size: int) -> None:
-        """Make the folder, and room for so many bytes in it by removing what is older."""
+        """Make the folder, and free `size` bytes for it by removing older stores."""
         already = folder_size(self.folder)
         needed = max(0, size - already)
         self._cache.root.mkdir(parents=True, exist_ok=True)
         free = shutil.disk_usage(self._cache.root).free
-        if needed < free + self._cache.size():  # else the others would go for nothing
+        if needed < free + self._cache.size():  # else removing the others does not suffice
             self._cache.evict(keep=self.folder.name, room_for=needed)
             free = shutil.disk_usage(self._cache.root).free
         if needed > free:
@@ -379,13 +377,13 @@ class EigenpairStore:
 
 
 def _make_room(path: Path, size: int) -> None:
-    """Lengthen a file to so many bytes by zeros, or make it; blocks of the disk are behind them.
+    """Make a file or extend it with zeros to `size` bytes, with disk blocks allocated.
 
     Raises
     ------
     OSError
-        If the disk is full. Without the blocks a full disk would end the process, by a signal
-        where it writes into a map.
+        If the disk is full. Without allocated blocks, a write into the map would then crash the
+        process.
     """
     with path.open("ab", buffering=0) as file:
         before = file.tell()

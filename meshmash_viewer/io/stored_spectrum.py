@@ -1,12 +1,11 @@
-"""A spectrum in a folder of the store: its files, read and checked by any process.
+"""Files of a stored spectrum, which any process can read and check.
 
-The file of eigenvectors holds rows of float64 one after the other and nothing else, so that whoever
-reads maps one array. Rows that have been given out are final; more are added behind them, which
-leaves maps of the old length valid.
+The file of eigenvectors holds contiguous rows of float64 without a header, so that it is mapped as
+one array. Published rows are final; more are appended, which leaves maps of the old length valid.
 
-Pairs come in batches. A batch is a run of rows in the file of eigenvectors and a sealed file with
-their eigenvalues, residuals and checksums, written when the rows are on the disk and never changed.
-The proof is a sealed file of its own that names the batches it speaks of; it is written last.
+A batch is a range of rows in the file of eigenvectors, with a sealed file of their eigenvalues,
+residuals and checksums, which is written once the rows are on the disk and never changed. The proof
+is a separate sealed file that lists its batches; it is written last.
 """
 
 from __future__ import annotations
@@ -32,24 +31,9 @@ if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigensolver import Decomposition
     from meshmash_viewer.spectral.weyl import Target
 
-__all__ = [
-    "PROOF",
-    "ROWS",
-    "SEALED",
-    "Batch",
-    "Compared",
-    "Proof",
-    "StoredRows",
-    "StoredSpectrum",
-    "published_pairs",
-    "read_spectrum",
-    "write_batch",
-    "write_proof",
-]
-
 FloatArray = npt.NDArray[np.float64]
 
-#: Files of a folder, beside those of the batches.
+#: Files of a folder, in addition to those of the batches.
 SEALED = ".sealed"
 ROWS = "eigenvectors.f64"
 PROOF = f"proof{SEALED}"
@@ -57,21 +41,22 @@ PROOF = f"proof{SEALED}"
 #: Threads that compare checksums, and bytes that each has in memory at a time.
 _THREADS, _BLOCK = 2, 1 << 18
 _BATCH = re.compile(r"pairs-(\d{6,})-(\d{6,})\.sealed")
-#: What reading raises of a file that is damaged, or whole but another one.
+#: Exceptions raised by reading a damaged or wrong file.
 _UNUSABLE = (OSError, ValueError, KeyError, TypeError)
-#: Equal up to rounding, as the solver takes a threshold.
+#: Relative tolerance of thresholds, as in the solver.
 _THRESHOLD_MARGIN = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """The first rows of a file, which agreed with their checksums while it was in some state.
+    """Result of a comparison of the first rows of a file with their checksums.
 
     Parameters
     ----------
     checksums : ndarray of uint32, shape (k,)
+        Checksums of the rows that agreed.
     state : tuple of int
-        See `StoredRows.state`: as long as it is the same, nobody has written to the file.
+        `StoredRows.state` at that time; the result is valid while it stays the same.
     """
 
     checksums: npt.NDArray[np.uint32]
@@ -80,7 +65,7 @@ class Compared:
 
 @dataclass(frozen=True, eq=False)
 class StoredRows:
-    """Rows in a file, as they are told of between processes.
+    """Reference to rows in a file, which can be sent between processes.
 
     Parameters
     ----------
@@ -88,8 +73,7 @@ class StoredRows:
     n_vertices : int
         Length of a row.
     checksums : ndarray of uint32, shape (k,)
-        CRC-32 of each row, where they are to be compared with the file; empty for rows that have
-        just been written.
+        CRC-32 of each row; empty if they need not be compared.
     """
 
     path: Path
@@ -102,7 +86,7 @@ class StoredRows:
         return 8 * self.n_vertices
 
     def map(self, count: int) -> FloatArray:
-        """The first rows, shape (count, n), mapped read-only.
+        """Map the first rows read-only, shape (count, n).
 
         Raises
         ------
@@ -113,7 +97,7 @@ class StoredRows:
 
     @property
     def state(self) -> tuple[int, ...]:
-        """Which file this is, its size and when it last changed; empty where it cannot be told."""
+        """Identity, size and times of change of the file; empty if it cannot be read."""
         try:
             found = self.path.stat()
         except OSError:
@@ -121,18 +105,13 @@ class StoredRows:
         return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
 
     def damaged(self, indices: Iterable[int], cancel: CancelCallback | None = None) -> list[int]:
-        """Which of some rows do not agree with their checksums.
+        """List those rows that cannot be read or do not agree with their checksums.
 
         Parameters
         ----------
         indices : iterable of int
         cancel : callable, optional
-            Asked before each row; once it returns True the rest goes unread.
-
-        Returns
-        -------
-        list of int
-            Rows that cannot be read included.
+            Called before each row; once it returns True the remaining rows are not read.
         """
 
         def is_whole(index: int) -> bool:
@@ -152,26 +131,26 @@ class StoredRows:
             return bool(checksum == self.checksums[index])
 
         indices = list(indices)
-        with ThreadPoolExecutor(_THREADS) as threads:  # zlib lets go of the interpreter's lock
+        with ThreadPoolExecutor(_THREADS) as threads:  # zlib releases the interpreter lock
             whole = list(threads.map(is_whole, indices))
         return [index for index, flag in zip(indices, whole, strict=True) if not flag]
 
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Pairs that were given out together.
+    """Pairs that were published together.
 
     Parameters
     ----------
     path : Path
-        Its sealed file.
+        The sealed file.
     start : int
-        Index of the first.
+        Index of the first pair.
     eigenvalues, residuals : ndarray of float64, shape (b,)
     checksums : ndarray of uint32, shape (b,)
         CRC-32 of the rows.
     seal : str
-        Of the file, by which a proof names it.
+        Digest of the file, by which a proof refers to it.
     """
 
     path: Path
@@ -188,25 +167,25 @@ class Batch:
 
     @property
     def name(self) -> list[Any]:
-        """How a proof names it."""
+        """Reference to the batch in a proof."""
         return [self.start, self.stop, self.seal]
 
 
 @dataclass(frozen=True, eq=False)
 class Proof:
-    """What a run that ended said of itself.
+    """Record of a complete run.
 
     Parameters
     ----------
     n_pairs : int
-        The lowest so many pairs are proven.
+        Number of lowest pairs that are certified.
     batches : list
-        Those that they are in, as `Batch.name`.
+        Their batches, as `Batch.name`.
     certificate : Certificate
     max_eigenvalue : float, optional
-        The threshold that was asked for.
+        The requested threshold.
     exhausted : bool
-        Whether these are all that the mesh has.
+        Whether these are all pairs of the mesh.
     timings : dict of float
     mass : ndarray of float64, shape (n,)
         Diagonal of the mass matrix.
@@ -233,9 +212,9 @@ class StoredSpectrum:
     batches : sequence of Batch
         Ascending, without overlap.
     proof : Proof, optional
-        Of the run that ended last.
+        Record of the last complete run.
     faults : tuple of str
-        What was found to be damaged, in words.
+        Descriptions of damaged parts.
     """
 
     path: Path
@@ -246,7 +225,7 @@ class StoredSpectrum:
 
     @cached_property
     def eigenvalues(self) -> FloatArray:
-        """Shape (k,), up to the highest that is there; NaN where one is missing."""
+        """Eigenvalues up to the highest stored one, shape (k,); NaN for missing ones."""
         return self._joined("eigenvalues", np.nan)
 
     @cached_property
@@ -256,13 +235,13 @@ class StoredSpectrum:
 
     @cached_property
     def stored_rows(self) -> StoredRows:
-        """Where the rows are, with their checksums."""
+        """The file of the rows, with their checksums."""
         checksums = self._joined("checksums", 0).astype(np.uint32)
         return StoredRows(self.path, self.n_vertices, checksums)
 
     @property
     def checked_rows(self) -> StoredRows:
-        """Where the rows are, once they have been compared with their checksums."""
+        """The file of the rows, after they have been compared with their checksums."""
         return StoredRows(self.path, self.n_vertices)
 
     @cached_property
@@ -272,12 +251,12 @@ class StoredSpectrum:
 
     @property
     def n_converged(self) -> int:
-        """Number of leading pairs that are there, without a gap."""
+        """Number of leading pairs that are stored without a gap."""
         return _leading(self.batches)
 
     @property
     def n_proven(self) -> int:
-        """Number of leading pairs that belong to a run that ended."""
+        """Number of leading pairs of a complete run."""
         proof = self.proof
         if proof is None:
             return 0
@@ -285,18 +264,18 @@ class StoredSpectrum:
 
     @property
     def is_exhausted(self) -> bool:
-        """Whether the proven pairs are all that the mesh has."""
+        """Whether the certified pairs are all pairs of the mesh."""
         proof = self._whole_proof
         return proof is not None and proof.exhausted
 
     @property
     def _whole_proof(self) -> Proof | None:
-        """The proof, unless some of its pairs have been lost since."""
+        """The proof, unless some of its pairs are missing."""
         proof = self.proof
         return proof if proof is not None and self.n_proven == proof.n_pairs else None
 
     def covers(self, target: Target) -> int | None:
-        """How many leading pairs answer a request; None if some have yet to be computed."""
+        """Return the number of leading pairs that answer a target; None if some are missing."""
         n_proven = self.n_proven
         if target.n_components is not None:
             if target.n_components <= n_proven:
@@ -314,13 +293,12 @@ class StoredSpectrum:
         return None
 
     def decomposition(self, count: int | None = None) -> Decomposition:
-        """The first `count` pairs as the solver would return them.
+        """Return the first `count` pairs as the solver would.
 
         Parameters
         ----------
         count : int, optional
-            None for all that there are, as `known` of a run that goes on from there: with
-            eigenvalues of NaN where some are missing.
+            None for all stored pairs, to resume a run; missing eigenvalues are then NaN.
         """
         from meshmash_viewer.spectral.certificate import Certificate
         from meshmash_viewer.spectral.eigensolver import Decomposition
@@ -342,16 +320,16 @@ class StoredSpectrum:
         cancel: CancelCallback | None = None,
         compared: Compared | None = None,
     ) -> list[Batch]:
-        """Compare rows with their checksums; the batches of those that do not agree.
+        """Compare rows with their checksums; return the batches with rows that do not agree.
 
         Parameters
         ----------
         count : int, optional
-            How many leading pairs are looked at; None for all.
+            Number of leading pairs to compare; None for all.
         cancel : callable, optional
-            Once it returns True the rest goes unread.
+            Once it returns True the remaining rows are not read.
         compared : Compared, optional
-            Rows that need not be read again where the file is still in the same state.
+            Rows that are not read again if the state of the file is the same.
         """
         unread = np.isfinite(self.eigenvalues[:count])
         if compared is not None and compared.state and compared.state == self.stored_rows.state:
@@ -362,7 +340,7 @@ class StoredSpectrum:
         return [b for b in self.batches if any(b.start <= index < b.stop for index in damaged)]
 
     def without(self, batches: Sequence[Batch]) -> StoredSpectrum:
-        """What is left of it without some batches, and says so."""
+        """Return the spectrum without some batches, which are added to `faults`."""
         if not batches:
             return self
         said = tuple(f"eigenpairs {b.start} to {b.stop - 1}" for b in batches)
@@ -387,23 +365,15 @@ def _leading(batches: Sequence[Batch]) -> int:
 
 
 def published_pairs(names: Iterable[str]) -> int:
-    """Index after the highest pair that files of these names publish."""
+    """Return the index after the highest pair in files of these names."""
     matches = (_BATCH.fullmatch(name) for name in names)
     return max((int(match[2]) for match in matches if match is not None), default=0)
 
 
 def read_spectrum(folder: Path, key: str, n_vertices: int) -> StoredSpectrum:
-    """What is in a folder, as far as it is whole; rows are not looked at.
-
-    Parameters
-    ----------
-    folder : Path
-    key : str
-        Of the store.
-    n_vertices : int
-    """
+    """Read the intact batches and the proof in the folder of a store; rows are not read."""
     path, names, size = folder / ROWS, list[str](), 0
-    with contextlib.suppress(OSError):  # cleared, or never there
+    with contextlib.suppress(OSError):  # removed, or never made
         names = sorted(entry.name for entry in folder.iterdir())
         size = path.stat().st_size
     batches: list[Batch] = []
@@ -422,7 +392,7 @@ def read_spectrum(folder: Path, key: str, n_vertices: int) -> StoredSpectrum:
             if batches and not _follows(batches[-1], batch):
                 raise Damaged("it is out of order")
         except FileNotFoundError:
-            continue  # cleared in between
+            continue  # removed meanwhile
         except _UNUSABLE:
             faults.append(f"eigenpairs {start} to {stop - 1}")
         else:
@@ -431,7 +401,7 @@ def read_spectrum(folder: Path, key: str, n_vertices: int) -> StoredSpectrum:
     try:
         proof = _read_proof(folder / PROOF, key)
     except (FileNotFoundError, NotADirectoryError):
-        pass  # no run has ended
+        pass  # no complete run
     except _UNUSABLE:
         faults.append("their proof")
     else:
@@ -456,7 +426,7 @@ def write_batch(
     residuals: FloatArray,
     checksums: npt.NDArray[np.uint32],
 ) -> Batch:
-    """Publish pairs whose rows are on the disk."""
+    """Write the file of a batch whose rows are on the disk."""
     stop = start + len(eigenvalues)
     path = folder / f"pairs-{start:06d}-{stop:06d}.sealed"
     arrays: dict[str, npt.NDArray[Any]] = {
@@ -469,7 +439,7 @@ def write_batch(
 
 
 def write_proof(folder: Path, key: str, proof: Proof) -> None:
-    """Record what a run that ended says of itself."""
+    """Write the record of a complete run."""
     content = {**vars(proof), "certificate": proof.certificate.as_dict()}
     write_sealed(folder / PROOF, key, content, {"mass": content.pop("mass")})
 

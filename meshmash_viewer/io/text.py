@@ -13,18 +13,6 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.mesh import FloatArray, IntArray
 
-__all__ = [
-    "Columns",
-    "CutShort",
-    "Element",
-    "Lists",
-    "Property",
-    "read_text",
-    "rows_of_text",
-    "unmarked",
-    "with_newlines",
-]
-
 #: What text may begin with, longer ones first: those of UTF-32 begin with those of UTF-16.
 _MARKS = {
     codecs.BOM_UTF32_LE: "utf-32-le",

@@ -1,9 +1,9 @@
-"""Features, eigenpairs and meshes to files, each with how it was made; and pictures.
+"""Writing of features, eigenpairs and meshes with their provenance, and of pictures.
 
-Every file is written beside its place and renamed, so a failure leaves an older one whole. NPZ,
-Parquet, VTP, PLY, OBJ and GIFTI carry their provenance inside; NPY, CSV, STL and GLB have a
-``.json`` beside them, "features.npy.json" for "features.npy", which names the file's SHA-256
-(``table_sha256``).
+Every file is written under a temporary name and renamed, so that a failure leaves an older file
+unchanged. NPZ, Parquet, VTP, PLY, OBJ and GIFTI files contain their provenance; that of NPY, CSV,
+STL and GLB files is in a second file, "features.npy.json" for "features.npy", with the SHA-256 of
+the first one (``table_sha256``).
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ __all__ = [
     "write_picture",
 ]
 
-#: Formats without a column for the index of each vertex: it is in the provenance, in ranges.
+#: Formats without a column of vertex indices, which are written to the provenance as ranges.
 _WITHOUT_INDEX = (".npy", ".gii", ".obj", ".stl", ".glb")
-#: Of scenes, which pyvista writes from the render.
+#: Endings of scenes, which pyvista writes.
 SCENE_ENDINGS = (".gltf", ".html")
 
 
@@ -71,25 +71,26 @@ def write_features(
     eigenvalues: npt.ArrayLike | None = None,
     meta: dict[str, Any] | None = None,
 ) -> None:
-    """Write feature columns in the format that the file's ending names.
+    """Write feature columns in the format given by the file's ending.
 
     Parameters
     ----------
     path : str or Path
         A file with one of the endings of `WRITERS`.
     features : Features
-        Values of shape (n, f), one row a vertex.
+        Values of shape (n, f), one row per vertex.
     mesh : Mesh
-        The mesh they belong to.
+        The mesh of the features.
     eigenvalues : array_like, shape (k,), optional
-        Of the pairs that took part; kept where the format has room (NPZ).
+        Eigenvalues of the pairs that were used; written to NPZ files only.
     meta : dict, optional
-        JSON-able options that led to the features, or what `provenance` made of them.
+        JSON-able options that the features were computed with, or a result of `provenance`.
 
     Raises
     ------
     InputError
-        If the ending is unknown, the rows do not go with the mesh, or the system refuses.
+        If the ending is unknown, the number of rows differs from the vertices of the mesh, or the
+        file cannot be written.
 
     Examples
     --------
@@ -109,8 +110,8 @@ def write_features(
     """
     if len(features.values) != mesh.n_vertices:
         raise InputError(
-            f"Features of {len(features.values)} rows do not go with a mesh of"
-            f" {mesh.n_vertices} vertices: give one row a vertex."
+            f"Features of {len(features.values)} rows do not match a mesh of"
+            f" {mesh.n_vertices} vertices: give one row per vertex."
         )
     values = np.zeros(0) if eigenvalues is None else np.asarray(eigenvalues, dtype=np.float64)
     archive = {
@@ -120,7 +121,7 @@ def write_features(
         **_geometry(mesh),
     }
     table = FeatureTable(features.values, features.columns, mesh, values, archive=archive)
-    # Where the options have nothing to say of it, the features speak for themselves.
+    # options given by the caller replace those of the features
     said = {"kind": features.kind, "values_unit": features.unit, **features.meta}
     made = _made(mesh, said, meta) | {"columns": list(features.columns)}
     _write(path, "features", table, made)
@@ -160,9 +161,9 @@ def write_eigenpairs(
     ...     np.load(file)["eigenvectors"].shape
     (642, 16)
     """
-    beside = {"eigenvalues": decomposition.eigenvalues, "residuals": decomposition.residuals}
+    extra = {"eigenvalues": decomposition.eigenvalues, "residuals": decomposition.residuals}
     archive = {
-        **beside,
+        **extra,
         "eigenvectors": decomposition.eigenvectors,
         "mass": decomposition.mass,
         **_geometry(mesh),
@@ -172,7 +173,7 @@ def write_eigenpairs(
     names = tuple(f"phi_{i:0{digits}d}" for i in range(count))
     table = FeatureTable(
         decomposition.eigenvectors, names, mesh, decomposition.eigenvalues,
-        archive=archive, beside=beside,
+        archive=archive, extra=extra,
     )  # fmt: skip
     said = {"kind": "eigenpairs", "proof": decomposition.proof(mesh.unit)}
     _write(path, "eigenpairs", table, _made(mesh, said, meta))
@@ -185,9 +186,9 @@ def write_map_spectrum(
     name: str = "",
     meta: dict[str, Any] | None = None,
 ) -> None:
-    """Write what a map is on eigenpairs, as CSV, Parquet or NPZ.
+    """Write the spectrum of a map, as CSV, Parquet or NPZ.
 
-    Columns are ``pair`` (from 0), ``eigenvalue``, ``coefficient``, and ``share``, that of the
+    Columns are ``pair`` (from 0), ``eigenvalue``, ``coefficient``, and ``share``, the share of the
     energy in the pairs up to this one.
 
     Parameters
@@ -196,16 +197,16 @@ def write_map_spectrum(
         A file with one of the endings of `SPECTRUM_WRITERS`.
     spectrum : MapSpectrum
     mesh : Mesh
-        The mesh that the map is on.
+        The mesh of the map.
     name : str
-        Of the map.
+        Name of the map.
     meta : dict, optional
-        JSON-able options that led to it, or what `provenance` made of them.
+        JSON-able options that it was computed with, or a result of `provenance`.
 
     Raises
     ------
     InputError
-        If the ending is unknown or the system refuses.
+        If the ending is unknown or the file cannot be written.
 
     Examples
     --------
@@ -289,15 +290,15 @@ def write_picture(path: str | Path, pixels: npt.NDArray[np.uint8]) -> None:
 
 
 def _geometry(mesh: Mesh) -> dict[str, npt.NDArray[Any]]:
-    """The mesh, and after repairs which vertices of its file it has."""
+    """Return the arrays of a mesh, and after repairs the index of each vertex in the file."""
     arrays: dict[str, npt.NDArray[Any]] = {"vertices": mesh.vertices, "faces": mesh.faces}
     return arrays if mesh.numbering is None else {**arrays, "vertex": mesh.file_indices}
 
 
 def _write(path: str | Path, kind: str, table: FeatureTable, made: dict[str, Any]) -> None:
-    """Write a table, and for formats without room the provenance in a file beside it.
+    """Write a table, and its provenance to a second file for formats without metadata.
 
-    Nothing can replace two files at once, so the note names the checksum of its table.
+    The provenance holds the checksum of the table, as two files cannot be replaced at once.
     """
     path = Path(path)
     if table.repaired and path.name.lower().endswith(_WITHOUT_INDEX):
@@ -317,14 +318,14 @@ def _write(path: str | Path, kind: str, table: FeatureTable, made: dict[str, Any
 
 
 def _ranges(indices: npt.NDArray[np.int64]) -> list[list[int]]:
-    """Ascending indices as ranges, each its first and the one after its last."""
+    """Convert ascending indices to half-open ranges."""
     starts = np.flatnonzero(np.diff(indices, prepend=-2) > 1)
     ends = np.append(starts[1:], len(indices)) - 1
     return np.stack([indices[starts], indices[ends] + 1], axis=1).tolist()  # type: ignore[no-any-return]
 
 
 def _made(mesh: Mesh, said: dict[str, Any], meta: dict[str, Any] | None) -> dict[str, Any]:
-    """Provenance with what the result says of itself, and over it the options given."""
+    """Return the provenance: options of the result, updated by the given ones."""
     given = meta or {}
     whole = given if {"program", "mesh", "options"} <= given.keys() else provenance(mesh, given)
     return {**whole, "options": {**said, **whole["options"]}}
@@ -340,8 +341,7 @@ def unused_path(path: str | Path) -> Path:
     Returns
     -------
     Path
-        This one, or the first with a number before its ending that is free: `hks_2.npz` where there
-        is an `hks.npz`.
+        `path`, or if that exists the first free one with a number: `hks_2.npz` for `hks.npz`.
 
     Examples
     --------
@@ -358,7 +358,7 @@ def unused_path(path: str | Path) -> Path:
     path = Path(path)
     ending = "".join(path.suffixes[-2:]) if path.suffix == ".gii" else path.suffix
     stem, number, found = path.name.removesuffix(ending), 1, path
-    # what has no place for its provenance has a file of that name for it
+    # formats without metadata have their provenance in a second file
     while os.path.lexists(found) or os.path.lexists(f"{found}.json"):
         number += 1
         found = path.with_name(f"{stem}_{number}{ending}")
@@ -366,7 +366,7 @@ def unused_path(path: str | Path) -> Path:
 
 
 def check_output(path: str | Path, kind: str = "features") -> None:
-    """See, before a long computation, that its result can be written.
+    """Check, before a long computation, that its result can be written.
 
     Parameters
     ----------
@@ -385,9 +385,9 @@ def check_output(path: str | Path, kind: str = "features") -> None:
             raise PermissionError(13, "Permission denied")
 
 
-#: Endings by which others know GIFTI files of another kind.
+#: Endings that other programs use for other kinds of GIFTI files.
 _NO_FEATURES = (".surf.gii", ".label.gii", ".coord.gii", ".topo.gii")
-#: Of each kind of file what its plural is, and how it is written by its ending.
+#: For each kind of file its plural, and its writers by ending.
 _KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     "features": ("features", WRITERS),
     "eigenpairs": ("eigenpairs", EIGENPAIR_WRITERS),

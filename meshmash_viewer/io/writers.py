@@ -18,16 +18,6 @@ from meshmash_viewer.plug_ins import plug_ins
 if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
 
-__all__ = [
-    "EIGENPAIR_WRITERS",
-    "MESH_WRITERS",
-    "NEEDED",
-    "SPECTRUM_WRITERS",
-    "WITHOUT_PROVENANCE",
-    "WRITERS",
-    "FeatureTable",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class FeatureTable:
@@ -39,15 +29,15 @@ class FeatureTable:
     columns : tuple of str
     mesh : Mesh
     eigenvalues : ndarray of float64, shape (k,)
-        Of the pairs that the features were made of; empty if not given.
+        Eigenvalues of the pairs that the features were computed from; empty if not given.
     meta : str
         Provenance, one line of JSON.
     archive : dict of ndarray
-        What an NPZ file has of it, without the provenance.
-    beside : dict of ndarray
-        What has no value a row, for formats with room for it.
+        Arrays of an NPZ file, without the provenance.
+    extra : dict of ndarray
+        Arrays that do not have one value per row, for formats that can hold them.
     index : str
-        What rows are counted by.
+        Name of the index of rows: "vertex" or "pair".
     """
 
     values: npt.NDArray[Any]
@@ -56,23 +46,23 @@ class FeatureTable:
     eigenvalues: npt.NDArray[np.float64]
     meta: str = ""
     archive: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
-    beside: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
+    extra: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
     index: str = "vertex"
 
     @property
     def rows(self) -> npt.NDArray[np.int64]:
-        """What each row is of, by its index in the file of the mesh, shape (n,)."""
+        """Index of each row; for vertices that in the mesh file, shape (n,)."""
         if self.index == "vertex":
             return self.mesh.file_indices
         return np.arange(len(self.values))
 
     @property
     def repaired(self) -> bool:
-        """Whether the vertices have other indices in the file of the mesh than in its arrays."""
+        """Whether vertices have other indices in the mesh file than in the arrays."""
         return self.mesh.numbering is not None and self.index == "vertex"
 
 
-#: By which lengths are multiplied.
+#: Factors that lengths are multiplied by.
 _MILLIMETRES = {"nm": 1e-6, "µm": 1e-3, "mm": 1.0, "m": 1e3}
 
 Writer: TypeAlias = Callable[[Path, FeatureTable], None]
@@ -122,7 +112,7 @@ def _vtp(path: Path, table: FeatureTable) -> None:
         poly.point_data.set_array(table.rows, table.index)
     if table.columns:
         poly.point_data.active_scalars_name = table.columns[0]
-    for name, values in table.beside.items():
+    for name, values in table.extra.items():
         poly.field_data[name] = values
     poly.field_data["meshmash-viewer"] = [table.meta]
     writer = vtkXMLPolyDataWriter()

@@ -1,16 +1,8 @@
-"""What a decomposition will take, said before it starts."""
+"""Estimates of the memory and time that a decomposition takes."""
 
 from __future__ import annotations
 
 from meshmash_viewer.spectral.eigensolver import estimate_memory
-
-__all__ = [
-    "decomposition_bytes",
-    "decomposition_seconds",
-    "measured_rate",
-    "written_bytes",
-    "written_duration",
-]
 
 #: Seconds a vertex and pair on two cores of 2024; replaced by what the last run took.
 _SECONDS = 2.5e-7
@@ -32,9 +24,9 @@ def decomposition_seconds(n_vertices: int, n_pairs: float, rate: float | None = 
 
 
 def measured_rate(n_vertices: int, n_pairs: int, seconds: float) -> float | None:
-    """Seconds a vertex and pair of a run; None where it was too short to tell of others.
+    """Compute the seconds per vertex and pair of a run; None where it was too short to measure.
 
-    Short runs may only have read the store, and those for few pairs go into what comes before.
+    Short runs may only have read the store, and with few pairs the set-up dominates.
     """
     if seconds <= 2.0 or n_pairs < _FIXED_PAIRS:
         return None
@@ -42,7 +34,7 @@ def measured_rate(n_vertices: int, n_pairs: int, seconds: float) -> float | None
 
 
 def written_bytes(count: float) -> str:
-    """Write a number of bytes for people: "1.2 GB"."""
+    """Format a number of bytes: "1.2 GB"."""
     for unit in ("B", "kB", "MB"):
         if count < 999.5:
             return f"{count:.3g} {unit}"
@@ -51,7 +43,7 @@ def written_bytes(count: float) -> str:
 
 
 def written_duration(seconds: float) -> str:
-    """Write a duration for people: "under a second", "12 s", "3 min 20 s", "2 h 5 min"."""
+    """Format a duration: "under a second", "12 s", "3 min 20 s", "2 h 5 min"."""
     if seconds < 1.0:
         return "under a second"
     whole = round(seconds)

@@ -1,4 +1,4 @@
-"""The decomposition of a mesh into its store: refused if it cannot fit, resumed if cut off."""
+"""Decomposition of a mesh into its store, with a check of memory and growing results."""
 
 from __future__ import annotations
 
@@ -31,9 +31,7 @@ from meshmash_viewer.spectral.eigensolver import estimate_memory
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import counted
 
-__all__ = ["SPARE", "decompose", "find_known", "refuse_what_cannot_fit"]
-
-#: Folder of the session for eigenpairs that the user's cache cannot take.
+#: Temporary folder for eigenpairs that cannot be written to the user's cache.
 SPARE = "eigenpairs"
 
 #: Seconds between two messages that the spectrum has grown; the first comes at once.
@@ -45,7 +43,7 @@ _SHARE = 0.9
 def find_known(mesh: Mesh, operator: OperatorOptions) -> tuple[SpectrumGrew | None, str]:
     """Look for eigenpairs in the store, without computing or checking any.
 
-    What comes with them is a sentence for the message bar if something there is damaged, or "".
+    The second value is a sentence for the message bar if a part of the store is damaged, or "".
     """
     stored = find_eigenpairs(mesh, operator)
     if stored is None:
@@ -62,17 +60,17 @@ def find_known(mesh: Mesh, operator: OperatorOptions) -> tuple[SpectrumGrew | No
 def decompose(
     mesh: Mesh, operator: OperatorOptions, target: Target, channel: Channel
 ) -> SpectrumGrew:
-    """Compute eigenpairs into the store of a mesh, or take what is there.
+    """Compute the eigenpairs of a mesh that its store lacks, and write them there.
 
-    The channel gets a `SpectrumGrew` whenever pairs have become final; the one that is returned
-    has all that were asked for, with their proof.
+    A `SpectrumGrew` is sent through the channel whenever pairs have become final; the one that is
+    returned has all requested pairs, with their certificate.
 
     Raises
     ------
     InputError
         If they cannot fit into memory or on the disk.
     Cancelled
-        If the person asked to stop; the pairs that had converged stay in the store.
+        If the user cancelled; the pairs that had converged stay in the store.
     """
     free = free_memory()
     growth = _Growth(mesh, operator, channel)
@@ -88,7 +86,7 @@ def decompose(
             check=lambda n, nnz, k: refuse_what_cannot_fit(n, nnz, k, free, mesh.n_components),
         )
     except Cancelled:
-        growth.tell()
+        growth.send()
         raise
     alignment = growth.align(found.decomposition.rows, found.decomposition.eigenvalues)
     known_to = target.max_eigenvalue or 0.0
@@ -96,20 +94,20 @@ def decompose(
 
 
 def free_memory() -> int:
-    """Bytes of memory that a new computation can have."""
+    """Return the bytes of memory that are available."""
     import psutil
 
     return int(psutil.virtual_memory().available)
 
 
 def refuse_what_cannot_fit(n: int, nnz: int, k: int, free: int, n_null: int = 1) -> None:
-    """Raise an `InputError` if k pairs take more than the bytes that are free.
+    """Raise an `InputError` if k pairs take more than the `free` bytes.
 
-    Of a mesh of n vertices and `n_null` components, whose Laplacian has nnz entries.
+    The mesh has n vertices and `n_null` components, and its Laplacian nnz entries.
     """
 
     def need(count: int) -> int:
-        # Where memory is short the slices are computed one after the other.
+        # where memory is short, one slice of the spectrum is computed at a time
         return estimate_memory(n, nnz, count, 1, n_null=n_null)
 
     k = min(k, n)
@@ -126,7 +124,7 @@ def refuse_what_cannot_fit(n: int, nnz: int, k: int, free: int, n_null: int = 1)
 
 
 class _Growth:
-    """Tells the window now and then of pairs that have become final."""
+    """Sends pairs that have become final to the window, at most every `_GROWTH_SECONDS`."""
 
     def __init__(self, mesh: Mesh, operator: OperatorOptions, channel: Channel) -> None:
         self._mesh = mesh
@@ -136,7 +134,7 @@ class _Growth:
         self._alignment: Alignment | None = None
         self._mass = np.zeros(0)
         self._time = -_GROWTH_SECONDS
-        self._told = 0
+        self._n_sent = 0
         self._stored: StoredRows | None = None
         self._rows: npt.NDArray[Any] = np.zeros((0, 0))
         self._eigenvalues = np.zeros(0)
@@ -145,8 +143,8 @@ class _Growth:
     def begin(self, known: Eigenpairs | None, mass: npt.NDArray[np.float64]) -> None:
         self._mass = mass
         if known is not None:
-            # A solve that goes on from known pairs reports these again.
-            self._told = known.decomposition.n_components
+            # a solve that resumes from known pairs reports these again
+            self._n_sent = known.decomposition.n_components
             self._channel.send(_grown(known, self._operator, ended=False))
         else:
             preview = open_preview(self._mesh, self._operator, self._channel)
@@ -164,15 +162,15 @@ class _Growth:
         self._stored, self._rows = stored, rows
         self._eigenvalues, self._residuals = values, residuals
         if time.monotonic() - self._time >= _GROWTH_SECONDS:
-            self.tell()
+            self.send()
 
-    def tell(self) -> None:
-        """Tell the window of all pairs that it does not know."""
+    def send(self) -> None:
+        """Send the pairs that the window does not have yet."""
         converged = len(self._eigenvalues)
-        if converged <= self._told or not self._eigenvalues.any():
-            return  # a null space alone is nothing to look at
-        first = self._told == 0
-        self._told, self._time = converged, time.monotonic()
+        if converged <= self._n_sent or not self._eigenvalues.any():
+            return  # nothing to display in a null space alone
+        first = self._n_sent == 0
+        self._n_sent, self._time = converged, time.monotonic()
         self._channel.send(
             SpectrumGrew(
                 Spectrum(
@@ -191,7 +189,7 @@ class _Growth:
     def align(
         self, rows: npt.NDArray[np.floating[Any]], eigenvalues: npt.NDArray[np.float64]
     ) -> Alignment | None:
-        """Turn exact rows to what is shown, if a preview is."""
+        """Align exact rows with the displayed preview, if there is one."""
         if self._preview is not None:
             shown = np.load(self._preview, mmap_mode="r")
             self._alignment = align(shown, rows, eigenvalues, self._mass, self._alignment)
@@ -207,7 +205,7 @@ def _grown(
     known_to: float = 0.0,
 ) -> SpectrumGrew:
     decomposition = found.decomposition
-    told = Spectrum(
+    summary = Spectrum(
         np.array(decomposition.eigenvalues),
         NO_ROWS,
         np.array(decomposition.residuals),
@@ -218,4 +216,4 @@ def _grown(
         mass=decomposition.mass if len(decomposition.mass) else None,
         stored=found.stored,
     )
-    return SpectrumGrew(told, alignment=alignment, remark=found.remark)
+    return SpectrumGrew(summary, alignment=alignment, remark=found.remark)

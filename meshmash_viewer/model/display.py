@@ -1,4 +1,4 @@
-"""What is looked at: the parameters of every family of fields, which one is shown, and how."""
+"""Display state: the parameters of every family, which family is displayed, and how."""
 
 from __future__ import annotations
 
@@ -13,31 +13,29 @@ from meshmash_viewer.fields.family import Family, parameter
 from meshmash_viewer.fields.schema import MOST_INDEX, flag, number, whole
 from meshmash_viewer.model.limits import LimitPolicy
 
-__all__ = ["FEWEST_PAIRS", "MOST_AMPLITUDE", "Display", "Shape"]
-
 Chosen = TypeVar("Chosen", bound=Family)
 
-#: Pairs of a shape: a constant and three of the first ones, what a shape with an inside takes.
+#: Fewest pairs of a rebuilt shape: the constant and three more, below which it has no volume.
 FEWEST_PAIRS = 4
-#: Share of the diagonal of a mesh's box, beyond which nothing of its shape is left.
+#: Largest amplitude, as a share of the diagonal of the mesh's bounding box.
 MOST_AMPLITUDE = 0.2
 
 
 @dataclass(frozen=True)
 class Shape:
-    """How the mesh on the render is moved: not at all, or to what its lowest pairs make of it.
+    """Displacement of the displayed mesh: none, or rebuilt from its lowest eigenpairs.
 
     Parameters
     ----------
     shown : bool
         Whether the vertices are rebuilt from eigenfunctions.
     pairs : int
-        From how many of the lowest; at least `FEWEST_PAIRS`.
+        Number of lowest pairs; at least `FEWEST_PAIRS`.
     morph : float
-        How far from the mesh itself (0) to what is rebuilt (1).
+        Position between the mesh itself (0) and the rebuilt one (1).
     amplitude : float
-        Of the vibration, as a share of the diagonal of the mesh's box, from 0 to
-        `MOST_AMPLITUDE`.
+        Amplitude of the vibration as a share of the diagonal of the mesh's bounding box, from 0
+        to `MOST_AMPLITUDE`.
     """
 
     shown: bool = parameter(False, flag)
@@ -46,32 +44,31 @@ class Shape:
     amplitude: float = parameter(0.05, number(0.0, MOST_AMPLITUDE))
 
     def within(self, n_pairs: int) -> int:
-        """How many pairs are taken where there are `n_pairs`."""
+        """Return the number of pairs used where `n_pairs` are available."""
         return min(max(self.pairs, FEWEST_PAIRS), n_pairs)
 
 
 @dataclass
 class Display:
-    """Evented choices of what is drawn; every change of an attribute emits ``events.<name>``.
+    """Choices of what is drawn; every change of an attribute emits ``events.<name>``.
 
     Parameters
     ----------
     kind : str
-        Name of the family on the render.
+        Name of the displayed family.
     fields : mapping of str to Family
-        The parameters of every family, by its name; replaced as a whole, see `put`.
+        The parameters of every family, by name; replaced as a whole, see `put`.
     playing : bool
         Whether the field advances by itself.
     nodal_lines : bool
     diverging_colormap, sequential_colormap : str
         Colour map names (matplotlib's) for signed and for non-negative fields.
     policies : mapping of str to LimitPolicy
-        How the limits of colours are chosen, by the family's name; where there is none, as suits
-        the field.
+        How colour limits are chosen, by family name; `automatic_limits` for families not in it.
     shape : Shape
-        Where the vertices are drawn.
+        Displacement of the vertices.
     vibrating : bool
-        Whether they swing along the normals by the field on the render.
+        Whether vertices oscillate along their normals by the displayed field.
     """
 
     events: ClassVar[SignalGroupDescriptor] = SignalGroupDescriptor()
@@ -89,18 +86,18 @@ class Display:
     vibrating: bool = False
 
     def __getitem__(self, family: type[Chosen]) -> Chosen:
-        """The parameters of one family."""
+        """Return the parameters of one family."""
         chosen = self.fields[family.name]
         assert isinstance(chosen, family)
         return chosen
 
     @property
     def family(self) -> Family:
-        """The parameters of the family on the render."""
+        """The parameters of the displayed family."""
         return self.fields[self.kind]
 
     def put(self, *families: Family) -> None:
-        """Take other parameters of some families."""
+        """Replace the parameters of some families."""
         self.fields = {**self.fields, **{family.name: family for family in families}}
 
     def change(self, family: type[Family], **parameters: Any) -> None:
@@ -108,13 +105,13 @@ class Display:
         self.put(replace(self.fields[family.name], **parameters))
 
     def show(self, family: Family) -> None:
-        """Take other parameters of a family, and put it on the render."""
+        """Replace the parameters of a family, and display it."""
         self.put(family)
         self.kind = family.name
 
     @property
     def limits(self) -> LimitPolicy | None:
-        """How the limits of the family on the render are chosen; None as suits the field."""
+        """How the limits of the displayed family are chosen; None for `automatic_limits`."""
         return self.policies.get(self.kind)
 
     @limits.setter

@@ -1,4 +1,4 @@
-"""What is looked at, as plain JSON: the part of a session that is the display's."""
+"""Display state as plain JSON, for session files."""
 
 from __future__ import annotations
 
@@ -27,18 +27,16 @@ from meshmash_viewer.model.limits import (
     SymmetricLimits,
 )
 
-__all__ = ["display_from_json", "display_to_json", "place_vertices", "read_display"]
-
 _POLICIES: dict[str, Any] = {
     policy.__name__: policy
     for policy in (SymmetricLimits, MinMaxLimits, PercentileLimits, LockedLimits)
 }
-#: What is written as it is; a window never opens playing.
+#: Attributes written as they are; `playing` is not stored.
 _PLAIN = ("kind", "nodal_lines", "diverging_colormap", "sequential_colormap")
 
 
 def display_to_json(display: Display, index: Callable[[int], int] = int) -> dict[str, Any]:
-    """The display as plain JSON, vertices by the index that a function gives for each."""
+    """Return the display as plain JSON; `index` maps a vertex to the index that is written."""
     families = {}
     for name, family in display.fields.items():
         found = family.at_vertices(index)
@@ -53,7 +51,7 @@ def display_to_json(display: Display, index: Callable[[int], int] = int) -> dict
 
 
 def read_display(content: object, path: Path) -> dict[str, Any]:
-    """The attributes of a display that the session of a file asks for.
+    """Check the display in a session file, and return its attributes.
 
     Raises
     ------
@@ -65,7 +63,7 @@ def read_display(content: object, path: Path) -> dict[str, Any]:
 
 
 def display_from_json(display: Display, content: dict[str, Any]) -> None:
-    """Set what `read_display` has read, the kind last: it decides which of the others count."""
+    """Set the attributes that `read_display` returned, the kind last as it depends on the rest."""
     for name, value in sorted(content.items(), key=lambda item: item[0] == "kind"):
         if name == "fields":
             display.put(
@@ -80,9 +78,10 @@ def display_from_json(display: Display, content: dict[str, Any]) -> None:
 def place_vertices(
     content: dict[str, Any], vertex: Callable[[int], int | None]
 ) -> Iterator[tuple[str, int]]:
-    """Take for each index that `read_display` has read the vertex that a function gives for it.
+    """Replace each vertex index from `read_display` by what `vertex` returns for it.
 
-    Those for which there is none are left out; yields where each was in the display, and its index.
+    Indices for which that is None are removed; yields the path of each in the display, and the
+    index.
     """
     for family, chosen in content.get("fields", {}).items():
         for each in _kept(FAMILIES[family]):
@@ -96,7 +95,7 @@ def place_vertices(
 
 
 def _kept(family: Family | type[Family | Shape]) -> list[Field[Any]]:
-    """Parameters that a session keeps: those that say what their values may be."""
+    """List the parameters that a session stores: those with a check of their values."""
     return [each for each in fields(family) if each.metadata]
 
 

@@ -1,4 +1,4 @@
-"""The document: the open mesh, its spectrum, what is pinned and what is running."""
+"""The document: the open mesh, its spectrum, the pins and the running job."""
 
 from __future__ import annotations
 
@@ -21,21 +21,20 @@ from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.cost import decomposition_seconds, measured_rate
 from meshmash_viewer.model.display import Display, Shape
+from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.model.jobs import (
     DecomposeJob,
-    ExportJob,
     InspectJob,
     Job,
     JobState,
-    MeshReady,
     PreviewJob,
     ReadJob,
     RepairJob,
     ScaleJob,
 )
 from meshmash_viewer.model.pieces import PiecesJob
-from meshmash_viewer.model.pins import PIN_COLORS, Pin, followed_pins, free_number, same_vertex
-from meshmash_viewer.model.results import MapGrew
+from meshmash_viewer.model.pins import Pin, followed_pins, free_number, same_vertex
+from meshmash_viewer.model.results import MapGrew, MeshReady
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.weyl import Target, Translation
 from meshmash_viewer.units import Voxel, counted, parse_unit, power_unit, written_unit
@@ -44,14 +43,12 @@ from meshmash_viewer.vertex_map import VertexMap
 if TYPE_CHECKING:
     from meshmash_viewer.io.stored_spectrum import Compared
 
-__all__ = ["PIN_COLORS", "Document", "Notice", "Pin", "Severity"]
-
-#: What is computed before anyone has asked for more or less.
+#: Default of `Document.target`.
 _DEFAULT_TARGET = Target("count", 100)
 
 
 class Severity(StrEnum):
-    """How a notice is coloured and how long it stays."""
+    """Severity of a notice: its colour, and how long it stays."""
 
     INFORMATION = "information"
     WARNING = "warning"
@@ -60,7 +57,7 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True)
 class Notice:
-    """One sentence for the message bar; `details` is for the copy button, `undo` takes it back."""
+    """One sentence for the message bar; `details` is for the copy button, `undo` for Undo."""
 
     text: str
     severity: Severity = Severity.INFORMATION
@@ -70,9 +67,9 @@ class Notice:
 
 @dataclass(frozen=True, eq=False)
 class _Before:
-    """A mesh before a repair, and what there was on it.
+    """A mesh before a repair, with its spectrum and pins.
 
-    Of one that was repaired as soon as it had been read only the mesh is known.
+    For repairs made while the file was read, only the mesh is known.
     """
 
     mesh: Mesh
@@ -83,11 +80,11 @@ class _Before:
 
 
 class Document:
-    """The single truth of a window.
+    """State of a window: the only copy of what its views display.
 
-    Views read attributes, listen to the signals and call the methods; they hold no copies.
-    Long work is only described here: `job_requested` carries a `Job`, and whoever runs it answers
-    with `job_started`, `job_progressed`, `accept_mesh` or `accept_spectrum`, and `job_ended`.
+    Views read attributes, connect to the signals and call the methods. Long work is only described
+    here: `job_requested` carries a `Job`, and its runner calls `job_started`, `job_progressed`,
+    `accept_mesh` or `accept_spectrum`, and `job_ended`.
     """
 
     mesh_changed = Signal()
@@ -103,7 +100,7 @@ class Document:
     def __init__(self) -> None:
         self.display = Display()
         self.ready: MeshReady | None = None
-        #: The open mesh without pairs, for fields that need none; and with those that are known.
+        #: The open mesh without pairs, for fields that need none.
         self._bare: Spectrum | None = None
         self._spectrum: Spectrum | None = None
         self._preview: Spectrum | None = None
@@ -111,16 +108,16 @@ class Document:
         self.job: JobState | None = None
         self._operator = OperatorOptions()
         self._target = _DEFAULT_TARGET
-        #: Stored rows that were found whole last, which an export need not read twice.
+        #: Stored rows whose checksums were verified last, which an export need not read again.
         self.compared: Compared | None = None
-        #: Seconds a vertex and pair of the last decomposition on this machine, if any.
+        #: Seconds per vertex and pair of the last decomposition on this machine, if any.
         self.seconds_rate: float | None = None
         self._undo: list[_Before] = []
-        #: Units before each change of it since the last repair, as `set_unit` takes them.
+        #: Units before each change of the unit since the last repair, as `set_unit` takes them.
         self._units: list[str] = []
-        #: The map that is being computed, and the family that was on the render before.
+        #: The map that is being computed, and the family that was displayed before.
         self._growing: tuple[str, str] | None = None
-        #: Files of maps that are to come with a mesh file that is being read.
+        #: A mesh file that is being read, and the files of maps to read after it.
         self._maps_of: tuple[Path, tuple[Path, ...]] | None = None
 
     # -- mesh -------------------------------------------------------------------------------
@@ -131,17 +128,17 @@ class Document:
         return self.ready.mesh if self.ready else None
 
     def named_vertex(self, vertex: int) -> str:
-        """Which vertex of the open mesh one is, see `Mesh.named_vertex`."""
+        """Return the name of a vertex of the open mesh, see `Mesh.named_vertex`."""
         return "a vertex" if self.mesh is None else self.mesh.named_vertex(vertex)
 
     @property
     def unit(self) -> str:
-        """The unit of the open mesh; "" where it has none, and where there is no mesh."""
+        """The unit of the open mesh; "" without a unit or a mesh."""
         return self.mesh.unit if self.mesh is not None else ""
 
     @property
     def spectrum(self) -> Spectrum | None:
-        """The eigenpairs of the open mesh; None before there are any."""
+        """The eigenpairs of the open mesh; None while there are none."""
         return self._spectrum
 
     @spectrum.setter
@@ -152,12 +149,12 @@ class Document:
 
     @property
     def known(self) -> Spectrum | None:
-        """The spectrum, or one of no pairs before there are any; None without a mesh."""
+        """The spectrum, or one without pairs while there are none; None without a mesh."""
         return self._bare if self._spectrum is None else self._spectrum
 
     @property
     def scaled_spectrum(self) -> Spectrum | None:
-        """The spectrum, if it has an eigenvalue above 0: else no times or bands can be taken."""
+        """The spectrum if it has an eigenvalue above 0, as times and bands need; else None."""
         spectrum = self.spectrum
         return (
             spectrum if spectrum is not None and first_nonzero(spectrum) < len(spectrum) else None
@@ -165,7 +162,7 @@ class Document:
 
     @property
     def path(self) -> Path | None:
-        """Where the mesh was read from; None for a mesh handed over in memory."""
+        """The file of the mesh; None for a mesh passed in memory."""
         return self.ready.path if self.ready else None
 
     @property
@@ -182,30 +179,30 @@ class Document:
         repairs: Sequence[str] = (),
         source: str = "",
     ) -> None:
-        """Ask for a mesh file to be read; the open mesh stays until that has succeeded.
+        """Request that a mesh file is read; the open mesh stays until that has succeeded.
 
-        `operator` is the Laplacian whose stored eigenpairs are looked for, that in force unless
-        given; `maps` are files that are to be added to it (`open_maps`). `repairs` are made on it
-        in this order, and `source` is the content that they were made for, see `ReadJob`.
+        `operator` is the Laplacian whose stored eigenpairs are looked up, by default the current
+        one; `maps` are files of maps to add (`open_maps`). `repairs` are applied in this order, and
+        `source` is the hash of the content that they were made for, see `ReadJob`.
         """
         self._maps_of = (Path(path), tuple(maps)) if maps else None
         operator = operator or self.operator
         self._request(ReadJob(Path(path), unit, operator, tuple(repairs), source))
 
     def take_mesh(self, mesh: Mesh) -> None:
-        """Ask for a mesh in memory to be shown."""
+        """Request that a mesh in memory is shown."""
         self._request(InspectJob(mesh, self.operator))
 
     def set_unit(self, text: str) -> None:
-        """Say in what unit the coordinates are, or how large the voxels are that they count.
+        """Set the unit of the coordinates, or the size of the voxels that they count.
 
         Parameters
         ----------
         text : str
-            See `meshmash_viewer.units.parse_unit`. It speaks of the coordinates as they are in
-            the file: "8 nm" said twice is said once, and "nm" after it takes it back. Where the
-            numbers stay as they are the spectrum stays too; a mesh with other voxels has to be
-            solved again.
+            See `meshmash_viewer.units.parse_unit`. It refers to the coordinates in the file: "8 nm"
+            given twice scales once, and "nm" after it restores the numbers of the file. The
+            spectrum is kept where the numbers do not change; with another voxel size it is computed
+            again.
 
         Raises
         ------
@@ -232,14 +229,14 @@ class Document:
         return "" if self.mesh is None else written_unit(self.mesh.unit, self.mesh.voxel)
 
     def _remember_unit(self, before: str, now: str) -> None:
-        """Note what to go back to; to say the unit before once more is to have gone back."""
+        """Record the unit for undo; setting the previous unit again counts as undo."""
         if self._units and self._units[-1] == now:
             self._units.pop()
         elif now != before:
             self._units.append(before)
 
     def _announce_unit(self, before: str, what: str) -> None:
-        """Say that lengths mean something else than before, and offer to take that back."""
+        """Announce a change of the unit, and offer to undo it."""
         if self.unit_text != before:
             text = f"Unit changed from {before} to {self.unit_text}: {what}."
             taken_back = not self._units or self._units[-1] != before
@@ -251,7 +248,7 @@ class Document:
     # -- maps -------------------------------------------------------------------------------
 
     def open_maps(self, paths: Sequence[Path], *, shown: bool = True) -> None:
-        """Ask for files with values per vertex of the open mesh to be read, and shown or not."""
+        """Request that files with values per vertex are read, and the last map shown if `shown`."""
         if self.ready is None:
             text = "There is no mesh to put a map on: open the mesh first, then its maps."
             self.notify(Notice(text, Severity.WARNING))
@@ -272,7 +269,7 @@ class Document:
         self.spectrum_changed.emit()
 
     def accept_growing(self, mesh: Mesh, grew: MapGrew) -> None:
-        """Take more values of a map that is being computed, and show it as far as it is there."""
+        """Add values to a map that is being computed, and show it; NaN where values are missing."""
         now = self.mesh
         if now is None or now.vertices is not mesh.vertices or self.ready is None:
             return
@@ -291,7 +288,7 @@ class Document:
         self.spectrum_changed.emit()
 
     def end_growing(self, whole: bool) -> None:
-        """Keep the map that was computed if it is whole; else show what was there before."""
+        """Keep the computed map if it is whole; else remove it and show the previous family."""
         if self._growing is not None:
             (name, kind), self._growing = self._growing, None
             if not whole and self.mesh is not None:
@@ -299,14 +296,14 @@ class Document:
                 self.display.kind = kind
 
     def remove_map(self, name: str) -> None:
-        """Take a map away from the mesh; its file stays."""
+        """Remove a map from the mesh; its file stays."""
         if self.ready is not None:
             left = self.ready.mesh.without_map(name)
             self._take(replace(self.ready, mesh=left), self.spectrum)
             self.spectrum_changed.emit()
 
     def _maps_lost(self, before: Mesh) -> list[Path]:
-        """Files of maps that were on a mesh and are not on this one."""
+        """List the files of maps that another mesh has and this one has not."""
         there = {each.path for each in self.mesh.maps} if self.mesh is not None else set()
         return [
             Path(path)
@@ -315,27 +312,27 @@ class Document:
         ]
 
     def repair(self, name: str) -> None:
-        """Ask for a repair of `meshmash_viewer.health.REPAIRS`."""
+        """Request a repair of `meshmash_viewer.health.REPAIRS`."""
         if self.ready is not None:
             ready = self.ready
             self._request(RepairJob(ready.mesh, name, ready.path, self.operator, ready.repairs))
 
     @property
     def last_change(self) -> str:
-        """What `undo` takes back: "change of unit", "repair", or nothing."""
+        """What `undo` reverts: "change of unit", "repair", or "" for nothing."""
         if self._units:
             return "change of unit"
         return "repair" if self._undo else ""
 
     def undo(self) -> None:
-        """Take back the last change of the unit, or the last repair if none came after it."""
+        """Revert the last change of the unit, or the last repair if no change came after it."""
         if self._units:
             self.set_unit(self._units[-1])
         else:
             self.undo_repair()
 
     def undo_repair(self) -> None:
-        """Go back to the mesh before the last repair, in the unit that has been given since."""
+        """Restore the mesh before the last repair, in the current unit."""
         if not self._undo or self.mesh is None:
             return
         before, now = self._undo[-1], self.mesh
@@ -345,7 +342,7 @@ class Document:
             self._rescale(before.mesh, before.repairs, now.voxel, now.unit)
 
     def _go_back(self, ready: MeshReady, spectrum: Spectrum | None) -> None:
-        """Take the mesh before the last repair, with the pins that were on it."""
+        """Show the mesh before the last repair, with its pins."""
         before, now = self._undo.pop(), self.mesh
         assert now is not None
         self._units.clear()
@@ -359,13 +356,13 @@ class Document:
 
     @property
     def file_mesh(self) -> Mesh | None:
-        """The mesh as it was read, before all repairs; maybe in another unit than the open one."""
+        """The mesh as it was read, before all repairs; its unit may differ from the open mesh's."""
         if len(self._undo) < len(self.repairs):
             return None
         return self._undo[0].mesh if self._undo else self.mesh
 
     def accept_mesh(self, ready: MeshReady) -> None:
-        """Take a mesh that was read or repaired, with the spectrum that was stored."""
+        """Show a mesh that was read or repaired, with its stored spectrum."""
         if self._target.kind != "count" and not self._measures_as(ready):
             # a length or an eigenvalue says nothing about a mesh of another size
             self.target = _DEFAULT_TARGET
@@ -385,7 +382,7 @@ class Document:
             self.open_maps(files)
 
     def _accept_derived(self, ready: MeshReady, spectrum: Spectrum | None) -> None:
-        """Take the open mesh with one repair more or less, or with other voxels."""
+        """Show the open mesh with one repair more or less, or with another voxel size."""
         before, pins, unit = self.mesh, self.pins, self.unit_text
         assert before is not None and self.ready is not None  # noqa: PT018  it is derived from it
         if len(ready.repairs) < len(self.repairs) and self._undo:
@@ -407,7 +404,7 @@ class Document:
             self.notify(Notice(text, undo=self.undo))
 
     def _measures_as(self, ready: MeshReady) -> bool:
-        """Whether a length means the same on a mesh as on this: repaired, or read again."""
+        """Whether lengths mean the same on a mesh as on this: repaired, or read again."""
         if self.mesh is None:
             return True
         again = ready.derived or (ready.path is not None and ready.path == self.path)
@@ -420,7 +417,7 @@ class Document:
         pins: tuple[Pin, ...] = (),
         before: Mesh | None = None,
     ) -> None:
-        """Show a mesh; fields stay at the vertices of the one before, if it is of the same file."""
+        """Show a mesh; `before` is the previous mesh of the same file, whose vertices are kept."""
         self._take(ready, spectrum)
         self._preview = None
         self.pins = pins
@@ -453,7 +450,7 @@ class Document:
 
     @property
     def operator(self) -> OperatorOptions:
-        """The Laplacian's options for the next solve."""
+        """Options of the Laplacian for the next solve."""
         return self._operator
 
     @operator.setter
@@ -474,7 +471,7 @@ class Document:
             self.settings_changed.emit()
 
     def translation(self) -> Translation:
-        """What a target comes to on the open mesh; on the unit of area if there is none."""
+        """Return the conversion of targets for the open mesh; for unit area without a mesh."""
         if self.ready is None:
             return Translation(1.0)
         health = self.ready.health
@@ -488,7 +485,7 @@ class Document:
 
     @property
     def is_computed(self) -> bool:
-        """Whether all that the target asks for is there and proven: computing would add nothing."""
+        """Whether all pairs of the target are computed and certified."""
         spectrum, translation = self.spectrum, self.translation()
         if spectrum is None or not spectrum.complete:
             return False
@@ -497,30 +494,30 @@ class Document:
 
     @property
     def can_compute(self) -> bool:
-        """Whether there is a mesh, something to compute, and nothing runs that is in its way."""
-        # a preview that is made unasked gives way within seconds
+        """Whether there is a mesh with pairs left to compute, and no other job runs."""
+        # a preview ends within seconds
         waits = self.job is None or isinstance(self.job.job, PreviewJob)
         return self.ready is not None and waits and not self.is_computed
 
     def compute(self) -> None:
-        """Ask for the decomposition of the open mesh."""
+        """Request the decomposition of the open mesh."""
         if self.ready is not None:
             target = self.target
             if target.kind == "time":
-                # beyond what the mesh has, all of it
+                # at most the whole spectrum
                 n_vertices = int(self.translation().n_vertices)
                 target = sufficient_target(target.value, self.ready.health.area, n_vertices)
             self._request(DecomposeJob(self.ready.mesh, self.operator, target))
 
     def compute_in_pieces(self, job: PiecesJob) -> None:
-        """Ask for features of the open mesh in pieces."""
+        """Request features of the open mesh, computed in pieces."""
         self._request(job)
 
     def accept_spectrum(self, spectrum: Spectrum) -> None:
-        """Take a spectrum that has grown, or a preview; a preview is not replaced by less."""
+        """Show a longer spectrum or a preview; a preview is not replaced by fewer pairs."""
         known = self.spectrum
         if known is not None and spectrum.mass is None and known.operator == spectrum.operator:
-            spectrum = replace(spectrum, mass=known.mass)  # which is told once
+            spectrum = replace(spectrum, mass=known.mass)  # which is sent once
         if spectrum.preview and not spectrum.n_exact:
             self._preview = spectrum
             if known is not None and not known.preview and len(known):
@@ -534,7 +531,7 @@ class Document:
         self.spectrum_changed.emit()
 
     def leave_out_damaged(self, spectrum: Spectrum, index: int) -> None:
-        """Show no pair from the one on that was found to be damaged, if it is still shown."""
+        """Remove the pairs from a damaged one on, if the spectrum is still shown."""
         if self.spectrum is None or self.spectrum.rows is not spectrum.rows:
             return
         left = spectrum.first(index)
@@ -542,21 +539,21 @@ class Document:
         self._go_within(left)
         self.spectrum_changed.emit()
         text = (
-            f"Eigenpair {index} is damaged on the disk: it is not shown any more, nor those behind"
-            " it. Compute them again; what is whole stays."
+            f"Eigenpair {index} is damaged on the disk: it and the pairs after it are not shown."
+            " Compute them again; intact pairs are kept."
         )
         self.notify(Notice(text, Severity.WARNING))
 
     # -- export -----------------------------------------------------------------------------
 
     def export(self, job: ExportJob) -> None:
-        """Ask for a file to be written."""
+        """Request that a file is written."""
         self._request(job)
 
     # -- pins -------------------------------------------------------------------------------
 
     def toggle_pin(self, vertex: int, number: int = 0) -> None:
-        """Pin a vertex under a number, the lowest that is free unless given, or take its pin away.
+        """Pin a vertex under a number, by default the lowest free one, or remove its pin.
 
         Raises
         ------
@@ -572,29 +569,29 @@ class Document:
         self.pins_changed.emit()
 
     def clear_pins(self) -> None:
-        """Take all pins away, those that went with a repair, too."""
+        """Remove all pins, also those that undoing a repair would bring back."""
         self.pins = ()
         self._undo = [replace(each, pins=()) for each in self._undo]
         self.pins_changed.emit()
 
     def flip(self) -> None:
-        """Show what is on the render with the other sign, where it has one."""
+        """Flip the sign of the displayed field, where it has one."""
         self.display.put(self.display.family.sign_flipped())
 
     def similar(self) -> None:
-        """Show what looks like the vertex pinned last."""
+        """Show the similarity to the vertex pinned last."""
         if self.pins:
             self._show_first(lambda family: family.like(self.pins[-1].vertex))
 
     def _show_first(self, ask: Callable[[Family], Family | None]) -> None:
-        """Show what the first family answers that has an answer."""
+        """Show the first family for which `ask` returns parameters."""
         answers = (ask(family) for family in self.display.fields.values())
         found = next((answer for answer in answers if answer is not None), None)
         if found is not None:
             self.display.show(found)
 
     def _go_within(self, spectrum: Spectrum) -> None:
-        """Leave every family at a position that a spectrum has."""
+        """Clip the position of every family to the range of a spectrum."""
         self.display.put(*(each.within(spectrum) for each in self.display.fields.values()))
 
     # -- the job that runs ------------------------------------------------------------------
@@ -610,7 +607,7 @@ class Document:
             self.cancel_requested.emit()
 
     def job_started(self, job: Job) -> None:
-        """Note that a job runs now."""
+        """Record that a job runs now."""
         expected = None
         if isinstance(job, DecomposeJob) and job.mesh is self.mesh:
             expected = self.expected_seconds(job.target)
@@ -618,13 +615,13 @@ class Document:
         self.job_changed.emit()
 
     def job_progressed(self, progress: Progress) -> None:
-        """Note how far it is."""
+        """Record the progress of the job."""
         if self.job is not None:
             self.job = self.job.progressed(progress)
             self.job_changed.emit()
 
     def job_ended(self, notice: Notice | None = None) -> None:
-        """Note that the job is over, with what there is to say; learn how fast this machine is."""
+        """Record the end of the job, show its notice, and measure the speed of the machine."""
         job, spectrum = self.job, self.spectrum
         if (
             job is not None
@@ -642,13 +639,13 @@ class Document:
             self.notify(notice)
 
     def expected_seconds(self, target: Target) -> float:
-        """What a decomposition of the open mesh is expected to take."""
+        """Estimate the seconds that a decomposition of the open mesh takes."""
         assert self.ready is not None
         pairs = self.translation().count(target)[0]
         return decomposition_seconds(self.ready.health.n_vertices, pairs, self.seconds_rate)
 
     def notify(self, notice: Notice) -> None:
-        """Say a sentence in the message bar."""
+        """Show a sentence in the message bar."""
         self.noticed.emit(notice)
 
 

@@ -1,4 +1,4 @@
-"""Files with features or eigenpairs: always by the direct sum over the stored pairs."""
+"""Export of features or eigenpairs, computed by the direct sum over the stored pairs."""
 
 from __future__ import annotations
 
@@ -21,35 +21,33 @@ if TYPE_CHECKING:
     from meshmash_viewer.io.stored_spectrum import Compared
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
-__all__ = ["ExportJob"]
-
 
 @dataclass(frozen=True, eq=False)
 class ExportJob:
-    """Compute features by the direct sum, or take the eigenpairs, and write a file.
+    """Compute features by the direct sum, or read eigenpairs, and write a file.
 
     Parameters
     ----------
     mesh : Mesh
     operator : OperatorOptions
-        Of the eigenpairs that are looked up in the store.
+        Operator of the eigenpairs in the store.
     path : Path
-        Its ending says the format.
+        Its ending determines the format.
     family : Family
-        Resolved: what is written, and with which parameters.
+        What is written, with its (resolved) parameters.
     n_pairs : int
         Number of leading eigenpairs to use.
     target : Target, optional
-        What was asked for when these were computed.
+        The target that these were computed for.
     repairs : tuple of str
-        What has been done to the mesh.
+        Names of the repairs made on the mesh.
     maps : bool
-        Whether the maps of the mesh are more columns of features.
+        Whether the maps of the mesh are added as columns.
     compared : Compared, optional
-        Stored rows that have been found whole already.
+        Stored rows whose checksums are verified already.
     file_mesh : Mesh, optional
-        The mesh before its repairs, to write the results at all its vertices, NaN at those that
-        were left out.
+        The mesh before its repairs, to write the results at all its vertices, NaN at removed
+        ones.
     """
 
     mesh: Mesh
@@ -76,7 +74,7 @@ class ExportJob:
             If the eigenpairs are no longer in the store or damaged there, or the file cannot be
             written.
         Cancelled
-            If the person asked to stop.
+            If the user cancelled.
         """
         from meshmash_viewer.io.provenance import export_options
         from meshmash_viewer.io.write import write_eigenpairs, write_features
@@ -116,13 +114,13 @@ class ExportJob:
         return self._written(f"{self.family.label}, {columns},", features.missing)
 
     def _written_mesh(self) -> Mesh:
-        """The mesh that the file is of."""
+        """Return the mesh that the file describes."""
         if self.file_mesh is None:
             return self.mesh
         return self.file_mesh.in_voxels(self.mesh.voxel, self.mesh.unit)
 
     def _written(self, description: str, missing: str = "") -> Written:
-        """What was written, at which vertices, what is missing, and what was repaired before."""
+        """Describe what was written, at which vertices, what is missing, and earlier repairs."""
         if self.file_mesh is not None:
             count = counted(self.file_mesh.n_vertices, "vertex")
             description = f"{description.rstrip(',')} at all {count} of the mesh file,"
@@ -131,7 +129,7 @@ class ExportJob:
         return Written(self.path, description, remark, warns=bool(missing))
 
     def _pairs(self, channel: Channel) -> tuple[Decomposition, float | None]:
-        """The leading eigenpairs, and up to where they are known to be all there are."""
+        """Return the leading eigenpairs, and the bound below which they are complete."""
         from meshmash_viewer.io.spectrum import find_eigenpairs
         from meshmash_viewer.model.decomposition import SPARE
 
@@ -143,19 +141,19 @@ class ExportJob:
             )
         damaged = stored.damaged_batches(self.n_pairs, channel.cancelled, self.compared)
         if channel.cancelled():
-            raise Cancelled  # maybe before all was looked at
+            raise Cancelled  # maybe before all rows were compared
         if damaged:
             raise InputError(
                 "Some eigenpairs of this mesh are damaged on the disk: compute them again,"
-                " which takes what is whole as it is."
+                " which keeps the intact ones."
             )
         decomposition = stored.decomposition(self.n_pairs)
         if self.family.makes_features() and not len(decomposition.mass):
-            # A solve that was cancelled has left pairs, but nothing that says how they are weighed.
+            # a cancelled solve leaves pairs without the mass matrix
             operator = self.operator
             areas = compute_vertex_areas(self.mesh, operator.robust, operator.mollify_factor)
             decomposition = replace(decomposition, mass=areas)
-        # The threshold that the pairs were computed to says more than the last of them.
+        # the threshold of the solve may be above the last eigenvalue
         bound = None if stored.proof is None else stored.proof.max_eigenvalue
         all_of_them = decomposition.complete and self.n_pairs == len(stored.eigenvalues)
         return decomposition, bound if all_of_them else None

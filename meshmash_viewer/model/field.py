@@ -1,4 +1,4 @@
-"""The field on the render: what was asked for, and its values at every vertex."""
+"""Displayed field: its request, and its values at every vertex."""
 
 from __future__ import annotations
 
@@ -21,21 +21,10 @@ if TYPE_CHECKING:
     from meshmash_viewer.model.display import Display
     from meshmash_viewer.model.document import Document
 
-__all__ = [
-    "Field",
-    "FieldRequest",
-    "LiveFeatures",
-    "compute_field",
-    "expected_bytes",
-    "request_of",
-    "shown_family",
-]
-
-
-#: Columns of a usual heat table, and fields in use at one time: the one drawn, the one before
-#: it, the one being computed, the one that may be asked for next.
+#: Columns of a usual heat table, and fields in memory at one time: the one drawn, the one before
+#: it, the one being computed and the next request.
 _HEAT_COLUMNS, _FIELDS = 40, 4
-#: Fewest lines at round values, but for rounding.
+#: Approximate number of contour lines, before their spacing is rounded.
 _LINES = 8
 
 
@@ -50,11 +39,11 @@ class FieldRequest:
     unit : str
         Length unit of the mesh.
     family : Family
-        Resolved, so that what does not matter makes no difference.
+        Resolved (`Family.resolved`), so that parameters without effect are not compared.
     sample : ndarray of int64, optional
-        Vertices that limits are taken over; makes no difference to the values.
+        Vertices that limits are computed from; not compared.
     places : ndarray of float64, shape (n, 3), optional
-        Coordinates of the mesh, which tell one mesh from another with as many vertices.
+        Coordinates of the mesh, which identify it in `same_mesh`; not compared.
     """
 
     spectrum: Spectrum
@@ -65,43 +54,43 @@ class FieldRequest:
 
     @property
     def quantity(self) -> str:
-        """Which field of the family it is, with its unit."""
+        """Position within the family, with its unit."""
         return self.family.quantity(self.spectrum, self.unit)
 
     @property
     def caption(self) -> str:
-        """What tells it from others of the family on a gallery."""
+        """Caption that distinguishes it from others of the family in a gallery."""
         return self.family.caption(self.spectrum, self.unit)
 
     def same_mesh(self, other: FieldRequest) -> bool:
-        """Whether two requests are about one surface, be it in another unit."""
+        """Whether two requests have the same coordinates; units may differ."""
         return self.places is other.places
 
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """Values at every vertex, with all that is said about them.
+    """Values at every vertex, with their description.
 
     Parameters
     ----------
     values : ndarray of float32, shape (n,)
         In `unit`; NaN where a vertex is on no face.
     request : FieldRequest
-        What they answer.
+        The request that the values answer.
     draft : bool
-        Whether a better answer to the same request is on its way.
-    beside : str or None
-        Length unit of the first mesh, where these are values at its area (`at_size`).
+        Whether more accurate values for the same request will follow.
+    first_unit : str or None
+        Length unit of the first mesh, where values are scaled to its area (`at_size`).
     """
 
     values: npt.NDArray[np.float32] = field(repr=False)
     request: FieldRequest = field(repr=False)
     draft: bool = False
-    beside: str | None = None
+    first_unit: str | None = None
     _limits: dict[LimitPolicy, tuple[float, float]] = field(default_factory=dict, repr=False)
 
     def limits(self, policy: LimitPolicy | None) -> tuple[float, float]:
-        """Limits of the colours under a policy, or that which suits the field; computed once."""
+        """Return the colour limits under a policy, by default `automatic_limits`; cached."""
         if self.labels:  # each has a colour, with its value in the middle
             return -0.5, len(self.labels) - 0.5
         policy = policy or automatic_limits(signed=self.signed, tailed=self.family.tailed)
@@ -118,16 +107,16 @@ class Field:
         return limits, display.diverging_colormap if self.signed else display.sequential_colormap
 
     def carried(self, vertices: npt.NDArray[np.int64]) -> Field:
-        """The same on another mesh, which has the values of these vertices; NaN for -1."""
+        """Return the field on another mesh, with the values at `vertices`; NaN for -1."""
         values = np.where(vertices >= 0, self.values[vertices], np.float32(np.nan))
         return replace(self, values=values)
 
     def at_size(self, length: float, unit: str) -> Field:
-        """The same on this mesh shrunk by a factor, in the length unit of a first mesh beside it.
+        """Return the field as on this mesh shrunk by `length`, in the unit of the first mesh.
 
-        Eigenfunctions are of unit norm, so that their values, and all that is summed of them, are
-        larger on a smaller shape: at one size they can be compared. What is measured without
-        eigenpairs, such as curvature, a map or a geodesic distance, stays as it is.
+        Eigenfunctions have unit norm, so their values, and all sums of them, are larger on a
+        smaller shape; at the same size they can be compared. Fields without eigenpairs, such as a
+        curvature, a map or a geodesic distance, are not scaled.
         """
         if not self.family.needs_pairs or (unit == self.request.unit and np.isclose(length, 1.0)):
             return self
@@ -137,7 +126,7 @@ class Field:
         return replace(
             self,
             values=self.values * np.float32(scale),
-            beside=unit,
+            first_unit=unit,
             _limits={
                 policy: (low * scale, high * scale)
                 for policy, (low, high) in self._limits.items()
@@ -147,65 +136,65 @@ class Field:
 
     @cached_property
     def labels(self) -> tuple[Label, ...]:
-        """What values 0, 1, 2 … stand for, where they name parts of the surface."""
+        """Names of the values 0, 1, 2 …, where the field consists of labels."""
         return self.family.labels(self.request.spectrum, self.request.unit)
 
     @property
     def family(self) -> Family:
-        """The family it belongs to, with its parameters."""
+        """The family of the field, with its parameters."""
         return self.request.family
 
     @property
     def title(self) -> str:
-        """What it is called: "Eigenfunction 5", "Heat kernel signature"."""
+        """Title of the field: "Eigenfunction 5", "Heat kernel signature"."""
         return self.family.title()
 
     @property
     def quantity(self) -> str:
-        """Which one, with its unit: "λ₅ = 1.2e-08 nm⁻²", "t = 3.1e+05 nm² (√t = 557 nm)"."""
+        """Position with its unit: "λ₅ = 1.2e-08 nm⁻²", "t = 3.1e+05 nm² (√t = 557 nm)"."""
         return self.request.quantity
 
     @property
     def unit(self) -> str:
-        """Of the values; empty for pure numbers and for meshes without a unit."""
-        return self.family.unit(self.request.unit if self.beside is None else self.beside)
+        """Unit of the values; empty for pure numbers and for meshes without a unit."""
+        return self.family.unit(self.request.unit if self.first_unit is None else self.first_unit)
 
     @cached_property
     def spacing(self) -> float:
-        """A round number of `unit` by which lines are apart; 0 where none are at round values."""
+        """Rounded spacing of contour lines in `unit`; 0 where the field is not contoured."""
         largest = float(np.max(self.values, initial=0.0, where=np.isfinite(self.values)))
         contoured = self.family.contoured and largest > 0.0
         return round_length(largest / _LINES) if contoured else 0.0
 
     @property
     def line_spacing(self) -> float | None:
-        """Where lines can be drawn: at multiples of this, at zero alone (0), or nowhere (None)."""
+        """Spacing of the lines that can be drawn; 0 for a line at zero alone, None for none."""
         return self.spacing or (0.0 if self.signed else None)
 
     @property
-    def spacing_told(self) -> str:
-        """How far its lines are apart, "lines every 500 nm"; empty where that is not said."""
+    def spacing_text(self) -> str:
+        """Spacing of the contour lines, "lines every 500 nm"; empty without contour lines."""
         if not self.spacing:
             return ""
         return f"lines every {format_number(self.spacing)} {self.unit}".rstrip()
 
-    def told(self, lines: bool) -> str:
-        """Its quantity, and how far lines are apart if they are drawn."""
-        at = "" if self.beside is None else "values at the area of the first mesh"
-        return " · ".join(filter(None, [self.quantity, self.spacing_told if lines else "", at]))
+    def description(self, lines: bool) -> str:
+        """Describe the field: its quantity, and the spacing of lines if they are drawn."""
+        at = "" if self.first_unit is None else "values at the area of the first mesh"
+        return " · ".join(filter(None, [self.quantity, self.spacing_text if lines else "", at]))
 
     @property
     def signed(self) -> bool:
-        """Whether zero is in the middle of the values rather than at their end."""
+        """Whether the field has positive and negative values."""
         return self.family.signed
 
 
 class LiveFeatures:
-    """Answers requests; holds one table of each family that has been shown.
+    """Computes fields, with one precomputed table per family that has been shown.
 
-    A request is answered from a table where there is one, and by the direct sum where there is not;
-    `prepare` builds the table that makes the next requests of its family cheap. Both may be called
-    from different threads.
+    `compute` uses the table of the family if there is one, else the direct sum; `prepare` builds
+    the table that makes the next requests of its family fast. Both may be called from different
+    threads.
     """
 
     def __init__(self) -> None:
@@ -214,7 +203,7 @@ class LiveFeatures:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the arrays that the tables hold, for whoever measures them."""
+        """Bytes of the arrays in the tables."""
         contents = [table.content for table in self._tables.values()]
         parts = [
             part for each in contents for part in getattr(each, "__dict__", {"": each}).values()
@@ -222,7 +211,7 @@ class LiveFeatures:
         return sum(part.nbytes for part in parts if isinstance(part, np.ndarray))
 
     def table(self, name: str) -> Table | None:
-        """The table of a family."""
+        """Return the table of a family, or None."""
         return self._tables.get(name)
 
     def forget(self) -> None:
@@ -230,7 +219,7 @@ class LiveFeatures:
         self._tables = {}
 
     def compute(self, asked: FieldRequest) -> Answer | None:
-        """Values of a field; None until `prepare` has been called, where there is no other way."""
+        """Compute the values of a field; None if that needs a table that is not built yet."""
         return asked.family.compute(asked.spectrum, self._tables.get(asked.family.name))
 
     def prepared(self, asked: FieldRequest) -> bool:
@@ -238,27 +227,27 @@ class LiveFeatures:
         return asked.family.prepared(asked.spectrum, self._tables.get(asked.family.name))
 
     def prepare(self, asked: FieldRequest, cancel: CancelCallback | None = None) -> None:
-        """Build the table for fields like this one, unless it is there.
+        """Build the table for fields like this one, unless it exists.
 
         Raises
         ------
         Cancelled
-            If `cancel` said so; the table before it is kept or dropped, never half new.
+            If `cancel` returned True; the table is then unchanged or missing, never incomplete.
         """
         family, spectrum = asked.family, asked.spectrum
-        tables = self._tables  # of this mesh: forgotten ones get nothing new
+        tables = self._tables  # of this mesh; `forget` replaces the dictionary
         table = tables.get(family.name)
         if family.prepared(spectrum, table):
             return
         if table is not None and family.serves(spectrum, table):
             tables[family.name] = family.improve(spectrum, table, cancel)
             return
-        tables.pop(family.name, None)  # before the new one takes room
+        tables.pop(family.name, None)  # frees its memory before the new one is built
         tables[family.name] = family.prepare(spectrum, cancel)
 
 
 def expected_bytes(n_vertices: int, n_columns: int = 32) -> int:
-    """Bytes that a window holds for fields and live features of a mesh.
+    """Estimate the bytes that a window holds for fields and live features of a mesh.
 
     ``4 n (40 + columns + 32 / 2 + 4)``: heat table, a table of all columns of one feature,
     similarity table (a direction for every other column), fields. Eigenpairs are mapped from the
@@ -269,12 +258,12 @@ def expected_bytes(n_vertices: int, n_columns: int = 32) -> int:
 
 
 def shown_family(display: Display) -> Family:
-    """The family that is chosen, or the first one where that still lacks what to show."""
+    """Return the chosen family, or the first one where the chosen one is not usable yet."""
     return display.family if display.family.usable else display.fields[next(iter(FAMILIES))]
 
 
 def request_of(document: Document) -> FieldRequest | None:
-    """Snapshot of what a document wants on its render; None while there is nothing to show."""
+    """Return the request for the displayed field; None if there is nothing to show."""
     spectrum, display, ready = document.known, document.display, document.ready
     if ready is None:
         return None
@@ -292,7 +281,7 @@ def request_of(document: Document) -> FieldRequest | None:
 
 
 def compute_field(request: FieldRequest, live: LiveFeatures) -> Field | None:
-    """The field that a request asks for; None if `live` has to be prepared first."""
+    """Compute the field of a request; None if `live.prepare` has to be called first."""
     answer = live.compute(request)
     if answer is None:
         return None

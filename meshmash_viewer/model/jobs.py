@@ -1,8 +1,7 @@
-"""Long work as data: what to do, with what, and what comes back.
+"""Descriptions of long work: its inputs, and the results that it returns.
 
-A job is a frozen, picklable description; `Job.run` is executed in a process of its own and speaks
-only through the `Channel` it is given, so the window can be closed, cancelled or starved of memory
-without harm.
+A job is frozen and picklable. `Job.run` is executed in a separate process and communicates through
+a `Channel` only, so that it can be cancelled, or run out of memory, without harm to the window.
 """
 
 from __future__ import annotations
@@ -18,28 +17,11 @@ from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.health import REPAIRS, listed_repairs, mesh_health, repair_mesh
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.export import ExportJob
-from meshmash_viewer.model.results import MeshReady, SpectrumGrew, Written
+from meshmash_viewer.model.results import MeshReady, SpectrumGrew
 from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import NO_VOXEL, Voxel, parse_unit
-
-__all__ = [
-    "Channel",
-    "DecomposeJob",
-    "ExportJob",
-    "InspectJob",
-    "Job",
-    "JobState",
-    "MeshReady",
-    "PreviewJob",
-    "ReadJob",
-    "RepairJob",
-    "ScaleJob",
-    "SpectrumGrew",
-    "Written",
-]
 
 
 class Job(Protocol):
@@ -47,11 +29,11 @@ class Job(Protocol):
 
     @property
     def label(self) -> str:
-        """What the work is, as shown beside the progress bar: "Decomposing bunny"."""
+        """Label next to the progress bar: "Decomposing bunny"."""
         ...
 
     def run(self, channel: Channel) -> object:
-        """Do the work in this process; what is returned is sent to the window."""
+        """Do the work in this process; the result is sent to the window."""
         ...
 
 
@@ -59,9 +41,9 @@ class Job(Protocol):
 class ReadJob:
     """Read a mesh file; returns `MeshReady`, with the stored eigenpairs of the operator.
 
-    `unit` is as `units.parse_unit` takes it; empty for what the format states. `repairs` are made
-    in this order; where `source`, the hash of the numbers that they were made on, is another than
-    that of the file, they are not, and the remark says so.
+    `unit` is as `units.parse_unit` takes it; empty for the unit that the format states. `repairs`
+    are made in this order, unless `source`, the hash of the numbers that they were made for,
+    differs from that of the file; a remark then says so.
     """
 
     path: Path
@@ -108,7 +90,7 @@ class ReadJob:
 
 @dataclass(frozen=True, eq=False)
 class _OnMesh:
-    """Of every job on a mesh that is there."""
+    """Base of the jobs on a mesh in memory."""
 
     mesh: Mesh
     doing: ClassVar[str]
@@ -120,7 +102,7 @@ class _OnMesh:
 
 @dataclass(frozen=True, eq=False)
 class InspectJob(_OnMesh):
-    """Take a mesh handed over in memory; returns `MeshReady`."""
+    """Inspect a mesh passed in memory; returns `MeshReady`."""
 
     operator: OperatorOptions = field(default_factory=OperatorOptions)
 
@@ -132,9 +114,9 @@ class InspectJob(_OnMesh):
 
 @dataclass(frozen=True, eq=False)
 class ScaleJob(_OnMesh):
-    """Give the voxels another size, as `Mesh.in_voxels`; returns `MeshReady`.
+    """Change the size of the voxels with `Mesh.in_voxels`; returns `MeshReady`.
 
-    `repairs` are those that have been made on `mesh`.
+    `repairs` are those already made on `mesh`.
     """
 
     voxel: Voxel
@@ -201,7 +183,7 @@ class DecomposeJob(_OnMesh):
 
 @dataclass(frozen=True)
 class JobState:
-    """The job that runs now, since when, and how many seconds it was expected to take."""
+    """The running job, its start time, and the seconds that it was expected to take."""
 
     job: Job
     progress: Progress
@@ -210,7 +192,7 @@ class JobState:
     expected: float | None = None
 
     def progressed(self, progress: Progress) -> JobState:
-        """The job farther on; as long as it does not know what is left, the expectation says so."""
+        """Return the state at a progress, whose time left is filled in from the expectation."""
         if progress.remaining is None and self.expected is not None:
             left = self.began + self.expected - time.monotonic()
             progress = replace(progress, remaining=left if left > 0.0 else None)
@@ -218,7 +200,7 @@ class JobState:
 
 
 def _read(path: Path, unit: str) -> tuple[Mesh, str]:
-    """A mesh, and the hash of the numbers in its file, whatever they are multiplied by."""
+    """Read a mesh; return it with the hash of the numbers in its file, before they are scaled."""
     from meshmash_viewer.io.read import read_mesh
 
     voxel, name = parse_unit(unit)
@@ -230,7 +212,7 @@ def _read(path: Path, unit: str) -> tuple[Mesh, str]:
 
 
 def _repaired(mesh: Mesh, names: Sequence[str]) -> tuple[list[Mesh], str]:
-    """A mesh before the first repair and after each, and why there are no more of them."""
+    """Return a mesh before the first repair and after each, and why the next one failed."""
     series = [mesh]
     for name in names:
         try:
@@ -247,7 +229,7 @@ def _inspect(
     *,
     path: Path | None = None,
 ) -> MeshReady:
-    """Measure a mesh, and look for its eigenpairs in the store."""
+    """Measure a mesh, and look up its eigenpairs in the store."""
     from meshmash_viewer.model.decomposition import find_known
 
     channel.report(Progress("inspecting", message="Looking for faults of the mesh"))

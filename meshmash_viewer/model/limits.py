@@ -1,4 +1,4 @@
-"""Colour limits: the policies that turn a field's values into the two ends of its colour bar."""
+"""Colour limits: policies that compute the two ends of a colour bar from the values of a field."""
 
 from __future__ import annotations
 
@@ -8,34 +8,24 @@ from typing import Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-__all__ = [
-    "LimitPolicy",
-    "LockedLimits",
-    "MinMaxLimits",
-    "PercentileLimits",
-    "SymmetricLimits",
-    "automatic_limits",
-]
-
 Ends: TypeAlias = tuple[float, float]
 Values: TypeAlias = npt.NDArray[np.floating]
 Sample: TypeAlias = npt.NDArray[np.int64] | None
 
 
 class LimitPolicy(Protocol):
-    """What every policy can do; policies are frozen and compare by value."""
+    """Interface of the policies, which are frozen and compare by value."""
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
-        """Limits ``low < high`` for values of shape (n,), also for constant ones; NaN is left out.
+        """Return limits ``low < high`` for values of shape (n,), even constant ones; skips NaN.
 
-        A sample stands for the surface in statistics (`Mesh.area_sample`); without one every vertex
-        counts once.
+        Percentiles are taken over `sample` (`Mesh.area_sample`), without it over all vertices.
         """
         ...
 
 
 def _opened(low: float, high: float) -> Ends:
-    """Open an interval that a constant field has closed, relative to its size."""
+    """Widen an empty interval, that of a constant field, relative to its size."""
     if not (np.isfinite(low) and np.isfinite(high)):
         return -1.0, 1.0
     if high - low > 1e-12 * max(abs(low), abs(high)):
@@ -50,9 +40,9 @@ def _finite(values: Values) -> Values:
 
 
 def _extremes(values: Values) -> Ends:
-    """Smallest and largest finite value; (0, 0) if there is none."""
+    """Return the smallest and largest finite value; (0, 0) if there is none."""
     low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
-    if not (np.isfinite(low) and np.isfinite(high)):  # which is quicker than looking at each
+    if not (np.isfinite(low) and np.isfinite(high)):  # faster than a mask of all values
         finite = _finite(values)
         low, high = float(finite.min()), float(finite.max())
     return low, high
@@ -62,7 +52,7 @@ def _extremes(values: Values) -> Ends:
 class SymmetricLimits:
     """Symmetric about zero: for signed fields, so that the middle colour is the nodal line.
 
-    Less than the whole `percent` leaves out the tips of a field that has them.
+    A `percent` below 100 leaves out extreme values.
     """
 
     percent: float = 100.0
@@ -85,7 +75,7 @@ class MinMaxLimits:
 
 @dataclass(frozen=True)
 class PercentileLimits:
-    """Between two percentiles of the surface: for fields whose tips would take all the colours."""
+    """Between two percentiles of the surface: for fields with few extreme values."""
 
     low: float = 1.0
     high: float = 99.0
@@ -108,7 +98,7 @@ class LockedLimits:
 
 
 def automatic_limits(*, signed: bool, tailed: bool = False) -> LimitPolicy:
-    """The policy a field has before anyone chose one."""
+    """Return the default policy of a field."""
     if signed:
         return SymmetricLimits(PercentileLimits().high if tailed else 100.0)
     return PercentileLimits()

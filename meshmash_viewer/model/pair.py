@@ -1,9 +1,9 @@
-"""Two meshes in step: the second shows what is looked at on the first, as they are linked.
+"""Two linked meshes: the second displays the field that is displayed on the first.
 
-Size does not count, as wherever shapes are compared: times and eigenvalues are those of the same
-shape at the other size, and so are values while limits are linked (`Pair.in_step`). Where both
-meshes are of one template (`corresponding_vertices`), vertices and eigenfunctions are told by that,
-otherwise by what vertices look like.
+Comparison is independent of size: times and eigenvalues are those of the same shape scaled to the
+area of the other mesh, and so are values while limits are linked (`Pair.with_shared_limits`).
+Where both meshes have the vertices of one template (`corresponding_vertices`), vertices and
+eigenfunctions are matched by these, otherwise by their features.
 """
 
 from __future__ import annotations
@@ -34,22 +34,21 @@ from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.io.provenance import export_options
 from meshmash_viewer.io.write import write_features
-from meshmash_viewer.model.document import Document, Pin
+from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
+from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.alignment import ShownRows
 from meshmash_viewer.spectral.weyl import Target
 
-__all__ = ["LINKS", "MATCHED_IN", "ComparisonRequest", "Pair"]
-
-#: What can be linked, with what it is called.
+#: What can be linked, with its label.
 LINKS = {
     "camera": "Camera",
     "kind": "Family",
     "position": "Index, time, band",
     "colors": "Colours and limits",
 }
-#: Features in which vertices are matched: those of many columns that nothing has to be chosen for.
+#: Features by which vertices are matched: those with many columns and no required parameter.
 MATCHED_IN: dict[str, type[Family]] = {
     name: family
     for name, family in FEATURES.items()
@@ -64,14 +63,14 @@ class _Pairs(NamedTuple):
 
 
 def _pairs_of(spectrum: Spectrum) -> _Pairs:
-    # as they are drawn, so that signs are those that one sees
+    # as they are drawn, with the displayed signs
     rows = spectrum.rows if spectrum.shown is None else spectrum.shown[: len(spectrum)]
     return _Pairs(spectrum.eigenvalues, rows, spectrum.vertex_areas)
 
 
 @dataclass(frozen=True, eq=False)
 class ComparisonRequest:
-    """Eigenpairs of two meshes, both up to the same eigenvalue times area, and how to match them.
+    """Eigenpairs of two meshes up to the same eigenvalue times area, and the feature to match.
 
     Parameters
     ----------
@@ -85,7 +84,7 @@ class ComparisonRequest:
     matched_in: str
 
     def answered(self, cancel: CancelCallback | None = None) -> Comparison:
-        """The comparison; `InputError` where there is too little to compare."""
+        """Compute the comparison; raise `InputError` where there are too few pairs."""
         first, second = self.first.mesh, self.second.mesh
         assert first is not None
         assert second is not None
@@ -94,7 +93,7 @@ class ComparisonRequest:
         mine, other = _pairs_of(self.first), _pairs_of(self.second)
         vertices = corresponding_vertices(first, second)
         if vertices is not None:
-            other = other._replace(rows=self.second.rows)  # which are turned anew
+            other = other._replace(rows=self.second.rows)  # they are aligned again
         bank = MATCHED_IN[self.matched_in].exported().bank(unit_area_spectrum(mine))
         return compare_shapes(mine, other, bank, cancel, vertices)
 
@@ -102,8 +101,8 @@ class ComparisonRequest:
 class Pair:
     """A second document that follows a first one.
 
-    Views listen to `changed`; who compares listens to `comparison_requested`, which carries a
-    `ComparisonRequest`, and answers with `accept`.
+    Views connect to `changed`. `comparison_requested` carries a `ComparisonRequest`; its runner
+    calls `accept` or `give_up`.
 
     Parameters
     ----------
@@ -112,11 +111,11 @@ class Pair:
     Attributes
     ----------
     links : frozenset of str
-        Those of `LINKS` that are in force; changed by `link`.
+        The active ones of `LINKS`; changed by `link`.
     comparison : Comparison or None
         None until both are decomposed and compared.
     carries : bool
-        Whether the second shows the colours of the first, carried by the match of all vertices.
+        Whether the second shows the field of the first, transferred by the match of all vertices.
     """
 
     changed = Signal()
@@ -131,13 +130,12 @@ class Pair:
         self._request: ComparisonRequest | None = None
         self._seen: Mapping[str, Family] = {}
         self._asked: tuple[Any, Any] = None, None
-        #: Families of the first that the second was last told of.
-        self._told: dict[str, Family] = {}
-        #: Vertices of the second that were pinned themselves, by their index in its file, under
-        #: the number of their pin.
+        #: Families of the first that were last applied to the second.
+        self._applied: dict[str, Family] = {}
+        #: By pin number: vertices that were pinned on the second, as their index in its file.
         self._pinned: dict[int, int] = {}
         events = first.display.events
-        self._heard = [
+        self._connections = [
             *((getattr(events, name), self._follow_display) for name in (
                 "fields", "kind", "policies", "diverging_colormap", "sequential_colormap",
                 "nodal_lines",
@@ -149,32 +147,32 @@ class Pair:
             (second.job_changed, self._follow_job),
             (second.display.events.kind, self._follow_second),
         ]  # fmt: skip
-        for signal, slot in self._heard:
+        for signal, slot in self._connections:
             signal.connect(slot)
         self._follow_spectra()
 
     def close(self) -> None:
-        """Follow no more."""
-        for signal, slot in self._heard:
+        """Disconnect from both documents."""
+        for signal, slot in self._connections:
             signal.disconnect(slot)
 
     # -- choices ------------------------------------------------------------------------------
 
     def link(self, name: str, on: bool) -> None:
-        """Put one of `LINKS` in force, or cut it: what it was about stays on the second."""
+        """Activate one of `LINKS`, or deactivate it: the second keeps its present state."""
         self.links = self.links | {name} if on else self.links - {name}
         self._seen = {}
         self._follow_display()
         self.changed.emit()
 
     def carry(self, on: bool) -> None:
-        """Show the colours of the first on the second, or its own."""
+        """Show the field of the first on the second, or its own field."""
         self.carries = on
         self.changed.emit()
 
     @property
     def matched_in(self) -> str:
-        """The feature in which vertices are matched: a key of `MATCHED_IN`."""
+        """The feature by which vertices are matched: a key of `MATCHED_IN`."""
         return self._matched_in
 
     @matched_in.setter
@@ -183,7 +181,7 @@ class Pair:
         self._follow_spectra()
 
     def pin_second(self, vertex: int) -> None:
-        """Pin a vertex of the second, with its best match on the first, or take both away."""
+        """Pin a vertex of the second and its best match on the first, or remove both pins."""
         there = {pin.vertex: pin.number for pin in self.second.pins}
         match = -1 if self.comparison is None else int(self.comparison.back.indices[vertex])
         if vertex in there:
@@ -201,19 +199,19 @@ class Pair:
                 self._pinned[number] = index
                 self.first.toggle_pin(match, number)
 
-    def in_step(self, first: Field, second: Field) -> tuple[Field, tuple[float, float]] | None:
-        """The second field as it is drawn beside the first, and limits for the colours of both.
+    def with_shared_limits(
+        self, first: Field, second: Field
+    ) -> tuple[Field, tuple[float, float]] | None:
+        """Return the second field scaled for comparison, and colour limits for both fields.
 
-        One colour is one value then. Limits are from the lowest to the highest of both, each under
-        the policy in force. Values that eigenfunctions make are those at the area of the first
-        (`Field.at_size`); what is measured otherwise stays as it is.
+        The limits span those of both fields, each under the current policy. Values that depend on
+        the size of the mesh are scaled to the area of the first (`Field.at_size`).
 
         Returns
         -------
         tuple of Field and two floats, or None
-            None where each mesh has limits of its own: the link is cut, different families are
-            looked at, only one is signed, or the units are not the same. Labels have colours of
-            their own.
+            None where each mesh keeps its own limits: the link is off, families, signs or units
+            differ, or a field consists of labels.
         """
         if "colors" not in self.links or first.family.name != second.family.name:
             return None
@@ -231,7 +229,7 @@ class Pair:
 
     @property
     def correspondence(self) -> Correspondence:
-        """What of the first is what of the second, as far as it is known."""
+        """Correspondence of lengths, vertices and eigenfunctions, as far as it is known."""
         mesh, other, known = self.first.mesh, self.second.mesh, self.comparison
         if mesh is None or other is None or not mesh.area > 0.0:
             return Correspondence()
@@ -242,11 +240,11 @@ class Pair:
 
     @property
     def comparing(self) -> bool:
-        """Whether a comparison is on its way."""
+        """Whether a comparison is being computed."""
         return self._request is not None and self.comparison is None
 
     def accept(self, request: ComparisonRequest, comparison: Comparison) -> None:
-        """Take a comparison, if it is the one that was asked for last."""
+        """Store a comparison, if it answers the last request."""
         if request is self._request:
             self.comparison = comparison
             spectrum = self.second.spectrum
@@ -262,13 +260,13 @@ class Pair:
             self.changed.emit()
 
     def give_up(self, request: ComparisonRequest) -> None:
-        """Note that a comparison will not come."""
+        """Record that a comparison has failed."""
         if request is self._request:
             self._request = None
             self.changed.emit()
 
     def write_match(self, path: Path) -> None:
-        """Write which vertex of the second each of the first looks like (`Comparison.match_table`).
+        """Write the match of each vertex of the first on the second (`Comparison.match_table`).
 
         May be called from any thread. `InputError` is raised if there is nothing to write, or the
         file cannot be written.
@@ -296,9 +294,9 @@ class Pair:
         )
 
     def best_matches(self, vertex: int, count: int = 4) -> tuple[tuple[int, float], ...]:
-        """Vertices of the second that look most like one of the first, and no neighbours.
+        """Return the best matches on the second of a vertex of the first, with their scores.
 
-        They come with their scores, best first; the matches are apart by a fiftieth of the size.
+        Best first; matches are at least 2 % of the diagonal of the mesh apart.
         """
         mesh = self.second.mesh
         if self.comparison is None or mesh is None:
@@ -313,7 +311,7 @@ class Pair:
             self._follow_spectra()
 
     def _follow_spectra(self) -> None:
-        """Solve the second as far as the first, and compare them as soon as both are there."""
+        """Solve the second as far as the first, and compare them once both are solved."""
         self._decompose_second()
         first, second = self.first.spectrum, self.second.spectrum
         before, request = self._request, None
@@ -348,7 +346,7 @@ class Pair:
             return
         asked = first.rows, mesh.vertices
         if all(one is other for one, other in zip(asked, self._asked, strict=True)):
-            return  # once: what was cancelled is not asked for again
+            return  # only once: a cancelled job is not requested again
         self._asked = asked
         top = matched_top(_pairs_of(first), mesh.area)
         self.second.operator = self.first.operator
@@ -360,7 +358,7 @@ class Pair:
             self.second.compute()
 
     def _follow_display(self) -> None:
-        """Show on the second what is looked at on the first."""
+        """Apply the display of the first to the second, as far as it is linked."""
         mine, other, to = self.first.display, self.second.display, self.correspondence
         known = self.first.known
         if known is None:
@@ -368,20 +366,18 @@ class Pair:
         moved = []
         for name, family in mine.fields.items():
             if self._seen.get(name) is not family:
-                carried, told = (
-                    family.filled_in(known, mine.fields).carried(to),
-                    self._told.get(name),
-                )
+                carried = family.filled_in(known, mine.fields).carried(to)
+                before = self._applied.get(name)
                 stays = [
                     each
                     for each in family.own
-                    if told is not None and getattr(told, each) == getattr(family, each)
+                    if before is not None and getattr(before, each) == getattr(family, each)
                 ]
                 if "position" not in self.links:
                     stays += family.position
                 kept = {each: getattr(other.fields[name], each) for each in stays}
                 moved.append(replace(carried, **kept))
-                self._told[name] = family
+                self._applied[name] = family
         self._seen = mine.fields
         other.put(*moved)
         if "kind" in self.links:
@@ -393,7 +389,7 @@ class Pair:
         other.nodal_lines = mine.nodal_lines
 
     def _follow_second(self) -> None:
-        """Look at the maps of both when one has been added to the second."""
+        """Display maps on the first too, after one has been added to the second."""
         if "kind" in self.links and self.second.display.family.own:
             self.first.display.kind = self.second.display.kind
 
@@ -409,9 +405,9 @@ class Pair:
             self.changed.emit()
 
     def _place_of(self, pin: Pin) -> int | None:
-        """The vertex of the second for a pin: what was pinned there itself, or the best match."""
+        """Return the vertex of the second for a pin: the one pinned there, or the best match."""
         index, mesh = self._pinned.get(pin.number), self.second.mesh
         if index is not None and mesh is not None:
-            with contextlib.suppress(InputError):  # a repair has left it out
+            with contextlib.suppress(InputError):  # removed by a repair
                 return mesh.vertex_of(index)
         return self.correspondence.vertex(pin.vertex)

@@ -1,4 +1,4 @@
-"""Pinned vertices, and which vertices they are after a repair."""
+"""Pinned vertices, and their mapping to a repaired mesh."""
 
 from __future__ import annotations
 
@@ -10,10 +10,8 @@ from itertools import count
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh
 
-__all__ = ["PIN_COLORS", "Pin", "followed_pins", "free_number", "same_vertex"]
-
-#: Colours of the pins in the order of their numbers: Okabe & Ito 2008, told apart by every kind of
-#: colour vision, then those farthest from them in CIELAB, seen with and without all cones.
+#: Colours of the pins in the order of their numbers: Okabe & Ito 2008, distinct for every kind of
+#: colour vision, then those farthest from them in CIELAB, with and without colour blindness.
 PIN_COLORS = (
     "#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#D55E00", "#0072B2", "#F0E442",
     "#6611FF", "#BB0033", "#CCCC88", "#6677FF", "#006666",
@@ -22,19 +20,19 @@ PIN_COLORS = (
 
 @dataclass(frozen=True)
 class Pin:
-    """A vertex whose profile is compared; its number, from 1, decides its colour."""
+    """A vertex whose profile is compared; its number, from 1, determines its colour."""
 
     vertex: int
     number: int
 
     @property
     def color(self) -> str:
-        """Its colour; after the last one they come round again."""
+        """Colour of the pin; the colours repeat after the last one."""
         return PIN_COLORS[(self.number - 1) % len(PIN_COLORS)]
 
 
 def free_number(pins: Sequence[Pin], wanted: int = 0) -> int:
-    """The number wanted for a pin, or else the lowest one, that no other has."""
+    """Return the wanted number of a pin if it is free, else the lowest free one."""
     taken = {pin.number for pin in pins}
     if wanted >= 1 and wanted not in taken:
         return wanted
@@ -42,7 +40,7 @@ def free_number(pins: Sequence[Pin], wanted: int = 0) -> int:
 
 
 def same_vertex(before: Mesh, now: Mesh, vertex: int) -> int | None:
-    """The vertex of the same index in the file on another repair of it; None if it was left out."""
+    """Return the vertex of `now` that has the same index in the file; None if it was removed."""
     with contextlib.suppress(InputError):
         return now.vertex_of(before.file_index(vertex))
     return None
@@ -51,21 +49,21 @@ def same_vertex(before: Mesh, now: Mesh, vertex: int) -> int | None:
 def followed_pins(
     pins: Sequence[Pin], before: Mesh, now: Mesh, earlier: Sequence[Pin] = ()
 ) -> tuple[Pin, ...]:
-    """Pins of one mesh on another repair of the same file.
+    """Map the pins of one mesh to another repair of the same file.
 
     Parameters
     ----------
     pins : sequence of Pin
-        By the vertices of `before`.
+        On the vertices of `before`.
     before, now : Mesh
     earlier : sequence of Pin
-        Those that there were on `now` before a repair that is taken back, by its vertices. The
-        ones that the repair left out or joined come back; those taken away since do not.
+        Pins on the vertices of `now` before a repair that is undone. Those whose vertices the
+        repair removed or joined are restored; those that were removed since are not.
 
     Returns
     -------
     tuple of Pin
-        By the vertices of `now`, each vertex once and the newest last.
+        On the vertices of `now`, each vertex once and the newest last.
     """
     there, known = {pin.vertex for pin in pins}, set[int]()
     moved: list[Pin] = []

@@ -1,4 +1,4 @@
-"""The preview of a large mesh, kept for the session, and its hand-over to the exact pairs."""
+"""Preview of the spectrum of a large mesh, kept in the temporary folder of the window."""
 
 from __future__ import annotations
 
@@ -16,22 +16,20 @@ from meshmash_viewer.model.results import NO_ROWS, MeshReady, SpectrumGrew
 from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Progress
 
-__all__ = ["FROM_VERTICES", "is_worthwhile", "open_preview"]
-
-#: From this size on the exact pairs are long enough in coming.
+#: Smallest mesh that gets a preview: smaller ones are solved quickly.
 FROM_VERTICES = 60_000
-#: Pairs above the null space; fewer of a mesh whose rows take long to write.
+#: Pairs above the null space; fewer for a huge mesh, whose rows take long to write.
 _PAIRS, _PAIRS_OF_HUGE, _HUGE = 50, 30, 500_000
-#: With more components than this, the first many eigenfunctions are constants on one of them.
+#: With more components, most of the first eigenfunctions are constants on one of them.
 _MOST_COMPONENTS = 150
 
 
 def is_worthwhile(ready: MeshReady) -> bool:
-    """Whether a preview of a mesh would show more than what is in the store."""
+    """Whether a preview of a mesh would have more pairs than the store."""
     mesh = ready.mesh
     if mesh.n_vertices < FROM_VERTICES:
         return False
-    known = 0 if ready.known is None else len(ready.known.told)
+    known = 0 if ready.known is None else len(ready.known.summary)
     return known < ready.health.n_components + _pairs(mesh)
 
 
@@ -40,9 +38,9 @@ def _pairs(mesh: Mesh) -> int:
 
 
 def open_preview(mesh: Mesh, operator: OperatorOptions, channel: Channel) -> SpectrumGrew | None:
-    """Compute the preview of a mesh, or find it in the session's folder.
+    """Compute the preview of a mesh, or find it in the temporary folder.
 
-    None for a mesh that is small, or of too many components to be worth it.
+    None for a small mesh, or one with more than `_MOST_COMPONENTS` components.
     """
     if mesh.n_vertices < FROM_VERTICES:
         return None
@@ -55,7 +53,7 @@ def open_preview(mesh: Mesh, operator: OperatorOptions, channel: Channel) -> Spe
         return None
     from meshmash_viewer.spectral.preview import preview_eigenpairs  # which loads the compiler
 
-    # The window may be about to map the preview of this mesh, but has done with all others.
+    # the window no longer uses previews of other meshes
     discard(*channel.folder.glob("preview-*"))
     channel.report(Progress("preview", message="Approximating the first eigenfunctions"))
     n_pairs = mesh.n_components + _pairs(mesh)
@@ -64,7 +62,7 @@ def open_preview(mesh: Mesh, operator: OperatorOptions, channel: Channel) -> Spe
         # straight into the file that the window maps
         rows = np.lib.format.open_memmap(path, "w+", np.float32, (k, n))
         if hasattr(os, "posix_fallocate"):
-            # a full disk is an error here; where the rows are written it would be a crash
+            # a full disk raises here; at the write into the mapping it would crash the process
             with path.open("rb+") as file:
                 os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
         return rows
@@ -82,5 +80,5 @@ def _previewed(
     path: Path, eigenvalues: npt.NDArray[np.float64], error: float, operator: OperatorOptions
 ) -> SpectrumGrew:
     unknown = np.full(len(eigenvalues), np.nan)
-    told = Spectrum(eigenvalues, NO_ROWS, unknown, preview=True, operator=operator, error=error)
-    return SpectrumGrew(told, preview_path=path)
+    summary = Spectrum(eigenvalues, NO_ROWS, unknown, preview=True, operator=operator, error=error)
+    return SpectrumGrew(summary, preview_path=path)

@@ -1,8 +1,8 @@
-"""The process that does long work: it takes jobs from a pipe, one at a time.
+"""Worker process: takes jobs from a pipe, one at a time.
 
-The window starts it with `child_command` and keeps it warm. It leads a process group of its own,
-so that it ends together with whatever processes the solver has started: when told to, and when
-the window's end of the pipe closes for any reason, a crash of the window included.
+The window starts it with `child_command` and keeps it running. It leads its own process group, so
+that it ends together with all processes of the solver: on request, and when the window's end of
+the pipe closes for any reason, including a crash of the window.
 """
 
 from __future__ import annotations
@@ -24,19 +24,17 @@ import numpy as np
 from meshmash_viewer.io.process_tree import ProcessTree
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.failure import failure_of
-from meshmash_viewer.model.jobs import Channel, Job
-from meshmash_viewer.model.transport import Wire
+from meshmash_viewer.model.jobs import Job
+from meshmash_viewer.model.transport import Channel, Wire
 from meshmash_viewer.progress import Cancelled, Progress
 from meshmash_viewer.spectral.engine.blas_threads import limit_accelerate
 
-__all__ = ["child_command", "child_environment", "end_group", "serve"]
-
-#: Seconds between two reports; a person reads no faster.
+#: Seconds between two progress reports.
 _REPORT_SECONDS = 0.05
 
 
 def child_command(folder: Path) -> list[str]:
-    """Command line that starts the process; `folder` is where arrays pass through."""
+    """Return the command line of the process; large arrays are exchanged through `folder`."""
     code = (
         "import sys; sys.path[:] = sys.argv[2:]; "
         "from meshmash_viewer.model.process import serve; serve(sys.argv[1])"
@@ -45,7 +43,7 @@ def child_command(folder: Path) -> list[str]:
 
 
 def child_environment() -> dict[str, str]:
-    """Variables that the process starts with."""
+    """Return the environment variables of the process."""
     environment = dict(os.environ)
     limit_accelerate(environment)
     return environment
@@ -54,10 +52,10 @@ def child_environment() -> dict[str, str]:
 def serve(folder: str) -> None:
     """Run jobs until the pipe on standard input closes; then end, with all descendants."""
     faulthandler.enable()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl+C in the terminal is the window's
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl+C is handled by the window
     _lower_priority()
-    # The pipe moves to descriptors of its own: a stray print must not end up in it, and
-    # processes of the solver must not inherit it.
+    # The pipe gets its own descriptors: a stray print must not be written to it, and processes of
+    # the solver must not inherit it.
     source = os.fdopen(os.dup(0), "rb")
     sink = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
@@ -71,7 +69,7 @@ def serve(folder: str) -> None:
     )
     listener.start()
     _warm_up()
-    # While a first mesh is read, or nothing is asked for; whoever needs it sooner waits for it.
+    # while a first mesh is read, or before the first job; a job that needs the solver waits for it
     threading.Thread(target=_warm_up_solver, daemon=True).start()
     while True:
         channel = _PipeChannel(wire, asked_to_stop, Path(folder))
@@ -81,7 +79,7 @@ def serve(folder: str) -> None:
 def _listen(
     wire: Wire, jobs: queue.SimpleQueue[Job], asked_to_stop: threading.Event, folder: str
 ) -> None:
-    """Take orders while the main thread works."""
+    """Receive orders while the main thread works."""
     try:
         while True:
             order, job = cast(tuple[str, Job], wire.receive())
@@ -91,7 +89,7 @@ def _listen(
             else:
                 asked_to_stop.set()
     except (EOFError, OSError):
-        # The window is gone, maybe without a chance to tidy up.
+        # the window has ended, possibly without deleting the folder
         shutil.rmtree(folder, ignore_errors=True)
     finally:
         end_group(os.getpid())
@@ -106,13 +104,13 @@ def _run(job: Job, channel: Channel, wire: Wire) -> None:
         return
     except Cancelled:
         message = ("cancelled", None)
-    except Exception as error:  # noqa: BLE001  whatever it is, the window must hear of it
+    except Exception as error:  # noqa: BLE001  the window reports it
         message = ("failed", failure_of(error, job.label))
     wire.send(message)
 
 
 class _PipeChannel:
-    """A `Channel` into the pipe; reports are thinned to what a person can read."""
+    """A `Channel` into the pipe, with at most one progress report per `_REPORT_SECONDS`."""
 
     def __init__(self, wire: Wire, asked_to_stop: threading.Event, folder: Path) -> None:
         self.folder = folder
@@ -136,11 +134,10 @@ class _PipeChannel:
 
 
 def end_group(leader: int, patience: float = 0.0) -> None:
-    """End a process that leads a group, with its descendants.
+    """End the leader of a process group, with its descendants.
 
-    They are asked with SIGTERM, which nothing here handles, so it is certain and immediate; only
-    multiprocessing's resource trackers ignore it, to delete temporary files and then leave.
-    `patience` is how many seconds descendants have to clean up, before they are killed.
+    They get SIGTERM, which ends them at once; only the resource trackers of multiprocessing ignore
+    it, delete temporary files and then exit. Descendants are killed after `patience` seconds.
     Windows has neither groups nor SIGTERM: all but such trackers are killed there.
     """
     if sys.platform == "win32":
@@ -158,7 +155,7 @@ def end_group(leader: int, patience: float = 0.0) -> None:
 
 
 def _lives(leader: int) -> bool:
-    """Whether a process of the group still does anything (a zombie does not)."""
+    """Whether a process of the group is alive and not a zombie."""
     if sys.platform != "win32":
         import psutil
 
@@ -174,7 +171,7 @@ def _lives(leader: int) -> bool:
 
 
 def _lower_priority() -> None:
-    """Leave the processor to the window first, and be ended first when memory runs out."""
+    """Lower the priority, and mark the process as the first to be killed without memory."""
     if sys.platform == "win32":
         import psutil
 
@@ -187,10 +184,10 @@ def _lower_priority() -> None:
 
 
 def _warm_up() -> None:
-    """Import what every job needs before the first one is asked for.
+    """Import the modules that every job needs.
 
-    All of it here: packages whose modules need each other (joblib, numba) fail in one of two
-    threads that import them at once.
+    In one thread: packages with circular imports (joblib, numba) can fail when two threads import
+    them at once.
     """
     import joblib  # noqa: F401
     import scipy.sparse.linalg  # noqa: F401
@@ -203,7 +200,7 @@ def _warm_up() -> None:
 
 
 def _warm_up_solver() -> None:
-    """Solve and preview something small, which loads compiled kernels: a second otherwise."""
+    """Solve and preview a small mesh, which loads the compiled kernels and takes a second."""
     from meshmash_viewer.laplacian import cotangent_laplacian
     from meshmash_viewer.spectral.eigensolver import solve
     from meshmash_viewer.spectral.preview import preview_eigenpairs

@@ -1,4 +1,4 @@
-"""What jobs hand over: meshes ready to be drawn, spectra as they grow, files written."""
+"""Results of jobs: meshes ready to be drawn, growing spectra, written files."""
 
 from __future__ import annotations
 
@@ -14,49 +14,47 @@ from meshmash_viewer.health import Health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.alignment import Alignment, ShownRows
 
-__all__ = ["NO_ROWS", "MapGrew", "MeshReady", "SpectrumGrew", "Written"]
-
-#: Of a spectrum whose rows are in a file that has yet to be opened.
+#: Placeholder for rows in a file that is not opened yet.
 NO_ROWS = np.empty((0, 0))
 
 
 @dataclass(frozen=True, eq=False)
 class SpectrumGrew:
-    """The leading eigenpairs are final, and their rows can be mapped from a file.
+    """Leading eigenpairs that are final, and whose rows can be mapped from a file.
 
     Parameters
     ----------
-    told : Spectrum
-        All of it but the rows, which `Spectrum.stored` names; the residuals of approximate ones
-        are NaN.
+    summary : Spectrum
+        Without rows, which are in the file `Spectrum.stored`; residuals of approximate pairs are
+        NaN.
     preview_path : Path, optional
-        ``.npy`` file with approximate rows, where these pairs are.
+        ``.npy`` file with rows, if these are approximate.
     alignment : Alignment, optional
-        Signs and rotations of the rows on the render.
+        Signs and rotations of the displayed rows.
     remark : str
-        A sentence for the message bar, where there is something to say.
+        A sentence for the message bar, or "".
     """
 
-    told: Spectrum
+    summary: Spectrum
     preview_path: Path | None = None
     alignment: Alignment | None = None
     remark: str = ""
 
     @cached_property
     def spectrum(self) -> Spectrum:
-        """The same as the views read it; the first access opens the files."""
+        """The spectrum with rows; the first access opens the files."""
         if self.preview_path is not None:
-            return replace(self.told, rows=np.load(self.preview_path, mmap_mode="r"))
-        count = len(self.told)
-        rows, shown = self.told.stored.map(count), None
+            return replace(self.summary, rows=np.load(self.preview_path, mmap_mode="r"))
+        count = len(self.summary)
+        rows, shown = self.summary.stored.map(count), None
         if self.alignment is not None:
             shown = ShownRows(rows, count, None, self.alignment)
-        return replace(self.told, rows=rows, shown=shown, n_exact=count)
+        return replace(self.summary, rows=rows, shown=shown, n_exact=count)
 
 
 @dataclass(frozen=True, eq=False)
 class MeshReady:
-    """A mesh with all that the window needs to draw it.
+    """A mesh with everything that the window needs to draw it.
 
     Parameters
     ----------
@@ -64,25 +62,25 @@ class MeshReady:
     health : Health
     normals : ndarray of float32, shape (n, 3)
     path : Path, optional
-        The file it came from.
+        The file of the mesh.
     repairs : tuple of str
         Names of the repairs made since it was read, oldest first.
     known : SpectrumGrew, optional
         Eigenpairs found in the store.
     remark : str
-        A sentence for the message bar, where there is something to say.
+        A sentence for the message bar, or "".
     derived : bool
-        Whether it was made from the mesh shown before, by a repair or other voxels.
+        Whether it was made from the mesh shown before, by a repair or another voxel size.
     before : tuple of Mesh
-        What it was before each of its repairs, of one that was repaired as soon as it was read.
+        The mesh before each repair that was made while the file was read.
     source : str
-        Hash of the numbers in its file, for which repairs are made again when it is opened.
+        Hash of the numbers in its file; repairs are repeated at opening only for the same hash.
     unasked : bool
-        Whether its repairs were made again because they had been made last time.
+        Whether its repairs were repeated because they had been made last time.
     asked_unit : str
-        The unit that its file was read in; "" for what that states.
+        The unit that was given for the file; "" for the one that the file states.
     sample : ndarray of int64, optional
-        `Mesh.area_sample`, for the limits of colours.
+        `Mesh.area_sample`, for colour limits.
     """
 
     mesh: Mesh
@@ -118,10 +116,10 @@ class MapGrew:
 
 @dataclass(frozen=True)
 class Written:
-    """A file that was exported, and what there is to say of what is in it."""
+    """An exported file, with a description of its content."""
 
     path: Path
     description: str
     remark: str = ""
-    #: Whether the remark is one that a person should not miss.
+    #: Whether the remark is shown as a warning.
     warns: bool = True

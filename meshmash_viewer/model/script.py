@@ -11,8 +11,6 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import FieldRequest, request_of
 from meshmash_viewer.model.pair import MATCHED_IN, Pair
 
-__all__ = ["Exported", "reproduction_script", "script_output"]
-
 
 class Exported(NamedTuple):
     """What was exported last: of which mesh, from how many pairs, and whether with its maps."""

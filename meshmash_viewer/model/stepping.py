@@ -1,17 +1,15 @@
-"""Going one on or back in whatever is on the render."""
+"""Steps through the eigenfunctions, columns or times of the displayed family."""
 
 from __future__ import annotations
 
 from meshmash_viewer.fields.sweep import FAR
 from meshmash_viewer.model.document import Document
 
-__all__ = ["advance", "go_to_end", "go_to_start", "step"]
-
 
 def step(document: Document, steps: int) -> bool:
-    """Move on by some steps, or back by a negative number; stops at the ends.
+    """Move by a number of steps, negative for back, at most to the ends.
 
-    Says whether it moved: not at the end already, nor with nothing to step through.
+    Returns False if the position has not changed.
     """
     spectrum, display = document.known, document.display
     if spectrum is None or (display.family.needs_pairs and not len(spectrum)):
@@ -34,6 +32,6 @@ def go_to_end(document: Document) -> None:
 
 
 def advance(document: Document) -> None:
-    """One step of playing: on, and from the end to the start again."""
+    """Move one step on, and from the end to the start."""
     if not step(document, 1):
         go_to_start(document)

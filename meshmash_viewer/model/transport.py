@@ -1,8 +1,8 @@
-"""Messages between two processes: pickles on a pipe, large arrays through files beside it.
+"""Messages between two processes: pickles on a pipe, large arrays through files.
 
-Pickling an array into a pipe would copy it several times while holding the interpreter lock,
-which the person at the window would feel. Out-of-band pickling (PEP 574) hands over the bare
-memory instead; it is written to a file and read back into fresh memory with the lock released.
+Pickling an array into a pipe would copy it several times while holding the interpreter lock, which
+blocks the window. Out-of-band pickling (PEP 574) gives access to the memory instead, which is
+written to a file and read back with the lock released.
 """
 
 from __future__ import annotations
@@ -21,14 +21,12 @@ from meshmash_viewer.io.atomic import discard, persistently
 from meshmash_viewer.io.pipes import closed_pipe_errors
 from meshmash_viewer.progress import Progress
 
-__all__ = ["Channel", "Wire"]
-
 #: Arrays of at least this many bytes go through a file.
 _FILE_BYTES = 1 << 16
 
 
 class Channel(Protocol):
-    """The way from a running job to the window."""
+    """Connection from a running job to the window."""
 
     @property
     def folder(self) -> Path:
@@ -36,15 +34,15 @@ class Channel(Protocol):
         ...
 
     def report(self, progress: Progress) -> None:
-        """Say how far the work is."""
+        """Report the progress of the work."""
         ...
 
     def send(self, message: object) -> None:
-        """Hand over a part of the result (picklable)."""
+        """Send a part of the result (picklable)."""
         ...
 
     def cancelled(self) -> bool:
-        """Whether the person asked to stop."""
+        """Whether the user has cancelled."""
         ...
 
 
@@ -54,9 +52,9 @@ class Wire:
     Parameters
     ----------
     source, sink : binary file
-        Where messages come from and go to.
+        Streams that messages are read from and written to.
     folder : Path
-        Where large arrays pass through; the reader deletes each file as it takes it.
+        Folder for large arrays; the receiver deletes each file after reading it.
     """
 
     def __init__(self, source: BinaryIO, sink: BinaryIO, folder: Path) -> None:
@@ -86,7 +84,7 @@ class Wire:
             try:
                 (self._folder / name).write_bytes(raw)
             except OSError as fault:
-                # A full disk is told without saying which.
+                # the error for a full disk has no file name
                 raise OSError(fault.errno, fault.strerror, str(self._folder)) from fault
             return False
 
@@ -115,7 +113,7 @@ class Wire:
         return pickle.loads(payload, buffers=buffers)
 
     def close(self) -> None:
-        """Close both streams, which the other end reads as its end."""
+        """Close both streams; the other end then raises `EOFError`."""
         for stream in (self._sink, self._source):
             with contextlib.suppress(OSError):  # unsent bytes of a dead connection: nothing is lost
                 stream.close()
@@ -129,7 +127,7 @@ class Wire:
 
     def _take(self, name: str, size: int) -> npt.NDArray[np.uint8]:
         path = self._folder / name
-        # which lets go of the interpreter's lock
+        # releases the interpreter lock
         memory = persistently(lambda: np.fromfile(path, dtype=np.uint8))
         if len(memory) < size:
             raise EOFError(f"{path} is shorter than its {size} bytes")

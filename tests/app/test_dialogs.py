@@ -24,7 +24,7 @@ from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 from meshmash_viewer.app.dialogs.picture_dialog import PictureDialog
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.fields import EXPORTS
-from meshmash_viewer.model.jobs import ExportJob
+from meshmash_viewer.model.export import ExportJob
 
 LEFT = Qt.MouseButton.LeftButton
 CONTROL, SHIFT = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftModifier

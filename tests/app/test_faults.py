@@ -84,7 +84,7 @@ def test_what_can_be_mended_is_said_in_its_own_words() -> None:
         full.text
         == "/disk/a.npz: No space left on device; free the disk, or choose another folder."
     )
-    assert full.mendable
+    assert full.correctable
     assert "close other programs" in failure_of(raised(MemoryError())).text
 
 
@@ -94,7 +94,7 @@ def test_a_defect_is_called_one_and_has_details_to_copy() -> None:
     assert "\n" not in told.text
     assert len(told.text) < 400
     assert "Traceback" in told.details
-    assert not told.mendable
+    assert not told.correctable
 
 
 def test_what_a_listener_of_the_model_raised_is_told_as_itself() -> None:

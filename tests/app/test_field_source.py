@@ -18,7 +18,7 @@ from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures
-from meshmash_viewer.model.jobs import MeshReady
+from meshmash_viewer.model.results import MeshReady
 
 
 def show(document: Document, mesh: Mesh, n_pairs: int = 60) -> None:

@@ -19,7 +19,8 @@ from meshmash_viewer.io.stored_spectrum import Compared, StoredRows
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice
-from meshmash_viewer.model.jobs import DecomposeJob, ExportJob, InspectJob
+from meshmash_viewer.model.export import ExportJob
+from meshmash_viewer.model.jobs import DecomposeJob, InspectJob
 from meshmash_viewer.spectral.weyl import Target
 
 OPERATOR = OperatorOptions()
@@ -34,12 +35,12 @@ def opened(qapp: object, sphere: Mesh, tmp_path: Path, monkeypatch) -> Iterator[
     document, parent, said = Document(), QObject(), []
     document.noticed.connect(said.append)
     check = RowCheck(document, parent)
-    assert grew.told.stored is not None
+    assert grew.summary.stored is not None
 
     def open_mesh() -> None:
         document.accept_mesh(InspectJob(sphere).run(listener))
 
-    yield document, said, grew.told.stored.path, open_mesh, check
+    yield document, said, grew.summary.stored.path, open_mesh, check
     check.close()
 
 

@@ -16,7 +16,8 @@ from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice, Severity
-from meshmash_viewer.model.jobs import DecomposeJob, ExportJob, PreviewJob
+from meshmash_viewer.model.export import ExportJob
+from meshmash_viewer.model.jobs import DecomposeJob, PreviewJob
 from meshmash_viewer.spectral.weyl import Target
 
 _PATIENCE = 30_000

@@ -13,7 +13,7 @@ from meshmash_viewer.fields.wks import WaveKernelSignature
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.jobs import MeshReady
+from meshmash_viewer.model.results import MeshReady
 
 
 @pytest.fixture

@@ -109,7 +109,7 @@ def test_cancelling_nothing_does_nothing(worker: Worker) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "sentence", "mendable"),
+    ("kind", "sentence", "correctable"),
     [
         ("input", "The mesh is upside down: turn it over.", True),
         ("memory", "Memory ran out", True),
@@ -119,12 +119,12 @@ def test_cancelling_nothing_does_nothing(worker: Worker) -> None:
     ],
 )
 def test_failure_is_a_sentence(
-    qtbot: QtBot, worker: Worker, kind: str, sentence: str, mendable: bool
+    qtbot: QtBot, worker: Worker, kind: str, sentence: str, correctable: bool
 ) -> None:
     failure = outcome(qtbot, worker, FailingJob(kind))
     assert sentence in failure.text
     assert "\n" not in failure.text
-    assert failure.mendable is mendable
+    assert failure.correctable is correctable
     assert bool(failure.details) is (kind != "input")
 
 

@@ -51,7 +51,7 @@ from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QApplication
 from meshmash_viewer.app.run import application, run_app
 from meshmash_viewer.fields import EXPORTS
-from meshmash_viewer.model.jobs import ExportJob
+from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.spectral.weyl import Target
 
 said, done = [], set()

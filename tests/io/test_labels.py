@@ -109,7 +109,7 @@ def test_labels_in_use_are_known(name: str, kind: str, tmp_path: Path) -> None:
 
 def test_more_labels_in_use_than_colors_are_refused() -> None:
     values = np.arange(N) % (MOST_LABELS + 1)
-    with pytest.raises(InputError, match=r"513 labels in use, and 512 can be told apart"):
+    with pytest.raises(InputError, match=r"513 labels in use, and 512 can be distinguished"):
         VertexMap("parts", values, table(np.arange(2000)))
     with pytest.raises(InputError, match="no vertex with a label"):
         VertexMap("parts", values + 5000, table(np.arange(2000)))

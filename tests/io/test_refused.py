@@ -198,7 +198,7 @@ def test_a_preview_is_made_though_the_window_has_another_mapped(
     mesh = shapes.icosphere(4)
     grew = previews.open_preview(mesh, OperatorOptions(), Listener())
     assert grew is not None
-    assert len(grew.told.eigenvalues) > 40
+    assert len(grew.summary.eigenvalues) > 40
     assert old.exists() == (times == FOREVER)
 
 

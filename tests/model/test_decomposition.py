@@ -17,15 +17,15 @@ from meshmash_viewer.laplacian import OperatorOptions, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model import decomposition
 from meshmash_viewer.model.decomposition import decompose, find_known, refuse_what_cannot_fit
+from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.model.jobs import (
     DecomposeJob,
-    ExportJob,
     InspectJob,
     ReadJob,
     RepairJob,
     ScaleJob,
-    SpectrumGrew,
 )
+from meshmash_viewer.model.results import SpectrumGrew
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.weyl import Target
 
@@ -60,8 +60,8 @@ def test_pairs_are_mapped_from_the_store(sphere: Mesh, listener: Listener) -> No
 
 def test_growth_never_shows_the_null_space_alone(three_spheres: Mesh, listener: Listener) -> None:
     decompose(three_spheres, OPERATOR, Target("count", 12), listener)
-    assert all(message.told.eigenvalues.any() for message in listener.messages)
-    assert all(message.told.certificate is None for message in listener.messages)
+    assert all(message.summary.eigenvalues.any() for message in listener.messages)
+    assert all(message.summary.certificate is None for message in listener.messages)
 
 
 def test_what_is_stored_is_not_computed_again(
@@ -73,29 +73,29 @@ def test_what_is_stored_is_not_computed_again(
     known, remark = find_known(sphere, OPERATOR)
     assert known is not None
     assert not remark
-    assert known.spectrum.certificate == first.told.certificate
+    assert known.spectrum.certificate == first.summary.certificate
     fewer = decompose(sphere, OPERATOR, Target("count", 7), listener)
     assert len(fewer.spectrum) == 7
     assert fewer.spectrum.complete
-    threshold = 0.5 * (first.told.eigenvalues[8] + first.told.eigenvalues[9])
+    threshold = 0.5 * (first.summary.eigenvalues[8] + first.summary.eigenvalues[9])
     below = decompose(sphere, OPERATOR, Target("max_eigenvalue", threshold), listener)
     assert len(below.spectrum) == 9
 
 
 def test_all_below_a_threshold_are_known_to_be_all(sphere: Mesh, listener: Listener) -> None:
     first = decompose(sphere, OPERATOR, Target("count", 12), listener)
-    threshold = float(first.told.eigenvalues[8]) + 0.9 * float(
-        first.told.eigenvalues[9] - first.told.eigenvalues[8]
+    threshold = float(first.summary.eigenvalues[8]) + 0.9 * float(
+        first.summary.eigenvalues[9] - first.summary.eigenvalues[8]
     )
     below = decompose(sphere, OPERATOR, Target("max_eigenvalue", threshold), listener)
-    assert below.told.eigenvalues[-1] < below.spectrum.known_to <= first.told.eigenvalues[9]
+    assert below.summary.eigenvalues[-1] < below.spectrum.known_to <= first.summary.eigenvalues[9]
 
 
 def test_more_pairs_go_on_from_the_known_ones(sphere: Mesh, listener: Listener) -> None:
     decompose(sphere, OPERATOR, Target("count", 10), listener)
     listener.messages.clear()
     grew = decompose(sphere, OPERATOR, Target("count", 30), listener)
-    lengths = [len(message.told) for message in listener.messages]
+    lengths = [len(message.summary) for message in listener.messages]
     assert lengths == sorted(lengths)
     assert lengths[0] == 10
     assert len(grew.spectrum) == 30
@@ -109,12 +109,12 @@ def test_cancelled_run_keeps_what_converged(tmp_path: Path) -> None:
     known, remark = find_known(mesh, OPERATOR)
     assert not remark
     assert known is not None
-    assert len(known.told) >= 50
+    assert len(known.summary) >= 50
     assert not known.spectrum.complete
     listener = Listener(tmp_path)
     grew = decompose(mesh, OPERATOR, Target("count", 300), listener)
     assert grew.spectrum.complete
-    assert len(listener.messages[0].told) >= 50
+    assert len(listener.messages[0].summary) >= 50
 
 
 def test_what_a_cancelled_run_has_found_is_told_to_the_last(
@@ -126,7 +126,7 @@ def test_what_a_cancelled_run_has_found_is_told_to_the_last(
         decompose(mesh, OPERATOR, Target("count", 600), listener)
     known, _ = find_known(mesh, OPERATOR)
     assert known is not None
-    assert len(listener.messages[-1].told) == len(known.told) >= 200
+    assert len(listener.messages[-1].summary) == len(known.summary) >= 200
 
 
 def test_what_cannot_fit_is_refused_with_a_way_out(
@@ -195,13 +195,13 @@ def test_how_far_all_pairs_are_known_is_that_of_a_threshold_alone(
     decompose(sphere, OPERATOR, Target("count", 9), listener)
     known, _ = find_known(sphere, OPERATOR)
     assert known is not None
-    assert known.told.known_to == 0.0
+    assert known.summary.known_to == 0.0
     other = Mesh(2.0 * sphere.vertices, sphere.faces)
     decompose(other, OPERATOR, Target("max_eigenvalue", 1.0), listener)
     known, _ = find_known(other, OPERATOR)
     assert known is not None
-    assert known.told.known_to == 1.0
-    assert len(known.told) == 4
+    assert known.summary.known_to == 1.0
+    assert len(known.summary) == 4
 
 
 def test_without_a_cache_the_session_has_a_store(
@@ -211,8 +211,8 @@ def test_without_a_cache_the_session_has_a_store(
     monkeypatch.setenv("MESHMASH_CACHE", str(tmp_path / "file"))
     listener = Listener(tmp_path)
     grew = decompose(sphere, OPERATOR, Target("count", 8), listener)
-    assert grew.told.stored is not None
-    assert grew.told.stored.path.is_relative_to(tmp_path / "eigenpairs")
+    assert grew.summary.stored is not None
+    assert grew.summary.stored.path.is_relative_to(tmp_path / "eigenpairs")
     assert "until the window is closed" in grew.remark
     assert len(decompose(sphere, OPERATOR, Target("count", 5), listener).spectrum) == 5
     ExportJob(sphere, OPERATOR, tmp_path / "pairs.npz", Eigenfunctions(), 8).run(listener)

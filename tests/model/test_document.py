@@ -14,8 +14,9 @@ from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.document import PIN_COLORS, Document, Notice
-from meshmash_viewer.model.jobs import MeshReady
+from meshmash_viewer.model.document import Document, Notice
+from meshmash_viewer.model.pins import PIN_COLORS
+from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.spectral.weyl import Target
 
 

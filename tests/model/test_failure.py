@@ -27,7 +27,7 @@ def test_what_can_be_mended_says_how_and_has_a_defect_for_details_alone() -> Non
     memory = failure_of(raised(MemoryError))
     assert "fewer eigenpairs" in memory.text
     for failure in (wrong, full, unnamed, memory):
-        assert failure.mendable
+        assert failure.correctable
     for failure in (full, unnamed, memory):
         assert "Traceback" in failure.details
 
@@ -42,7 +42,7 @@ def test_a_defect_is_the_programs_and_brings_its_traceback(fault: Exception) -> 
         assert f"{type(fault).__name__}: " in failure.text
         assert "no such place" in failure.text
         assert "no such place" in failure.details
-        assert not failure.mendable
+        assert not failure.correctable
     assert len(failure_of(KeyError("word " * 1000)).text) < 500
 
 

@@ -18,8 +18,8 @@ from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import FEWEST_PAIRS, Shape
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
-from meshmash_viewer.model.jobs import MeshReady
 from meshmash_viewer.model.limits import LockedLimits
+from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.vertex_map import Label, VertexMap
 
 

@@ -13,9 +13,9 @@ from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.model.jobs import (
     DecomposeJob,
-    ExportJob,
     InspectJob,
     PreviewJob,
     ReadJob,
@@ -81,8 +81,8 @@ def test_each_job_looks_for_the_pairs_of_its_own_operator(
     ):
         known = job.run(listener).known
         assert known is not None
-        assert len(known.told) == 8
-        assert known.told.operator == PLAIN
+        assert len(known.summary) == 8
+        assert known.summary.operator == PLAIN
     for job in (ReadJob(file), InspectJob(sphere), RepairJob(sphere, name)):
         assert job.operator == OperatorOptions()
         assert job.run(listener).known is None

@@ -25,7 +25,7 @@ from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, LiveFeatures, compute_field, request_of
-from meshmash_viewer.model.jobs import DecomposeJob, MeshReady
+from meshmash_viewer.model.jobs import DecomposeJob
 from meshmash_viewer.model.limits import (
     LimitPolicy,
     LockedLimits,
@@ -34,6 +34,7 @@ from meshmash_viewer.model.limits import (
     SymmetricLimits,
 )
 from meshmash_viewer.model.pair import MATCHED_IN, ComparisonRequest, Pair
+from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.vertex_map import VertexMap
@@ -361,21 +362,21 @@ def test_one_colour_is_one_value_on_both(kind: str, policy: LimitPolicy | None) 
         pair.first.display.change(Eigenfunctions, index=index)
         pair.first.display.change(GeometryVectors, index=index)
         mine, other = shown(pair.first), shown(pair.second)
-        drawn, limits = pair.in_step(mine, other)
+        drawn, limits = pair.with_shared_limits(mine, other)
         power = 1 if kind == "eigenfunction" else 2
         scale = (second.area / first.area) ** (power / 2)
         np.testing.assert_allclose(drawn.values, other.values * scale, rtol=1e-5)
-        assert "area of the first mesh" in drawn.told(lines=False)
+        assert "area of the first mesh" in drawn.description(lines=False)
         each = [field.limits(policy) for field in (mine, replace(drawn, _limits={}))]
         wanted = min(low for low, _ in each), max(high for _, high in each)
         np.testing.assert_allclose(limits, wanted, rtol=1e-6)
     pair.link("colors", False)
-    assert pair.in_step(mine, other) is None
+    assert pair.with_shared_limits(mine, other) is None
 
 
 def test_a_copy_of_another_size_has_the_same_colours(pair: Pair) -> None:
     mine, other = shown(pair.first), shown(pair.second)
-    drawn, limits = pair.in_step(mine, other)
+    drawn, limits = pair.with_shared_limits(mine, other)
     np.testing.assert_allclose(limits, mine.limits(None), rtol=1e-5)
     np.testing.assert_allclose(drawn.limits(None), mine.limits(None), rtol=1e-5)
 
@@ -386,11 +387,11 @@ def test_what_is_measured_keeps_its_values_and_needs_one_unit() -> None:
     pair = solved(first, larger)
     pair.first.display.show(OwnMaps(chosen="Mean curvature"))
     mine, other = shown(pair.first), shown(pair.second)
-    drawn, limits = pair.in_step(mine, other)
+    drawn, limits = pair.with_shared_limits(mine, other)
     assert drawn is other
     assert limits == mine.limits(None)  # the curvature of the larger one is half of that
     pair.second.set_unit("µm")
-    assert pair.in_step(mine, shown(pair.second)) is None
+    assert pair.with_shared_limits(mine, shown(pair.second)) is None
 
 
 def test_a_map_of_the_second_is_looked_at_on_it() -> None:

@@ -114,6 +114,6 @@ def test_a_preview_is_worth_it_while_it_shows_more_than_what_is_known(
     assert previews.is_worthwhile(ready)
     preview = previews.open_preview(large, OPERATOR, listener)
     assert preview is not None
-    for count, worthwhile in ((10, True), (len(preview.told), False)):
+    for count, worthwhile in ((10, True), (len(preview.summary), False)):
         decompose(large, OPERATOR, Target("count", count), listener)
         assert previews.is_worthwhile(InspectJob(large).run(listener)) is worthwhile

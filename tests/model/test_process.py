@@ -58,7 +58,7 @@ def test_a_mesh_of_the_same_name_is_not_taken_for_the_one_before(wire: Wire, sph
         assert (ready.mesh.unit, ready.mesh.voxel) == (mesh.unit, mesh.voxel)
         assert ready.health.area == pytest.approx(mesh.area)
     grew = done(wire, DecomposeJob(other, OperatorOptions(), Target("count", 4)))
-    np.testing.assert_allclose(grew.told.eigenvalues[1:], 0.5, rtol=0.02)
+    np.testing.assert_allclose(grew.summary.eigenvalues[1:], 0.5, rtol=0.02)
 
 
 _CLEANS_UP = """

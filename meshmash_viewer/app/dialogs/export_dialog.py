@@ -31,7 +31,7 @@ from meshmash_viewer.health import listed_repairs
 from meshmash_viewer.io.write import EIGENPAIR_WRITERS
 from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.document import Document
-from meshmash_viewer.model.jobs import ExportJob
+from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.plug_ins import known_plug_ins
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import named_apart

@@ -10,7 +10,8 @@ from meshmash_viewer.app.controls import make
 from meshmash_viewer.app.controls.layout import column
 from meshmash_viewer.app.controls.layout import row as side_by_side
 from meshmash_viewer.app.listening import follow
-from meshmash_viewer.model.document import Document, Pin
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.pins import Pin
 
 __all__ = ["PinLegend"]
 

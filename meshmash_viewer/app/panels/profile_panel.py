@@ -22,7 +22,8 @@ from meshmash_viewer.app.plots.plot import Plot, color, hatch, marker, solid
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family, Profile
 from meshmash_viewer.fields.spectrum import Spectrum
-from meshmash_viewer.model.document import Document, Pin
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.progress import CancelCallback, Cancelled
 
 __all__ = ["ProfilePanel"]

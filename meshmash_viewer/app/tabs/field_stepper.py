@@ -18,8 +18,9 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.bank_columns import MOST_COLUMNS, BankColumns
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.spectrum import Spectrum
-from meshmash_viewer.model.document import Document, Pin
+from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
+from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.model.stepping import advance
 
 __all__ = [

@@ -245,7 +245,7 @@ class MeshRenderer:
             limits,
             colormap,
             field.title,
-            field.told(lined),
+            field.description(lined),
             field.unit,
             lines=field.line_spacing if lined else None,
         )

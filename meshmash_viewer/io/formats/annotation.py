@@ -16,8 +16,6 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.polygons import RawMap, RawMesh, maps_alone
 from meshmash_viewer.vertex_map import Label
 
-__all__ = ["freesurfer_annotation"]
-
 #: Before a table whose entries have numbers of their own; a number of entries before one without.
 _NUMBERED = -2
 

@@ -18,8 +18,6 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
 
-__all__ = ["DRACO", "INSTANCING", "Entry", "GltfFile", "scaled"]
-
 #: One object of the description, such as a node.
 Entry: TypeAlias = dict[str, Any]
 

@@ -17,20 +17,6 @@ from meshmash_viewer.io.polygons import MOST_MAPS, RawMap, RawMesh, maps_alone
 from meshmash_viewer.io.provenance import stated_unit
 from meshmash_viewer.vertex_map import Label
 
-__all__ = [
-    "FREESURFER_ENDINGS",
-    "freesurfer_label",
-    "freesurfer_values",
-    "gifti_maps",
-    "gifti_surface",
-    "is_freesurfer_patch",
-    "is_freesurfer_surface",
-    "is_freesurfer_values",
-    "mgh_maps",
-    "read_freesurfer",
-    "read_gifti",
-]
-
 #: What most surfaces are called in a FreeSurfer subject's ``surf`` folder, after "lh" or "rh";
 #: the others are known by how they begin.
 FREESURFER_ENDINGS = (

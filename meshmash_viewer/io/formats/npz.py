@@ -12,17 +12,10 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.guarded import ReadLimits, read_guarded
-from meshmash_viewer.io.polygons import (
-    MOST_MAPS,
-    RawMap,
-    RawMesh,
-    are_ascending_indices,
-    triangulate,
-)
+from meshmash_viewer.io.polygons import MOST_MAPS, RawMap, RawMesh, are_ascending_indices
 from meshmash_viewer.io.provenance import stated_structure, stated_unit
 from meshmash_viewer.mesh import IntArray
-
-__all__ = ["holds_a_mesh", "npz_maps", "npz_mesh", "read_npz"]
+from meshmash_viewer.triangulation import triangulate
 
 #: What our own exports hold for every pair, not for every vertex.
 _NOT_READ = ("eigenvalues.npy", "eigenvectors.npy", "residuals.npy")
@@ -184,5 +177,5 @@ def _opened(path: Path) -> Any:
 def _array(archive: Any, name: str) -> npt.NDArray[Any]:
     try:
         return np.asarray(archive[name])
-    except Exception as fault:  # whatever zip or the parser of a header stumbles on
+    except Exception as fault:  # raised by zip or the parser of a header
         raise InputError(f"has an array {name} that is damaged or cut short") from fault

@@ -13,12 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.polygons import NotANumber, RawMesh, parse_rows, triangulate
+from meshmash_viewer.io.polygons import NotANumber, RawMesh, parse_rows
 from meshmash_viewer.io.text import read_text
 from meshmash_viewer.mesh import FloatArray, IntArray
+from meshmash_viewer.triangulation import triangulate
 from meshmash_viewer.units import counted
-
-__all__ = ["read_obj"]
 
 BoolArray = npt.NDArray[np.bool_]
 

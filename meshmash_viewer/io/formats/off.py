@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.io.polygons import NotANumber, RawMesh, parse_rows, triangulate
+from meshmash_viewer.io.polygons import NotANumber, RawMesh, parse_rows
 from meshmash_viewer.io.text import CutShort, Element, Property, read_text, rows_of_text
-
-__all__ = ["read_off"]
+from meshmash_viewer.triangulation import triangulate
 
 #: The word, with what may be written before it, and how numbers begin after it.
 _HEADER = re.compile(rb"\s*((?:ST|C|N|4)*OFF)(?=[\s\d]|$)\s*(BINARY\b)?", re.IGNORECASE)

@@ -12,15 +12,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError, printable
 from meshmash_viewer.io.comments import names_of_properties, stated_comment
-from meshmash_viewer.io.polygons import (
-    MOST_MAPS,
-    NotANumber,
-    RawMap,
-    RawMesh,
-    parse_rows,
-    strip_triangles,
-    triangulate,
-)
+from meshmash_viewer.io.polygons import MOST_MAPS, NotANumber, RawMap, RawMesh, parse_rows
 from meshmash_viewer.io.provenance import stated_structure, stated_unit
 from meshmash_viewer.io.text import (
     Columns,
@@ -32,8 +24,7 @@ from meshmash_viewer.io.text import (
     with_newlines,
 )
 from meshmash_viewer.mesh import IntArray
-
-__all__ = ["read_ply"]
+from meshmash_viewer.triangulation import strip_triangles, triangulate
 
 _TYPES = {
     "char": "i1",

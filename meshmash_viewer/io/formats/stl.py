@@ -11,11 +11,10 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.joining import join_vertices
-from meshmash_viewer.io.polygons import NotANumber, RawMesh, parse_rows, triangulate
+from meshmash_viewer.io.polygons import NotANumber, RawMesh, parse_rows
 from meshmash_viewer.io.text import unmarked, with_newlines
 from meshmash_viewer.mesh import FloatArray, IntArray
-
-__all__ = ["read_stl"]
+from meshmash_viewer.triangulation import triangulate
 
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _HEADER_BYTES = 80

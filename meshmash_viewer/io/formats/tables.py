@@ -22,8 +22,6 @@ from meshmash_viewer.io.polygons import (
 if TYPE_CHECKING:
     import pyarrow
 
-__all__ = ["csv_maps", "parquet_maps"]
-
 #: What stands where a number is missing, besides those that pyarrow knows.
 _MISSING = ("None", "none", "NONE", "Null", "<NA>", "Nan", "nAn", "-", ".", "?", "NaT", "missing")
 #: Columns that only count the rows, as pandas calls them.

@@ -22,8 +22,6 @@ from meshmash_viewer.io.provenance import stated_structure, stated_unit
 from meshmash_viewer.io.text import unmarked
 from meshmash_viewer.triangulation import polydata_triangles
 
-__all__ = ["read_legacy_vtk", "read_vtp", "vtk_legacy_surface", "vtk_xml_surface"]
-
 #: Values that a byte of a compressed file can stand for at most; deflate shrinks 1032-fold.
 _VALUES_PER_BYTE = 260
 #: Of which VTK takes only the first each, if not asked for all.
@@ -143,8 +141,8 @@ def _from_polydata(output: Any, colors: dict[str, tuple[str, ...]] | None = None
     if output is None or output.GetPoints() is None:
         raise InputError("holds no vertices")
     vertices, triangles = polydata_triangles(output)
-    told = output.GetFieldData().GetAbstractArray("meshmash-viewer")
-    said = str(told.GetValue(0)) if told is not None and told.GetNumberOfValues() else ""
+    field = output.GetFieldData().GetAbstractArray("meshmash-viewer")
+    said = str(field.GetValue(0)) if field is not None and field.GetNumberOfValues() else ""
     maps, remarks = vtk_maps(output, colors)
     unit, structure = stated_unit(said), stated_structure(said)
     return RawMesh(vertices, triangles, unit, maps, remarks, structure)

@@ -15,8 +15,6 @@ from meshmash_viewer.errors import printable
 from meshmash_viewer.io.polygons import MOST_MAPS, RawMap
 from meshmash_viewer.vertex_map import MOST_LABELS, Label
 
-__all__ = ["colors_of_labels", "vtk_array", "vtk_maps", "with_names_apart"]
-
 #: Entries of a table of colours that VTK makes by itself: a ramp, and no colours of labels.
 _RAMP = 256
 #: Where a legacy file has an array: an attribute, or one of a FIELD.

@@ -20,7 +20,8 @@ from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.app.view.render_widget import Ring
 from meshmash_viewer.app.view.scene import displayed_surface
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.document import Document, Pin
+from meshmash_viewer.model.document import Document
+from meshmash_viewer.model.pins import Pin
 
 
 @pytest.fixture
@@ -57,7 +58,7 @@ def field(values: np.ndarray, title: str = "Eigenfunction 5") -> SimpleNamespace
     return SimpleNamespace(
         values=values.astype(np.float32),
         title=title,
-        told=lambda _lines: "λ₅ = 1 nm⁻²",
+        description=lambda _lines: "λ₅ = 1 nm⁻²",
         line_spacing=0.0,
         unit="nm⁻¹",
     )
