@@ -293,7 +293,7 @@ class Tour:
             bend(mesh, path)
             window.comparing.open(path, "nm")
             display.nodal_lines = True
-            self.wait(lambda: window.comparing.idle and window.comparing.beside is not None)
+            self.wait(lambda: window.comparing.idle and window.comparing.second_view is not None)
             self.settle()
             self.shoot("compare")
             window.comparing.end()

@@ -1,8 +1,7 @@
-"""The table of commands, which menu, toolbar, shortcuts and help all read.
+"""Table of commands, from which menus, toolbar, shortcuts and help are built.
 
-A command is data; `Actions` makes one ``QAction`` of each for a window, with the command's name as
-its ``objectName``. What it does is the method of `commands.Commands`, or of the document, that has
-its name.
+`Actions` makes one ``QAction`` of each command for a window, with the command's name as its
+``objectName``. It calls the method of that name of `commands.Commands` or of the document.
 """
 
 from __future__ import annotations
@@ -18,8 +17,6 @@ from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.keys import native_keys
 from meshmash_viewer.app.theme import Mode
 from meshmash_viewer.fields import FAMILIES
-
-__all__ = ["COMMANDS", "MENUS", "MOUSE_HELP", "Actions", "Command"]
 
 #: Menus in their order.
 MENUS = ("File", "Edit", "View", "Field", "Inspect", "Help")
@@ -42,7 +39,7 @@ MOUSE_HELP: tuple[tuple[str, str], ...] = (
 
 @dataclass(frozen=True)
 class Command:
-    """One thing that can be asked for.
+    """A command of the window.
 
     Parameters
     ----------
@@ -89,7 +86,7 @@ class Command:
     standard: QKeySequence.StandardKey | None = None
 
     def sequences(self) -> list[QKeySequence]:
-        """Keys by which it is given on this operating system."""
+        """Keys of the command on this operating system."""
         standard = [] if self.standard is None else QKeySequence.keyBindings(self.standard)
         own = [QKeySequence(text) for text in self.shortcuts]
         return [*standard, *(each for each in own if each not in standard)]
@@ -105,7 +102,7 @@ COMMANDS: tuple[Command, ...] = (
             "Open a small neuron with soma, dendrites and axon, in nm",
             does=("open_sample", "neuron")),
     Command("compare_with", "Compare with…", "File",
-            "Open a second mesh beside this one: linked views, spectra, matching vertices",
+            "Open a second mesh next to this one: linked views, spectra, matching vertices",
             ("Ctrl+Shift+D",), needs="render"),
     Command("end_comparison", "Close the second mesh", "File",
             "Leave the first mesh alone in the window", needs="second mesh"),
@@ -238,7 +235,7 @@ class Actions:
         return self._actions[name]
 
     def enable(self, there: Collection[str]) -> None:
-        """Enable what can be done with what is there."""
+        """Enable the commands whose needs are met."""
         for each in COMMANDS:
             if each.needs:
                 self._actions[each.name].setEnabled(each.needs in there)
@@ -268,7 +265,7 @@ class Actions:
         return menus
 
     def fill_toolbar(self, toolbar: QToolBar) -> None:
-        """Put on the toolbar what has a place there."""
+        """Add the commands of the toolbar."""
         for each in COMMANDS:
             if each.toolbar:
                 if each.separated and toolbar.actions():

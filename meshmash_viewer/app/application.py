@@ -1,4 +1,4 @@
-"""The application: what the desktop asks of the program, not of a window."""
+"""The application object, which handles files opened from the desktop."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ from PySide6.QtCore import QEvent
 from PySide6.QtGui import QFileOpenEvent
 from PySide6.QtWidgets import QApplication
 
-__all__ = ["Application"]
-
 
 class Application(QApplication):
-    """Opens the files that macOS hands over: double clicks, and files dropped on the Dock's icon.
+    """Opens files from macOS: double clicks, and files dropped on the icon in the Dock.
 
     They come as events while the program runs, not as arguments when it starts.
     """

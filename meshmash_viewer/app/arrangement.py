@@ -1,4 +1,4 @@
-"""Where the panels of the window are."""
+"""Layout of the panels of the window."""
 
 from __future__ import annotations
 
@@ -9,12 +9,10 @@ from PySide6.QtWidgets import QMainWindow, QTabWidget, QWidget
 
 from meshmash_viewer.app.controls.dock import Dock
 
-__all__ = ["Arrangement"]
-
 _VERSION = 3
-#: What the four tabs of the Field panel need, in logical pixels.
+#: Width of the four tabs of the Field panel, in logical pixels.
 _FIELD_WIDTH = 316
-#: Least width of a plot beside the other, before the two share one place: less than the render's.
+#: Least width of two plots side by side; below it they are tabs. Less than that of the render.
 _PLOT_WIDTH = 130
 #: Below this width of the window the two plots share one place, as tabs.
 _NARROW = 1240
@@ -74,7 +72,7 @@ class Arrangement:
         placeholder.deleteLater()
 
     def reset(self) -> None:
-        """Put the docks where they are on the first day."""
+        """Restore the default layout."""
         self._window.restoreState(self._first, _VERSION)
         self._narrow = False
         self.fit()
@@ -85,7 +83,7 @@ class Arrangement:
         self._window.resizeDocks(below, [400, 400], Qt.Orientation.Horizontal)
 
     def fit(self) -> None:
-        """Put the plots side by side, or one behind the other where there is no room."""
+        """Show the plots side by side, or as tabs if the window is narrow."""
         window, narrow = self._window, self._window.width() < _NARROW
         spectrum, profile = self.docks["spectrum"], self.docks["profile"]
         if narrow == self._narrow or any(
@@ -98,7 +96,7 @@ class Arrangement:
             window.tabifyDockWidget(spectrum, profile)
             spectrum.raise_()
         else:
-            # a tab cannot be split off: it has to leave and come back
+            # a tab cannot be split off: it has to be removed and added again
             window.removeDockWidget(profile)
             window.addDockWidget(_BOTTOM, profile)
             window.splitDockWidget(spectrum, profile, Qt.Orientation.Horizontal)
@@ -107,14 +105,14 @@ class Arrangement:
 
     @staticmethod
     def _show(dock: Dock, shown: bool) -> None:
-        """Keep Tab from coming to what is behind another panel: Qt takes that to be visible."""
+        """Exclude hidden tabs from the Tab key, as Qt considers them visible."""
         dock.widget().setEnabled(shown)
 
     def save(self) -> tuple[QByteArray, QByteArray]:
-        """Geometry and state, for the next time."""
+        """Return geometry and state, to be stored."""
         return self._window.saveGeometry(), self._window.saveState(_VERSION)
 
     def restore(self, layout: tuple[QByteArray, QByteArray]) -> None:
-        """Take geometry and state of the last time."""
+        """Restore stored geometry and state."""
         self._window.restoreGeometry(layout[0])
         self._window.restoreState(layout[1], _VERSION)

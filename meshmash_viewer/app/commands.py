@@ -1,4 +1,4 @@
-"""What the commands of the window do."""
+"""Commands of the window."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from PySide6.QtWidgets import QFileDialog, QMainWindow, QMessageBox
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import COMMANDS, Actions, Command
 from meshmash_viewer.app.arrangement import Arrangement
+from meshmash_viewer.app.background_io import BackgroundIO
 from meshmash_viewer.app.controls.focus_keys import settle_typing
-from meshmash_viewer.app.errands import Errands
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.pictures import Pictures, ask
 from meshmash_viewer.app.sessions import Restoration, store_session
@@ -35,15 +35,12 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
     from meshmash_viewer.app.view.mesh_view import MeshView
 
-__all__ = ["Commands"]
-
-
-#: What a field being typed in has a use for itself.
+#: Keys that a focused field uses itself.
 _OF_FIELDS = ("cancel", "undo")
 
 
 class Commands:
-    """What each command of the table does: the method of its name, here or of one of two others.
+    """Implements each command of the table by the method of its name, here or in a helper.
 
     The others are `pictures`, for what is taken of the render, and the document.
 
@@ -55,10 +52,10 @@ class Commands:
     settings : Settings
     actions : Actions
     arrangement : Arrangement
-    errands : Errands
-        Where files are read and written.
+    background_io : BackgroundIO
+        Reads and writes files.
     read : callable
-        Opens a mesh file, in the unit that it was given last, with files of maps.
+        Opens a mesh file in its last unit, with files of maps.
 
     Attributes
     ----------
@@ -66,7 +63,7 @@ class Commands:
     scene : MeshView, optional
         The render, once it is loaded.
     comparing : Comparing, optional
-        What opens a second mesh, likewise.
+        Opens a second mesh; set together with `scene`.
     restoration : Restoration, optional
         The session that is being opened.
     """
@@ -78,12 +75,12 @@ class Commands:
         settings: Settings,
         actions: Actions,
         arrangement: Arrangement,
-        errands: Errands,
+        background_io: BackgroundIO,
         read: Callable[..., None],
     ) -> None:
         self._window, self._document, self._settings = window, document, settings
         self._actions, self._arrangement = actions, arrangement
-        self._errands, self._read = errands, read
+        self._background_io, self._read = background_io, read
         self.comparing: Comparing | None = None
         self.restoration: Restoration | None = None
         self._export_ending = ""
@@ -95,7 +92,7 @@ class Commands:
             )
 
     def _do(self, command: Command, checked: bool) -> None:
-        # asked again: an action is disabled some milliseconds after what it needs has gone
+        # checked again, as an action is disabled with a delay of some milliseconds
         if command.needs not in self.there():
             return
         if command.name not in _OF_FIELDS and not settle_typing():
@@ -108,14 +105,14 @@ class Commands:
             act()
 
     def method(self, name: str) -> Callable[..., object]:
-        """What a command of this name calls."""
+        """Return the method of a command."""
         owners = (self, self.pictures, self._document)
         owner = next(each for each in owners if hasattr(each, name))
         found: Callable[..., object] = getattr(owner, name)
         return found
 
     def there(self) -> set[str]:
-        """What a command may need (`Command.needs`) and is there now."""
+        """Return the needs of commands (`Command.needs`) that are met now."""
         ready, spectrum = self._document.ready, self._document.spectrum
         shown = self.scene is not None and ready is not None
         some = shown and spectrum is not None and len(spectrum) > 0
@@ -124,16 +121,16 @@ class Commands:
             "mesh": ready is not None,
             "render": shown,
             "spectrum": some,
-            # approximations are for the eye
+            # previews are not exported
             "exact spectrum": some
             and spectrum is not None
             and (not spectrum.preview or spectrum.complete),
-            "second mesh": self.comparing is not None and self.comparing.beside is not None,
+            "second mesh": self.comparing is not None and self.comparing.second_view is not None,
         }
         return {name for name, known_now in known.items() if known_now}
 
     def refresh(self) -> None:
-        """Enable what can be done now, and check what is on."""
+        """Update the enabled and checked state of all actions."""
         document, display, actions = self._document, self._document.display, self._actions
         actions.enable(self.there())
         running = document.job is not None
@@ -145,7 +142,7 @@ class Commands:
         actions["similar"].setEnabled(bool(document.pins) and document.spectrum is not None)
         if display.family.sign_flipped() == display.family:
             actions["flip"].setEnabled(False)
-        # resolved on the mesh: whether a map has a sign is the map's own
+        # resolved, as the sign of a map depends on the mesh
         request = request_of(document)
         if request is not None and not request.family.signed and not request.family.contoured:
             actions["nodal_lines"].setEnabled(False)
@@ -171,33 +168,32 @@ class Commands:
         """Open a file: a session by its ending, a map of the open mesh, or a mesh."""
         self.open_paths([path])
 
-    def open_paths(self, paths: Sequence[Path], *, beside: bool = False) -> None:
-        """Open files: the first session or mesh of them, and on it all that are maps.
+    def open_paths(self, paths: Sequence[Path], *, as_second: bool = False) -> None:
+        """Open the first session or mesh among files, and add all maps among them.
 
-        `beside` says that these are for the second mesh; maps are for the first where there is
-        none.
+        With `as_second` they are for the second mesh; maps are for the first if there is none.
         """
         self._settings.folder = paths[0].parent
         maps = [path for path in paths if is_map_file(path)]
         others = [path for path in paths if path not in maps]
         if not others:
-            second = self._pair.second if beside and self._pair is not None else None
+            second = self._pair.second if as_second and self._pair is not None else None
             (second or self._document).open_maps(maps)
         elif others[0].name.endswith(SESSION_ENDING):
             self.restore_session(others[0])
-        elif beside:
-            self.open_beside(others[0], maps)
+        elif as_second:
+            self.open_second(others[0], maps)
         else:
             self._read(others[0], maps=maps)
         if len(others) > 1:
             self._say(f"Opening {others[0].name}; one mesh at a time.")
 
     def add_map(self) -> None:
-        """Let the person choose files with values per vertex of the open mesh."""
+        """Ask for files with values per vertex of the open mesh."""
         self._add_map(self._document)
 
-    def add_map_beside(self) -> None:
-        """The same for the second mesh."""
+    def add_map_to_second(self) -> None:
+        """Ask for files with values per vertex of the second mesh."""
         assert self._pair is not None
         self._add_map(self._pair.second)
 
@@ -210,32 +206,32 @@ class Commands:
             document.open_maps(paths)
 
     def open_mesh(self) -> None:
-        """Let the person choose a mesh file."""
+        """Ask for a mesh file."""
         path = self._ask_for_mesh("Open mesh")
         if path is not None:
             self.open_path(path)
 
     def compare_with(self) -> None:
-        """Let the person choose a second mesh."""
+        """Ask for a second mesh."""
         path = self._ask_for_mesh("Compare with")
         if path is not None:
             self._settings.folder = path.parent
-            self.open_beside(path)
+            self.open_second(path)
 
-    def open_beside(self, path: Path, maps: Sequence[Path] = ()) -> None:
-        """Open a second mesh, in the unit that it was given last, with files of maps."""
+    def open_second(self, path: Path, maps: Sequence[Path] = ()) -> None:
+        """Open a second mesh in its last unit, with files of maps."""
         assert self.comparing is not None
         self.comparing.open(path, maps=maps)
 
     def end_comparison(self) -> None:
-        """Leave the first mesh alone in the window."""
+        """Close the second mesh."""
         assert self.comparing is not None
         self.comparing.end()
 
     @property
     def _pair(self) -> Pair | None:
-        beside = None if self.comparing is None else self.comparing.beside
-        return None if beside is None else beside.pair
+        view = None if self.comparing is None else self.comparing.second_view
+        return None if view is None else view.pair
 
     def _ask_for_mesh(self, title: str) -> Path | None:
         # FreeSurfer surfaces have endings of many kinds
@@ -257,7 +253,7 @@ class Commands:
     # -- sessions -----------------------------------------------------------------------------
 
     def open_session(self) -> None:
-        """Let the person choose a session."""
+        """Ask for a session."""
         path, _ = QFileDialog.getOpenFileName(
             self._window,
             "Open session",
@@ -268,7 +264,7 @@ class Commands:
             self.restore_session(Path(path))
 
     def restore_session(self, path: Path) -> None:
-        """Go on from a session file."""
+        """Open a session file."""
         try:
             restoration = Restoration(self._document, path)
         except InputError as fault:
@@ -281,7 +277,7 @@ class Commands:
         restoration.begin()
 
     def look(self) -> None:
-        """Look from where the session was saved, once both mesh and render are there."""
+        """Restore the camera of the session, once both mesh and render are loaded."""
         restoration = self.restoration
         if self.scene is None or restoration is None or not restoration.done:
             return
@@ -292,12 +288,12 @@ class Commands:
             self.comparing.restore(restoration.second)
 
     def store_session(self, path: Path) -> None:
-        """Write what is on screen; `InputError` if the file cannot be written."""
+        """Write the session; raise `InputError` if the file cannot be written."""
         camera = self.scene.camera() if self.scene is not None else None
         store_session(self._document, camera or {}, path, self._pair)
 
     def save_session(self) -> None:
-        """Save what is on screen under a name that the person chooses."""
+        """Ask for a file name, and save the session."""
         if self._document.path is None:
             text = "This mesh was handed over in memory: a session needs one that is in a file."
             self._say(text, Severity.WARNING)
@@ -321,7 +317,7 @@ class Commands:
     # -- taking away --------------------------------------------------------------------------
 
     def export(self) -> None:
-        """Ask what to write, and have it written."""
+        """Ask for the export options, and start the export."""
         from meshmash_viewer.app.dialogs.export_dialog import ExportDialog
 
         folder, ending = self._settings.folder, self._export_ending
@@ -336,36 +332,36 @@ class Commands:
         self._document.export(job)
 
     def compute_in_pieces(self) -> None:
-        """Ask for feature, pieces and place, and compute."""
+        """Ask for feature, pieces and file, and start the computation."""
         from meshmash_viewer.app.dialogs.pieces_dialog import PiecesDialog
 
         dialog = PiecesDialog(self._document, self._settings.folder, self._window)
         ask(dialog, lambda: self._document.compute_in_pieces(dialog.job()))
 
     def save_shape(self, path: Path) -> None:
-        """Save the shape on the render as a mesh."""
+        """Save the displayed shape as a mesh."""
         from meshmash_viewer.app.shape_source import shape_writer
 
-        if self._document.spectrum is None:  # while the file was chosen, another mesh came
+        if self._document.spectrum is None:  # another mesh was opened meanwhile
             self._say("The shape was not saved: its mesh is not open any more.", Severity.WARNING)
             return
         self._write(path, shape_writer(self._document, path), "Shape")
 
     def save_match(self, path: Path) -> None:
-        """Save which vertex of one mesh is which of the other."""
+        """Save the match of the vertices of both meshes."""
         if (pair := self._pair) is not None:
             self._write(path, lambda: pair.write_match(path), "Match")
 
     def _write(self, path: Path, work: Callable[[], object], what: str) -> None:
         doing = f"Writing {path.name}"
-        self._errands.run(doing, work, lambda _: self._say(f"{what} written to {path}."))
+        self._background_io.run(doing, work, lambda _: self._say(f"{what} written to {path}."))
 
     def say_failed(self, failure: Failure) -> None:
-        """Say why something is not there."""
+        """Show why something is not available."""
         self._document.notify(notice_of(failure))
 
     def copy_script(self) -> None:
-        """Put a script that makes what is on screen on the clipboard."""
+        """Copy a script that reproduces the display to the clipboard."""
         script = reproduction_script(self._document, self._pair, self._exported)
         QGuiApplication.clipboard().setText(script)
         text = "Copied a Python script that makes what is on screen again"
@@ -374,7 +370,7 @@ class Commands:
         self._say(f"{text}.")
 
     def clear_cache(self) -> None:
-        """Delete what is stored, after asking."""
+        """Delete the stored eigenpairs, after a question."""
         from meshmash_viewer.io.cache import EigenpairCache
 
         cache = EigenpairCache()
@@ -401,45 +397,45 @@ class Commands:
         self.scene.reset_camera()
 
     def reset_layout(self) -> None:
-        """Put the panels back."""
+        """Restore the default layout of the panels."""
         self._arrangement.reset()
 
     def nodal_lines(self, on: bool) -> None:
-        """Draw the nodal lines, or leave them out."""
+        """Show or hide the nodal lines."""
         self._document.display.nodal_lines = on
 
     def play(self, on: bool) -> None:
-        """Step by itself, or stop."""
+        """Start or stop playing."""
         self._document.display.playing = on
 
     def show_kind(self, kind: str) -> None:
-        """Put another family of fields on the render."""
+        """Display another family of fields."""
         self._document.display.kind = kind
 
     def first(self) -> None:
-        """Go to the first of whatever is on the render."""
+        """Go to the first field of the displayed family."""
         stepping.go_to_start(self._document)
 
     def last(self) -> None:
-        """Go to the last one that has converged."""
+        """Go to the last field that has converged."""
         stepping.go_to_end(self._document)
 
     def step(self, steps: int) -> None:
-        """Go on or back in whatever is on the render."""
+        """Step on or back in the displayed family."""
         stepping.step(self._document, steps)
 
     def flip(self) -> None:
-        """Flip the sign of what is on the render, if it has one that is free."""
+        """Flip the sign of the displayed field, if that is arbitrary."""
         self._document.flip()
 
     def choose_theme(self, mode: theme.Mode) -> None:
-        """Light, dark, or as the system is; kept for the next time."""
+        """Set and store the theme: light, dark, or that of the system."""
         self._settings.theme = mode
         theme.set_mode(mode)
-        self.refresh()  # the one that is on has no off
+        self.refresh()  # a checked theme cannot be unchecked
 
     def full_screen(self, on: bool) -> None:
-        """Fill the screen, or go back to the size before."""
+        """Toggle full screen."""
         if on:
             self._window.showFullScreen()
         else:
@@ -448,7 +444,7 @@ class Commands:
     # -- inspecting ---------------------------------------------------------------------------
 
     def pin(self) -> None:
-        """Pin the vertex under the pointer, or take its pin away."""
+        """Pin the vertex under the pointer, or remove its pin."""
         scene = self.scene
         assert scene is not None
         place = scene.mapFromGlobal(QCursor.pos())
@@ -484,7 +480,7 @@ class Commands:
         ask(HelpDialog(self._window))
 
     def system_report(self) -> None:
-        """Put what a report of a fault needs to say of this machine on the clipboard."""
+        """Copy the report of the machine, for a bug report, to the clipboard."""
         from meshmash_viewer.app.view.picture import graphics
         from meshmash_viewer.model.system_report import system_report
 

@@ -1,4 +1,4 @@
-"""Where exceptions end that nobody has caught: in a sentence, with details to copy."""
+"""Handler of uncaught exceptions: a sentence in the message bar, with details to copy."""
 
 from __future__ import annotations
 
@@ -15,36 +15,29 @@ from meshmash_viewer.defects import versions
 from meshmash_viewer.model.document import Notice, Severity
 from meshmash_viewer.model.failure import Failure, failure_of
 
-__all__ = ["FaultBoundary", "notice_of"]
-
-#: Seconds in which a fault that comes again, as at every frame, is said once.
+#: Seconds in which the same fault, as at every frame, is shown once.
 _ONCE = 2.0
 
 
 def notice_of(failure: Failure) -> Notice:
-    """A failure for the message bar; its details name the versions that a report needs."""
+    """Return the notice of a failure; its details include versions for a bug report."""
     details = f"{failure.details}\n{versions()}" if failure.details else ""
     return Notice(failure.text, Severity.ERROR, details)
 
 
 class FaultBoundary(QObject):
-    """Takes the place of Python's own hooks while it is entered.
+    """Replaces Python's hooks for uncaught exceptions while it is entered.
 
-    Qt calls Python in slots, events and threads, where an exception has no caller to go to. It
-    comes here from any thread and is told in a later turn of the event loop: it may come from the
-    middle of painting what would have to tell it.
-
-    Parameters
-    ----------
-    tell : callable
-        Takes a `Notice`.
+    An exception in a slot, an event handler or a thread has no caller that catches it. It is
+    received here from any thread, and `notify` is called with a `Notice` in a later turn of the
+    event loop, as it may be raised while a widget is painted.
     """
 
     _caught = Signal(object)
 
-    def __init__(self, tell: Callable[[Notice], None]) -> None:
+    def __init__(self, notify: Callable[[Notice], None]) -> None:
         super().__init__()
-        self._tell = tell
+        self._notify = notify
         self._said: dict[str, float] = {}
         self._before: tuple[Any, ...] = ()
         self._caught.connect(self._say, Qt.ConnectionType.QueuedConnection)
@@ -52,8 +45,8 @@ class FaultBoundary(QObject):
     def __enter__(self) -> FaultBoundary:
         self._before = sys.excepthook, sys.unraisablehook, threading.excepthook
         sys.excepthook = self._take
-        sys.unraisablehook = lambda told: self._take(type(told.exc_value), told.exc_value, None)
-        threading.excepthook = lambda told: self._take(told.exc_type, told.exc_value, None)
+        sys.unraisablehook = lambda args: self._take(type(args.exc_value), args.exc_value, None)
+        threading.excepthook = lambda args: self._take(args.exc_type, args.exc_value, None)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -70,7 +63,7 @@ class FaultBoundary(QObject):
         if isinstance(fault, KeyboardInterrupt):
             self._before[0](type(fault), fault, trace)
             return
-        # Python keeps the last exception for a debugger, and with it whatever its frames hold.
+        # Python keeps the last exception for a debugger, with all objects in its frames
         sys.last_value = sys.last_traceback = None
         self._caught.emit(failure_of(fault))
 
@@ -80,4 +73,4 @@ class FaultBoundary(QObject):
             return
         self._said = {text: at for text, at in self._said.items() if now - at < _ONCE}
         self._said[failure.text] = now
-        self._tell(notice_of(failure))
+        self._notify(notice_of(failure))

@@ -1,32 +1,30 @@
-"""Computes the field on the render, off the interface thread; only the latest request counts."""
+"""Computation of the displayed field in a background thread; only the latest request counts."""
 
 from __future__ import annotations
 
 from PySide6.QtCore import QObject, QThread, QTimer, Signal
 
 from meshmash_viewer.app.latest_thread import LatestThread
-from meshmash_viewer.app.listening import first_a_frame
+from meshmash_viewer.app.listening import wait_for_frame
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.limits import LimitPolicy
 from meshmash_viewer.progress import CancelCallback
 
-__all__ = ["FieldSource"]
-
-#: Seconds without a newer request after which it is worth building tables for the last one.
+#: Seconds without a newer request after which the table for the last one is built.
 _REST = 0.15
-#: Milliseconds without a new field after which it is said that one is being computed.
+#: Milliseconds after which a field that is being computed is announced.
 _LATE = 200
 
 
 class FieldSource(QObject):
-    """Listens to a document and answers with fields.
+    """Computes the field that a document displays.
 
     `field_ready` carries each new `Field`, or None when there is nothing to show; `failed` one
-    sentence if a field cannot be computed; `awaited` the title of the one that has been chosen
-    while another is still on the render, and "" when it has come. One thread answers requests;
-    another builds the tables that make the next ones cheap, after which a draft is computed again.
+    sentence if a field cannot be computed; `awaited` the title of a field that takes long, and ""
+    when it is ready. One thread computes fields; another builds the tables that make the next ones
+    fast, after which a draft is computed again.
     """
 
     field_ready = Signal(object)
@@ -59,24 +57,24 @@ class FieldSource(QObject):
 
     @property
     def live(self) -> LiveFeatures:
-        """The tables behind cheap features."""
+        """The precomputed tables of the features."""
         return self._live
 
     @property
     def comes(self) -> bool:
-        """Whether the field that is wanted is not there yet."""
+        """Whether the requested field is not ready yet."""
         field = self._field
         return self._wanted is not None and (field is None or field.request != self._wanted)
 
     @property
     def idle(self) -> bool:
-        """Whether the field is the one wanted, and nothing is being computed."""
+        """Whether the requested field is ready, and nothing is being computed."""
         if self._answers.working or self._tables.working or self.comes:
             return False
         return self._wanted is not None or self._field is None
 
     def refresh(self) -> None:
-        """Ask for the field that the document wants now; nothing happens if it is there."""
+        """Request the field that the document displays now, unless it is requested already."""
         request = request_of(self._document)
         self._policy = self._document.display.limits
         if request == self._wanted:
@@ -92,7 +90,7 @@ class FieldSource(QObject):
         if request is not None:
             if not self._late.isActive():
                 self._late.start()
-            first_a_frame()
+            wait_for_frame()
             self._answers.ask(request)
 
     def close(self) -> None:
@@ -108,7 +106,7 @@ class FieldSource(QObject):
     def _answer(self, request: FieldRequest, _cancel: CancelCallback) -> Field | None:
         answer = compute_field(request, self._live)
         if answer is not None:
-            answer.limits(self._policy)  # known then, so that nobody waits for them
+            answer.limits(self._policy)  # cached here, off the interface thread
         return answer
 
     def _build(self, request: FieldRequest, cancel: CancelCallback) -> None:
@@ -128,8 +126,8 @@ class FieldSource(QObject):
         if not self._live.prepared(wanted):
             self._tables.ask(wanted)
         if request != wanted and shown is not None and shown.request == wanted:
-            return  # what is wanted again is still on the render
-        # What the slider has just left may be shown on the way; another kind of field would flash.
+            return  # the wanted field is still displayed
+        # an earlier position of a slider is shown meanwhile, a field of another family is not
         if answer is not None and request.family.name == wanted.family.name:
             self._field = answer
             self._come()
@@ -142,12 +140,12 @@ class FieldSource(QObject):
             self.awaited.emit(self._wanted.family.title())
 
     def _come(self) -> None:
-        """Nothing is waited for any more."""
+        """Stop announcing a field."""
         self._late.stop()
         self.awaited.emit("")
 
     def _improve(self, request: FieldRequest, fault: Exception | None) -> None:
-        """Compute the field again if it had to do without the tables that are there now."""
+        """Compute the field again if it was computed without the new table."""
         if fault is not None:
             self._take(request, fault)
             return

@@ -6,8 +6,6 @@ import re
 
 from PySide6.QtGui import QKeySequence
 
-__all__ = ["native_keys", "native_text"]
-
 #: How texts name keys, and a sequence that holds each.
 _MODIFIERS = {"Ctrl": "Ctrl+A", "Shift": "Shift+A", "Alt": "Alt+A"}
 _NAMES = {"PgDn": "PgDown", "PgUp": "PgUp", "Esc": "Esc"}

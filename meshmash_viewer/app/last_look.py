@@ -14,9 +14,7 @@ from meshmash_viewer.app.settings import Settings
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 
-__all__ = ["LastLook", "LastState"]
-
-#: What is known of each mesh file, by its path.
+#: State of each mesh file, by its path.
 Looks: TypeAlias = dict[str, dict[str, Any]]
 
 
@@ -25,9 +23,9 @@ def _key(path: Path) -> str:
 
 
 class LastState(QObject):
-    """Notes the unit and the repairs of a document's mesh file.
+    """Records the unit and the repairs of a document's mesh file.
 
-    The unit is noted once it is given by a person: until then it is what the file says.
+    The unit is recorded once the user has set it; until then it is that of the file.
     """
 
     def __init__(self, document: Document, looks: Looks, parent: QObject) -> None:
@@ -38,12 +36,12 @@ class LastState(QObject):
 
     @property
     def key(self) -> str | None:
-        """Under what the mesh file is noted; None for a mesh in memory."""
+        """Key of the mesh file; None for a mesh in memory."""
         path = self._document.path
         return None if path is None else _key(path)
 
     def keep(self, **known: Any) -> None:
-        """Note something of the mesh file."""
+        """Record state of the mesh file."""
         if self.key is not None:
             self._looks[self.key] = self._looks.pop(self.key, {}) | known  # the newest is last
 

@@ -1,4 +1,4 @@
-"""A thread for which only the latest request counts."""
+"""Background thread that works on the latest request only."""
 
 from __future__ import annotations
 
@@ -16,29 +16,27 @@ from meshmash_viewer.progress import CancelCallback, Cancelled
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
 
-__all__ = ["LatestThread"]
-
 Request = TypeVar("Request")
 
 
 class LatestThread(QThread, Generic[Request]):
-    """Works on one request at a time; a newer one takes the place of the one that waits.
+    """Works on one request at a time; a newer request replaces the waiting one.
 
     Parameters
     ----------
     work : callable
-        Called in the thread with a request, and with a function that says whether to give up; it
-        may raise `Cancelled` then. What it returns is the answer.
+        Called in the thread with a request and a cancel callback, after which it may raise
+        `Cancelled`. Returns the answer.
     take : bound method of a QObject, optional
         Called in the thread of that object, with a request and its answer, or the exception that
-        was raised instead. `answered` can be emitted with more answers on the way.
+        was raised. `answered` can be emitted with intermediate answers.
     rest : float
         Seconds that a request has to stay the latest before it is worked on.
     parent : QObject, optional
     one_core : bool
-        Whether linear algebra is to use no more than this thread: more would compete with the
-        interface's, and beside the solver's processes they make products several times slower. The
-        limit is the whole process's, which may be somebody else's: no longer than the work takes.
+        Whether linear algebra uses this thread only: more threads compete with the interface
+        thread, and make products several times slower while the solver runs. The limit applies to
+        the whole process, and is removed after each request.
     priority : QThread.Priority
     """
 
@@ -56,7 +54,7 @@ class LatestThread(QThread, Generic[Request]):
     ) -> None:
         super().__init__(parent)
         if parent is not None:
-            # a thread that runs must not be destroyed; by name it would keep whose work it does
+            # a running thread must not be destroyed; the reference is weak to avoid a cycle
             held = weakref.ref(self)
             parent.destroyed.connect(lambda: _close(held))
         if take is not None:
@@ -77,7 +75,7 @@ class LatestThread(QThread, Generic[Request]):
         return self._working
 
     def ask(self, request: Request) -> None:
-        """Take a request in the place of the one that waits; none once it is closed."""
+        """Replace the waiting request; ignored once the thread is closed."""
         with self._condition:
             if not self._closing:
                 self._next = request
@@ -85,14 +83,14 @@ class LatestThread(QThread, Generic[Request]):
                 self._condition.notify()
 
     def drop(self) -> None:
-        """Forget the request that waits, and give up the one that is worked on."""
+        """Drop the waiting request, and cancel the current one."""
         with self._condition:
             self._next = None
             self._dropped = True
             self._condition.notify()
 
     def close(self) -> None:
-        """Give up, and wait until the thread has ended."""
+        """Cancel, and wait until the thread has ended."""
         with self._condition:
             self._closing = True
             self._condition.notify()
@@ -101,7 +99,7 @@ class LatestThread(QThread, Generic[Request]):
     # -- in the thread ------------------------------------------------------------------------
 
     def stays(self, seconds: float) -> bool:
-        """Whether the request that is worked on is still the latest one some seconds later."""
+        """Wait some seconds; return whether the current request is still the latest one."""
         with self._condition:
             return not self._condition.wait_for(
                 lambda: self._next is not None or self._given_up(), seconds
@@ -113,9 +111,9 @@ class LatestThread(QThread, Generic[Request]):
             pass
 
     def _serve(self) -> bool:
-        """Work on the next request; False at the end.
+        """Work on the next request; return False at the end.
 
-        What it knows goes with it, however it ends: a request may hold a mesh, or a file open.
+        No reference to the request is kept afterwards, as it may hold a mesh or an open file.
         """
         request = self._take()
         if request is None:
@@ -126,7 +124,7 @@ class LatestThread(QThread, Generic[Request]):
                 answer = self._work(request, self._given_up)
         except Cancelled:
             return True
-        except Exception as fault:  # noqa: BLE001  whoever takes the answer says it
+        except Exception as fault:  # noqa: BLE001  passed on as the answer
             answer = fault
         self.answered.emit(request, answer)
         return True
@@ -136,7 +134,7 @@ class LatestThread(QThread, Generic[Request]):
         with self._condition:
             while not self._closing:
                 if self._next is None:
-                    latest = None  # or it would be held while nothing is asked for
+                    latest = None  # keep no reference while waiting
                     self._working = False
                     self._condition.wait()
                     continue
@@ -157,7 +155,7 @@ class LatestThread(QThread, Generic[Request]):
 
 @cache
 def _libraries() -> ThreadpoolController:
-    """Those of linear algebra, which it takes a while to look for."""
+    """Return the controller of linear algebra libraries, which is slow to make."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()

@@ -1,9 +1,9 @@
-"""How widgets follow the model: at once where they act on it, in turns where they only show it.
+"""Connections of widgets to signals of the model, called at once or deferred.
 
-To show something takes milliseconds, and one change of the model concerns many. So what has to be
-shown is only noted, once however often it is said, and done in turns of the event loop between
-which input and frames come through. While a field is on its way to the render, the turns wait for
-its frame: first the picture, then the words about it.
+An update of a widget takes milliseconds, and one change of the model concerns many widgets. Updates
+of what is only displayed are therefore queued, each once, and run in short turns of the event loop,
+between which input and frames are handled. While a new field is being drawn, the turns wait for its
+frame, so that the render is updated before labels and plots.
 """
 
 from __future__ import annotations
@@ -17,84 +17,76 @@ from typing import Any, TypeAlias
 import shiboken6
 from PySide6.QtCore import QObject, QTimer
 
-__all__ = [
-    "catch_up",
-    "first_a_frame",
-    "follow",
-    "frame_drawn",
-    "later",
-    "listen",
-    "stop_listening",
-]
-
-#: Seconds after which a turn is over; what is left comes in the next one.
+#: Seconds after which a turn ends; the remaining calls are made in the next one.
 _TURN = 0.003
-#: Milliseconds between turns. At 0, Qt would serve them only when nothing else waits at all, which
-#: may be never while slow frames are drawn.
+#: Milliseconds between turns. A timer of 0 fires only when no other event is pending, which may be
+#: never while slow frames are drawn.
 _PAUSE = 1
-#: Milliseconds that turns wait for a frame, which may not come at all.
+#: Milliseconds that turns wait for a frame at most.
 _PATIENCE = 40
 
 
 def listen(signals: Any, slot: Callable[[], None]) -> None:
-    """Call a bound method of a Qt object at once, without arguments, when the model says something.
+    """Call a bound method of a Qt object at once, without arguments, when a signal is emitted.
 
     Parameters
     ----------
     signals : psygnal signal or signal group, or a tuple of them
         For instance ``document.spectrum_changed`` or ``display.events``.
     slot : bound method
-        Held weakly; skipped once Qt has deleted its object, though Python may still know it.
+        Held weakly; not called once Qt has deleted its object.
     """
     _connect(signals, slot, _call)
 
 
 def follow(signals: Any, slot: Callable[[], None]) -> None:
-    """Like `listen`, but in one of the next turns of the event loop: for what is only shown."""
+    """Like `listen`, but call it in one of the next turns: for what is only displayed."""
     _connect(signals, slot, lambda held: _turns().note(held))
 
 
 def stop_listening(owner: QObject) -> None:
-    """Let an object, such as a window that closes, hear nothing more, nor what it is still due."""
-    for disconnect in _heard.pop(owner, ()):
+    """Disconnect all slots of an object, such as a closing window, and drop its pending calls."""
+    for disconnect in _disconnects.pop(owner, ()):
         disconnect()
     _turns().forget(owner)
 
 
 def later(slot: Callable[[], None]) -> None:
-    """Call a bound method of a Qt object in one of the next turns, once however often it is due."""
+    """Call a bound method of a Qt object in one of the next turns, once for several requests."""
     _turns().note(weakref.WeakMethod(slot))
 
 
-def first_a_frame() -> None:
-    """Let the turns wait until `frame_drawn`, though not for long."""
+def wait_for_frame() -> None:
+    """Delay the turns until `frame_drawn`, for at most 40 ms."""
     _turns().wait()
 
 
 def frame_drawn() -> None:
-    """Let the turns go on."""
+    """Resume the turns after a frame."""
     _turns().go_on()
 
 
 def catch_up() -> None:
-    """Do now what is due, for whoever looks at the widgets before the event loop gets to it."""
+    """Make all pending calls now, as tests and screenshots need."""
     _turns().finish()
 
 
 _Held: TypeAlias = "weakref.WeakMethod[Callable[[], None]]"
-#: By whom signals are heard, and what ends it.
-_heard: weakref.WeakKeyDictionary[object, list[Callable[[], None]]] = weakref.WeakKeyDictionary()
+#: By owner of the slots: functions that disconnect them.
+_disconnects: weakref.WeakKeyDictionary[object, list[Callable[[], None]]] = (
+    weakref.WeakKeyDictionary()
+)
 
 
 def _connect(signals: Any, slot: Any, act: Callable[[_Held], None]) -> None:
     held = weakref.WeakMethod(slot)
 
-    def heard() -> None:
+    def received() -> None:
         act(held)
 
     for each in signals if isinstance(signals, tuple) else (signals,):
-        each.connect(heard)
-        _heard.setdefault(slot.__self__, []).append(partial(each.disconnect, heard))
+        each.connect(received)
+        _disconnects.setdefault(slot.__self__, []).append(partial(each.disconnect, received))
 
 
 def _call(held: _Held) -> None:
@@ -104,7 +96,7 @@ def _call(held: _Held) -> None:
 
 
 class _Turns(QObject):
-    """What is due, in the order in which it was said first."""
+    """Pending calls, in the order of their first request."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -120,10 +112,10 @@ class _Turns(QObject):
 
     def wait(self) -> None:
         if self._waited:
-            return  # once between two turns: words would never come if all pictures were in a hurry
+            return  # once between two turns, so that frequent frames cannot delay them forever
         self._waiting = self._waited = True
         if self._timer.isActive():
-            self._timer.start(_PATIENCE)  # what was said already about this picture waits, too
+            self._timer.start(_PATIENCE)  # also for calls requested before
 
     def go_on(self) -> None:
         self._waiting = False
@@ -160,7 +152,7 @@ _known: _Turns | None = None
 
 
 def _turns() -> _Turns:
-    """Made when the first one follows: there is an application then."""
+    """Return the queue, made at the first use, when there is an application."""
     global _known
     if _known is None or not shiboken6.isValid(_known):
         _known = _Turns()

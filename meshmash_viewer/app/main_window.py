@@ -1,4 +1,4 @@
-"""The main window: its docks, and which part listens to which."""
+"""The main window: its docks, and the connections between its parts."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from PySide6.QtWidgets import (
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.actions import Actions
 from meshmash_viewer.app.arrangement import Arrangement
+from meshmash_viewer.app.background_io import BackgroundIO
 from meshmash_viewer.app.commands import Commands
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.field_wheel import FieldWheel
 from meshmash_viewer.app.controls.focus_keys import FocusKeys
-from meshmash_viewer.app.errands import Errands
 from meshmash_viewer.app.field_source import FieldSource
 from meshmash_viewer.app.last_look import LastLook
 from meshmash_viewer.app.listening import follow, later, listen, stop_listening
@@ -56,9 +56,7 @@ if TYPE_CHECKING:
     from meshmash_viewer.app.view.render_widget import RenderWidget
     from meshmash_viewer.model.pair import Pair
 
-__all__ = ["MainWindow"]
-
-#: What Return leaves, so that keys are commands again.
+#: Widgets that lose the focus on Return, so that keys are commands again.
 _FIELDS = (QLineEdit, QAbstractSpinBox, QComboBox, QAbstractSlider, QTabBar)
 
 
@@ -76,7 +74,7 @@ class MainWindow(QMainWindow):
         can be on the screen before their libraries are.
     """
 
-    #: The window has been closed, and what it ran has ended; it cannot be shown again.
+    #: The window has been closed, and its tasks have ended; it cannot be shown again.
     closed = Signal()
 
     def __init__(
@@ -100,8 +98,7 @@ class MainWindow(QMainWindow):
 
         self.loaded = False
         self._closed = False
-        #: Limits that the field on the render is drawn with.
-        #: The field that was drawn last, and with which limits.
+        #: The field that was drawn last, and its limits.
         self._drawn: tuple[Field, tuple[float, float]] | None = None
         self.stage = Stage()
         self.setCentralWidget(self.stage)
@@ -118,7 +115,7 @@ class MainWindow(QMainWindow):
             self.menus["View"].insertAction(self.actions_["reset_camera"], dock.toggleViewAction())
         self._build_status_bar()
         self.tasks = Tasks(self.document, self)
-        self.errands = Errands(self.document, self)
+        self.background_io = BackgroundIO(self.document, self)
         self.last_look = LastLook(self.document, self.settings, self)
         self.commands = Commands(
             self,
@@ -126,7 +123,7 @@ class MainWindow(QMainWindow):
             self.settings,
             self.actions_,
             self.arrangement,
-            self.errands,
+            self.background_io,
             self.open_mesh,
         )
         welcome = self.stage.welcome
@@ -217,7 +214,7 @@ class MainWindow(QMainWindow):
         self.pair_panel.open_requested.connect(self.commands.compare_with)
         self.pair_panel.close_requested.connect(self.commands.end_comparison)
         self.pair_panel.save_requested.connect(self.commands.save_match)
-        self.pair_panel.maps_requested.connect(self.commands.add_map_beside)
+        self.pair_panel.maps_requested.connect(self.commands.add_map_to_second)
         self.row_check = RowCheck(self.document, self)
         self.scene.vertex_clicked.connect(self.document.toggle_pin)
         self.scene.vertex_hovered.connect(self._on_hover)
@@ -271,7 +268,7 @@ class MainWindow(QMainWindow):
         deadline = QDeadlineTimer(round(1000.0 * seconds))
         while not (
             self.document.job is None
-            and self.errands.idle
+            and self.background_io.idle
             and self.field_source.idle
             and self.shape_source.idle
             and self.comparing.idle
@@ -353,7 +350,7 @@ class MainWindow(QMainWindow):
             self._show_field()
 
     def _show_field(self) -> None:
-        """Put the last field on the render, with the limits of the policy in force."""
+        """Draw the last field, with the limits of the current policy."""
         field, mesh, display = self.field_source.field, self.document.mesh, self.document.display
         if field is None or mesh is None or len(field.values) != mesh.n_vertices:
             self._drawn = None
@@ -374,7 +371,7 @@ class MainWindow(QMainWindow):
         later(self._clear_title)
 
     def _follow_second(self) -> None:
-        """Draw the field that has waited for the second mesh, or whose limits that has moved."""
+        """Draw the field if it has waited for the second mesh, or its common limits changed."""
         field = self.field_source.field
         if field is not None and self._drawn is not None:
             own, _ = field.colors(self.document.display)
@@ -382,12 +379,12 @@ class MainWindow(QMainWindow):
                 self._show_field()
 
     def _set_swing(self, field: Field | None) -> None:
-        """Let the mesh swing by this field from now on."""
+        """Set the field of the vibration."""
         self.shape_source.set_field(field)
         self.shape_panel.set_field(field)
 
     def _show_shape(self, drawn: DrawnShape) -> None:
-        """Draw the vertices where they have been computed to be."""
+        """Draw the vertices at the computed positions."""
         if self.scene.mesh is drawn.spectrum.mesh:
             self.scene.set_shape(drawn.points, drawn.normals, rests=drawn.rests)
             self.shape_panel.show_shape(drawn)
@@ -404,7 +401,7 @@ class MainWindow(QMainWindow):
 
     def _on_hover(self, vertex: int) -> None:
         ready = self.document.ready
-        # a mesh that is about to go may still be pointed at
+        # the vertex may be of the previous mesh
         if ready is None or not 0 <= vertex < ready.mesh.n_vertices:
             self.hover_label.setText(self._mesh_summary())
             return
@@ -424,7 +421,7 @@ class MainWindow(QMainWindow):
         self.hover_label.setText("  ·  ".join(parts))
 
     def _point_at_pin(self, vertex: int) -> None:
-        """Bring the pin forward whose disc is under the pointer, if there is one."""
+        """Highlight the pin whose disc is under the pointer, if there is one."""
         place = self.scene.display_point
         near = [
             pin.vertex
@@ -444,7 +441,7 @@ class MainWindow(QMainWindow):
         )
 
     def _on_job_changed(self) -> None:
-        """Remember how fast this machine solves, and follow what may be done now."""
+        """Store the speed of the solver, and update the welcome page."""
         state = self.document.job
         if state is None and self.document.seconds_rate is not None:
             self.settings.seconds_rate = self.document.seconds_rate
@@ -463,7 +460,7 @@ class MainWindow(QMainWindow):
             self.comparing.set_theme()
 
     def say_refusal(self, sentence: str) -> None:
-        """Say why a field refuses what was typed, or that no longer; see `spin.show_refusal`."""
+        """Show or remove the reason why a field rejects its text; see `spin.show_refusal`."""
         bar = self.stage.message_bar
         if sentence:
             self._refusal = Notice(sentence, Severity.WARNING)
@@ -474,9 +471,9 @@ class MainWindow(QMainWindow):
     # -- events -------------------------------------------------------------------------------
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Let keys be commands again once a field has taken what was typed.
+        """Make keys commands again once a field has accepted its text.
 
-        Fields pass Return on when they have taken it; what they refuse stays to be mended.
+        Fields pass Return on when they have accepted it; rejected text stays to be corrected.
         """
         field = QApplication.focusWidget()
         if isinstance(field, _FIELDS) and event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
@@ -503,13 +500,13 @@ class MainWindow(QMainWindow):
         self.arrangement.fit()
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
-        """Take files."""
+        """Accept dragged files."""
         if any(url.isLocalFile() for url in event.mimeData().urls()):
             event.acceptProposedAction()
             self.stage.welcome.set_dropping(True)
 
     def dragLeaveEvent(self, event: QDragLeaveEvent) -> None:
-        """Nothing is dropped after all."""
+        """End a drag without a drop."""
         self.stage.welcome.set_dropping(False)
 
     def dropEvent(self, event: QDropEvent) -> None:
@@ -519,20 +516,20 @@ class MainWindow(QMainWindow):
         if paths:
             event.acceptProposedAction()
             place = event.position().toPoint()
-            self.commands.open_paths(paths, beside=self._is_beside(place))
+            self.commands.open_paths(paths, as_second=self._is_second_half(place))
 
-    def _is_beside(self, place: QPoint) -> bool:
-        """Whether it is the half of the second mesh, be there one or not."""
+    def _is_second_half(self, place: QPoint) -> bool:
+        """Whether a position is in the half of the second mesh, also while there is none."""
         if not self.loaded or self.document.ready is None:
             return False
-        if self.comparing.beside is not None:
-            there = self.comparing.beside
-            return there.rect().contains(there.mapFrom(self, place))
+        if self.comparing.second_view is not None:
+            view = self.comparing.second_view
+            return view.rect().contains(view.mapFrom(self, place))
         at = self.stage.mapFrom(self, place)
         return self.stage.rect().contains(at) and at.x() > self.stage.rect().center().x()
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Stop what runs, leave no process and no temporary file, and forget nothing."""
+        """Store the settings, stop all tasks, and delete temporary files."""
         if not self._closed:
             self._closed = True
             self.settings.layout = self.arrangement.save()
@@ -545,7 +542,7 @@ class MainWindow(QMainWindow):
             self._focus_keys.stop()
             self.commands.pictures.close()
             self.tasks.close()
-            self.errands.close()
+            self.background_io.close()
             if self.loaded:
                 self.comparing.end()
                 self.field_source.close()

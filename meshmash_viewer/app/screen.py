@@ -19,8 +19,6 @@ from PySide6.QtGui import QGuiApplication, QOffscreenSurface, QOpenGLContext
 
 from meshmash_viewer.errors import InputError
 
-__all__ = ["check_opengl", "has_opengl", "open_display"]
-
 #: Platforms of Qt on Linux whose windows can have OpenGL.
 _DRAWN = ("xcb", "wayland", "wayland-egl", "wayland-brcm", "eglfs")
 #: The oldest version that VTK draws with.

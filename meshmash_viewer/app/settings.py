@@ -1,4 +1,4 @@
-"""What the window remembers from one run to the next."""
+"""Settings of the window, stored between runs."""
 
 from __future__ import annotations
 
@@ -11,14 +11,12 @@ from PySide6.QtCore import QByteArray, QSettings
 
 from meshmash_viewer.app.theme import Mode
 
-__all__ = ["Settings"]
-
 _RECENT_KEPT = 10
 _LOOKS_KEPT = 50
 
 
 class Settings:
-    """Recent files, what was looked at in them, theme, layout and the speed of the last solve.
+    """Recent files with their last display, theme, layout and the speed of the last solve.
 
     Parameters
     ----------
@@ -34,9 +32,9 @@ class Settings:
 
     @property
     def recent(self) -> list[Path]:
-        """Mesh files opened before that are still there, newest first."""
+        """Recently opened mesh files that still exist, newest first."""
         stored = self._get("recent")
-        # one string comes back as a string, not as a list of one
+        # Qt returns a list of one string as a string
         texts = [stored] if isinstance(stored, str) else stored or []
         return [path for path in map(Path, texts) if path.exists()]
 
@@ -48,7 +46,7 @@ class Settings:
 
     @property
     def looks(self) -> dict[str, dict[str, Any]]:
-        """What was on the render of each mesh file last (`LastLook`), the newest at the end."""
+        """The last display of each mesh file (`LastLook`), the newest at the end."""
         try:
             stored = json.loads(str(self._get("looks") or "{}"))
         except ValueError:
@@ -62,7 +60,7 @@ class Settings:
 
     @property
     def folder(self) -> Path:
-        """Where the last file was opened or saved."""
+        """Folder in which the last file was opened or saved."""
         folder = Path(str(self._get("folder") or Path.home()))
         return folder if folder.is_dir() else Path.home()
 
@@ -82,7 +80,7 @@ class Settings:
 
     @property
     def seconds_rate(self) -> float | None:
-        """Seconds a vertex and pair of the last solve on this machine."""
+        """Seconds per vertex and pair of the last solve on this machine."""
         try:
             rate = float(str(self._get("seconds_rate")))
         except ValueError:

@@ -1,4 +1,4 @@
-"""Runs what the document asks for, and tells it what comes back."""
+"""Runs the jobs that a document requests, and passes their results to it."""
 
 from __future__ import annotations
 
@@ -17,8 +17,6 @@ from meshmash_viewer.model.previews import is_worthwhile
 from meshmash_viewer.model.results import MapGrew, MeshReady, SpectrumGrew, Written
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.units import counted
-
-__all__ = ["Tasks"]
 
 
 class Tasks(QObject):
@@ -47,20 +45,20 @@ class Tasks(QObject):
 
     @property
     def worker(self) -> Worker:
-        """What runs the jobs."""
+        """The worker that runs the jobs."""
         return self._worker
 
     @property
     def job(self) -> Job | None:
-        """The job that runs."""
+        """The running job."""
         return self._job
 
     def run(self, job: Job) -> None:
-        """Run a job now, or as soon as the one before it has ended."""
+        """Run a job now, or after the running one."""
         if self._job is None:
             self._start(job)
         elif isinstance(job, DecomposeJob) and isinstance(self._job, PreviewJob):
-            # within seconds, and the preview is of use to it; asked for twice, it runs once
+            # the preview ends within seconds and is used; two requests for one job run it once
             self._queue = [other for other in self._queue if not isinstance(other, DecomposeJob)]
             self._queue.insert(0, job)
         elif isinstance(job, ExportJob) or isinstance(self._job, ExportJob):
@@ -75,7 +73,7 @@ class Tasks(QObject):
             self._worker.cancel()
 
     def cancel(self) -> None:
-        """Stop the running job, and forget those that wait."""
+        """Cancel the running job, and drop the waiting ones."""
         self._queue.clear()
         self._worker.cancel()
 
@@ -106,7 +104,7 @@ class Tasks(QObject):
             self._worker.cancel()
 
     def _is_shown(self, mesh: Mesh) -> bool:
-        """Whether it is the document's mesh, be it that its unit has been corrected since."""
+        """Whether it is the document's mesh, possibly in another unit."""
         shown = self._document.mesh
         return shown is not None and shown.vertices is mesh.vertices and shown.faces is mesh.faces
 

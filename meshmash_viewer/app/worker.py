@@ -1,4 +1,4 @@
-"""Runs jobs in a process of their own, so that nothing heavy ever holds up the window."""
+"""Runs jobs in a child process, so that the window stays responsive."""
 
 from __future__ import annotations
 
@@ -22,22 +22,19 @@ from meshmash_viewer.model.process import child_command, child_environment, end_
 from meshmash_viewer.model.results import MeshReady, SpectrumGrew
 from meshmash_viewer.model.transport import Wire
 
-__all__ = ["Worker"]
-
-#: Time that a cancelled job has to stop by itself, in milliseconds.
+#: Milliseconds after which the process of a cancelled job is killed.
 _CANCEL_PATIENCE = 1000
-#: Seconds that the processes of a job have to delete their temporary files on closing.
+#: Seconds that the processes of a job have to delete their temporary files at closing.
 _CLOSE_PATIENCE = 3.0
-#: Messages of the process, which are signals of the worker, that end a job.
+#: Messages of the process (and signals of the worker) that end a job.
 _ENDS = ("finished", "failed", "cancelled")
 
 
 class Worker(QObject):
-    """One job at a time, in a warm process; every signal but `started` comes when it has passed.
+    """Runs one job at a time in a child process that is kept running.
 
-    A job ends with exactly one of `finished`, `failed` and `cancelled`, after which the next can
-    be submitted.  Arrays are written and read by a thread of the worker, never by the caller's:
-    the only place that blocks.
+    A job ends with exactly one of the signals `finished`, `failed` and `cancelled`, after which the
+    next can be submitted. A thread of the worker reads and writes arrays, so that no method blocks.
     """
 
     started = Signal(object)
@@ -69,13 +66,13 @@ class Worker(QObject):
 
     @property
     def process_id(self) -> int | None:
-        """Id of the process that does the work; None between two of them."""
+        """Id of the child process; None while there is none."""
         process = self._process
         return process.pid if process is not None else None
 
     @property
     def folder(self) -> Path:
-        """Where arrays pass through; gone after `close`."""
+        """Folder through which arrays are exchanged; removed by `close`."""
         return self._folder
 
     def submit(self, job: Job) -> None:
@@ -84,19 +81,19 @@ class Worker(QObject):
         Raises
         ------
         RuntimeError
-            If one runs already, or the worker is closed.
+            If a job runs already, or the worker is closed.
         """
         if self.busy or self._closing:
             raise RuntimeError("the worker is busy or closed")
         self._number = next(self._numbers)
-        # here and not where the job starts: it may be cancelled before its turn comes
+        # here and not where the job starts, as it may be cancelled before
         with self._lock:
             self._stop_asked = False
         self.started.emit(job)
         self._orders.put(job)
 
     def cancel(self) -> None:
-        """Ask the running job to stop, and end its process if it has not after a second."""
+        """Ask the running job to stop, and kill its process after a second."""
         if not self.busy:
             return
         number = self._number
@@ -104,12 +101,12 @@ class Worker(QObject):
             self._stop_asked = True
             wire = self._wire
         if wire is not None:
-            with contextlib.suppress(OSError, ValueError):  # the process has just ended: as wished
+            with contextlib.suppress(OSError, ValueError):  # the process has just ended
                 wire.send(("stop", None))
         QTimer.singleShot(_CANCEL_PATIENCE, self, lambda: self._insist(number))
 
     def close(self) -> None:
-        """Stop whatever runs and wait until its processes and files are gone."""
+        """Stop the running job, and wait until its processes have ended and files are deleted."""
         with self._lock:
             self._closing = True
         self._orders.put(None)
@@ -132,7 +129,7 @@ class Worker(QObject):
     # -- in the thread ------------------------------------------------------------------------
 
     def _serve(self) -> None:
-        """Keep a process warm, give it one job after the other."""
+        """Start a process, and give it one job after the other."""
         try:
             with contextlib.suppress(OSError):  # the first job tries again, and says why
                 self._start_process()
@@ -144,7 +141,7 @@ class Worker(QObject):
             self._drop_process(patience=_CLOSE_PATIENCE)
 
     def _run(self, job: Job, *, again: bool = True) -> None:
-        heard = False
+        received = False
         with self._lock:
             stop_asked = self._stop_asked
         if stop_asked:
@@ -157,15 +154,15 @@ class Worker(QObject):
             if self._wire is None:
                 raise EOFError
             self._wire.send(("run", job))
-            if self._stop_asked:  # the process heard of it before it had the job
+            if self._stop_asked:  # sent to the process before the job was
                 self._wire.send(("stop", None))
             while True:
                 kind, message = cast(tuple[str, object], self._wire.receive())
-                heard = True
+                received = True
                 if isinstance(message, SpectrumGrew):
-                    _ = message.spectrum  # opens its file here, not where it is looked at
+                    _ = message.spectrum  # opens its file in this thread
                 elif isinstance(message, MeshReady):
-                    geometry_of(message.mesh)  # made here, so that the window only takes it
+                    geometry_of(message.mesh)  # cached here, off the interface thread
                     if message.known is not None:
                         _ = message.known.spectrum
                 getattr(self, kind).emit(message)
@@ -174,8 +171,8 @@ class Worker(QObject):
         except (EOFError, BrokenPipeError):
             with self._lock:
                 wanted = not (self._stop_asked or self._closing)
-            if again and wanted and not heard:
-                # it died while it was idle, too recently for the system to say so
+            if again and wanted and not received:
+                # it ended while idle, which `poll` has not reported yet
                 self._drop_process()
                 self._run(job, again=False)
                 return
@@ -183,12 +180,12 @@ class Worker(QObject):
         except OSError as error:
             text = f"{job.label} stopped: {error.strerror or error}."
             self.failed.emit(Failure(text, repr(error), correctable=True))
-        except Exception as error:  # noqa: BLE001  a defect must not end the thread in silence
+        except Exception as error:  # noqa: BLE001  a defect must not end the thread silently
             self._drop_process()
             self.failed.emit(failure_of(error, job.label))
 
     def _report_end(self, job: Job) -> None:
-        """Say why the process has gone, and warm up another one."""
+        """Report why the process has ended, and start another one."""
         process, folder = self._process, self.folder
         code = process.wait() if process is not None else 0
         details = _tail(folder / "stderr.txt")
@@ -207,7 +204,7 @@ class Worker(QObject):
         with self._lock:
             if self._closing:
                 return
-            # Messages of libraries must not end up in the terminal of the window.
+            # messages of libraries must not be printed in the terminal of the window
             with open(self.folder / "stderr.txt", "wb") as errors:
                 self._process = subprocess.Popen(
                     child_command(self.folder),
@@ -234,7 +231,7 @@ class Worker(QObject):
 
 
 def _crash(job: Job, code: int, details: str) -> Failure:
-    """A sentence about a process that ended without a word."""
+    """Describe the end of a process that sent no message."""
     if code == -9:
         text = (
             f"{job.label} was stopped by the system, most likely because memory ran out: "
@@ -250,7 +247,7 @@ def _crash(job: Job, code: int, details: str) -> Failure:
 
 
 def _warm_up() -> None:
-    """Import here what the interface thread would otherwise have to wait for."""
+    """Import modules in this thread, so that the interface thread need not wait for them."""
     from meshmash_viewer.features.filters import bspline_bank
     from meshmash_viewer.model.cost import decomposition_bytes
 

@@ -1,4 +1,4 @@
-"""What a report of a fault needs to say of the machine, as text to paste."""
+"""Report of the machine and its packages, as text for a bug report."""
 
 from __future__ import annotations
 
@@ -6,15 +6,13 @@ from contextlib import suppress
 from importlib import metadata
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.fields import FAMILIES  # noqa: F401  whose plug-ins are told
+from meshmash_viewer.fields import FAMILIES  # noqa: F401  loads their plug-ins
 from meshmash_viewer.io import read, writers  # noqa: F401
 from meshmash_viewer.io.cache import EigenpairCache
 from meshmash_viewer.model import cost
 from meshmash_viewer.plug_ins import known_plug_ins
 
-__all__ = ["system_report"]
-
-#: Whose versions are told, where they are installed.
+#: Packages whose versions are listed.
 _PACKAGES = (
     "meshmash-viewer",
     *("numpy", "scipy", "numba", "robust_laplacian", "pymetis", "trimesh", "nibabel", "pyarrow"),
@@ -23,7 +21,7 @@ _PACKAGES = (
 
 
 def system_report(graphics: str) -> str:
-    """Versions, memory, cores, graphics, and what the store of eigenpairs holds.
+    """Describe versions, memory, cores, graphics and the store of eigenpairs.
 
     Parameters
     ----------

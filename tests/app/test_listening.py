@@ -10,12 +10,12 @@ from pytestqt.qtbot import QtBot
 from meshmash_viewer.app import listening
 from meshmash_viewer.app.listening import (
     catch_up,
-    first_a_frame,
     follow,
     frame_drawn,
     later,
     listen,
     stop_listening,
+    wait_for_frame,
 )
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.model.document import Document
@@ -91,7 +91,7 @@ def words(calls: list[str], monkeypatch: pytest.MonkeyPatch) -> Follower:
 def test_words_wait_for_the_picture(
     qtbot: QtBot, calls: list[str], words: Follower, just_before: bool
 ) -> None:
-    steps = [first_a_frame, lambda: later(words.show)]
+    steps = [wait_for_frame, lambda: later(words.show)]
     for step in reversed(steps) if just_before else steps:
         step()
     qtbot.wait(20)
@@ -103,10 +103,10 @@ def test_words_wait_for_the_picture(
 def test_words_about_the_last_picture_come_though_the_next_is_in_a_hurry(
     qtbot: QtBot, calls: list[str], words: Follower
 ) -> None:
-    first_a_frame()
+    wait_for_frame()
     later(words.show)
     frame_drawn()
-    first_a_frame()
+    wait_for_frame()
     qtbot.waitUntil(lambda: calls == ["words"])
 
 
@@ -114,7 +114,7 @@ def test_a_frame_that_does_not_come_is_not_waited_for_forever(
     qtbot: QtBot, calls: list[str]
 ) -> None:
     words = Follower(calls, "words")
-    first_a_frame()
+    wait_for_frame()
     later(words.show)
     qtbot.waitUntil(lambda: calls == ["words"])
 

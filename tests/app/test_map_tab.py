@@ -53,7 +53,7 @@ def drop(window: MainWindow, *paths: Path) -> None:
 
 
 def rest(window: MainWindow) -> None:
-    wait_for(lambda: window.document.job is None and window.errands.idle)
+    wait_for(lambda: window.document.job is None and window.background_io.idle)
     wait_for(lambda: window.field_source.idle and not window.field_source.field.draft)
 
 
@@ -292,7 +292,7 @@ def test_a_session_keeps_the_maps_and_the_choice(
         (tmp_path / name).write_bytes((folder / name).read_bytes())
     first = open_window()
     drop(first, *(tmp_path / name for name in ("ball.npz", "lh.thickness", "more.npz")))
-    wait_for(lambda: first.document.mesh is not None and first.errands.idle)
+    wait_for(lambda: first.document.mesh is not None and first.background_io.idle)
     first.document.display.show(OwnMaps(chosen="lh.thickness", pairs=9))
     session = tmp_path / "look.meshmash.json"
     first.commands.store_session(session)

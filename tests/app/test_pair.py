@@ -19,10 +19,10 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QCheckBox, QComboBox, QFileDialog, QLabel, QPushButton, QWidget
 
 import meshmash_viewer as mv
-from meshmash_viewer.app.beside import Beside
 from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
+from meshmash_viewer.app.second_view import SecondView
 from meshmash_viewer.app.view.mesh_view import MeshView
 from meshmash_viewer.app.view.scene import displayed_surface
 from meshmash_viewer.features.comparison import Comparison, compare_shapes, unit_area_spectrum
@@ -136,14 +136,14 @@ def window(one_window: MainWindow) -> Iterator[MainWindow]:
     rest(one_window)
 
 
-def beside(window: MainWindow, path: Path, monkeypatch: pytest.MonkeyPatch) -> Beside:
+def beside(window: MainWindow, path: Path, monkeypatch: pytest.MonkeyPatch) -> SecondView:
     """Open a second mesh as a person does."""
     monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(path), ""))
     window.actions_["compare_with"].trigger()
-    assert window.comparing.beside is not None
-    wait_for(lambda: window.comparing.beside.pair.comparison is not None)
+    assert window.comparing.second_view is not None
+    wait_for(lambda: window.comparing.second_view.pair.comparison is not None)
     rest(window)
-    return window.comparing.beside
+    return window.comparing.second_view
 
 
 @pytest.mark.parametrize(("name", "mesh"), [("other", OTHER), ("strange", STRANGE)])
@@ -167,7 +167,7 @@ def test_figures_are_the_librarys(
     assert "complete" in text(window, "second_label")
 
 
-def bars(window: MainWindow, opened: Beside) -> list[tuple[float, float]]:
+def bars(window: MainWindow, opened: SecondView) -> list[tuple[float, float]]:
     """What both colour bars say."""
     scenes = (window.scene, opened.scene)
     return [tuple(displayed_surface(scene.renderer).user_dict["limits"]) for scene in scenes]
@@ -360,11 +360,11 @@ def drop(window: MainWindow, *paths: Path, share: float = 0.75) -> None:
 
 def test_a_mesh_dropped_on_the_right_half_is_the_second(window: MainWindow, folder: Path) -> None:
     drop(window, folder / "other.npz")
-    wait_for(lambda: window.comparing.beside is not None)
-    wait_for(lambda: window.comparing.beside.pair.comparison is not None)
+    wait_for(lambda: window.comparing.second_view is not None)
+    wait_for(lambda: window.comparing.second_view.pair.comparison is not None)
     assert window.document.path == folder / "first.npz"
     QTest.mouseClick(part(window, QPushButton, "pair_close_button"), LEFT)
-    assert window.comparing.beside is None
+    assert window.comparing.second_view is None
     rest(window)
     assert window.document.mesh is not None
 
@@ -394,12 +394,12 @@ def test_the_second_is_repaired_by_a_click_which_can_be_undone(
     window.commands.store_session(path)
     window.comparing.end()
     window.commands.restore_session(path)
-    wait_for(lambda: window.comparing.beside is not None)
-    wait_for(lambda: bool(window.comparing.beside.document.repairs))
+    wait_for(lambda: window.comparing.second_view is not None)
+    wait_for(lambda: bool(window.comparing.second_view.document.repairs))
     rest(window)
-    document = window.comparing.beside.document
+    document = window.comparing.second_view.document
     assert [each.name for each in document.mesh.maps] == ["height.npy"]
-    script = reproduction_script(window.document, window.comparing.beside.pair)
+    script = reproduction_script(window.document, window.comparing.second_view.pair)
     made: dict[str, Any] = {}
     monkeypatch.chdir(tmp_path)
     exec(script, made)
@@ -474,9 +474,9 @@ def test_a_session_and_a_script_have_both(
     window.commands.store_session(path)
     window.comparing.end()
     window.commands.restore_session(path)
-    wait_for(lambda: window.comparing.beside is not None)
+    wait_for(lambda: window.comparing.second_view is not None)
     rest(window)
-    again = window.comparing.beside
+    again = window.comparing.second_view
     assert again.document.path == folder / "other.npz"
     assert again.pair.links == {"camera", "kind", "colors"}
     assert again.pair.comparison.distance == pytest.approx(wanted.distance, rel=1e-6)
@@ -487,7 +487,7 @@ def test_a_closed_second_mesh_is_let_go(
 ) -> None:
     held = weakref.ref(beside(window, folder / "other.npz", monkeypatch).document)
     window.actions_["end_comparison"].trigger()
-    assert window.comparing.beside is None
+    assert window.comparing.second_view is None
 
     def let_go() -> bool:
         gc.collect()
@@ -510,5 +510,5 @@ def test_what_cannot_be_compared_costs_a_sentence(
     wait_for(lambda: bar.notice is not None and said in bar.notice.text)
     assert "Traceback" not in bar.notice.text
     if name.startswith("broken"):
-        wait_for(lambda: window.comparing.beside is None)
+        wait_for(lambda: window.comparing.second_view is None)
     assert window.field_source.field is shown

@@ -235,8 +235,8 @@ def test_the_second_mesh_is_repaired_as_it_was(
     read(qtbot, window, save(shapes.icosphere(2), tmp_path / "ball.npz"))
 
     def second() -> MainWindow:
-        window.commands.open_beside(path)
-        beside = window.comparing.beside
+        window.commands.open_second(path)
+        beside = window.comparing.second_view
         qtbot.waitUntil(lambda: beside.document.path == path, timeout=PATIENCE)
         qtbot.waitUntil(lambda: beside.document.job is None, timeout=PATIENCE)
         return beside

@@ -27,9 +27,7 @@ from meshmash_viewer.model.limits import (
     SymmetricLimits,
 )
 
-__all__ = ["ColorSection"]
-
-#: How the two ends are decided, and what that is called; by None they follow the field.
+#: Policies of the limits with their labels; None for `automatic_limits`.
 _POLICIES: dict[str, tuple[type[Any], str]] = {
     "automatic": (NoneType, "Automatic"),
     "symmetric": (SymmetricLimits, "Symmetric about 0"),
@@ -82,9 +80,9 @@ def swatch_icon(name: str, width: int = 56, height: int = 12) -> QIcon:
 
 
 class ColorSection(QWidget):
-    """What colours mean: the map, who decides its two ends, and what they are now.
+    """Colour map, policy of its limits, and the current limits.
 
-    Whoever types an end locks both: they then stay when the field changes.
+    Typing one end locks both, which then stay when the field changes.
     """
 
     def __init__(self, document: Document) -> None:
@@ -177,7 +175,7 @@ class ColorSection(QWidget):
     # -- from the model ---------------------------------------------------------------------
 
     def set_field(self, field: Field | None, limits: tuple[float, float] | None) -> None:
-        """Show the limits in force for the field that has arrived; None while there is none."""
+        """Show the limits of the displayed field; None while there is none."""
         self._signed = None if field is None else field.signed
         self._unit = "" if field is None else field.unit
         self._labelled = field is not None and bool(field.labels)
@@ -214,7 +212,7 @@ class ColorSection(QWidget):
             show_quietly(self.percent_high, policy.high)
         elif isinstance(policy, LockedLimits):
             limits = policy.low, policy.high
-        if self._labelled:  # which bring their colours, and have no limits
+        if self._labelled:  # labels have their own colours, and no limits
             limits = None
         for control in (self.map_combo, self.policy_combo, self.percentiles):
             control.setEnabled(not self._labelled)

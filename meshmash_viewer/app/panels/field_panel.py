@@ -1,4 +1,4 @@
-"""The Field panel: which field is on the render, its controls, and its colours."""
+"""The Field panel: the displayed field, its controls, and its colours."""
 
 from __future__ import annotations
 
@@ -25,8 +25,6 @@ from meshmash_viewer.app.tabs.field_stepper import Player
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
-
-__all__ = ["FamilyList", "FieldPanel"]
 
 #: Families side by side, and the height of their lines in pixels.
 _COLUMNS, _LINE = 2, 28
@@ -68,7 +66,7 @@ class FamilyList(QListWidget):
 
 
 class FieldPanel(QWidget):
-    """The families of fields; to choose one shows its controls and puts it on the render."""
+    """The families of fields; choosing one shows its controls and displays it."""
 
     def __init__(self, document: Document) -> None:
         super().__init__()
@@ -99,7 +97,7 @@ class FieldPanel(QWidget):
         self._refresh_use()
 
     def set_field(self, field: Field | None, limits: tuple[float, float] | None) -> None:
-        """Show the limits of the field that has arrived on the render, and what it tells."""
+        """Show the limits of the displayed field, and its description."""
         self._shown = field, limits
         later(self._tell)
 

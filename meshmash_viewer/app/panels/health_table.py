@@ -1,4 +1,4 @@
-"""What is wrong with the mesh, each with the one click that mends it."""
+"""Table of the faults of a mesh, each with a button that repairs it."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from meshmash_viewer.app.controls.layout import Part, grid, row
 from meshmash_viewer.app.listening import follow
 from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.model.document import Document
-
-__all__ = ["HealthTable"]
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,7 @@ _ROWS = (
 
 
 class HealthTable(QWidget):
-    """One row a count: a mark, what it is, how many, and its repair.
+    """One row per count: a mark, its name, the number, and its repair.
 
     `second` says that it is that of the second mesh, and is named so.
     """
@@ -128,7 +126,7 @@ class HealthTable(QWidget):
         return button
 
     def refresh(self) -> None:
-        """Show the open mesh's counts."""
+        """Show the counts of the open mesh."""
         ready, colors = self._document.ready, theme.palette()
         for each in _ROWS:
             mark, count = self._marks[each.attribute], self._counts[each.attribute]

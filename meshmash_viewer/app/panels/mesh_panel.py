@@ -33,8 +33,6 @@ from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.field import expected_bytes
 from meshmash_viewer.units import LENGTH_UNITS, counted, format_quantity, power_unit
 
-__all__ = ["MeshPanel"]
-
 #: Least width, in pixels: that of the panel before a mesh is open.
 _WIDTH = 280
 #: Of the unit, from "nm" to "4 × 4 × 40 nm" and longer ones.
@@ -86,9 +84,9 @@ class MeshPanel(QWidget):
 
         follow(document.mesh_changed, self._refresh_facts)
         follow(document.settings_changed, self._refresh_operator)
-        told = document.mesh_changed, document.settings_changed, document.spectrum_changed
-        follow(told, self._refresh_cost)
-        follow((*told, document.job_changed), self._refresh_job)
+        signals = document.mesh_changed, document.settings_changed, document.spectrum_changed
+        follow(signals, self._refresh_cost)
+        follow((*signals, document.job_changed), self._refresh_job)
         self._refresh_facts()
         self._refresh_operator()
         self._refresh_cost()
@@ -100,15 +98,15 @@ class MeshPanel(QWidget):
         self.setMinimumWidth(max(_WIDTH, self._content.minimumSizeHint().width() + 16))
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Follow the contents, whatever makes them wider: a count, a unit, a style."""
+        """Follow the width of the contents, which changes with counts, unit and style."""
         if watched is self._content and event.type() == QEvent.Type.LayoutRequest:
             self._fit()
         return super().eventFilter(watched, event)
 
     # -- what was read ------------------------------------------------------------------------
 
-    def _heading(self, text: str, *beside: QWidget) -> QHBoxLayout:
-        return row((make.heading(text),), *beside, margins=(0, theme.GAP, 0, 0))
+    def _heading(self, text: str, *widgets: QWidget) -> QHBoxLayout:
+        return row((make.heading(text),), *widgets, margins=(0, theme.GAP, 0, 0))
 
     def _build_facts(self) -> tuple[Part, ...]:
         self.name_label = make.label("mesh_name_label", "Name of the mesh", role="heading")
@@ -289,11 +287,13 @@ class MeshPanel(QWidget):
             "‖Lφ − λMφ‖ / λ‖Mφ‖, and the largest entry of |ΦᵀMΦ − I|"
         )
         self.proof_label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self._told = QStackedLayout()
-        self._told.addWidget(self.proof_label)
-        self._told.addWidget(self.progress_label)
+        self._status_stack = QStackedLayout()
+        self._status_stack.addWidget(self.proof_label)
+        self._status_stack.addWidget(self.progress_label)
         foot, margins = theme.named(QWidget(), "mesh_panel_foot"), (theme.MARGIN,) * 4
-        foot.setLayout(column(buttons, self.progress_bar, self._told, spacing=6, margins=margins))
+        foot.setLayout(
+            column(buttons, self.progress_bar, self._status_stack, spacing=6, margins=margins)
+        )
         return foot
 
     def _note_refusal(self) -> None:
@@ -314,7 +314,7 @@ class MeshPanel(QWidget):
                 self.window().setFocus()  # keys are commands then; Qt would go to the next control
             button.setEnabled(usable)
         self.progress_bar.setVisible(state is not None)
-        self._told.setCurrentIndex(0 if state is None else 1)
+        self._status_stack.setCurrentIndex(0 if state is None else 1)
         if state is not None:
             progress = state.progress
             self.progress_bar.setMaximum(0 if progress.fraction is None else 1000)
@@ -339,9 +339,9 @@ class MeshPanel(QWidget):
         elif spectrum is not None and state is None and spectrum.preview and not spectrum.n_exact:
             text = f"A preview of {counted(len(spectrum), 'pair')}: Compute makes them exact."
         elif spectrum is not None and state is None and len(spectrum):
-            owed = f" of {spectrum.total:,}" if spectrum.total else ""
+            requested = f" of {spectrum.total:,}" if spectrum.total else ""
             text = (
-                f"{counted(len(spectrum), 'pair')}{owed}, stopped early: Compute goes on from here."
+                f"{counted(len(spectrum), 'pair')}{requested}, stopped early: Compute resumes here."
             )
             role = "warning"
         elif state is None and self._document.ready is None:

@@ -1,4 +1,4 @@
-"""The Compare panel: how far two meshes are apart, which vertex is which, and what is linked."""
+"""The Compare panel: distance of two meshes, matching vertices, and links."""
 
 from __future__ import annotations
 
@@ -30,8 +30,6 @@ from meshmash_viewer.io.write import WRITERS
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pair import LINKS, MATCHED_IN, Pair
 from meshmash_viewer.units import format_number
-
-__all__ = ["PairPanel"]
 
 _FIGURES = {
     "pair_distance_label": "Spectral distance",
@@ -70,7 +68,7 @@ class PairPanel(QWidget):
     def _build(self) -> None:
         self.name_label = theme.named(QLabel(), "pair_name_label", role="heading")
         self.open_button = theme.named(
-            QPushButton("Compare with…"), "pair_open_button", "Open a second mesh beside this one"
+            QPushButton("Compare with…"), "pair_open_button", "Open a second mesh next to this one"
         )
         self.open_button.clicked.connect(self.open_requested)
         self.close_button = theme.named(
@@ -201,7 +199,7 @@ class PairPanel(QWidget):
     # -- from the model -----------------------------------------------------------------------
 
     def set_pair(self, pair: Pair | None) -> None:
-        """Tell of two meshes, or of one alone."""
+        """Show the comparison of two meshes, or how to open a second one."""
         self._pair = pair
         if self._health is not None:
             self._health.setParent(None)
@@ -268,7 +266,7 @@ class PairPanel(QWidget):
             return "Open a mesh, then a second one to compare it with."
         if self._pair is None:
             return (
-                "Open a second mesh beside this one, or drop it on the right half of the render."
+                "Open a second mesh next to this one, or drop it on the right half of the render."
                 " Both are solved to the same eigenvalue times area."
             )
         spectrum = self._document.spectrum

@@ -12,8 +12,6 @@ from meshmash_viewer.app.controls.layout import column, row
 from meshmash_viewer.app.plots.plot import Plot
 from meshmash_viewer.model.document import Document
 
-__all__ = ["PanelHead", "PlotPanel"]
-
 
 class PanelHead(QWidget):
     """Controls on the left, then labels; the last label is at the right end.

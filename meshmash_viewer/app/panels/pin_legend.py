@@ -13,11 +13,9 @@ from meshmash_viewer.app.listening import follow
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pins import Pin
 
-__all__ = ["PinLegend"]
-
 
 class PinLegend(QScrollArea):
-    """One line a pin: its colour, its number, its vertex, and a cross that takes it away.
+    """One line per pin: its colour, number and vertex, and a button that removes it.
 
     Signals
     -------
@@ -68,7 +66,7 @@ class PinLegend(QScrollArea):
             theme.change_role(row, "pointed" if pin.vertex == vertex else "")
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Tell which line is pointed at."""
+        """Emit the pin under the pointer."""
         if event.type() in (QEvent.Type.Enter, QEvent.Type.Leave):
             entered = event.type() == QEvent.Type.Enter
             for (pin, _), row in self._rows.items():

@@ -1,4 +1,4 @@
-"""The Profiles panel: what the features say about the pinned vertices, in their pins' colours."""
+"""The Profiles panel: values of features at the pinned vertices, in the colours of their pins."""
 
 from __future__ import annotations
 
@@ -26,8 +26,6 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.progress import CancelCallback, Cancelled
 
-__all__ = ["ProfilePanel"]
-
 #: Families that have profiles, those of features first.
 _VIEWS = {
     name: family.short
@@ -37,19 +35,19 @@ _VIEWS = {
 
 #: Eigenfunctions that are in view at once: the values of hundreds would be a solid block.
 _AT_ONCE = 60
-#: From how many pixels on a curve is not pointed at any more.
+#: Largest distance in pixels at which the pointer selects a curve.
 _NEAR = 8.0
 
 
 #: Rows read at a time. Each may be a page of a file that is not in memory, and NumPy holds the
-#: interpreter's lock while it copies: few at a time let the window breathe.
+#: interpreter lock while it copies; it is released after each block.
 _CHUNK = 8
 #: Eigenpairs, and vertices.
 _Request: TypeAlias = tuple[Spectrum, tuple[int, ...]]
 
 
 class _ProfileReader(QObject):
-    """Keeps what has been read for the spectrum in force; reads what is missing.
+    """Caches the values read from the current spectrum, and reads missing ones.
 
     A vertex's values are a column of the rows, one value a page: cheap in memory, slow from disk.
 
@@ -70,7 +68,7 @@ class _ProfileReader(QObject):
         self.thread_ = LatestThread(self._read, self._take, parent=self)
 
     def want(self, spectrum: Spectrum | None, vertices: tuple[int, ...]) -> None:
-        """Say what is to be shown; old values stay until new ones come."""
+        """Set what is shown; old values stay until new ones are read."""
         if spectrum is not self._wanted:
             self._wanted, self._asked = spectrum, ()
             self.thread_.drop()
@@ -100,7 +98,7 @@ class _ProfileReader(QObject):
         return self._values.get(vertex)
 
     def close(self) -> None:
-        """Give up what is being read, and wait until nothing looks at the spectrum any more."""
+        """Cancel reading, and wait until the spectrum is not used any more."""
         self.want(None, ())
         self.thread_.close()
 
@@ -132,7 +130,7 @@ class ProfilePanel(PlotPanel):
         self._shown = ""
         self._page: int | None = None
         self._paged = True
-        self._pointed = self._hovered = self._told = -1
+        self._pointed = self._hovered = self._pointed_outside = -1
         self._drawn: tuple[Spectrum, Family] | None = None
         self._profile: Profile | None = None
         self._curves: dict[Pin, tuple[pg.PlotCurveItem, pg.ScatterPlotItem]] = {}
@@ -186,7 +184,7 @@ class ProfilePanel(PlotPanel):
             self._refresh()
 
     def _select(self, x: float, _y: float) -> None:
-        """Put on the render what is at a place of the plot."""
+        """Display the field at a position of the plot."""
         spectrum = self._document.spectrum
         if spectrum is not None and self._profile is not None:
             self._document.display.show(self._family.at_place(spectrum, x))
@@ -195,7 +193,7 @@ class ProfilePanel(PlotPanel):
         self._select(float(marker.value()), 0.0)
 
     def _stop_paging(self, *_: object) -> None:
-        """Leave the range to the person, who has zoomed."""
+        """Keep the range after the user has zoomed."""
         self._paged = False
 
     def _hover(self, x: float, y: float) -> None:
@@ -221,12 +219,12 @@ class ProfilePanel(PlotPanel):
             self.pin_pointed.emit(vertex)
 
     def point_at(self, vertex: int) -> None:
-        """Bring the pin of a vertex forward while none is pointed at here; none for -1."""
-        self._told = vertex
+        """Highlight the pin of a vertex, or none for -1, unless one is pointed at here."""
+        self._pointed_outside = vertex
         self._bring_forward()
 
     def _bring_forward(self) -> None:
-        vertex = self._hovered if self._hovered >= 0 else self._told
+        vertex = self._hovered if self._hovered >= 0 else self._pointed_outside
         vertex = vertex if any(pin.vertex == vertex for pin in self._curves) else -1
         if vertex != self._pointed:
             self._pointed = vertex
@@ -246,7 +244,7 @@ class ProfilePanel(PlotPanel):
         return self._document.display.fields[self._shown]
 
     def _refresh(self) -> None:
-        """Draw all profiles of which the values are there, and have the others read."""
+        """Draw all profiles whose values are read, and request the others."""
         pins, spectrum = self._document.pins, self._document.spectrum
         there = bool(pins) and spectrum is not None and len(spectrum) > 0
         self._show_plot(there)
@@ -285,7 +283,7 @@ class ProfilePanel(PlotPanel):
             self._mark(spectrum)
 
     def _key(self) -> tuple[Spectrum, Family] | None:
-        """What the curves depend on beside the pins."""
+        """What the curves depend on, apart from the pins."""
         display, spectrum = self._document.display, self._document.spectrum
         if spectrum is None:
             return None
@@ -322,7 +320,7 @@ class ProfilePanel(PlotPanel):
             item.setZValue(1.0 if forward else 0.0)
 
     def _turn_page(self, at: float, last: float) -> None:
-        """Show the eigenfunctions around the one on the render, where there are too many."""
+        """Show the eigenfunctions around the displayed one, if there are many."""
         if not self._family.signed or not self._paged:
             return
         page = int(at) // _AT_ONCE
@@ -338,7 +336,7 @@ class ProfilePanel(PlotPanel):
                 box.enableAutoRange(axis="y")
 
     def _mark(self, spectrum: Spectrum) -> None:
-        """Mark what is on the render, and hatch what needs more eigenpairs."""
+        """Mark the displayed position, and hatch the range that needs more eigenpairs."""
         self._zero.setVisible(self._family.signed)
         self._marker.setVisible(self._profile is not None)
         if self._profile is None:

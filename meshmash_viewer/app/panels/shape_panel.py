@@ -29,8 +29,6 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.units import counted, format_quantity
 
-__all__ = ["ShapePanel"]
-
 _FACTS = {"shape_distance_label": "Moved by (rms)", "shape_wave_label": "Shortest wave"}
 
 
@@ -139,12 +137,12 @@ class ShapePanel(QWidget):
     # -- from the model ---------------------------------------------------------------------
 
     def set_field(self, field: Field | None) -> None:
-        """Know by which field the mesh would swing."""
+        """Set the field of the vibration."""
         self._field = field
         later(self.refresh)
 
     def show_shape(self, drawn: DrawnShape) -> None:
-        """Tell of the shape that is on the render."""
+        """Show the distance and wavelength of the displayed shape."""
         self._drawn = drawn
         later(self.refresh)
 
@@ -170,13 +168,13 @@ class ShapePanel(QWidget):
         if drawn is not None and drawn.spectrum.mesh is not self._document.mesh:
             drawn = self._drawn = None
         current = shown and drawn is not None and drawn.spectrum is spectrum and drawn.count > 0
-        told = {}
+        values = {}
         if current and drawn is not None:
-            told["shape_distance_label"] = format_quantity(drawn.distance, unit)
+            values["shape_distance_label"] = format_quantity(drawn.distance, unit)
         if usable and spectrum is not None:
             wave = format_wavelength(float(spectrum.eigenvalues[count - 1]), unit)
-            told["shape_wave_label"] = wave
-        self.facts.show_values(told)
+            values["shape_wave_label"] = wave
+        self.facts.show_values(values)
         show_note(self.hint, self._hint(usable, shown, count))
         field = self._field
         swings = spectrum is not None and field is not None and field.signed

@@ -19,11 +19,9 @@ from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.units import format_quantity, subscript
 
-__all__ = ["SpectrumPanel"]
-
 
 class SpectrumPanel(PlotPanel):
-    """Bottom panel; shows what suits the field on the render until someone chooses otherwise."""
+    """Bottom panel; shows the plot of the displayed field unless the user chooses another."""
 
     def __init__(self, document: Document) -> None:
         super().__init__(document, "spectrum", "Spectrum")
@@ -50,7 +48,7 @@ class SpectrumPanel(PlotPanel):
         self._log = {name: family.logarithmic[2] for name, family in FAMILIES.items()}
         self.plot.clicked.connect(self._select)
         self.plot.hovered.connect(self._hover)
-        # In turns of their own: to lay out what was hidden takes as long as to fill it.
+        # in separate turns, as the layout of a hidden plot takes as long as filling it
         follow((document.spectrum_changed, document.mesh_changed), self._show_what_is_there)
         follow((document.spectrum_changed, document.mesh_changed), self._refresh_spectrum)
         follow(document.display.events, self._refresh_current)
@@ -142,7 +140,7 @@ class SpectrumPanel(PlotPanel):
         self.head.fit()
 
     def _read(self, index: int | None) -> None:
-        """Say what is pointed at, or else what is on the render."""
+        """Show the position under the pointer, or else the displayed one."""
         spectrum, unit = self._document.spectrum, self._document.unit
         if spectrum is None or not len(spectrum) or self._shown != "eigenvalues":
             self.readout.setText("")

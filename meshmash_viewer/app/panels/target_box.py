@@ -26,8 +26,6 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.spectral.weyl import Target, Translation, resolved_time, wavelength
 from meshmash_viewer.units import format_range, power_unit
 
-__all__ = ["TargetBox", "quarter_steps"]
-
 #: Most eigenpairs while no mesh says how many it has.
 _MOST = 100_000
 
@@ -38,7 +36,7 @@ def quarter_steps(value: float, steps: int) -> float:
 
 
 class _Way(NamedTuple):
-    """One way to say it: what is before its field, what that is called, its unit, what it means."""
+    """One quantity: the text before its field, its name, its unit, and its meaning."""
 
     text: str
     name: str
@@ -61,7 +59,7 @@ _WAYS = {
     "wavelength": _Way(
         "Shortest wave", "wavelength", "Shortest wavelength", 1,
         "Every eigenfunction with at least this wavelength 2π/√λ: "
-        "the smallest detail that is told apart",
+        "the smallest detail that is resolved",
         "Waves",
     ),
     "time": _Way(
@@ -74,7 +72,7 @@ _WAYS = {
 
 
 class TargetBox(QWidget):
-    """Four ways to say one thing; what is typed in one is translated live into the others.
+    """The target in four quantities; a change of one is converted to the others.
 
     The way that was edited last is the target, the others are estimates by Weyl's law.
     """
@@ -118,14 +116,14 @@ class TargetBox(QWidget):
         )
         self.note = reserved_note("weyl_note", 3, "muted", "About the estimates")
         self.fault = reserved_note("target_fault", 3)
-        self._told = QStackedLayout()  # one or the other: nothing moves
-        self._told.addWidget(self.note)
-        self._told.addWidget(self.fault)
+        self._note_stack = QStackedLayout()  # one or the other: nothing moves
+        self._note_stack.addWidget(self.note)
+        self._note_stack.addWidget(self.fault)
         rows = zip(self._radios.values(), self._fields.values(), strict=True)
-        self.setLayout(grid(*rows, (self._told,), spacing=(theme.GAP, 6)))
+        self.setLayout(grid(*rows, (self._note_stack,), spacing=(theme.GAP, 6)))
         follow(document.mesh_changed, self._forgive)
-        told = document.mesh_changed, document.settings_changed, document.spectrum_changed
-        follow(told, self.refresh)
+        signals = document.mesh_changed, document.settings_changed, document.spectrum_changed
+        follow(signals, self.refresh)
         self.refresh()
 
     def refresh(self) -> None:
@@ -183,7 +181,7 @@ class TargetBox(QWidget):
         return max(ready.health.n_vertices - ready.health.unreferenced_vertices, 1)
 
     def _fault(self, kind: str, number: float) -> str:
-        """Say why this mesh cannot have what was typed."""
+        """Return why this mesh cannot have the typed value."""
         most, (low, high) = self._most, self._fields[kind].bounds
         if kind != "count":
             unit = power_unit(self._document.unit, _WAYS[kind].power)
@@ -197,7 +195,7 @@ class TargetBox(QWidget):
         return "" if whole else "The number of eigenpairs is a whole number from 1."
 
     def _say(self, sentence: str) -> None:
-        """Say what is wrong, in the place of what the numbers are."""
+        """Show a fault in place of the note."""
         self.fault.setText(sentence)
         self._show_note()
         if sentence:
@@ -222,7 +220,7 @@ class TargetBox(QWidget):
         self._say("")
 
     def _show_note(self) -> None:
-        self._told.setCurrentIndex(1 if self.fault.text() else 0)
+        self._note_stack.setCurrentIndex(1 if self.fault.text() else 0)
 
     def _choose(self, kind: Any, _given: object = None) -> None:
         self._say("")
@@ -232,5 +230,5 @@ class TargetBox(QWidget):
         try:
             self._document.target = Target(kind, value)
         except InputError:
-            # half-typed; the next digit mends it
+            # incomplete; the next digit may correct it
             return

@@ -1,4 +1,4 @@
-"""The second mesh of a comparison, beside the first: its render, and what works for it."""
+"""The second mesh of a comparison: its render, and its background tasks."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QLabel, QToolButton, QVBoxLayout, QWidget
 
 from meshmash_viewer.app import theme
+from meshmash_viewer.app.background_io import BackgroundIO
 from meshmash_viewer.app.controls import icons
 from meshmash_viewer.app.controls.layout import row
-from meshmash_viewer.app.errands import Errands
 from meshmash_viewer.app.faults import notice_of
 from meshmash_viewer.app.field_source import FieldSource
 from meshmash_viewer.app.latest_thread import LatestThread
@@ -26,10 +26,8 @@ from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.pair import ComparisonRequest, Pair
 from meshmash_viewer.progress import CancelCallback
 
-__all__ = ["Beside"]
 
-
-class Beside(QWidget):
+class SecondView(QWidget):
     """A second mesh that follows the first.
 
     Parameters
@@ -38,31 +36,31 @@ class Beside(QWidget):
     scene : MeshView
         The render of the first.
     source : FieldSource
-        Of the first.
+        The fields of the first.
 
     Attributes
     ----------
     pair : Pair
-        What is linked, and what the comparison says.
+        The links, and the comparison.
     """
 
-    #: The person closes it.
+    #: The user has pressed the close button.
     close_requested = Signal()
-    #: It could not be read: there is nothing to show.
+    #: The mesh could not be read.
     unread = Signal()
-    #: It is drawn, maybe with other limits that both meshes share.
+    #: It has been drawn, possibly with other common limits.
     shown = Signal()
 
     def __init__(self, first: Document, scene: MeshView, source: FieldSource) -> None:
         super().__init__()
-        theme.named(self, "beside", "Second mesh")
+        theme.named(self, "second_view", "Second mesh")
         self.document = Document()
         self.document.seconds_rate = first.seconds_rate
         self._first_scene, self._first_source = scene, source
         self.scene = MeshView(self.document)
         theme.named(self.scene, "second_scene", "Render of the second mesh")
         self.tasks = Tasks(self.document, self)
-        self.errands = Errands(self.document, self)
+        self.background_io = BackgroundIO(self.document, self)
         self.field_source = FieldSource(self.document, self)
         self.row_check = RowCheck(self.document, self)
         self.pair = Pair(first, self.document)
@@ -121,14 +119,14 @@ class Beside(QWidget):
         """Whether nothing is being computed for it."""
         return (
             self.document.job is None
-            and self.errands.idle
+            and self.background_io.idle
             and self.field_source.idle
             and not self._thread.working
             and not self.pair.comparing
         )
 
     def shut(self) -> None:
-        """Stop all that works for it; it cannot be shown again."""
+        """Stop all its tasks; it cannot be shown again."""
         self.pair.close()
         self.pair.comparison_requested.disconnect(self._thread.ask)
         stop_listening(self)
@@ -139,7 +137,7 @@ class Beside(QWidget):
         self._first_scene.camera_changed.disconnect(self._turn_second)
         self._thread.close()
         self.tasks.close()
-        self.errands.close()
+        self.background_io.close()
         self.row_check.close()
         self.field_source.close()
         self.scene.close()
@@ -174,7 +172,7 @@ class Beside(QWidget):
             self.unread.emit()
 
     def _on_notice(self, notice: Notice) -> None:
-        """Say it where all is said, with the name of the mesh."""
+        """Show a notice in the message bar of the window."""
         self.pair.first.notify(replace(notice, text=f"Second mesh: {notice.text}", undo=None))
 
     def _say_status(self) -> None:
@@ -195,19 +193,19 @@ class Beside(QWidget):
         self.status_label.setText(f"{name}  ·  {text}" if text else name)
 
     def first_waits(self) -> bool:
-        """Whether the field of the first, which has come, is drawn later, with that of this one."""
+        """Whether the new field of the first is drawn later, together with that of the second."""
         return self._waits_for(self.field_source)
 
     def _waits_for(self, other: FieldSource) -> bool:
-        """Whether a field that has come waits for the other mesh's, whose limits it shares.
+        """Whether a new field waits for that of the other mesh, with which it shares its limits.
 
-        Once: where one is always behind the other, both would wait for ever.
+        It waits once only, so that two fields never wait for each other forever.
         """
-        self._waiting = not self._waiting and other.comes and self._in_step() is not None
+        self._waiting = not self._waiting and other.comes and self._with_shared_limits() is not None
         return self._waiting
 
     def _wait_no_longer(self, why: str) -> None:
-        """Draw what there is: the other field takes long, or cannot be computed."""
+        """Draw the field without waiting: the other one takes long, or cannot be computed."""
         if why and self._waiting:
             self._waiting = False
             self.show_field()
@@ -224,10 +222,10 @@ class Beside(QWidget):
     @property
     def common_limits(self) -> tuple[float, float] | None:
         """Limits that the colours of both meshes share; None where each has its own."""
-        in_step = self._in_step()
-        return None if in_step is None else in_step[1]
+        shared = self._with_shared_limits()
+        return None if shared is None else shared[1]
 
-    def _in_step(self) -> tuple[Field, tuple[float, float]] | None:
+    def _with_shared_limits(self) -> tuple[Field, tuple[float, float]] | None:
         first, second = self._first_source.field, self.field_source.field
         carried = self.pair.carries and self.pair.comparison is not None
         if first is None or second is None or carried:
@@ -235,27 +233,28 @@ class Beside(QWidget):
         return self.pair.with_shared_limits(first, second)
 
     def show_field(self, _field: Field | None = None) -> None:
-        """Put the field on the render: its own, or that of the first carried by the match."""
+        """Draw the field: its own, or that of the first transferred by the match."""
         mesh, display = self.document.mesh, self.document.display
-        field, in_step, found = self.field_source.field, self._in_step(), self.pair.comparison
+        field, found = self.field_source.field, self.pair.comparison
+        shared = self._with_shared_limits()
         first = self._first_source.field
-        self._drawn = field, None if in_step is None else in_step[1]
+        self._drawn = field, None if shared is None else shared[1]
         self.shown.emit()
         if self.pair.carries and found is not None and first is not None:
             limits, colormap = first.colors(self.pair.first.display)
             field = first.carried(found.back.indices)
         elif field is not None and mesh is not None and len(field.values) == mesh.n_vertices:
             limits, colormap = field.colors(display)
-            field, limits = in_step or (field, limits)
+            field, limits = shared or (field, limits)
         else:
             self.scene.set_field(None, (0.0, 1.0), display.sequential_colormap)
             return
         self.scene.set_field(field, limits, colormap)
 
-    # -- from the person ----------------------------------------------------------------------
+    # -- from the user ------------------------------------------------------------------------
 
     def _turned(self) -> None:
-        """Look at the first as at this one, if it was turned and not just fitted into its place."""
+        """Copy the camera to the first mesh if the user moved it, else copy that of the first."""
         if self.scene.turned_by_hand:
             self._turn(self._first_scene, self.scene)
         else:
@@ -265,14 +264,14 @@ class Beside(QWidget):
         self._turn(self.scene, self._first_scene)
 
     def _turn(self, mine: MeshView, other: MeshView) -> None:
-        """Look at one mesh as at the other, where cameras are linked."""
+        """Copy the camera of one mesh to the other, if cameras are linked."""
         if not self._turning and "camera" in self.pair.links:
             self._turning = True
             mine.look_like(other)
             self._turning = False
 
     def _step(self, steps: int) -> None:
-        """Step the first, which this one follows; or this one alone, where the link is cut."""
+        """Step the first mesh, which this one follows, or this one if positions are not linked."""
         linked = "position" in self.pair.links
         document = self.pair.first if linked else self.document
         spectrum, shown = document.spectrum, document.display.family

@@ -1,4 +1,4 @@
-"""What is read or written beside the job that runs, in a thread of its own."""
+"""Reading and writing of small files in a background thread."""
 
 from __future__ import annotations
 
@@ -13,15 +13,13 @@ from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.failure import Failure, failure_of
 from meshmash_viewer.vertex_map import VertexMap
 
-__all__ = ["Errands"]
-
 Result = TypeVar("Result")
 
 
-class Errands(QObject):
-    """Does one thing after the other, and tells the document of those that fail.
+class BackgroundIO(QObject):
+    """Runs tasks one after the other in a thread, and notifies the document of failures.
 
-    Files of maps that the document asks for are read here.
+    Files of maps that the document requests are read here.
     """
 
     _done = Signal(object, object)
@@ -36,37 +34,33 @@ class Errands(QObject):
 
     @property
     def idle(self) -> bool:
-        """Whether there is nothing left to do."""
+        """Whether no task is running or waiting."""
         return self._waiting == 0
 
     def run(self, doing: str, work: Callable[[], Result], then: Callable[[Result], object]) -> None:
-        """Call a function in the thread, and then another one here with what it returned.
+        """Call `work` in the thread, and then `then` in the caller's thread with its result.
 
-        Parameters
-        ----------
-        doing : str
-            For the sentence on a failure: "Writing shape.ply".
-        work, then : callable
+        `doing` names the task in the message on a failure: "Writing shape.ply".
         """
 
-        def errand() -> None:
+        def task() -> None:
             try:
                 result = work()
-            except Exception as fault:  # noqa: BLE001  said to the person
+            except Exception as fault:  # noqa: BLE001  shown in the message bar
                 failure = failure_of(fault, doing)
                 self._done.emit(lambda _: self._document.notify(notice_of(failure)), None)
             else:
                 self._done.emit(then, result)
 
         self._waiting += 1
-        self._pool.start(errand)
+        self._pool.start(task)
 
     def read_maps(self, paths: tuple[Path, ...], shown: bool) -> None:
-        """Hand the maps in files to the open mesh; a file that holds none costs a sentence."""
+        """Read maps for the open mesh; a file without maps gives a message."""
         from meshmash_viewer.io.maps import maps_and_remarks
 
         document, mesh = self._document, self._document.mesh
-        assert mesh is not None  # they are asked for with it
+        assert mesh is not None  # the document requests maps only with a mesh
         faults: list[Failure] = []
         remarks: list[str] = []
 
@@ -77,7 +71,7 @@ class Errands(QObject):
                     found, said = maps_and_remarks(path, mesh)
                     maps += found
                     remarks.extend(said)
-                except Exception as fault:  # noqa: BLE001  said below
+                except Exception as fault:  # noqa: BLE001  shown below
                     faults.append(failure_of(fault, f"Reading {path.name}"))
             return maps
 
@@ -91,7 +85,7 @@ class Errands(QObject):
         self.run("Reading maps", read, take)
 
     def close(self) -> None:
-        """Wait for what is being done, and take nothing any more."""
+        """Disconnect, and wait for the running task."""
         self._document.maps_requested.disconnect(self.read_maps)
         self._done.disconnect(self._end)
         self._pool.waitForDone()
