@@ -18,17 +18,18 @@ from meshmash_viewer.fields.similarity import Similarity
 from meshmash_viewer.health import mesh_health, repair_mesh
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.document import PIN_COLORS, Document, Notice
+from meshmash_viewer.model.document import Document, Notice
 from meshmash_viewer.model.jobs import (
     DecomposeJob,
     InspectJob,
     Job,
-    MeshReady,
     PreviewJob,
     ReadJob,
     RepairJob,
     ScaleJob,
 )
+from meshmash_viewer.model.pins import PIN_COLORS
+from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.progress import Progress
 from meshmash_viewer.spectral.weyl import Target
 
