@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from typing import Any
 
@@ -342,8 +343,8 @@ def test_bad_requests_are_named(sphere: Mesh) -> None:
     with pytest.raises(InputError, match="overlap_distance and t_max are given"):
         stitcher.split_mesh(100, overlap_distance=1.0, t_max=1.0)
     for name in ("overlap_distance", "t_max"):
-        for width in (-1.0, np.nan, np.inf):
-            with pytest.raises(InputError, match=f"{name}={width} is not a width"):
+        for width in (-1.0, math.nan, math.inf, "20 µm"):
+            with pytest.raises(InputError, match=f"{name}={width!r} is not a width"):
                 stitcher.split_mesh(100, **{name: width})
     with pytest.raises(InputError, match="max_overlap_neighbors limits"):
         stitcher.split_mesh(100, max_overlap_neighbors=10)
@@ -440,6 +441,8 @@ def test_small_components_are_left_out_and_filled(three_spheres: Mesh) -> None:
         heights = stitcher.apply(lambda piece: piece[0][:, 2].astype(np.float32))
         assert heights.dtype == np.float32
         np.testing.assert_array_equal(np.isnan(heights), np.arange(498) < 12)
+    with pytest.raises(InputError, match="leaves nothing: the largest component has 162 vertices"):
+        stitcher.split_mesh(200, min_vertex_threshold=163)
     with pytest.raises(InputError, match="in no piece"):
         stitcher.subset_apply(coordinates, [3, 5])
 
@@ -471,7 +474,8 @@ def test_pieces_of_some_vertices_only(fine_sphere: Mesh) -> None:
     found = stitcher.subset_apply(heights, wanted, reindex=True)
     np.testing.assert_array_equal(found, fine_sphere.vertices[wanted, 2])
     assert len(calls) < len(stitcher)
-    everywhere = stitcher.subset_apply(heights, wanted, fill_value=-9.0)
+    mask = np.isin(np.arange(fine_sphere.n_vertices), wanted)
+    everywhere = stitcher.subset_apply(heights, mask, fill_value=-9.0)
     np.testing.assert_array_equal(everywhere[wanted], found)
     kept = np.isin(stitcher.submesh_mapping, stitcher.submesh_mapping[wanted])
     np.testing.assert_array_equal(everywhere != -9.0, kept)

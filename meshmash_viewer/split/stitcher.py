@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from functools import cached_property, partial
+from numbers import Real
 from typing import Any, TypeAlias, overload
 
 import numpy as np
@@ -160,8 +161,8 @@ class MeshStitcher(Sequence[Piece]):
         Raises
         ------
         InputError
-            If the threshold is too small for a vertex and its neighbours, more than one width of
-            the overlap is given, or one is negative or not finite.
+            If the threshold is too small for a vertex and its neighbours, no component is large
+            enough, more than one width of the overlap is given, or one is negative or not finite.
         """
         mesh = self.mesh
         threshold = mesh.n_vertices if max_vertex_threshold is None else int(max_vertex_threshold)
@@ -181,6 +182,11 @@ class MeshStitcher(Sequence[Piece]):
             sizes = np.bincount(labels[labels >= 0])
             kept = np.append(sizes >= min_vertex_threshold, False)
             labels = np.where(kept[labels], labels, -1)
+            if (labels < 0).all():
+                raise InputError(
+                    f"min_vertex_threshold={min_vertex_threshold} leaves nothing: the largest"
+                    f" component has {counted(int(sizes.max()), 'vertex')}."
+                )
             labels = np.unique(labels, return_inverse=True)[1] - int((labels < 0).any())
         graph = edge_graph(mesh)
         if t_max is not None:
@@ -342,7 +348,7 @@ class MeshStitcher(Sequence[Piece]):
         ----------
         function : callable
             See `apply`.
-        indices : array_like of int
+        indices : array_like of int, or of bool, shape (n,)
             The vertices.
         reindex : bool
             Whether to return rows for these vertices only, not for all vertices of the mesh.
@@ -358,6 +364,8 @@ class MeshStitcher(Sequence[Piece]):
         """
         vertices = np.atleast_1d(np.asarray(indices))
         n = self.mesh.n_vertices
+        if vertices.dtype == np.bool_ and vertices.shape == (n,):
+            vertices = np.flatnonzero(vertices)
         if vertices.dtype.kind not in "iu" or not ((vertices >= 0) & (vertices < n)).all():
             raise InputError(f"indices are of vertices: give whole numbers from 0 to {n - 1}.")
         if not self.pieces:
@@ -457,12 +465,12 @@ class MeshStitcher(Sequence[Piece]):
         return seam_differences(results, self.pieces, self.submesh_mapping, graph)
 
 
-def _check_width(**widths: float | None) -> None:
+def _check_width(**widths: Any) -> None:
     """Raise `InputError` for more than one width of the overlap, or an invalid one."""
     given = {name: width for name, width in widths.items() if width is not None}
     if len(given) > 1:
         raise InputError(f"{' and '.join(given)} are given: give only one of them.")
     for name, width in given.items():
-        if not (np.isfinite(width) and width >= 0.0):
-            usual = "from 0 to about 0.5" if name == "overlap" else "from 0"
-            raise InputError(f"{name}={width} is not a width: give a number {usual}.")
+        if not (isinstance(width, Real) and 0.0 <= float(width) < math.inf):
+            usual = "from 0 to about 0.5" if name == "overlap" else "from 0, in unit of the mesh"
+            raise InputError(f"{name}={width!r} is not a width: give a number {usual}.")
