@@ -31,7 +31,7 @@ from PySide6.QtWidgets import QApplication, QListWidget, QWidget
 import meshmash_viewer.app.view.picture as picture_module
 from meshmash_viewer.app.field_source import FieldSource
 from meshmash_viewer.app.main_window import MainWindow
-from meshmash_viewer.app.run import application, tend_garbage
+from meshmash_viewer.app.run import application, collect_garbage_when_idle
 from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.fields.distances import Distances
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
@@ -86,7 +86,7 @@ class Session:
         self.window = MainWindow(fresh=True)
         self.window.resize(1400, 900)
         self.window.show()
-        tend_garbage(self.window)
+        collect_garbage_when_idle(self.window)
         self.drawing.watch(self.window.scene.plotter.ren_win)
         self.document = self.window.document
         self.display = self.document.display

@@ -52,7 +52,7 @@ def test_a_copy_is_at_no_distance_and_matches_itself(
     assert found.distance < 1e-6 * np.linalg.norm(found.spectra[0])
     assert (found.forth.indices == copy[1]).mean() > 0.99
     assert found.mutual.mean() > 0.99
-    assert found.functions.told.all()
+    assert found.functions.determined.all()
     assert (found.functions.indices == np.arange(60)).all()
 
 
@@ -79,9 +79,9 @@ def test_what_a_symmetry_hides_is_not_told() -> None:
         if all(_is_even(long, row, axis) for axis in range(3))
     ]
     assert 0 < len(even) < 12
-    assert set(even) <= set(np.flatnonzero(found.functions.told))
+    assert set(even) <= set(np.flatnonzero(found.functions.determined))
     other = match_functions(first, first, np.random.default_rng(0).permutation(long.n_vertices))
-    assert other.told.sum() <= 1, "but for the constant"
+    assert other.determined.sum() <= 1, "but for the constant"
 
 
 def _is_even(mesh: Mesh, row: np.ndarray, axis: int) -> bool:

@@ -51,7 +51,7 @@ _M_MMAP_THRESHOLD, _M_TRIM_THRESHOLD, _LARGE_BLOCK = -3, -1, 6 << 20
 _made: list[QApplication] = []
 #: What collects garbage in place of Python: its timer runs as long as the process.
 _collectors: list[Any] = []
-#: Windows opened by `view`, which nobody else may hold.
+#: Windows opened by `view`, which no one else holds.
 _windows: dict[int, MainWindow] = {}
 
 
@@ -184,7 +184,7 @@ def view(
     MainWindow
         Its `document` can be read and driven from the script, its `plotter` is a
         ``pyvista.Plotter`` in the mesh's coordinates, and `to_pyvista` gives what it shows.
-        In somebody else's application nothing outside the window is changed.
+        In an application of the caller's own nothing outside the window is changed.
 
     Raises
     ------
@@ -225,7 +225,7 @@ def view(
         # not the application's own loop, which ends with its last window and may run already
         loop = QEventLoop()
         window.closed.connect(loop.quit)
-        # in somebody else's application exceptions are theirs
+        # exceptions of another application are its own
         with nullcontext() if guest else FaultBoundary(window.document.notify):
             loop.exec()
     return window
@@ -244,18 +244,16 @@ def _close_windows() -> None:
 
 
 def _has_prompt() -> bool:
-    """Whether somebody types while the window is open."""
+    """Whether commands can be typed while the window is open."""
     return hasattr(sys, "ps1") or "IPython" in sys.modules or bool(sys.flags.interactive)
 
 
-def tend_garbage(window: MainWindow) -> None:
-    """Collect garbage in this thread and among newer objects, in a process that is ours alone.
+def collect_garbage_when_idle(window: MainWindow) -> None:
+    """Collect garbage in the interface thread only, and only among objects made after the imports.
 
-    Another thread would free what belongs to widgets, and Qt may end the process for it.
-
-    The libraries are two hundred thousand objects that stay: to go through them again and again
-    holds up the window for more than a tenth of a second each time. More of them have come with
-    the first mesh.
+    Another thread would free Python wrappers of widgets, on which Qt may abort the process. The
+    imported libraries are two hundred thousand permanent objects; scanning them takes more than a
+    tenth of a second, so they are frozen, and again after the first frame.
     """
     from pyqtgraph.util.garbage_collector import GarbageCollector
 
@@ -265,13 +263,13 @@ def tend_garbage(window: MainWindow) -> None:
 
 
 class _Loader(QObject):
-    """Imports heavy libraries behind the window that is already there, then completes it."""
+    """Imports heavy libraries after the window is shown, then completes it."""
 
     def __init__(self, window: MainWindow) -> None:
         super().__init__()
         self._window = window
         self._thread: LatestThread[tuple[str, str]] = LatestThread(self._import, self._go_on)
-        # the first picture of the window goes first
+        # after the window has been painted
         QTimer.singleShot(0, self, self._begin)
 
     def _begin(self) -> None:
@@ -283,7 +281,7 @@ class _Loader(QObject):
             self._go_on(None, None)
 
     def wait(self) -> None:
-        """Return when nothing is imported any more: a thread must not tell what has gone."""
+        """Wait until the imports have ended: the thread must not emit to a deleted object."""
         self._thread.close()
 
     def _import(self, library: tuple[str, str], _cancel: CancelCallback) -> None:
@@ -304,16 +302,16 @@ class _Loader(QObject):
         except Exception as error:  # noqa: BLE001  said below
             self._give_up(error)
         else:
-            tend_garbage(self._window)
+            collect_garbage_when_idle(self._window)
 
     def _give_up(self, fault: Exception) -> None:
         """Say what is missing; meshes can neither be drawn nor computed without it."""
         from meshmash_viewer.app.faults import notice_of
         from meshmash_viewer.model.failure import Failure, failure_of
 
-        told = failure_of(fault, "Loading the render")
+        failure = failure_of(fault, "Loading the render")
         if isinstance(fault, ImportError):
             text = f"The render cannot be loaded ({fault}): install what is missing, start again."
-            told = Failure(text, told.details, correctable=True)
+            failure = Failure(text, failure.details, correctable=True)
         self._window.stage.welcome.set_loading("The render is missing; the message says why.")
-        self._window.document.notify(notice_of(told))
+        self._window.document.notify(notice_of(failure))

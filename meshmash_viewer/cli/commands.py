@@ -412,7 +412,7 @@ def compare(options: Namespace) -> int:
                 "sign": int(found.functions.signs[index]),
                 "correlation": float(found.functions.correlations[index]),
             }
-            for index in np.flatnonzero(found.functions.told)
+            for index in np.flatnonzero(found.functions.determined)
         ],
         "remarks": comparison_remarks(*meshes),
         "output": None if options.output is None else str(options.output),

@@ -102,7 +102,7 @@ class FunctionMatches:
     rotations: Alignment = field(default_factory=Alignment)
 
     @property
-    def told(self) -> npt.NDArray[np.bool_]:
+    def determined(self) -> npt.NDArray[np.bool_]:
         """Whether the correspondence is determined, shape (k,)."""
         return np.asarray(self.indices >= 0)
 

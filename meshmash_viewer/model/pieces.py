@@ -310,7 +310,7 @@ def _columns(values: npt.NDArray[np.float64]) -> list[float]:
 
 
 def _common_bank(family: Family, top: float) -> FilterBank:
-    """The filters that are the same for all pieces, whatever the spectrum of each."""
+    """The filters that are the same for all pieces, independent of the spectrum of each."""
     one, other = (family.bank(top * np.array([0.0, share, 1.0]), bound=top) for share in (0.2, 0.5))
     if one.normalised or not np.array_equal(one.parameters, other.parameters):
         raise InputError(

@@ -161,7 +161,7 @@ def test_figures_are_the_librarys(
     told = text(window, "pair_told_label")
     if name == "other":
         assert told == "by index: same faces"
-        assert found.functions.told[:10].all()
+        assert found.functions.determined[:10].all()
     else:
         assert told == f"by features, {100 * wanted.mutual_share:.1f}% mutual"
     assert "complete" in text(window, "second_label")

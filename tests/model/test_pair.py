@@ -300,7 +300,7 @@ def test_a_multiplet_is_turned_as_a_whole_to_be_that_of_the_first() -> None:
     ball = shapes.icosphere(3)
     pair = solved(ball, Mesh(2.0 * ball.vertices + 5.0, ball.faces), turned)
     first, second = pair.first, pair.second
-    assert pair.comparison.functions.told[:9].all()
+    assert pair.comparison.functions.determined[:9].all()
     for index in range(1, 9):
         first.display.change(Eigenfunctions, index=index)
         mine, other = shown(first), shown(second)

@@ -75,7 +75,7 @@ def button(
 
 
 def icon_button(name: str, spoken: str, act: Act, *, tip: str = "", size: int = 12) -> QToolButton:
-    """A button without a text, whose icon is drawn by whoever knows the colours."""
+    """A button without a text, whose icon is drawn by the caller, who knows the colours."""
     made = _clicked(QToolButton(), name, spoken, act, "", tip)
     made.setIconSize(QSize(size, size))
     return made

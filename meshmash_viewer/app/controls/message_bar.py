@@ -59,8 +59,8 @@ class MessageBar(QFrame):
         line = row(
             self._icon, (self._text,), self._undo, self._copy, self._dismiss, margins=(12, 8, 8, 8)
         )
-        for beside in (self._icon, self._undo, self._copy, self._dismiss):
-            line.setAlignment(beside, Qt.AlignmentFlag.AlignTop)
+        for widget in (self._icon, self._undo, self._copy, self._dismiss):
+            line.setAlignment(widget, Qt.AlignmentFlag.AlignTop)
         self.setLayout(line)
 
         self._timer = QTimer(self, singleShot=True)
@@ -130,9 +130,9 @@ class MessageBar(QFrame):
         room = parent.rect()
         margin = theme.MARGIN
         top, free, right = margin, room.width() - 2 * margin, room.width() - margin
-        beside = room.width() - self._title.width() - margin
-        if not self._title.isEmpty() and beside >= _NARROWEST:
-            free = beside
+        right = room.width() - self._title.width() - margin
+        if not self._title.isEmpty() and right >= _NARROWEST:
+            free = right
         elif not self._title.isEmpty():
             top = self._title.height()
             if free - self._bar >= _TIGHTEST:

@@ -57,7 +57,7 @@ class NumberField(QAbstractSpinBox):
     edited(float)
         A person gave a number that is allowed.
     refused(str)
-        One sentence: what was wrong with what they gave; empty once it is mended.
+        One sentence: what was wrong with the text; empty once it is corrected.
     begun()
         A person begins to type; what a live field then gives may be withdrawn.
     withdrawn()
@@ -157,7 +157,7 @@ class NumberField(QAbstractSpinBox):
         super().focusOutEvent(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Escape goes back to what was; Return is passed on unless there is something to mend."""
+        """Restore the value on Escape; pass Return on unless the text was refused."""
         if event.key() == Qt.Key.Key_Escape:
             typed = self.lineEdit().isModified()
             self._go_back("")

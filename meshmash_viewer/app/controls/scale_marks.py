@@ -27,7 +27,7 @@ def power_text(exponent: int, factor: int = 1) -> str:
 
 
 def linear_texts(values: Sequence[float], spacing: float) -> list[str]:
-    """Write evenly spaced ticks with just the digits that tell them apart.
+    """Write evenly spaced ticks with only the digits that distinguish them.
 
     Parameters
     ----------

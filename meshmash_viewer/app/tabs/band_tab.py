@@ -25,7 +25,7 @@ class BandTab(ColumnStepper):
     many = "Bands"
     tip = "Columns of the exported feature; cubic B-splines that sum to 1"
     ends = "low", "high"
-    told: ClassVar[dict[str, str]] = {
+    fact_labels: ClassVar[dict[str, str]] = {
         "band_center_label": "Centre λ",
         "band_wavelength_label": "Wavelength there",
         "band_support_label": "Not zero between",

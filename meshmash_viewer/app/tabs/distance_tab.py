@@ -106,8 +106,8 @@ class DistanceTab(PinChooser):
             if pin.vertex != family.vertex and np.isfinite(field.values[pin.vertex])
         ]
         self.facts.show_value("distance_pins_label", "\n".join(far))
-        told = field.spacing_text
-        self.lines_check.setText(told[:1].upper() + told[1:] or _LINES)
+        text = field.spacing_text
+        self.lines_check.setText(text[:1].upper() + text[1:] or _LINES)
         sample = field.request.sample
         typical = float(np.nanmedian(field.values if sample is None else field.values[sample]))
         missing = family.missing(field.request.spectrum, typical) if family.needs_pairs else 0.0

@@ -80,17 +80,17 @@ class EigenfunctionTab(FieldStepper):
         self.spin.setSuffix(f" of {last}" if spectrum is not None and len(spectrum) else "")
         self.flip_button.setChecked(index in chosen.flipped)
         show_quietly(self.nodal_check, display.nodal_lines)
-        title, told, multiplet, preview = "λ", {}, "", ""
+        title, facts, multiplet, preview = "λ", {}, "", ""
         if spectrum is not None and len(spectrum):
             unit, zeros = self._document.unit, first_nonzero(spectrum)
             value = 0.0 if index < zeros else float(spectrum.eigenvalues[index])
             exact = spectrum.is_exact(index)
             written = format_quantity(value, unit, -2) if value else "0"
             title = f"λ{subscript(index)} {'=' if exact else '≈'} {written}"
-            told["wavelength_label"] = format_wavelength(value, unit)
+            facts["wavelength_label"] = format_wavelength(value, unit)
             if exact and index < len(spectrum.residuals):
-                told["residual_label"] = f"{spectrum.residuals[index]:.1e}"
-            told["converged_label"] = _converged(spectrum)
+                facts["residual_label"] = f"{spectrum.residuals[index]:.1e}"
+            facts["converged_label"] = _converged(spectrum)
             multiplet = _multiplet(spectrum, index, zeros)
             if not exact:
                 preview = (
@@ -98,7 +98,7 @@ class EigenfunctionTab(FieldStepper):
                     "The exact eigenfunctions take its place as they converge."
                 )
         self.title.setText(title)
-        self.facts.show_values(told)
+        self.facts.show_values(facts)
         show_note(self.multiplet_note, multiplet)
         show_note(self.preview_note, preview)
 

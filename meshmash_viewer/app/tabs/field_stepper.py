@@ -106,7 +106,7 @@ class FamilyTab(QWidget):
         raise NotImplementedError
 
     def show_field(self, field: Field | None) -> None:
-        """Say what is known of the field on the render, of whatever family, or that there is none.
+        """Say what is known of the field on the render, of any family, or that there is none.
 
         Nothing of an earlier one may be held: it holds its mesh and eigenvectors.
         """
@@ -197,7 +197,7 @@ class ColumnStepper(FieldStepper):
         What a column is called: "Band", "Bands".
     tip : str
         What the columns are.
-    told : dict
+    fact_labels : dict
         Object names of the facts about a column, and what they are called.
     """
 
@@ -205,11 +205,11 @@ class ColumnStepper(FieldStepper):
     one: ClassVar[str]
     many: ClassVar[str]
     tip: ClassVar[str]
-    told: ClassVar[dict[str, str]]
+    fact_labels: ClassVar[dict[str, str]]
 
     def _build(self) -> None:
         name, number = self.family.name, f"Number of {self.many.lower()}"
-        self.facts = Facts(self.told)
+        self.facts = Facts(self.fact_labels)
         self.missing_note = note(f"{name}_missing_label", "warning")
         self._fill(
             f"{name}_label",
@@ -240,8 +240,8 @@ class ColumnStepper(FieldStepper):
         show_quietly(self.count_spin, chosen.count)
         self.title.setText(f"{self.one} {chosen.column}")
         show_note(self.missing_note, "")
-        told = self._describe(self._document.scaled_spectrum, self._document.unit)
-        self.facts.show_values(told)
+        facts = self._describe(self._document.scaled_spectrum, self._document.unit)
+        self.facts.show_values(facts)
 
     def _describe(self, spectrum: Spectrum | None, unit: str) -> dict[str, str]:
         """Show what is special to the family, and give the facts about the column."""
@@ -260,7 +260,7 @@ class PlugInTab(ColumnStepper):
             return {}
         chosen = self._document.display[self.family]
         try:
-            return dict.fromkeys(self.told, chosen.quantity(spectrum, unit))
+            return dict.fromkeys(self.fact_labels, chosen.quantity(spectrum, unit))
         except InputError as fault:
             show_note(self.missing_note, str(fault))
             return {}
@@ -268,8 +268,8 @@ class PlugInTab(ColumnStepper):
 
 def plug_in_tab(family: type[BankColumns]) -> type[PlugInTab]:
     """The class of the controls of a family that has none of its own."""
-    told = {f"{family.name}_quantity_label": "This column"}
-    parts = {"family": family, "tip": family.tip, "told": told}
+    fact_labels = {f"{family.name}_quantity_label": "This column"}
+    parts = {"family": family, "tip": family.tip, "fact_labels": fact_labels}
     return type(f"{family.__name__}Tab", (PlugInTab,), parts)
 
 

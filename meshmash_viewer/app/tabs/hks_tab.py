@@ -81,7 +81,7 @@ class HksTab(FieldStepper):
         self._mark_missing(document.spectrum, *between, time)
 
     def _mark_missing(self, spectrum: Spectrum, low: float, high: float, time: float) -> None:
-        """Hatch the times that the pairs at hand cannot resolve, and say what would do it."""
+        """Hatch the times that the known pairs cannot resolve, and say how many would."""
         resolved, mesh = resolved_from(spectrum), self._document.mesh
         if mesh is None or resolved <= low * (1.0 + 1e-9):
             self._show_missing(None, "")

@@ -25,7 +25,7 @@ class WksTab(ColumnStepper):
     one = "Energy"
     many = "Energies"
     tip = "Columns of the exported feature, evenly spaced in log λ"
-    told: ClassVar[dict[str, str]] = {
+    fact_labels: ClassVar[dict[str, str]] = {
         "wks_eigenvalue_label": "λ there",
         "wks_wavelength_label": "Wavelength there",
         "wks_width_label": "Width σ in ln λ",
