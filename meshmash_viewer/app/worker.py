@@ -148,23 +148,11 @@ class Worker(QObject):
             self.cancelled.emit(None)
             return
         try:
-            if self._process is None or self._process.poll() is not None:
-                self._drop_process()
-                self._start_process()
-            if self._wire is None:
-                raise EOFError
-            self._wire.send(("run", job))
-            if self._stop_asked:  # sent to the process before the job was
-                self._wire.send(("stop", None))
+            wire = self._send(job)
             while True:
-                kind, message = cast(tuple[str, object], self._wire.receive())
+                kind, message = cast(tuple[str, object], wire.receive())
                 received = True
-                if isinstance(message, SpectrumGrew):
-                    _ = message.spectrum  # opens its file in this thread
-                elif isinstance(message, MeshReady):
-                    geometry_of(message.mesh)  # cached here, off the interface thread
-                    if message.known is not None:
-                        _ = message.known.spectrum
+                _open_files(message)
                 getattr(self, kind).emit(message)
                 if kind in _ENDS:
                     return
@@ -183,6 +171,18 @@ class Worker(QObject):
         except Exception as error:  # noqa: BLE001  a defect must not end the thread silently
             self._drop_process()
             self.failed.emit(failure_of(error, job.label))
+
+    def _send(self, job: Job) -> Wire:
+        """Send a job to the process, which is started if there is none; return the connection."""
+        if self._process is None or self._process.poll() is not None:
+            self._drop_process()
+            self._start_process()
+        if self._wire is None:
+            raise EOFError
+        self._wire.send(("run", job))
+        if self._stop_asked:  # sent to the process before the job was
+            self._wire.send(("stop", None))
+        return self._wire
 
     def _report_end(self, job: Job) -> None:
         """Report why the process has ended, and start another one."""
@@ -228,6 +228,16 @@ class Worker(QObject):
         process.wait()
         if wire is not None:
             wire.close()
+
+
+def _open_files(message: object) -> None:
+    """Open files and derive geometry that the interface thread would otherwise wait for."""
+    if isinstance(message, SpectrumGrew):
+        _ = message.spectrum
+    elif isinstance(message, MeshReady):
+        geometry_of(message.mesh)
+        if message.known is not None:
+            _ = message.known.spectrum
 
 
 def _crash(job: Job, code: int, details: str) -> Failure:

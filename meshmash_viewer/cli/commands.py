@@ -37,6 +37,7 @@ from meshmash_viewer.features.comparison import (
     unit_area_spectrum,
 )
 from meshmash_viewer.features.shape import low_pass_vertices
+from meshmash_viewer.features.sums import Features
 from meshmash_viewer.features.truncation import mesh_limit, sufficient_target
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.fields.family import Family
@@ -49,6 +50,7 @@ from meshmash_viewer.io.write import check_output, write_eigenpairs, write_featu
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.pieces import described_seams, write_in_pieces
+from meshmash_viewer.spectral.eigensolver import Decomposition
 from meshmash_viewer.spectral.weyl import Target, Translation, required_eigenvalue, wavelength
 from meshmash_viewer.units import NO_VOXEL, counted, format_quantity, written_unit
 
@@ -275,39 +277,18 @@ def _write_whole(
 ) -> tuple[dict[str, Any], str]:
     """Compute one kind of features, or the eigenpairs, and write them."""
     began = time.perf_counter()
-    mesh, whole = prepared(raw, options), options.whole_mesh
-    kind, t_min, target = family.export, getattr(family, "t_min", None), options.target
-    n, edge = mesh.n_vertices - len(mesh.unreferenced), median_edge_length(mesh)
-    remarks: list[str] = []
-    if (options.map or options.maps) and not family.makes_features():
-        raise InputError(f"--map and --maps are columns of features; {kind} have none.")
-    if mesh.maps and not options.maps:
-        names = ", ".join(each.name for each in mesh.maps)
-        if family.makes_features():
-            remarks.append(f"left out: {names}; --maps adds them as columns.")
-        for each in mesh.maps:
-            mesh = mesh.without_map(each.name)
-    mesh = with_maps(mesh, options.map)
+    whole, kind = options.whole_mesh, family.export
+    mesh, remarks = _with_chosen_maps(prepared(raw, options), family, options)
     family = family.at_vertices(mesh.vertex_of)
     family.check_mesh(mesh)
-    shortest = t_min if target is None else None
-    if shortest is not None:
-        target = sufficient_target(shortest, mesh.area, n)
-    try:
-        pairs = solved(mesh, options, target) if family.of_pairs else None
-    except InputError as fault:
-        if shortest is None:
-            raise
-        limit = mesh_limit(shortest, mesh.area, n, mesh.unit, edge)
-        raise InputError(f"{fault} {limit}") from fault
+    pairs, target, about_target = _solved_target(mesh, family, options)
     seconds = time.perf_counter() - began
-
     report: dict[str, Any] = {
         "mesh": mesh.name,
         "output": str(path),
         "kind": kind,
         "n_vertices": mesh.n_file_vertices if whole else mesh.n_vertices,
-        "remarks": remarks,
+        "remarks": remarks + about_target,
     }
     if pairs is not None:
         report |= {
@@ -321,40 +302,8 @@ def _write_whole(
     made = export_options(
         kind, chosen_operator(options), target, proof, options.repair, whole_mesh=whole
     )
-    wanted = target.n_components
-    if shortest is not None:
-        if wavelength(required_eigenvalue(shortest)) < 2.0 * edge:
-            remarks.append(mesh_limit(shortest, mesh.area, n, mesh.unit, edge))
-    elif pairs is not None and wanted is not None and wanted > n:
-        remarks.append(
-            f"{wanted:,} eigenpairs were asked for; the mesh has {n:,}, and all of them are used."
-        )
     if family.makes_features():
-        bound = target.max_eigenvalue
-        found = family.compute_features(
-            pairs,
-            mesh,
-            mesh.area,
-            bound,
-            drop_first=options.drop_first,
-            tail=options.tail,
-            known_to=bound if pairs is not None and pairs.complete else None,
-        )
-        if pairs is not None and not (pairs.eigenvalues > 0.0).any():
-            remarks.append(
-                f"all {pairs.n_components} eigenvalues are zero, one for each connected component,"
-                " so the features are the same all over a component: go further up the spectrum"
-                " (a larger --count or --max-eigenvalue, a shorter --wavelength)."
-            )
-        missing = found.truncation
-        report["truncation"] = None if missing is None else missing.as_dict()
-        if found.missing:
-            remarks.append(f"{found.missing}{more_pairs(t_min)}.")
-        remarks += found.remarks(mesh)
-        found = found.with_maps(mesh)
-        if options.component_column:
-            found = found.with_components(mesh)
-        report["n_features"] = len(found.columns)
+        found = _computed_features(mesh, family, pairs, target, options, report)
         values = None if pairs is None else pairs.eigenvalues
         found = found.on_file(mesh) if whole else found
         write_features(path, found, raw if whole else mesh, eigenvalues=values, meta=made)
@@ -366,6 +315,82 @@ def _write_whole(
     if pairs is None:
         return report, f"{path}: {counted(report['n_features'], 'column')}"
     return report, f"{path}: {proof} · {reach(report, mesh)}"
+
+
+def _with_chosen_maps(mesh: Mesh, family: Family, options: Namespace) -> tuple[Mesh, list[str]]:
+    """Return the mesh with the maps that become columns, and remarks on those left out."""
+    remarks: list[str] = []
+    if (options.map or options.maps) and not family.makes_features():
+        raise InputError(f"--map and --maps are columns of features; {family.export} have none.")
+    if mesh.maps and not options.maps:
+        names = ", ".join(each.name for each in mesh.maps)
+        if family.makes_features():
+            remarks.append(f"left out: {names}; --maps adds them as columns.")
+        for each in mesh.maps:
+            mesh = mesh.without_map(each.name)
+    return with_maps(mesh, options.map), remarks
+
+
+def _solved_target(
+    mesh: Mesh, family: Family, options: Namespace
+) -> tuple[Decomposition | None, Target, list[str]]:
+    """Return the eigenpairs that a family needs, the target they were solved for, and remarks."""
+    n, target = mesh.n_vertices - len(mesh.unreferenced), options.target
+    shortest = getattr(family, "t_min", None) if target is None else None
+    if shortest is None:
+        pairs = solved(mesh, options, target) if family.of_pairs else None
+        wanted = target.n_components
+        if pairs is None or wanted is None or wanted <= n:
+            return pairs, target, []
+        remark = (
+            f"{wanted:,} eigenpairs were asked for; the mesh has {n:,}, and all of them are used."
+        )
+        return pairs, target, [remark]
+    target, edge = sufficient_target(shortest, mesh.area, n), median_edge_length(mesh)
+    limit = mesh_limit(shortest, mesh.area, n, mesh.unit, edge)
+    try:
+        pairs = solved(mesh, options, target) if family.of_pairs else None
+    except InputError as fault:
+        raise InputError(f"{fault} {limit}") from fault
+    too_short = wavelength(required_eigenvalue(shortest)) < 2.0 * edge
+    return pairs, target, [limit] if too_short else []
+
+
+def _computed_features(
+    mesh: Mesh,
+    family: Family,
+    pairs: Decomposition | None,
+    target: Target,
+    options: Namespace,
+    report: dict[str, Any],
+) -> Features:
+    """Return the features of a family with the maps of the mesh, and complete the report."""
+    bound, remarks = target.max_eigenvalue, report["remarks"]
+    found = family.compute_features(
+        pairs,
+        mesh,
+        mesh.area,
+        bound,
+        drop_first=options.drop_first,
+        tail=options.tail,
+        known_to=bound if pairs is not None and pairs.complete else None,
+    )
+    if pairs is not None and not (pairs.eigenvalues > 0.0).any():
+        remarks.append(
+            f"all {pairs.n_components} eigenvalues are zero, one for each connected component,"
+            " so the features are the same all over a component: go further up the spectrum"
+            " (a larger --count or --max-eigenvalue, a shorter --wavelength)."
+        )
+    missing = found.truncation
+    report["truncation"] = None if missing is None else missing.as_dict()
+    if found.missing:
+        remarks.append(f"{found.missing}{more_pairs(getattr(family, 't_min', None))}.")
+    remarks += found.remarks(mesh)
+    found = found.with_maps(mesh)
+    if options.component_column:
+        found = found.with_components(mesh)
+    report["n_features"] = len(found.columns)
+    return found
 
 
 def more_pairs(t_min: float | None = None) -> str:

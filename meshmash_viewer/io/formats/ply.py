@@ -124,7 +124,8 @@ def _comments(header: bytes) -> Iterator[str]:
             yield line.removeprefix("comment ")
 
 
-def _parse_header(data: bytes) -> tuple[str, list[Element], int]:
+def _split_header(data: bytes) -> tuple[bytes, int]:
+    """Return the header without its last line, and the position of the first byte after it."""
     if not re.match(rb"ply[ \t]*[\r\n]", data, re.IGNORECASE):
         raise InputError('does not begin with "ply"')
     end = re.search(rb"[\r\n][ \t]*end_header[ \t]*(\r\n|\n|\r)", data)
@@ -132,10 +133,15 @@ def _parse_header(data: bytes) -> tuple[str, list[Element], int]:
         raise InputError("has a header without an end")
     start = end.end()
     if end[1] == b"\r\n" and b"\n" not in data[: end.start() + 1]:
-        start -= 1  # lines end in \r alone, and a byte of the first number is the other
+        start -= 1  # lines end in \r alone; the \n is a byte of the first number
+    return data[: end.start()], start
+
+
+def _parse_header(data: bytes) -> tuple[str, list[Element], int]:
+    header, start = _split_header(data)
     byte_order = None
     elements: list[Element] = []
-    for line in data[: end.start()].decode("latin-1").splitlines()[1:]:
+    for line in header.decode("latin-1").splitlines()[1:]:
         words = line.split()
         try:
             match words:
