@@ -45,13 +45,14 @@ class ProcessTree:
 
         if time.monotonic() - self._searched >= _SEARCH:
             self._search()
-        memory = 0.0
+        memory = with_children = 0.0
         for process in self._processes:
             with contextlib.suppress(psutil.Error):  # it has just ended
                 spent = process.cpu_times()
                 self._seconds[process] = spent.user + spent.system
+                with_children += sum(spent[:4])
                 memory += process.memory_info().rss
-        return sum(self._seconds.values()), memory
+        return max(sum(self._seconds.values()), with_children), memory
 
     def end(self, patience: float = 0.0) -> None:
         """Kill all of them, this process last if it is among them.
