@@ -79,6 +79,7 @@ class Tour:
         if self.document.spectrum is not None:
             self.wait(lambda: self.window.field_source.idle)
         self.wait(lambda: self.window.scene.at_rest)
+        self.wait(lambda: self.window.profile_panel.idle)
         pause(700)
 
     def resize(self, width: int, height: int) -> None:

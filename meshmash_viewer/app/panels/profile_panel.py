@@ -144,6 +144,11 @@ class ProfilePanel(PlotPanel):
         self._dress()
         self._follow_kind()
 
+    @property
+    def idle(self) -> bool:
+        """Whether the profiles of all pins have been read."""
+        return not self._reader.thread_.working
+
     def _build(self) -> None:
         self.view_choice = make.combo(
             "profile_view",
