@@ -130,9 +130,9 @@ class MessageBar(QFrame):
         room = parent.rect()
         margin = theme.MARGIN
         top, free, right = margin, room.width() - 2 * margin, room.width() - margin
-        right = room.width() - self._title.width() - margin
-        if not self._title.isEmpty() and right >= _NARROWEST:
-            free = right
+        remaining = room.width() - self._title.width() - margin
+        if not self._title.isEmpty() and remaining >= _NARROWEST:
+            free = remaining
         elif not self._title.isEmpty():
             top = self._title.height()
             if free - self._bar >= _TIGHTEST:
