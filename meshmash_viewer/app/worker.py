@@ -10,7 +10,7 @@ import subprocess
 import tempfile
 import threading
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import BinaryIO, ClassVar, cast
 
 from PySide6.QtCore import QObject, QTimer, Signal
 
@@ -18,7 +18,7 @@ from meshmash_viewer.app.view.geometry import geometry_of
 from meshmash_viewer.io.atomic import remove_abandoned, scratch_prefix
 from meshmash_viewer.model.failure import Failure, failure_of
 from meshmash_viewer.model.jobs import Job
-from meshmash_viewer.model.process import child_command, child_environment, end_group
+from meshmash_viewer.model.process import child_command, child_environment, end_group, run_job
 from meshmash_viewer.model.results import MeshReady, SpectrumGrew
 from meshmash_viewer.model.transport import Wire
 
@@ -36,6 +36,9 @@ class Worker(QObject):
     A job ends with exactly one of the signals `finished`, `failed` and `cancelled`, after which the
     next can be submitted. A thread of the worker reads and writes arrays, so that no method blocks.
     """
+
+    #: Whether jobs run in the worker's thread instead of a process, as tests of windows need.
+    in_process: ClassVar[bool] = False
 
     started = Signal(object)
     progressed = Signal(object)
@@ -131,14 +134,24 @@ class Worker(QObject):
     def _serve(self) -> None:
         """Start a process, and give it one job after the other."""
         try:
-            with contextlib.suppress(OSError):  # the first job tries again, and says why
-                self._start_process()
-            _warm_up()
-            remove_abandoned()
+            if not self.in_process:
+                with contextlib.suppress(OSError):  # the first job tries again, and says why
+                    self._start_process()
+                _warm_up()
+                remove_abandoned()
+            run = self._run_here if self.in_process else self._run
             while (job := self._orders.get()) is not None:
-                self._run(job)
+                run(job)
         finally:
             self._drop_process(patience=_CLOSE_PATIENCE)
+
+    def _run_here(self, job: Job) -> None:
+        run_job(job, self._emit, lambda: self._stop_asked or self._closing, self.folder)
+
+    def _emit(self, message: tuple[str, object]) -> None:
+        kind, content = message
+        _open_files(content)
+        getattr(self, kind).emit(content)
 
     def _run(self, job: Job, *, again: bool = True) -> None:
         received = False
@@ -150,11 +163,10 @@ class Worker(QObject):
         try:
             wire = self._send(job)
             while True:
-                kind, message = cast(tuple[str, object], wire.receive())
+                message = cast(tuple[str, object], wire.receive())
                 received = True
-                _open_files(message)
-                getattr(self, kind).emit(message)
-                if kind in _ENDS:
+                self._emit(message)
+                if message[0] in _ENDS:
                     return
         except (EOFError, BrokenPipeError):
             with self._lock:

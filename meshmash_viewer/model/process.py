@@ -16,6 +16,7 @@ import signal
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import cast
 
@@ -25,8 +26,8 @@ from meshmash_viewer.io.process_tree import ProcessTree
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.model.jobs import Job
-from meshmash_viewer.model.transport import Channel, Wire
-from meshmash_viewer.progress import Cancelled, Progress
+from meshmash_viewer.model.transport import Wire
+from meshmash_viewer.progress import CancelCallback, Cancelled, Progress
 from meshmash_viewer.spectral.engine.blas_threads import limit_accelerate
 
 #: Seconds between two progress reports.
@@ -72,8 +73,7 @@ def serve(folder: str) -> None:
     # while a first mesh is read, or before the first job; a job that needs the solver waits for it
     threading.Thread(target=_warm_up_solver, daemon=True).start()
     while True:
-        channel = _PipeChannel(wire, asked_to_stop, Path(folder))
-        _run(jobs.get(), channel, wire)
+        run_job(jobs.get(), wire.send, asked_to_stop.is_set, Path(folder))
 
 
 def _listen(
@@ -96,26 +96,32 @@ def _listen(
         os._exit(0)
 
 
-def _run(job: Job, channel: Channel, wire: Wire) -> None:
-    """Do a job and send how it ended."""
+def run_job(
+    job: Job, send: Callable[[tuple[str, object]], None], cancelled: CancelCallback, folder: Path
+) -> None:
+    """Do a job, and send what it reports and how it ended, as kind and content."""
     message: tuple[str, object]
     try:
-        wire.send(("finished", job.run(channel)))
+        send(("finished", job.run(_JobChannel(send, cancelled, folder))))
         return
     except Cancelled:
         message = ("cancelled", None)
     except Exception as error:  # noqa: BLE001  the window reports it
         message = ("failed", failure_of(error, job.label))
-    wire.send(message)
+    send(message)
 
 
-class _PipeChannel:
-    """A `Channel` into the pipe, with at most one progress report per `_REPORT_SECONDS`."""
+class _JobChannel:
+    """A `Channel` with at most one progress report per `_REPORT_SECONDS` and stage."""
 
-    def __init__(self, wire: Wire, asked_to_stop: threading.Event, folder: Path) -> None:
-        self.folder = folder
-        self._wire = wire
-        self._asked_to_stop = asked_to_stop
+    def __init__(
+        self,
+        send: Callable[[tuple[str, object]], None],
+        cancelled: CancelCallback,
+        folder: Path,
+    ) -> None:
+        self.folder, self.cancelled = folder, cancelled
+        self._send = send
         self._reported = -_REPORT_SECONDS
         self._stage = ""
 
@@ -124,13 +130,10 @@ class _PipeChannel:
         if progress.stage == self._stage and now - self._reported < _REPORT_SECONDS:
             return
         self._reported, self._stage = now, progress.stage
-        self._wire.send(("progressed", progress))
+        self._send(("progressed", progress))
 
     def send(self, message: object) -> None:
-        self._wire.send(("sent", message))
-
-    def cancelled(self) -> bool:
-        return self._asked_to_stop.is_set()
+        self._send(("sent", message))
 
 
 def end_group(leader: int, patience: float = 0.0) -> None:

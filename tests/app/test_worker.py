@@ -65,6 +65,25 @@ def test_result_parts_and_progress_arrive(qtbot: QtBot, worker: Worker) -> None:
     assert {path.name for path in worker.folder.iterdir()} == {"stderr.txt"}
 
 
+def test_jobs_run_in_a_thread_of_the_same_process_where_tests_ask_for_it(
+    qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Worker, "in_process", True)
+    worker = Worker()
+    with qtbot.waitSignal(worker.finished, timeout=_PATIENCE) as finished:
+        worker.submit(DoubleJob(np.ones(3)))
+    np.testing.assert_array_equal(finished.args[0], 2.0)
+    assert "a defect" in outcome(qtbot, worker, FailingJob("defect")).text
+    with qtbot.waitSignal(worker.sent, timeout=_PATIENCE) as sent:
+        worker.submit(EndlessJob())
+    assert sent.args[0] == os.getpid()
+    with qtbot.waitSignal(worker.cancelled, timeout=_PATIENCE):
+        worker.cancel()
+    worker.submit(EndlessJob())
+    worker.close()
+    assert not worker.folder.exists()
+
+
 def test_one_job_at_a_time_in_one_warm_process(qtbot: QtBot, worker: Worker) -> None:
     ids = set()
     for _ in range(3):

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast
@@ -114,7 +113,7 @@ class Kept:
 
 def test_reports_are_thinned_but_for_the_first_of_a_stage(tmp_path: Path) -> None:
     wire = Kept()
-    channel = process._PipeChannel(cast(Wire, wire), threading.Event(), tmp_path)
+    channel = process._JobChannel(wire.send, lambda: False, tmp_path)
     for stage in ("a", "b"):
         for _ in range(1000):
             channel.report(Progress(stage))
