@@ -30,7 +30,7 @@ from meshmash_viewer.features.filters import (
 from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh, MeshLike
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
-from meshmash_viewer.spectral.eigenpairs import check_bands, find_eigenpairs
+from meshmash_viewer.spectral.checked_solve import check_bands, solve_and_warn
 from meshmash_viewer.units import whole_number
 
 __all__ = [
@@ -137,7 +137,7 @@ def _decomposed(
 ) -> tuple[npt.NDArray[np.float64], Array]:
     if prefactor not in (None, "lu"):
         raise InputError(f'prefactor is {prefactor!r}: give "lu" or None.')
-    result = find_eigenpairs(
+    result = solve_and_warn(
         L,
         M,
         n_components=whole_number(n_components, "n_components"),
@@ -257,7 +257,7 @@ def decompose_laplacian_by_bands(
     array([0., 2., 2., 2., 6., 6., 6., 6., 6.])
     """
     check_bands(max_eigenvalue, band_size)
-    result = find_eigenpairs(
+    result = solve_and_warn(
         L, M, max_eigenvalue=max_eigenvalue, verbose=verbose, progress=progress, cancel=cancel
     )
     return result.eigenvalues, result.eigenvectors

@@ -13,12 +13,12 @@ from PySide6.QtWidgets import QApplication, QLineEdit, QWidget
 from pytestqt.qtbot import QtBot
 
 from meshmash_viewer.app.listening import catch_up
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.results import MeshReady
 from meshmash_viewer.spectral.certificate import Certificate
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 Widget = TypeVar("Widget", bound=QWidget)
 A, B = 12000.0, 47000.0  # nm
@@ -38,7 +38,7 @@ def rectangle_document(
 
 def rectangle_spectrum(
     mesh: Mesh, n_pairs: int, *, converged: int | None = None, twins: slice | None = None
-) -> Spectrum:
+) -> Eigenpairs:
     waves = np.array([(i, j) for i in range(40) for j in range(120)])
     values = (np.pi * waves[:, 0] / A) ** 2 + (np.pi * waves[:, 1] / B) ** 2
     order = np.argsort(values, kind="stable")[:n_pairs]
@@ -52,7 +52,7 @@ def rectangle_spectrum(
     k = n_pairs if converged is None else converged
     residuals = np.full(k, 3e-12)
     certificate = Certificate("dense", n_pairs, n_pairs) if converged is None else None
-    return Spectrum(eigenvalues[:k], rows, residuals, n_pairs, certificate)
+    return Eigenpairs(eigenvalues[:k], rows, residuals, n_pairs, certificate)
 
 
 def part(within: QWidget, name: str) -> QWidget:

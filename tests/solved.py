@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from functools import cache
 
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.eigensolver import solve
 
 
 @cache
-def spectrum_of(mesh: Mesh, n_pairs: int) -> Spectrum:
+def spectrum_of(mesh: Mesh, n_pairs: int) -> Eigenpairs:
     """The lowest pairs of a mesh under the robust Laplacian; equal calls share them."""
     found = solve(*cotangent_laplacian(mesh, robust=True), n_pairs)
-    return Spectrum(
+    return Eigenpairs(
         found.eigenvalues,
         found.rows,
         found.residuals,

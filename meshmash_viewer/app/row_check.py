@@ -8,10 +8,10 @@ from PySide6.QtCore import QObject, QThread
 
 from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import listen
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.io.stored_spectrum import Compared
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 #: Seconds until it begins, after the first frame.
 _DELAY = 1.5
@@ -32,7 +32,7 @@ class RowCheck(QObject):
     def __init__(self, document: Document, parent: QObject) -> None:
         super().__init__(parent)
         self._document = document
-        self._wanted: Spectrum | None = None
+        self._wanted: Eigenpairs | None = None
         self._used = -_QUIET
         low = QThread.Priority.LowPriority
         self.thread_ = LatestThread(self._check, self._take, _DELAY, self, priority=low)
@@ -58,7 +58,7 @@ class RowCheck(QObject):
             if spectrum is not None:
                 self.thread_.ask(spectrum)
 
-    def _check(self, spectrum: Spectrum, cancel: CancelCallback) -> int | Compared:
+    def _check(self, spectrum: Eigenpairs, cancel: CancelCallback) -> int | Compared:
         """Compare row by row; returns the index of the first damaged row, if there is one."""
         stored = spectrum.stored
         assert stored is not None
@@ -72,7 +72,7 @@ class RowCheck(QObject):
                 raise Cancelled
         return Compared(stored.checksums[: len(spectrum)], state)
 
-    def _take(self, spectrum: Spectrum, found: int | Compared | Exception) -> None:
+    def _take(self, spectrum: Eigenpairs, found: int | Compared | Exception) -> None:
         if isinstance(found, Exception):
             raise found
         if isinstance(found, Compared):

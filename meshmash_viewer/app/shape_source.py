@@ -16,7 +16,6 @@ from meshmash_viewer.app.latest_thread import LatestThread
 from meshmash_viewer.app.listening import listen
 from meshmash_viewer.app.view.geometry import drawn_points, geometry_of
 from meshmash_viewer.features.reconstruction import Reconstruction
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.io.provenance import export_options, provenance
 from meshmash_viewer.io.write import write_mesh
 from meshmash_viewer.mesh import Mesh
@@ -25,6 +24,7 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.failure import failure_of
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 
 FloatArray = npt.NDArray[np.floating]
@@ -42,13 +42,13 @@ _SMALL, _REST = 60_000, 0.15
 class _Kept:
     """Intermediate results for one mesh, reused by the next request."""
 
-    sums: tuple[Spectrum, Reconstruction] | None = None
+    sums: tuple[Eigenpairs, Reconstruction] | None = None
     swings: tuple[Field, FloatArray] | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class _Request:
-    spectrum: Spectrum
+    spectrum: Eigenpairs
     shape: Shape
     kept: _Kept
     #: Field whose values are the amplitudes of a vibration, and its elongation from -1 to 1.
@@ -62,7 +62,7 @@ class DrawnShape:
 
     Parameters
     ----------
-    spectrum : Spectrum
+    spectrum : Eigenpairs
         Of the displayed mesh.
     points : ndarray of float32, shape (n, 3), or None
         Relative to the centre of the mesh; None for the positions of the mesh.
@@ -76,7 +76,7 @@ class DrawnShape:
         Whether this is the requested shape, without a vibration.
     """
 
-    spectrum: Spectrum
+    spectrum: Eigenpairs
     points: npt.NDArray[np.float32] | None = None
     normals: npt.NDArray[np.float32] | None = None
     count: int = 0

@@ -28,7 +28,6 @@ from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.fields.sweep import (
     SWEPT,
     chosen_columns,
@@ -52,6 +51,7 @@ from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.field import FieldRequest, LiveFeatures, compute_field
 from meshmash_viewer.model.limits import LockedLimits
 from meshmash_viewer.progress import Progress, ProgressBar
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import counted
 
 if TYPE_CHECKING:
@@ -296,7 +296,7 @@ def _chosen_swept(options: Namespace) -> Family:
     return chosen_family(options, SWEPT, _COLUMNS)
 
 
-def _solved(mesh: Mesh, family: Family, options: Namespace) -> tuple[Spectrum, dict[str, Any]]:
+def _solved(mesh: Mesh, family: Family, options: Namespace) -> tuple[Eigenpairs, dict[str, Any]]:
     """Return the eigenpairs, if the family needs any, and their report."""
     family.check_mesh(mesh)
     output = str(options.output)
@@ -307,10 +307,10 @@ def _solved(mesh: Mesh, family: Family, options: Namespace) -> tuple[Spectrum, d
     return _spectrum(mesh, pairs, options), report
 
 
-def _spectrum(mesh: Mesh, pairs: Decomposition | None, options: Namespace) -> Spectrum:
+def _spectrum(mesh: Mesh, pairs: Decomposition | None, options: Namespace) -> Eigenpairs:
     if pairs is None:
-        return Spectrum.without_pairs(mesh)
-    return Spectrum(
+        return Eigenpairs.without_pairs(mesh)
+    return Eigenpairs(
         pairs.eigenvalues,
         pairs.rows,
         pairs.residuals,

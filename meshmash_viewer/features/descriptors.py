@@ -43,13 +43,13 @@ from meshmash_viewer.features.truncation import mesh_limit, sufficient_target
 from meshmash_viewer.laplacian import SparseMatrix, cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback, ProgressCallback
-from meshmash_viewer.spectral.eigenpairs import (
+from meshmash_viewer.spectral.checked_solve import (
     DEFAULT_MAX_EIGENVALUE,
     check_bands,
     chosen_extent,
-    find_eigenpairs,
     refuse_two_extents,
     scratch_rows,
+    solve_and_warn,
 )
 from meshmash_viewer.spectral.weyl import required_eigenvalue, weyl_eigenvalue
 from meshmash_viewer.split.piece import Piece
@@ -382,7 +382,7 @@ class _Computation:
     ) -> Decomposition:
         """Compute eigenpairs by their number or up to a threshold."""
         stiffness, mass = self.matrices
-        return find_eigenpairs(
+        return solve_and_warn(
             stiffness,
             mass,
             n_components=n_components,

@@ -11,8 +11,8 @@ import numpy as np
 from meshmash_viewer.features.sums import sum_squares
 from meshmash_viewer.fields.family import Answer, Family, Profile, Samples, Table, parameter
 from meshmash_viewer.fields.schema import whole
-from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 
 __all__ = ["MOST_COLUMNS", "BankColumns"]
 
@@ -47,16 +47,16 @@ class BankColumns(Family):
     def table_columns(self) -> int:
         return self.count
 
-    def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
+    def resolved(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
         return self.within(spectrum)
 
-    def within(self, spectrum: Spectrum) -> Self:
+    def within(self, spectrum: Eigenpairs) -> Self:
         return replace(self, index=self.column)
 
-    def step(self, spectrum: Spectrum, steps: int) -> Self:
+    def step(self, spectrum: Eigenpairs, steps: int) -> Self:
         return replace(self, index=min(max(self.index + steps, 0), self.count - 1))
 
-    def compute(self, spectrum: Spectrum, table: Table | None) -> Answer:
+    def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer:
         if self.prepared(spectrum, table):
             assert table is not None
             table.spectrum = spectrum  # faster comparison next time
@@ -65,32 +65,32 @@ class BankColumns(Family):
         one = weights[self.column : self.column + 1]
         return Answer(np.asarray(sum_squares(spectrum.rows, one)[0]))
 
-    def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
+    def prepared(self, spectrum: Eigenpairs, table: Table | None) -> bool:
         return table is not None and table.holds(self.at_rest(), spectrum)
 
-    def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
+    def prepare(self, spectrum: Eigenpairs, cancel: CancelCallback | None) -> Table:
         weights = self.bank(spectrum.eigenvalues)(spectrum.eigenvalues)
         columns = sum_squares(spectrum.rows, weights, cancel=cancel)
         return Table(spectrum, self.at_rest(), np.asarray(columns))
 
-    def profile(self, spectrum: Spectrum) -> Profile | None:
+    def profile(self, spectrum: Eigenpairs) -> Profile | None:
         if first_nonzero(spectrum) >= len(spectrum):
             return None
         bank = self.bank(spectrum.eigenvalues)
         both = Samples(self.places(spectrum), bank(spectrum.eigenvalues))
         return Profile(both, both)
 
-    def places(self, spectrum: Spectrum) -> np.ndarray:
+    def places(self, spectrum: Eigenpairs) -> np.ndarray:
         """Return positions of the columns on the bottom axis of a profile, shape (count,)."""
         return np.arange(self.count, dtype=np.float64)
 
-    def place(self, spectrum: Spectrum) -> float:
+    def place(self, spectrum: Eigenpairs) -> float:
         return float(self.places(spectrum)[self.column])
 
-    def at_place(self, spectrum: Spectrum, place: float) -> Self:
+    def at_place(self, spectrum: Eigenpairs, place: float) -> Self:
         return replace(self, index=int(np.argmin(np.abs(self.places(spectrum) - place))))
 
-    def script(self, spectrum: Spectrum) -> list[str]:
+    def script(self, spectrum: Eigenpairs) -> list[str]:
         return [
             f"features = mv.compute_features(decomposition, {self.bank_script()}, unit=mesh.unit)",
             f"values = features.values[:, {self.column}]",

@@ -25,9 +25,9 @@ from meshmash_viewer.features.sums import Features, sum_squares
 from meshmash_viewer.fields.family import Answer, ColumnArray, Family, Option, Table, parameter
 from meshmash_viewer.fields.heat_table import build_heat_table
 from meshmash_viewer.fields.schema import MOST_INDEX, choice, number, whole
-from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, same_pairs
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.quantities import parse_quantity, parse_whole
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, same_pairs
 from meshmash_viewer.units import counted, format_quantity, power_unit
 
 if TYPE_CHECKING:
@@ -100,12 +100,12 @@ class Distances(Family):
         """Whether the distance depends on a time."""
         return self.measure == "diffusion"
 
-    def time_in(self, spectrum: Spectrum) -> float:
+    def time_in(self, spectrum: Eigenpairs) -> float:
         """Return the chosen time, or the middle of the range in log scale."""
         low, high = spectrum.time_range
         return math.sqrt(low) * math.sqrt(high) if self.time is None else self.time
 
-    def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
+    def resolved(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
         return replace(self, time=self.time_in(spectrum) if self.timed else None)
 
     def for_other_mesh(self, n_components: int) -> Self:
@@ -119,7 +119,7 @@ class Distances(Family):
         """Return the first family, since a distance has no filters."""
         return next(iter(chosen.values()))
 
-    def step(self, spectrum: Spectrum, steps: int) -> Self:
+    def step(self, spectrum: Eigenpairs, steps: int) -> Self:
         """Step through several vertices if there are some, else through diffusion times."""
         if len(self.vertices) > 1 and self.vertex is not None:
             at = self.vertices.index(self.vertex) + steps
@@ -131,12 +131,12 @@ class Distances(Family):
         moved = min(max(before + steps / _STEPS * (high - low), low), high)
         return replace(self, time=math.exp(moved)) if abs(moved - before) > 1e-9 else self
 
-    def place(self, spectrum: Spectrum) -> float:
+    def place(self, spectrum: Eigenpairs) -> float:
         if len(self.vertices) > 1 and self.vertex is not None:
             return float(self.vertices.index(self.vertex))
         return math.log10(self.time_in(spectrum)) if self.timed else 0.0
 
-    def at_place(self, spectrum: Spectrum, place: float) -> Self:
+    def at_place(self, spectrum: Eigenpairs, place: float) -> Self:
         if len(self.vertices) > 1:
             return replace(self, vertex=self.vertices[round(place)])
         return replace(self, time=10.0**place) if self.timed else self
@@ -144,7 +144,7 @@ class Distances(Family):
     def title(self) -> str:
         return f"{MEASURES[self.measure][0]} distance"
 
-    def quantity(self, spectrum: Spectrum, unit: str) -> str:
+    def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
         if self.vertex is None:
             return ""
         text = f"from {spectrum.named_vertex(self.vertex)}"
@@ -159,7 +159,7 @@ class Distances(Family):
 
     # -- values -------------------------------------------------------------------------------
 
-    def compute(self, spectrum: Spectrum, table: Table | None) -> Answer | None:
+    def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer | None:
         """Compute from the table, or directly; geodesic distances need a table."""
         if self.vertex is None:
             return None
@@ -173,20 +173,20 @@ class Distances(Family):
                 return Answer(self._root(content.at(2.0 * self.time_in(spectrum)), spectrum))
         return None if self.measure == "geodesic" else Answer(self._sum(spectrum, None))
 
-    def _sum(self, spectrum: Spectrum, cancel: CancelCallback | None) -> ColumnArray:
+    def _sum(self, spectrum: Eigenpairs, cancel: CancelCallback | None) -> ColumnArray:
         """Compute distances by the sum over all pairs."""
         weights = spectral_weights(self.measure, spectrum.eigenvalues, self._time(spectrum))
         squares = sum_squares(self._rows(spectrum), weights[None], cancel=cancel)[0]
         return self._root(np.asarray(squares), spectrum)
 
-    def _time(self, spectrum: Spectrum) -> float:
+    def _time(self, spectrum: Eigenpairs) -> float:
         return self.time_in(spectrum) if self.timed else 1.0
 
-    def _rows(self, spectrum: Spectrum) -> Any:
+    def _rows(self, spectrum: Eigenpairs) -> Any:
         assert self.vertex is not None
         return RowsFrom(spectrum.rows, self.vertex)
 
-    def _root(self, squares: ColumnArray, spectrum: Spectrum) -> ColumnArray:
+    def _root(self, squares: ColumnArray, spectrum: Eigenpairs) -> ColumnArray:
         """Compute distances from their squares: NaN in other components, 0 at the vertex."""
         assert self.vertex is not None
         distances = np.sqrt(np.maximum(squares, 0.0, out=squares), out=squares)
@@ -196,7 +196,7 @@ class Distances(Family):
             distances[labels != labels[self.vertex]] = np.nan
         return distances
 
-    def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
+    def prepared(self, spectrum: Eigenpairs, table: Table | None) -> bool:
         if table is None or not isinstance(table.family, Distances):
             return False
         if self.measure == "geodesic":
@@ -204,7 +204,7 @@ class Distances(Family):
         same = replace(table.family, time=None) == replace(self, time=None)
         return same and same_pairs(table.spectrum, spectrum)
 
-    def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
+    def prepare(self, spectrum: Eigenpairs, cancel: CancelCallback | None) -> Table:
         content: Any
         if self.measure == "geodesic":
             assert spectrum.mesh is not None
@@ -218,7 +218,7 @@ class Distances(Family):
             content = self._sum(spectrum, cancel)
         return Table(spectrum, self, content)
 
-    def missing(self, spectrum: Spectrum, typical: float) -> float:
+    def missing(self, spectrum: Eigenpairs, typical: float) -> float:
         """Return the share of a typical distance due to pairs that were not computed."""
         mesh = spectrum.mesh
         if mesh is None or self.measure == "geodesic" or not typical > 0.0:
@@ -268,19 +268,19 @@ class Distances(Family):
         time = None
         if self.timed and pairs is not None:
             none = np.empty((0, 0))
-            time = self.time_in(Spectrum(pairs.eigenvalues, none, none))
+            time = self.time_in(Eigenpairs(pairs.eigenvalues, none, none))
         return distance_features(mesh, self._origins, self.measure, pairs, time)
 
-    def column_names(self, spectrum: Spectrum) -> tuple[str, ...]:
+    def column_names(self, spectrum: Eigenpairs) -> tuple[str, ...]:
         return distance_columns(self.measure, [spectrum.file_index(at) for at in self._origins])
 
-    def contents(self, spectrum: Spectrum, unit: str) -> str:
+    def contents(self, spectrum: Eigenpairs, unit: str) -> str:
         text = f"{self.title()} from {counted(len(self._origins), 'vertex')}"
         if self.timed:
             text += f", t = {format_quantity(self.time_in(spectrum), unit, 2)}"
         return f"{text}."
 
-    def script(self, spectrum: Spectrum) -> list[str]:
+    def script(self, spectrum: Eigenpairs) -> list[str]:
         pairs = f", {self.measure!r}, decomposition" if self.needs_pairs else ""
         time = f", time={self.time_in(spectrum)!r}" if self.timed else ""
         assert self.vertex is not None, "only for a shown field"

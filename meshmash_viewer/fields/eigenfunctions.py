@@ -17,7 +17,7 @@ from meshmash_viewer.fields.family import (
     parameter,
 )
 from meshmash_viewer.fields.schema import MOST_INDEX, listing, whole
-from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import format_quantity, named_quantity, power_unit, subscript
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ class Eigenfunctions(Family):
     def signed(self) -> bool:
         return True
 
-    def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
+    def resolved(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
         index = self.within(spectrum).index
         return replace(self, index=index, flipped=self.flipped & {index})
 
@@ -82,10 +82,10 @@ class Eigenfunctions(Family):
             f"{index} is {same.indices[index]}{sign} (correlation {same.correlations[index]:.2f})"
         )
 
-    def within(self, spectrum: Spectrum) -> Self:
+    def within(self, spectrum: Eigenpairs) -> Self:
         return replace(self, index=min(max(self.index, 0), max(len(spectrum) - 1, 0)))
 
-    def step(self, spectrum: Spectrum, steps: int) -> Self:
+    def step(self, spectrum: Eigenpairs, steps: int) -> Self:
         return replace(self, index=min(max(self.index + steps, 0), len(spectrum) - 1))
 
     def sign_flipped(self) -> Self:
@@ -94,7 +94,7 @@ class Eigenfunctions(Family):
     def title(self) -> str:
         return f"Eigenfunction {self.index}"
 
-    def quantity(self, spectrum: Spectrum, unit: str) -> str:
+    def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
         name = f"λ{subscript(self.index)}"
         written = format_quantity(float(spectrum.eigenvalues[self.index]), unit, -2)
         if spectrum.is_exact(self.index):
@@ -105,14 +105,14 @@ class Eigenfunctions(Family):
     def unit(self, length: str) -> str:
         return power_unit(length, -1)
 
-    def compute(self, spectrum: Spectrum, table: Table | None) -> Answer:
+    def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer:
         """Return one row in single precision, with the chosen sign."""
         values = np.array(spectrum.shown_rows[self.index], dtype=np.float32)
         if self.index in self.flipped:
             np.negative(values, out=values)
         return Answer(values, not spectrum.is_exact(self.index))
 
-    def profile(self, spectrum: Spectrum) -> Profile:
+    def profile(self, spectrum: Eigenpairs) -> Profile:
         """Return the profile: the values of all eigenfunctions at a vertex."""
         signs = np.ones(len(spectrum))
         signs[[index for index in self.flipped if index < len(signs)]] = -1.0
@@ -122,21 +122,21 @@ class Eigenfunctions(Family):
     def axes(self, unit: str) -> tuple[str, str]:
         return "Index", named_quantity("φ", unit, -1)
 
-    def place(self, spectrum: Spectrum) -> float:
+    def place(self, spectrum: Eigenpairs) -> float:
         return float(self.within(spectrum).index)
 
-    def at_place(self, spectrum: Spectrum, place: float) -> Self:
+    def at_place(self, spectrum: Eigenpairs, place: float) -> Self:
         return replace(self, index=round(place)).within(spectrum)
 
-    def contents(self, spectrum: Spectrum, unit: str) -> str:
+    def contents(self, spectrum: Eigenpairs, unit: str) -> str:
         about = f"Eigenvalues up to {format_quantity(float(spectrum.eigenvalues[-1]), unit, -2)}"
         values = power_unit(unit, -1)
         return f"{about}, eigenvectors{f' in {values}' if values else ''}, M-orthonormal."
 
-    def column_names(self, spectrum: Spectrum) -> tuple[str, ...]:
+    def column_names(self, spectrum: Eigenpairs) -> tuple[str, ...]:
         return tuple(f"eigenvector_{at}" for at in range(len(spectrum)))
 
-    def script(self, spectrum: Spectrum) -> list[str]:
+    def script(self, spectrum: Eigenpairs) -> list[str]:
         shown = spectrum.shown
         shown_sign = 1.0 if shown is None else shown.alignment.sign(self.index)
         sign = "-" if (self.index in self.flipped) != (shown_sign == -1.0) else ""

@@ -17,8 +17,8 @@ import numpy.typing as npt
 from meshmash_viewer.features.filters import FilterBank
 from meshmash_viewer.features.sums import Features, truncated_features
 from meshmash_viewer.fields.schema import Check, none_or
-from meshmash_viewer.fields.spectrum import Spectrum, same_pairs
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, same_pairs
 from meshmash_viewer.units import power_unit
 from meshmash_viewer.vertex_map import Label
 
@@ -104,7 +104,7 @@ class Table:
 
     Parameters
     ----------
-    spectrum : Spectrum
+    spectrum : Eigenpairs
         The spectrum it was made from, or one with the same pairs.
     family : Family
         The family it was made for, at rest (see `Family.at_rest`).
@@ -112,11 +112,11 @@ class Table:
         Data of the family.
     """
 
-    spectrum: Spectrum
+    spectrum: Eigenpairs
     family: Family
     content: Any
 
-    def holds(self, family: Family, spectrum: Spectrum) -> bool:
+    def holds(self, family: Family, spectrum: Eigenpairs) -> bool:
         """Whether it was made for this family at rest and these pairs."""
         return self.family == family and same_pairs(self.spectrum, spectrum)
 
@@ -269,7 +269,7 @@ class Family:
         """Number of columns in single precision of its table."""
         return 0
 
-    def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
+    def resolved(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
         """Set parameters that are None, so that equal families have equal values.
 
         The spectrum has at least one pair if needed; `chosen` are the choices of all families,
@@ -317,7 +317,7 @@ class Family:
         """Describe the corresponding field of another shape, if it is not obvious."""
         return ""
 
-    def filled_in(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
+    def filled_in(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
         """Set parameters that are None, as far as the spectrum allows."""
         if not self.usable or (self.needs_pairs and not len(spectrum)):
             return self
@@ -326,7 +326,7 @@ class Family:
         found = {name: getattr(known, name) for name in names if getattr(known, name) is not None}
         return replace(self, **found)
 
-    def within(self, spectrum: Spectrum) -> Self:
+    def within(self, spectrum: Eigenpairs) -> Self:
         """Limit the position to those of a spectrum."""
         return self
 
@@ -346,7 +346,7 @@ class Family:
         """Return the family whose filters and profiles are shown for this one."""
         return self
 
-    def step(self, spectrum: Spectrum, steps: int) -> Self:
+    def step(self, spectrum: Eigenpairs, steps: int) -> Self:
         """Move by some steps, back if negative, up to the ends."""
         return self
 
@@ -356,11 +356,11 @@ class Family:
         """Return the title of the field on the render."""
         return self.label
 
-    def quantity(self, spectrum: Spectrum, unit: str) -> str:
+    def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
         """Describe the position with its unit: "λ₅ = 1.2e-08 nm⁻²"."""
         raise NotImplementedError
 
-    def caption(self, spectrum: Spectrum, unit: str) -> str:
+    def caption(self, spectrum: Eigenpairs, unit: str) -> str:
         """Return the caption in a gallery."""
         return self.quantity(spectrum, unit)
 
@@ -368,27 +368,27 @@ class Family:
         """Return the unit of the values; eigenvectors are M-orthonormal, so φ² is per area."""
         return power_unit(length, -2)
 
-    def labels(self, spectrum: Spectrum, unit: str) -> tuple[Label, ...]:
+    def labels(self, spectrum: Eigenpairs, unit: str) -> tuple[Label, ...]:
         """Return the labels of values 0, 1, 2 … if they name parts of the surface."""
         return ()
 
-    def compute(self, spectrum: Spectrum, table: Table | None) -> Answer | None:
+    def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer | None:
         """Compute values at every vertex, with a table if possible; None if one is required."""
         raise NotImplementedError
 
-    def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
+    def prepared(self, spectrum: Eigenpairs, table: Table | None) -> bool:
         """Whether the table is up to date."""
         return True
 
-    def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
+    def prepare(self, spectrum: Eigenpairs, cancel: CancelCallback | None) -> Table:
         """Build the table; `Cancelled` is raised after `cancel` returns True."""
         raise NotImplementedError
 
-    def improve(self, spectrum: Spectrum, table: Table, cancel: CancelCallback | None) -> Table:
+    def improve(self, spectrum: Eigenpairs, table: Table, cancel: CancelCallback | None) -> Table:
         """Build the table from an older one that serves."""
         return self.prepare(spectrum, cancel)
 
-    def serves(self, spectrum: Spectrum, table: Table) -> bool:
+    def serves(self, spectrum: Eigenpairs, table: Table) -> bool:
         """Whether an older table can be used until the next one is built."""
         return False
 
@@ -399,11 +399,11 @@ class Family:
         """Whether it has a response plot."""
         return cls.response is not Family.response
 
-    def response(self, spectrum: Spectrum, along: FloatArray) -> Response | None:
+    def response(self, spectrum: Eigenpairs, along: FloatArray) -> Response | None:
         """Return the filters, sampled at eigenvalues `along` unless they choose their own."""
         return None
 
-    def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
+    def at_eigenvalue(self, spectrum: Eigenpairs, value: float) -> Self:
         """Move the filter to an eigenvalue."""
         return self
 
@@ -411,7 +411,7 @@ class Family:
         """Change the range of eigenvalues."""
         return self
 
-    def profile(self, spectrum: Spectrum) -> Profile | None:
+    def profile(self, spectrum: Eigenpairs) -> Profile | None:
         """Return the profile of a vertex; None if the family has none."""
         return None
 
@@ -419,15 +419,15 @@ class Family:
         """Return the labels of the axes of the profile, bottom and left."""
         raise NotImplementedError
 
-    def place(self, spectrum: Spectrum) -> float:
+    def place(self, spectrum: Eigenpairs) -> float:
         """Return the position on the bottom axis of the profile."""
         raise NotImplementedError
 
-    def at_place(self, spectrum: Spectrum, place: float) -> Self:
+    def at_place(self, spectrum: Eigenpairs, place: float) -> Self:
         """Select the field nearest to a position on the bottom axis."""
         raise NotImplementedError
 
-    def unresolved(self, spectrum: Spectrum) -> tuple[float, float] | None:
+    def unresolved(self, spectrum: Eigenpairs) -> tuple[float, float] | None:
         """Return the range of the bottom axis that the computed pairs do not resolve."""
         return None
 
@@ -471,7 +471,7 @@ class Family:
         bank = self.bank(pairs.eigenvalues, area, bound)
         return truncated_features(pairs, bank, unit=mesh.unit, **summed)
 
-    def column_names(self, spectrum: Spectrum) -> tuple[str, ...]:
+    def column_names(self, spectrum: Eigenpairs) -> tuple[str, ...]:
         """Return the names of the exported columns; raise `InputError` if there are none."""
         return self.bank(spectrum.eigenvalues).columns
 
@@ -485,7 +485,7 @@ class Family:
         """
         raise NotImplementedError
 
-    def contents(self, spectrum: Spectrum, unit: str) -> str:
+    def contents(self, spectrum: Eigenpairs, unit: str) -> str:
         """Return a sentence on the range of the exported columns."""
         return ""
 
@@ -493,7 +493,7 @@ class Family:
         """Return the Python expression of the bank of the exported columns."""
         raise NotImplementedError
 
-    def script(self, spectrum: Spectrum) -> list[str]:
+    def script(self, spectrum: Eigenpairs) -> list[str]:
         """Return Python lines that compute ``values`` from a ``decomposition`` and a ``mesh``.
 
         ``features``, if computed as well, are the exported ones.

@@ -34,9 +34,9 @@ from meshmash_viewer.fields.family import (
 from meshmash_viewer.fields.pair_table import MOST_COLUMNS as MOST_BENDS
 from meshmash_viewer.fields.pair_table import PairTable, build_pair_table, summed
 from meshmash_viewer.fields.schema import checked_text, flag, named, number, whole
-from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, same_pairs
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.quantities import parse_quantity
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, same_pairs
 from meshmash_viewer.units import format_number, format_quantity, named_quantity
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ class Filters(Family):
         """The first parameter, which steps vary; "" if there is none."""
         return next(iter(self.formula.parameters), "")
 
-    def span(self, name: str, spectrum: Spectrum) -> tuple[float, float]:
+    def span(self, name: str, spectrum: Eigenpairs) -> tuple[float, float]:
         """Return the meaningful range of a parameter for these pairs."""
         power = self.formula.powers[name]
         zeros = first_nonzero(spectrum)
@@ -144,7 +144,7 @@ class Filters(Family):
             return high ** (-power / 2), (_DECAYED / low) ** (power / 2)
         return (low / _BEYOND) ** (-power / 2), (high * _BEYOND) ** (-power / 2)
 
-    def range(self, spectrum: Spectrum) -> tuple[float, float]:
+    def range(self, spectrum: Eigenpairs) -> tuple[float, float]:
         """Return the range of the first parameter."""
         if not self.first:
             return _PURE
@@ -153,7 +153,7 @@ class Filters(Family):
             low, high = self.low or low, self.high or high
         return (low, high) if low < high else (high, low)
 
-    def value(self, name: str, spectrum: Spectrum) -> float:
+    def value(self, name: str, spectrum: Eigenpairs) -> float:
         """Return the chosen value of a parameter, or a default within its span."""
         for known, value in self.values:
             if known == name:
@@ -163,7 +163,7 @@ class Filters(Family):
         low, high = self.span(name, spectrum)
         return low * math.pow(high / low, (alike.index(name) + 1) / (len(alike) + 1))
 
-    def all_values(self, spectrum: Spectrum) -> dict[str, Any]:
+    def all_values(self, spectrum: Eigenpairs) -> dict[str, Any]:
         """Return the values of all parameters by name."""
         return {name: self.value(name, spectrum) for name in self.formula.parameters}
 
@@ -177,7 +177,7 @@ class Filters(Family):
         values = self.values if same else ()
         return replace(self, text=text, values=values, automatic=True, low=None, high=None)
 
-    def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
+    def resolved(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
         low, high = self.range(spectrum)
         values = tuple(self.all_values(spectrum).items())
         return replace(self, values=values, low=low, high=high, automatic=False)
@@ -197,7 +197,7 @@ class Filters(Family):
         low, high = (end and end * grown(self.first) for end in (self.low, self.high))
         return replace(self, values=values, low=low, high=high)
 
-    def step(self, spectrum: Spectrum, steps: int) -> Self:
+    def step(self, spectrum: Eigenpairs, steps: int) -> Self:
         if not self.first:
             return self
         low, high = self.range(spectrum)
@@ -207,7 +207,7 @@ class Filters(Family):
         stepped = self.with_values(**{self.first: math.exp(moved)})
         return stepped if abs(moved - before) > 1e-9 else self
 
-    def quantity(self, spectrum: Spectrum, unit: str) -> str:
+    def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
         powers = self.formula.powers
         chosen = [
             f"{name} = {format_quantity(value, unit, powers[name])}"
@@ -217,7 +217,7 @@ class Filters(Family):
 
     # -- values -------------------------------------------------------------------------------
 
-    def weights(self, spectrum: Spectrum) -> FloatArray:
+    def weights(self, spectrum: Eigenpairs) -> FloatArray:
         """Compute the filter at the eigenvalues, shape (k,)."""
         return self.formula(spectrum.eigenvalues, **self.all_values(spectrum))
 
@@ -225,7 +225,7 @@ class Filters(Family):
     def table_columns(self) -> int:
         return MOST_BENDS
 
-    def compute(self, spectrum: Spectrum, table: Table | None) -> Answer:
+    def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer:
         """Return the exact sum if it is stored or fast, else the approximation of the table."""
         weights = self.weights(spectrum)
         if table is None or spectrum.small or not self.serves(spectrum, table):
@@ -234,27 +234,27 @@ class Filters(Family):
         near: PairTable = table.content
         return near.answer(weights, spectrum.rows)
 
-    def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
+    def prepared(self, spectrum: Eigenpairs, table: Table | None) -> bool:
         if spectrum.small:
             return True
         if table is None or not self.serves(spectrum, table):
             return False
         return bool(table.content.rests(self.weights(spectrum)))
 
-    def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
+    def prepare(self, spectrum: Eigenpairs, cancel: CancelCallback | None) -> Table:
         near = build_pair_table(spectrum, cancel)
         return self.improve(spectrum, Table(spectrum, self.at_rest(), near), cancel)
 
-    def improve(self, spectrum: Spectrum, table: Table, cancel: CancelCallback | None) -> Table:
+    def improve(self, spectrum: Eigenpairs, table: Table, cancel: CancelCallback | None) -> Table:
         near = table.content.rest(self.weights(spectrum), spectrum.rows, cancel)
         return Table(spectrum, self.at_rest(), near)
 
-    def serves(self, spectrum: Spectrum, table: Table) -> bool:
+    def serves(self, spectrum: Eigenpairs, table: Table) -> bool:
         return same_pairs(table.spectrum, spectrum)
 
     # -- plots --------------------------------------------------------------------------------
 
-    def edges(self, spectrum: Spectrum) -> tuple[tuple[str, float], ...]:
+    def edges(self, spectrum: Eigenpairs) -> tuple[tuple[str, float], ...]:
         """Return the parameters that are eigenvalues, in the order of their values."""
         found = [
             (name, self.value(name, spectrum))
@@ -263,7 +263,7 @@ class Filters(Family):
         ]
         return tuple(sorted(found, key=lambda each: each[1]))
 
-    def response(self, spectrum: Spectrum, along: FloatArray) -> Response:
+    def response(self, spectrum: Eigenpairs, along: FloatArray) -> Response:
         legend, edges = html.escape(self.text), self.edges(spectrum)
         # samples on both sides of an edge, so that a sharp one is drawn vertically
         at_edges = [edge * side for _, edge in edges for side in (1.0 - 1e-9, 1.0 + 1e-9)]
@@ -278,14 +278,14 @@ class Filters(Family):
             return Response(curve, math.sqrt(low * high), legend, ends=(low, high))
         return Response(curve, self._held(spectrum), legend)
 
-    def _held(self, spectrum: Spectrum) -> float | None:
+    def _held(self, spectrum: Eigenpairs) -> float | None:
         """Return the eigenvalue of the first parameter that is not dimensionless."""
         for name, power in self.formula.powers.items():
             if power:
                 return float(self.value(name, spectrum) ** (-2.0 / power))
         return None
 
-    def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
+    def at_eigenvalue(self, spectrum: Eigenpairs, value: float) -> Self:
         if not value > 0.0:
             return self
         edges = self.edges(spectrum)
@@ -305,17 +305,17 @@ class Filters(Family):
         order = sorted(names[:2], key=lambda name: dict(self.values).get(name, names.index(name)))
         return self.with_values(**dict(zip(order, (low, high), strict=True)))
 
-    def profile(self, spectrum: Spectrum) -> Profile | None:
+    def profile(self, spectrum: Eigenpairs) -> Profile | None:
         if not self.first or first_nonzero(spectrum) >= len(spectrum):
             return None
         return Profile(self._samples(spectrum, _FINE), self._samples(spectrum, self.count))
 
-    def _samples(self, spectrum: Spectrum, count: int) -> Samples:
+    def _samples(self, spectrum: Eigenpairs, count: int) -> Samples:
         places = self._columns(spectrum, count)
         bank = formula_bank(self.formula, **{**self.all_values(spectrum), self.first: places})
         return Samples(np.log10(places), bank(spectrum.eigenvalues))
 
-    def _columns(self, spectrum: Spectrum, count: int) -> FloatArray:
+    def _columns(self, spectrum: Eigenpairs, count: int) -> FloatArray:
         """Return the values of the first parameter in a number of columns."""
         if count == 1:
             return np.array([self.value(self.first, spectrum)])
@@ -325,10 +325,10 @@ class Filters(Family):
         power = self.formula.powers.get(self.first, 0)
         return named_quantity(self.first, unit, power), named_quantity("Filter", unit, -2)
 
-    def place(self, spectrum: Spectrum) -> float:
+    def place(self, spectrum: Eigenpairs) -> float:
         return math.log10(self.value(self.first, spectrum)) if self.first else 0.0
 
-    def at_place(self, spectrum: Spectrum, place: float) -> Self:
+    def at_place(self, spectrum: Eigenpairs, place: float) -> Self:
         if not self.first:
             return self
         low, high = self.range(spectrum)
@@ -368,13 +368,13 @@ class Filters(Family):
         self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None
     ) -> FilterBank:
         none = np.empty((0, 0))
-        spectrum = Spectrum(np.asarray(eigenvalues), none, none)
+        spectrum = Eigenpairs(np.asarray(eigenvalues), none, none)
         values = self.all_values(spectrum)
         if self.first:
             values[self.first] = self._columns(spectrum, self.count)
         return _bank(self.text, values)
 
-    def contents(self, spectrum: Spectrum, unit: str) -> str:
+    def contents(self, spectrum: Eigenpairs, unit: str) -> str:
         if not self.first or self.count == 1:
             return f"{self.quantity(spectrum, unit)}."
         power = self.formula.powers[self.first]
@@ -387,7 +387,7 @@ class Filters(Family):
             columns = f"np.geomspace({self.low!r}, {self.high!r}, {self.count})"
         return self._script(columns)
 
-    def script(self, spectrum: Spectrum) -> list[str]:
+    def script(self, spectrum: Eigenpairs) -> list[str]:
         return [
             f"features = mv.compute_features(decomposition, {self.bank_script()}, unit=mesh.unit)",
             f"shown = mv.compute_features(decomposition, {self._script()})",

@@ -13,7 +13,7 @@ from meshmash_viewer.features.filters import FilterBank, bspline_bank
 from meshmash_viewer.fields.bank_columns import BankColumns
 from meshmash_viewer.fields.family import Family, FloatArray, Response, parameter
 from meshmash_viewer.fields.schema import flag, number
-from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import weyl_eigenvalue
 from meshmash_viewer.units import format_range, named_quantity
 
@@ -47,7 +47,7 @@ class GeometryVectors(BankColumns):
     low: float | None = parameter(None, number(0.0), power=-2)
     high: float | None = parameter(None, number(0.0), power=-2)
 
-    def range(self, spectrum: Spectrum) -> tuple[float, float]:
+    def range(self, spectrum: Eigenpairs) -> tuple[float, float]:
         """Return smallest and largest eigenvalue of the bands, in inverse squared length units."""
         return self._ends(float(spectrum.eigenvalues[-1]))
 
@@ -59,7 +59,7 @@ class GeometryVectors(BankColumns):
         low, high = min(low, high), max(low, high)
         return (low, high) if low < high else (low, low + 1.0)
 
-    def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
+    def resolved(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
         low, high = self.range(spectrum)
         return replace(self, index=self.column, low=low, high=high, automatic=False)
 
@@ -69,17 +69,17 @@ class GeometryVectors(BankColumns):
     def title(self) -> str:
         return f"Geometry vector {self.index}"
 
-    def quantity(self, spectrum: Spectrum, unit: str) -> str:
+    def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
         low, high = self.support(spectrum)
         return f"λ from {format_range(low, high, unit, -2, word='to')}"
 
     # -- bands --------------------------------------------------------------------------------
 
-    def centers(self, spectrum: Spectrum) -> FloatArray:
+    def centers(self, spectrum: Eigenpairs) -> FloatArray:
         """Return the eigenvalue in the middle of each band, shape (count,)."""
         return bspline_bank(*self.range(spectrum), self.count).parameters
 
-    def support(self, spectrum: Spectrum, band: int | None = None) -> tuple[float, float]:
+    def support(self, spectrum: Eigenpairs, band: int | None = None) -> tuple[float, float]:
         """Return the range of eigenvalues in which the band, or another one, is not zero."""
         # Uniform cubic B-splines: each spans at most four intervals between knots.
         band = self.column if band is None else band
@@ -89,7 +89,7 @@ class GeometryVectors(BankColumns):
         first, last = max(band - degree, 0) / spans, min(band + 1, spans) / spans
         return low + (high - low) * first, low + (high - low) * last
 
-    def response(self, spectrum: Spectrum, along: FloatArray) -> Response:
+    def response(self, spectrum: Eigenpairs, along: FloatArray) -> Response:
         bank = bspline_bank(*self.range(spectrum), self.count)
         assert isinstance(bank.response, SplineResponse)
         places = [np.linspace(*self.support(spectrum, at), _SAMPLES) for at in range(self.count)]
@@ -100,7 +100,7 @@ class GeometryVectors(BankColumns):
         ends = self.range(spectrum)
         return Response(curves[self.column], handle, f"band {self.column}", curves, ends)
 
-    def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
+    def at_eigenvalue(self, spectrum: Eigenpairs, value: float) -> Self:
         return replace(self, index=int(np.argmin(np.abs(self.centers(spectrum) - value))))
 
     def axes(self, unit: str) -> tuple[str, str]:
@@ -117,7 +117,7 @@ class GeometryVectors(BankColumns):
             top = weyl_eigenvalue(area, len(eigenvalues))
         return bspline_bank(*self._ends(top), self.count)
 
-    def contents(self, spectrum: Spectrum, unit: str) -> str:
+    def contents(self, spectrum: Eigenpairs, unit: str) -> str:
         low, high = self.range(spectrum)
         return f"Bands of λ from {format_range(low, high, unit, -2, word='to')}."
 

@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.features.sums import sum_squares
-from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 ColumnArray: TypeAlias = npt.NDArray[np.float32]
@@ -69,7 +69,7 @@ class HeatTable:
 
 
 def build_heat_table(
-    spectrum: Spectrum, times: tuple[float, float], cancel: CancelCallback | None = None
+    spectrum: Eigenpairs, times: tuple[float, float], cancel: CancelCallback | None = None
 ) -> HeatTable:
     """Compute the table for a range of times, in squared length units."""
     n_zero = first_nonzero(spectrum)

@@ -27,9 +27,9 @@ from meshmash_viewer.fields.family import (
 )
 from meshmash_viewer.fields.heat_table import build_heat_table
 from meshmash_viewer.fields.schema import flag, number, whole
-from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero, grew
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.quantities import parse_quantity
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, grew
 from meshmash_viewer.spectral.weyl import resolved_time
 from meshmash_viewer.units import format_quantity, named_quantity
 
@@ -81,7 +81,7 @@ class HeatKernelSignature(Family):
     t_max: float | None = parameter(None, number(_ABOVE_ZERO), power=2)
     scales: int = parameter(32, whole(1, MOST_COUNT))
 
-    def range(self, spectrum: Spectrum) -> tuple[float, float]:
+    def range(self, spectrum: Eigenpairs) -> tuple[float, float]:
         """Return shortest and longest time, in squared length units.
 
         An end that is None is chosen from the spectrum; ends in the wrong order are swapped.
@@ -92,24 +92,24 @@ class HeatKernelSignature(Family):
             t_max = self.t_max or t_max
         return (t_min, t_max) if t_min < t_max else (t_max, t_min)
 
-    def time_in(self, spectrum: Spectrum) -> float:
+    def time_in(self, spectrum: Eigenpairs) -> float:
         """Return the chosen time, or the middle of the range in log scale."""
         if self.time is not None:
             return self.time
         t_min, t_max = self.range(spectrum)
         return math.sqrt(t_min) * math.sqrt(t_max)
 
-    def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
+    def resolved(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
         t_min, t_max = self.range(spectrum)
         time = self.time_in(spectrum)
         return replace(self, time=time, t_min=t_min, t_max=t_max, automatic=False)
 
-    def within(self, spectrum: Spectrum) -> Self:
+    def within(self, spectrum: Eigenpairs) -> Self:
         low, high = self.range(spectrum)
         inside = self.time is not None and low <= self.time <= high
         return self if inside else replace(self, time=None)
 
-    def step(self, spectrum: Spectrum, steps: int) -> Self:
+    def step(self, spectrum: Eigenpairs, steps: int) -> Self:
         """Step through the exported times."""
         if first_nonzero(spectrum) >= len(spectrum):
             return self
@@ -119,14 +119,14 @@ class HeatKernelSignature(Family):
         moved = min(max(before + far, math.log(low)), math.log(high))
         return replace(self, time=math.exp(moved)) if abs(moved - before) > 1e-9 else self
 
-    def quantity(self, spectrum: Spectrum, unit: str) -> str:
+    def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
         time = self.time_in(spectrum)
         length = format_quantity(time**0.5, unit)
         return f"t = {format_quantity(time, unit, 2)} (√t = {length})"
 
     # -- values -------------------------------------------------------------------------------
 
-    def compute(self, spectrum: Spectrum, table: Table | None) -> Answer:
+    def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer:
         time = self.time_in(spectrum)
         if table is not None and not spectrum.small and table.content.covers(time):
             if table.spectrum is spectrum:
@@ -136,34 +136,34 @@ class HeatKernelSignature(Family):
         decay = np.exp(-spectrum.eigenvalues * time)
         return Answer(np.asarray(sum_squares(spectrum.rows, decay[None])[0]))
 
-    def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
+    def prepared(self, spectrum: Eigenpairs, table: Table | None) -> bool:
         covers = table is not None and table.content.covers(*self.range(spectrum))
         return covers and table is not None and table.spectrum is spectrum
 
-    def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
+    def prepare(self, spectrum: Eigenpairs, cancel: CancelCallback | None) -> Table:
         content = build_heat_table(spectrum, self.range(spectrum), cancel)
         return Table(spectrum, self.at_rest(), content)
 
-    def serves(self, spectrum: Spectrum, table: Table) -> bool:
+    def serves(self, spectrum: Eigenpairs, table: Table) -> bool:
         return grew(table.spectrum, spectrum)
 
     # -- plots --------------------------------------------------------------------------------
 
-    def response(self, spectrum: Spectrum, along: FloatArray) -> Response:
+    def response(self, spectrum: Eigenpairs, along: FloatArray) -> Response:
         time = self.time_in(spectrum)
         return Response((along, np.exp(-along * time)), 1.0 / time, "exp(−λt), ╌ λ = 1/t")
 
-    def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
+    def at_eigenvalue(self, spectrum: Eigenpairs, value: float) -> Self:
         """Select the inverse of the eigenvalue as time."""
         if not value > 0.0:
             return self
         low, high = self.range(spectrum)
         return replace(self, time=min(max(1.0 / value, low), high))
 
-    def profile(self, spectrum: Spectrum) -> Profile:
+    def profile(self, spectrum: Eigenpairs) -> Profile:
         return Profile(self._samples(spectrum, _FINE), self._samples(spectrum, self.scales))
 
-    def _samples(self, spectrum: Spectrum, count: int) -> Samples:
+    def _samples(self, spectrum: Eigenpairs, count: int) -> Samples:
         times = np.geomspace(*self.range(spectrum), count)
         decay = np.exp(-np.outer(times, spectrum.eigenvalues))
         return Samples(np.log10(times), decay, logarithmic=True)
@@ -171,16 +171,16 @@ class HeatKernelSignature(Family):
     def axes(self, unit: str) -> tuple[str, str]:
         return named_quantity("Time t", unit, 2), named_quantity("HKS", unit, -2)
 
-    def place(self, spectrum: Spectrum) -> float:
+    def place(self, spectrum: Eigenpairs) -> float:
         return math.log10(self.time_in(spectrum))
 
-    def at_place(self, spectrum: Spectrum, place: float) -> Self:
+    def at_place(self, spectrum: Eigenpairs, place: float) -> Self:
         if first_nonzero(spectrum) >= len(spectrum):
             return self
         low, high = self.range(spectrum)
         return replace(self, time=min(max(10.0**place, low), high))
 
-    def unresolved(self, spectrum: Spectrum) -> tuple[float, float] | None:
+    def unresolved(self, spectrum: Eigenpairs) -> tuple[float, float] | None:
         low, high = self.range(spectrum)
         resolved = resolved_from(spectrum)
         if resolved <= low * (1.0 + 1e-9):
@@ -199,7 +199,7 @@ class HeatKernelSignature(Family):
     ) -> FilterBank:
         return heat_kernel_bank(hks_times(eigenvalues, self.t_min, self.t_max, self.scales, area))
 
-    def contents(self, spectrum: Spectrum, unit: str) -> str:
+    def contents(self, spectrum: Eigenpairs, unit: str) -> str:
         low, high = self.range(spectrum)
         return (
             f"Times from {format_quantity(low, unit, 2)} to {format_quantity(high, unit, 2)},"
@@ -210,7 +210,7 @@ class HeatKernelSignature(Family):
     def bank_script(self) -> str:
         return f"mv.heat_kernel_bank(np.geomspace({self.t_min!r}, {self.t_max!r}, {self.scales}))"
 
-    def script(self, spectrum: Spectrum) -> list[str]:
+    def script(self, spectrum: Eigenpairs) -> list[str]:
         return [
             f"features = mv.compute_features(decomposition, {self.bank_script()}, unit=mesh.unit)",
             f"shown = mv.compute_features(decomposition, mv.heat_kernel_bank([{self.time!r}]))",
@@ -218,7 +218,7 @@ class HeatKernelSignature(Family):
         ]
 
 
-def resolved_from(spectrum: Spectrum) -> float:
+def resolved_from(spectrum: Eigenpairs) -> float:
     """Return the time from which the known pairs give HKS within 1 %; 0 if all pairs are known.
 
     See `meshmash_viewer.spectral.weyl.resolved_time`. The automatic range begins above it.

@@ -34,9 +34,9 @@ from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.pair_table import MOST_COLUMNS as MOST_BENDS
 from meshmash_viewer.fields.pair_table import PairTable, build_pair_table, summed
 from meshmash_viewer.fields.schema import MOST_INDEX, MOST_NAME, choice, text, whole
-from meshmash_viewer.fields.spectrum import Spectrum, grew, same_pairs
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, grew, same_pairs
 from meshmash_viewer.spectral.weyl import wavelength
 from meshmash_viewer.surface.curvature import DIRECTION_FAULT
 from meshmash_viewer.units import format_number, format_quantity, power_unit
@@ -120,7 +120,7 @@ class OwnMaps(Family):
             return False
         return self.chosen in CURVATURES if self.shown is None else self.shown.signed
 
-    def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
+    def resolved(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
         maps = {} if spectrum.mesh is None else {each.name: each for each in spectrum.mesh.maps}
         names = [*maps, *CURVATURES]
         name = self.chosen if self.chosen in names else names[0]
@@ -132,7 +132,7 @@ class OwnMaps(Family):
         through = passed.resolved(spectrum, chosen) if isinstance(passed, Filters) else None
         return replace(self, chosen=name, view=view, pairs=pairs, shown=shown, filter=through)
 
-    def within(self, spectrum: Spectrum) -> Self:
+    def within(self, spectrum: Eigenpairs) -> Self:
         return replace(self, pairs=min(max(self.pairs, 1), max(len(spectrum), 1)))
 
     def of_map(self, name: str) -> Self:
@@ -142,7 +142,7 @@ class OwnMaps(Family):
         """Return the first family."""
         return next(iter(chosen.values()))
 
-    def step(self, spectrum: Spectrum, steps: int) -> Self:
+    def step(self, spectrum: Eigenpairs, steps: int) -> Self:
         """Step through the number of pairs in the sum; otherwise through maps."""
         if self.view == "pairs" and len(spectrum):
             return replace(self, pairs=self.within(spectrum).pairs + steps).within(spectrum)
@@ -156,7 +156,7 @@ class OwnMaps(Family):
     def title(self) -> str:
         return f"{self.chosen}, dominant band" if self.view == "band" else self.chosen
 
-    def quantity(self, spectrum: Spectrum, unit: str) -> str:
+    def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
         known = self.map_spectrum(spectrum)
         if self.view == "pairs":
             left = "" if known is None else f", residual {100.0 * known.residual(self.pairs):.3g} %"
@@ -177,7 +177,7 @@ class OwnMaps(Family):
             return f"{text}, unreliable: faces do not agree on which side is outside"
         return text
 
-    def caption(self, spectrum: Spectrum, unit: str) -> str:
+    def caption(self, spectrum: Eigenpairs, unit: str) -> str:
         return self.quantity(spectrum, unit) if self.view == "pairs" else self.chosen
 
     def unit(self, length: str) -> str:
@@ -187,12 +187,12 @@ class OwnMaps(Family):
             return power_unit(length, CURVATURES[self.chosen][0])
         return self.shown.unit
 
-    def labels(self, spectrum: Spectrum, unit: str) -> tuple[Label, ...]:
+    def labels(self, spectrum: Eigenpairs, unit: str) -> tuple[Label, ...]:
         if self.view == "band":
             return _band_labels(spectrum.eigenvalues, unit)
         return self.shown.labels if self.shown is not None and self.view == "map" else ()
 
-    def compute(self, spectrum: Spectrum, table: Table | None) -> Answer | None:
+    def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer | None:
         """Compute values; a draft, or None, until the spectrum of the map is computed."""
         ready = self.prepared(spectrum, table)
         if self.view == "map":
@@ -215,7 +215,7 @@ class OwnMaps(Family):
             content.up_to(min(self.pairs, len(content.spectrum)), spectrum.rows), not ready
         )
 
-    def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
+    def prepared(self, spectrum: Eigenpairs, table: Table | None) -> bool:
         if not len(spectrum) or self._labelled:
             return True
         if table is None or not table.holds(self.at_rest(), spectrum):
@@ -225,7 +225,7 @@ class OwnMaps(Family):
             return near is not None and bool(near.rests(self.filter.weights(spectrum)))
         return self.view != "band" or table.content.bands is not None
 
-    def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
+    def prepare(self, spectrum: Eigenpairs, cancel: CancelCallback | None) -> Table:
         values = self._shown_map(spectrum)
         mass = spectrum.vertex_areas
         found = project(spectrum.eigenvalues, spectrum.rows, mass, values.values, cancel)
@@ -237,7 +237,7 @@ class OwnMaps(Family):
             bands = np.where(nowhere, np.float32(np.nan), strongest)
         return self._resting(Table(spectrum, self.at_rest(), _Sums(found, bands)), cancel)
 
-    def improve(self, spectrum: Spectrum, table: Table, cancel: CancelCallback | None) -> Table:
+    def improve(self, spectrum: Eigenpairs, table: Table, cancel: CancelCallback | None) -> Table:
         if table.holds(self.at_rest(), spectrum):
             return self._resting(table, cancel)
         return self.prepare(spectrum, cancel)
@@ -250,7 +250,7 @@ class OwnMaps(Family):
             content.near = near.rest(self.filter.weights(spectrum), spectrum.rows, cancel)
         return table
 
-    def serves(self, spectrum: Spectrum, table: Table) -> bool:
+    def serves(self, spectrum: Eigenpairs, table: Table) -> bool:
         known: OwnMaps = table.family  # type: ignore[assignment]
         same = (known.chosen, known.shown) == (self.chosen, self.shown)
         has_bands = self.view != "band" or table.content.bands is not None
@@ -260,14 +260,14 @@ class OwnMaps(Family):
     def _labelled(self) -> bool:
         return self.shown is not None and bool(self.shown.labels)
 
-    def vertex_map(self, spectrum: Spectrum) -> VertexMap | None:
+    def vertex_map(self, spectrum: Eigenpairs) -> VertexMap | None:
         """Return the map if it is known; a curvature has to be computed first."""
         resolved = self if self.shown is not None else self.resolved(spectrum, {})
         if resolved.shown is not None or spectrum.mesh is None:
             return resolved.shown
         return spectrum.mesh.derived.get((resolved.chosen, spectrum.mesh.unit))
 
-    def map_spectrum(self, spectrum: Spectrum) -> MapSpectrum | None:
+    def map_spectrum(self, spectrum: Eigenpairs) -> MapSpectrum | None:
         """Return the coefficients of the map on these pairs, once they have been computed."""
         shown = self.vertex_map(spectrum)
         found = None if shown is None else _projected(spectrum).get(shown)
@@ -276,7 +276,7 @@ class OwnMaps(Family):
         _projected(spectrum)[shown] = spectrum, found[1]  # faster comparison next time
         return found[1]
 
-    def mean(self, spectrum: Spectrum) -> float:
+    def mean(self, spectrum: Eigenpairs) -> float:
         """Return the area-weighted mean of the map where it has values.
 
         NaN before the map has been shown once, for labels, and without values on the surface.
@@ -286,7 +286,7 @@ class OwnMaps(Family):
             return np.nan
         return float(_kept(mesh, _MEANS).get(shown, np.nan))
 
-    def _shown_map(self, spectrum: Spectrum) -> VertexMap:
+    def _shown_map(self, spectrum: Eigenpairs) -> VertexMap:
         """Return the map; compute it if it is a curvature that is not known yet."""
         known, mesh = self.vertex_map(spectrum), spectrum.mesh
         if known is None:
@@ -304,7 +304,7 @@ class OwnMaps(Family):
 
     # -- plots --------------------------------------------------------------------------------
 
-    def response(self, spectrum: Spectrum, along: FloatArray) -> Response | None:
+    def response(self, spectrum: Eigenpairs, along: FloatArray) -> Response | None:
         """Return the spectrum |ΦᵀMf|² of the map, a line for each pair, relative to the largest."""
         known = self.map_spectrum(spectrum)
         if known is None:
@@ -320,21 +320,21 @@ class OwnMaps(Family):
         curve = np.repeat(known.eigenvalues, 3), lines.ravel()
         return Response(curve, held, legend)
 
-    def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
+    def at_eigenvalue(self, spectrum: Eigenpairs, value: float) -> Self:
         """Select the number of pairs up to an eigenvalue."""
         count = int(np.searchsorted(spectrum.eigenvalues, value * (1.0 + 1e-9), side="right"))
         return replace(self, view="pairs", pairs=count).within(spectrum)
 
-    def place(self, spectrum: Spectrum) -> float:
+    def place(self, spectrum: Eigenpairs) -> float:
         return float(self.within(spectrum).pairs - 1)
 
-    def at_place(self, spectrum: Spectrum, place: float) -> Self:
+    def at_place(self, spectrum: Eigenpairs, place: float) -> Self:
         return replace(self, view="pairs", pairs=round(place) + 1).within(spectrum)
 
     def axes(self, unit: str) -> tuple[str, str]:
         return "Index", "Share of the map"
 
-    def profile(self, spectrum: Spectrum) -> Profile | None:
+    def profile(self, spectrum: Eigenpairs) -> Profile | None:
         """Return the profile: the contribution of each pair at a vertex."""
         known = self.map_spectrum(spectrum)
         if known is None:
@@ -361,7 +361,7 @@ class OwnMaps(Family):
                 " --view, or choose another map."
             )
 
-    def script(self, spectrum: Spectrum) -> list[str]:
+    def script(self, spectrum: Eigenpairs) -> list[str]:
         if self.shown is None:
             lines = [f"values = mv.{CURVATURES[self.chosen][1]}(mesh)"]
         else:
@@ -386,7 +386,9 @@ class OwnMaps(Family):
         ]
 
 
-def _projected(spectrum: Spectrum) -> WeakKeyDictionary[VertexMap, tuple[Spectrum, MapSpectrum]]:
+def _projected(
+    spectrum: Eigenpairs,
+) -> WeakKeyDictionary[VertexMap, tuple[Eigenpairs, MapSpectrum]]:
     """Return spectra by map: written in the computing thread, read in the main thread."""
     return WeakKeyDictionary() if spectrum.mesh is None else _kept(spectrum.mesh, _PROJECTED)
 

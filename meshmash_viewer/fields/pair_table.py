@@ -19,8 +19,8 @@ import numpy.typing as npt
 from meshmash_viewer.features.map_spectrum import partial_sum
 from meshmash_viewer.features.sums import fill_in_parts, sum_squares
 from meshmash_viewer.fields.family import Answer, ColumnArray, FloatArray
-from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 
 #: Number of columns of smooth filters, and of nodes of the piecewise linear function.
 _SMOOTH, _BENDS = 12, 40
@@ -173,7 +173,7 @@ def summed(
 
 
 def build_pair_table(
-    spectrum: Spectrum,
+    spectrum: Eigenpairs,
     cancel: CancelCallback | None = None,
     coefficients: FloatArray | None = None,
 ) -> PairTable:
@@ -195,7 +195,7 @@ def build_pair_table(
     return replace(found, columns=np.asarray(columns, np.float32), coefficients=coefficients)
 
 
-def _smooth_filters(spectrum: Spectrum) -> FloatArray:
+def _smooth_filters(spectrum: Eigenpairs) -> FloatArray:
     """Return orthonormal functions that span heat kernels of all times, (at most 12, k)."""
     values = np.maximum(spectrum.eigenvalues, 0.0)  # negative rounding errors would grow
     lowest, highest = values[min(first_nonzero(spectrum), len(values) - 1)], values[-1]

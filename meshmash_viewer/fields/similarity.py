@@ -12,8 +12,8 @@ import numpy.typing as npt
 from meshmash_viewer.features.sums import fill_in_parts, sum_squares
 from meshmash_viewer.fields.family import Answer, Family, Table, parameter
 from meshmash_viewer.fields.schema import MOST_INDEX, whole
-from meshmash_viewer.fields.spectrum import Spectrum, grew
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, grew
 
 #: Neglected share of the variance: its error of 2e-3 is half a step of colour.
 _VARIANCE = 4e-6
@@ -50,7 +50,7 @@ class Similarity(Family):
     def usable(self) -> bool:
         return self.vertex is not None
 
-    def resolved(self, spectrum: Spectrum, chosen: Mapping[str, Family]) -> Self:
+    def resolved(self, spectrum: Eigenpairs, chosen: Mapping[str, Family]) -> Self:
         features = chosen[self.basis].resolved(spectrum, chosen).at_rest()
         return replace(self, features=features)
 
@@ -66,14 +66,14 @@ class Similarity(Family):
     def title(self) -> str:
         return f"Distance in {self._features().label.lower()}"
 
-    def quantity(self, spectrum: Spectrum, unit: str) -> str:
+    def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
         return "" if self.vertex is None else f"from {spectrum.named_vertex(self.vertex)}"
 
     def unit(self, length: str) -> str:
         """Return no unit, since each column is divided by its spread."""
         return ""
 
-    def compute(self, spectrum: Spectrum, table: Table | None) -> Answer | None:
+    def compute(self, spectrum: Eigenpairs, table: Table | None) -> Answer | None:
         """Compute from the table; None without one."""
         if table is None or self.vertex is None or not self.serves(spectrum, table):
             return None
@@ -82,20 +82,20 @@ class Similarity(Family):
             table.spectrum = spectrum  # faster comparison next time
         return Answer(table.content.from_vertex(self.vertex), draft)
 
-    def prepared(self, spectrum: Spectrum, table: Table | None) -> bool:
+    def prepared(self, spectrum: Eigenpairs, table: Table | None) -> bool:
         return table is not None and table.holds(self._features(), spectrum)
 
-    def prepare(self, spectrum: Spectrum, cancel: CancelCallback | None) -> Table:
+    def prepare(self, spectrum: Eigenpairs, cancel: CancelCallback | None) -> Table:
         features = self._features()
         bank = features.bank(spectrum.eigenvalues)
         return Table(spectrum, features, build_similarity_table(spectrum, bank, cancel))
 
-    def serves(self, spectrum: Spectrum, table: Table) -> bool:
+    def serves(self, spectrum: Eigenpairs, table: Table) -> bool:
         if table.family.name != self.basis:
             return False
         return self.prepared(spectrum, table) or grew(table.spectrum, spectrum)
 
-    def script(self, spectrum: Spectrum) -> list[str]:
+    def script(self, spectrum: Eigenpairs) -> list[str]:
         assert self.vertex is not None, "only for a shown field"
         bank = self._features().bank_script()
         return [
@@ -135,7 +135,7 @@ class SimilarityTable:
 
 
 def build_similarity_table(
-    spectrum: Spectrum,
+    spectrum: Eigenpairs,
     response: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float64]],
     cancel: CancelCallback | None = None,
 ) -> SimilarityTable:

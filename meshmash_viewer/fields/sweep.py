@@ -7,7 +7,7 @@ from bisect import bisect_left
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family
-from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import counted
 
 #: Families with several positions, by name.
@@ -24,7 +24,7 @@ _PAUSE = 250
 _MOST_FRAMES = 100_000
 
 
-def n_columns(family: Family, spectrum: Spectrum) -> int:
+def n_columns(family: Family, spectrum: Eigenpairs) -> int:
     """Count the positions that `Family.step` visits; 1 if there are no steps."""
     first = family.step(spectrum, -FAR)
 
@@ -73,14 +73,14 @@ def evenly(most: int, count: int) -> range:
 
 
 def sweep(
-    family: Family, spectrum: Spectrum, columns: range, frames: int | None = None
+    family: Family, spectrum: Eigenpairs, columns: range, frames: int | None = None
 ) -> list[Family]:
     """Return the family at some of its columns, or at `frames` positions between the ends.
 
     Parameters
     ----------
     family : Family
-    spectrum : Spectrum
+    spectrum : Eigenpairs
     columns : range
         Indices from 0, see `n_columns`; not empty.
     frames : int, optional
@@ -109,7 +109,7 @@ def sweep(
 
 def film(
     family: Family,
-    spectrum: Spectrum,
+    spectrum: Eigenpairs,
     columns: range,
     rate: float | None = None,
     seconds: float | None = None,
@@ -119,7 +119,7 @@ def film(
     Parameters
     ----------
     family : Family
-    spectrum : Spectrum
+    spectrum : Eigenpairs
     columns : range
         See `sweep`.
     rate : float, optional

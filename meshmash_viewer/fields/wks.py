@@ -11,7 +11,7 @@ from meshmash_viewer.features.filter_responses import LogGaussianResponse
 from meshmash_viewer.features.filters import FilterBank, wave_kernel_bank, wave_response
 from meshmash_viewer.fields.bank_columns import BankColumns
 from meshmash_viewer.fields.family import FloatArray, Response
-from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 from meshmash_viewer.units import format_quantity, format_range, named_quantity
 
 
@@ -34,18 +34,18 @@ class WaveKernelSignature(BankColumns):
     interval: ClassVar[int] = 100
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (False, False, True)
 
-    def quantity(self, spectrum: Spectrum, unit: str) -> str:
+    def quantity(self, spectrum: Eigenpairs, unit: str) -> str:
         energy = self.place(spectrum)
         return f"ln λ = {energy:.4g} (λ = {format_quantity(np.exp(energy), unit, -2)})"
 
-    def bands(self, spectrum: Spectrum) -> LogGaussianResponse:
+    def bands(self, spectrum: Eigenpairs) -> LogGaussianResponse:
         """Return the bands without normalisation, with their energies and width in ln λ."""
         return wave_response(spectrum.eigenvalues, self.count)
 
-    def places(self, spectrum: Spectrum) -> FloatArray:
+    def places(self, spectrum: Eigenpairs) -> FloatArray:
         return self.bands(spectrum).energies
 
-    def response(self, spectrum: Spectrum, along: FloatArray) -> Response | None:
+    def response(self, spectrum: Eigenpairs, along: FloatArray) -> Response | None:
         known = spectrum.eigenvalues[first_nonzero(spectrum) :]
         if not len(known) or not np.log(known[-1]) > np.log(known[0]):
             return None  # no energies
@@ -55,7 +55,7 @@ class WaveKernelSignature(BankColumns):
         legend = f"energy {self.column}"
         return Response(others[self.column], float(np.exp(energy)), legend, others)
 
-    def at_eigenvalue(self, spectrum: Spectrum, value: float) -> Self:
+    def at_eigenvalue(self, spectrum: Eigenpairs, value: float) -> Self:
         return self.at_place(spectrum, np.log(value)) if value > 0.0 else replace(self, index=0)
 
     def axes(self, unit: str) -> tuple[str, str]:
@@ -70,7 +70,7 @@ class WaveKernelSignature(BankColumns):
     ) -> FilterBank:
         return wave_kernel_bank(eigenvalues, self.count)
 
-    def contents(self, spectrum: Spectrum, unit: str) -> str:
+    def contents(self, spectrum: Eigenpairs, unit: str) -> str:
         low, high = np.exp(self.places(spectrum)[[0, -1]])
         return f"Energies λ from {format_range(low, high, unit, -2, word='to')}."
 

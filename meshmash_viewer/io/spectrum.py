@@ -32,7 +32,7 @@ FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Eigenpairs:
+class Obtained:
     """Eigenpairs of a mesh, and the file of their rows.
 
     Parameters
@@ -53,7 +53,7 @@ class Eigenpairs:
 class Follower(Protocol):
     """Receiver of eigenpairs while they are computed."""
 
-    def begin(self, known: Eigenpairs | None, mass: FloatArray) -> None:
+    def begin(self, known: Obtained | None, mass: FloatArray) -> None:
         """Start with the known leading pairs, if any, and the diagonal of M, shape (n,)."""
         ...
 
@@ -98,7 +98,7 @@ def obtain_eigenpairs(
     follower: Follower | None = None,
     check: FitCheck | None = None,
     n_jobs: int | None = None,
-) -> Eigenpairs:
+) -> Obtained:
     """Return the eigenpairs of a mesh: stored ones, and computed ones that are then stored.
 
     Parameters
@@ -185,8 +185,8 @@ def obtain_eigenpairs(
         return keeper.finish(decomposition, target.max_eigenvalue)
 
 
-def _leading(stored: StoredSpectrum, count: int) -> Eigenpairs:
-    return Eigenpairs(stored.decomposition(count), stored.checked_rows)
+def _leading(stored: StoredSpectrum, count: int) -> Obtained:
+    return Obtained(stored.decomposition(count), stored.checked_rows)
 
 
 def _stores(mesh: Mesh, operator: OperatorOptions, spare: Path | None) -> list[EigenpairStore]:
@@ -349,7 +349,7 @@ class _Keeper:
                 self._store = store
                 return
 
-    def finish(self, decomposition: Decomposition, max_eigenvalue: float | None) -> Eigenpairs:
+    def finish(self, decomposition: Decomposition, max_eigenvalue: float | None) -> Obtained:
         """Store the certificate, and return all pairs."""
         while (store := self._store) is not None:
             try:
@@ -361,4 +361,4 @@ class _Keeper:
             mapped = store.stored_rows.map(decomposition.n_components)
             decomposition = replace(decomposition, rows=mapped)
             break
-        return Eigenpairs(decomposition, self.stored, " ".join(self.remarks))
+        return Obtained(decomposition, self.stored, " ".join(self.remarks))

@@ -11,9 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.io.spectrum import (
-    Eigenpairs,
+    Obtained,
     damage_remark,
     find_eigenpairs,
     obtain_eigenpairs,
@@ -27,6 +26,7 @@ from meshmash_viewer.model.results import NO_ROWS, SpectrumGrew
 from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.alignment import Alignment, align
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.eigensolver import estimate_memory
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import counted
@@ -51,7 +51,7 @@ def find_known(mesh: Mesh, operator: OperatorOptions) -> tuple[SpectrumGrew | No
     known = None
     count = stored.n_converged
     if count:
-        found = Eigenpairs(stored.decomposition(count), stored.stored_rows)
+        found = Obtained(stored.decomposition(count), stored.stored_rows)
         known_to = (stored.proof.max_eigenvalue or 0.0) if stored.proof is not None else 0.0
         known = _grown(found, operator, known_to=known_to)
     return known, damage_remark(stored.faults)
@@ -140,7 +140,7 @@ class _Growth:
         self._eigenvalues = np.zeros(0)
         self._residuals = np.zeros(0)
 
-    def begin(self, known: Eigenpairs | None, mass: npt.NDArray[np.float64]) -> None:
+    def begin(self, known: Obtained | None, mass: npt.NDArray[np.float64]) -> None:
         self._mass = mass
         if known is not None:
             # a solve that resumes from known pairs reports these again
@@ -173,7 +173,7 @@ class _Growth:
         self._n_sent, self._time = converged, time.monotonic()
         self._channel.send(
             SpectrumGrew(
-                Spectrum(
+                Eigenpairs(
                     self._eigenvalues.copy(),
                     NO_ROWS,
                     self._residuals.copy(),
@@ -197,7 +197,7 @@ class _Growth:
 
 
 def _grown(
-    found: Eigenpairs,
+    found: Obtained,
     operator: OperatorOptions,
     *,
     ended: bool = True,
@@ -205,7 +205,7 @@ def _grown(
     known_to: float = 0.0,
 ) -> SpectrumGrew:
     decomposition = found.decomposition
-    summary = Spectrum(
+    summary = Eigenpairs(
         np.array(decomposition.eigenvalues),
         NO_ROWS,
         np.array(decomposition.residuals),

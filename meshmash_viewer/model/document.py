@@ -15,7 +15,6 @@ from psygnal import Signal
 
 from meshmash_viewer.features.truncation import sufficient_target
 from meshmash_viewer.fields.family import Family
-from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.health import listed_repairs
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
@@ -36,6 +35,7 @@ from meshmash_viewer.model.pieces import PiecesJob
 from meshmash_viewer.model.pins import Pin, followed_pins, free_number, same_vertex
 from meshmash_viewer.model.results import MapGrew, MeshReady
 from meshmash_viewer.progress import Progress
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 from meshmash_viewer.spectral.weyl import Target, Translation
 from meshmash_viewer.units import Voxel, counted, parse_unit, power_unit, written_unit
 from meshmash_viewer.vertex_map import VertexMap
@@ -75,7 +75,7 @@ class _Before:
     mesh: Mesh
     repairs: tuple[str, ...]
     ready: MeshReady | None = None
-    spectrum: Spectrum | None = None
+    spectrum: Eigenpairs | None = None
     pins: tuple[Pin, ...] = ()
 
 
@@ -101,9 +101,9 @@ class Document:
         self.display = Display()
         self.ready: MeshReady | None = None
         #: The open mesh without pairs, for fields that need none.
-        self._bare: Spectrum | None = None
-        self._spectrum: Spectrum | None = None
-        self._preview: Spectrum | None = None
+        self._bare: Eigenpairs | None = None
+        self._spectrum: Eigenpairs | None = None
+        self._preview: Eigenpairs | None = None
         self.pins: tuple[Pin, ...] = ()
         self.job: JobState | None = None
         self._operator = OperatorOptions()
@@ -137,23 +137,23 @@ class Document:
         return self.mesh.unit if self.mesh is not None else ""
 
     @property
-    def spectrum(self) -> Spectrum | None:
+    def spectrum(self) -> Eigenpairs | None:
         """The eigenpairs of the open mesh; None while there are none."""
         return self._spectrum
 
     @spectrum.setter
-    def spectrum(self, spectrum: Spectrum | None) -> None:
+    def spectrum(self, spectrum: Eigenpairs | None) -> None:
         if spectrum is not None and spectrum.mesh is not self.mesh:
             spectrum = replace(spectrum, mesh=self.mesh)
         self._spectrum = spectrum
 
     @property
-    def known(self) -> Spectrum | None:
+    def known(self) -> Eigenpairs | None:
         """The spectrum, or one without pairs while there are none; None without a mesh."""
         return self._bare if self._spectrum is None else self._spectrum
 
     @property
-    def scaled_spectrum(self) -> Spectrum | None:
+    def scaled_spectrum(self) -> Eigenpairs | None:
         """The spectrum if it has an eigenvalue above 0, as times and bands need; else None."""
         spectrum = self.spectrum
         return (
@@ -341,7 +341,7 @@ class Document:
         else:
             self._rescale(before.mesh, before.repairs, now.voxel, now.unit)
 
-    def _go_back(self, ready: MeshReady, spectrum: Spectrum | None) -> None:
+    def _go_back(self, ready: MeshReady, spectrum: Eigenpairs | None) -> None:
         """Show the mesh before the last repair, with its pins."""
         before, now = self._undo.pop(), self.mesh
         assert now is not None
@@ -381,7 +381,7 @@ class Document:
             (_, files), self._maps_of = self._maps_of, None
             self.open_maps(files)
 
-    def _accept_derived(self, ready: MeshReady, spectrum: Spectrum | None) -> None:
+    def _accept_derived(self, ready: MeshReady, spectrum: Eigenpairs | None) -> None:
         """Show the open mesh with one repair more or less, or with another voxel size."""
         before, pins, unit = self.mesh, self.pins, self.unit_text
         assert before is not None and self.ready is not None  # noqa: PT018  it is derived from it
@@ -413,7 +413,7 @@ class Document:
     def _show(
         self,
         ready: MeshReady,
-        spectrum: Spectrum | None,
+        spectrum: Eigenpairs | None,
         pins: tuple[Pin, ...] = (),
         before: Mesh | None = None,
     ) -> None:
@@ -441,9 +441,9 @@ class Document:
         self.pins_changed.emit()
         self.spectrum_changed.emit()
 
-    def _take(self, ready: MeshReady, spectrum: Spectrum | None) -> None:
+    def _take(self, ready: MeshReady, spectrum: Eigenpairs | None) -> None:
         self.ready = ready
-        self._bare = Spectrum.without_pairs(ready.mesh)
+        self._bare = Eigenpairs.without_pairs(ready.mesh)
         self.spectrum = spectrum
 
     # -- decomposition ----------------------------------------------------------------------
@@ -513,7 +513,7 @@ class Document:
         """Request features of the open mesh, computed in pieces."""
         self._request(job)
 
-    def accept_spectrum(self, spectrum: Spectrum) -> None:
+    def accept_spectrum(self, spectrum: Eigenpairs) -> None:
         """Show a longer spectrum or a preview; a preview is not replaced by fewer pairs."""
         known = self.spectrum
         if known is not None and spectrum.mass is None and known.operator == spectrum.operator:
@@ -530,7 +530,7 @@ class Document:
             self._go_within(spectrum)
         self.spectrum_changed.emit()
 
-    def leave_out_damaged(self, spectrum: Spectrum, index: int) -> None:
+    def leave_out_damaged(self, spectrum: Eigenpairs, index: int) -> None:
         """Remove the pairs from a damaged one on, if the spectrum is still shown."""
         if self.spectrum is None or self.spectrum.rows is not spectrum.rows:
             return
@@ -590,7 +590,7 @@ class Document:
         if found is not None:
             self.display.show(found)
 
-    def _go_within(self, spectrum: Spectrum) -> None:
+    def _go_within(self, spectrum: Eigenpairs) -> None:
         """Clip the position of every family to the range of a spectrum."""
         self.display.put(*(each.within(spectrum) for each in self.display.fields.values()))
 

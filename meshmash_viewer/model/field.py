@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Answer, Family, Table
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.limits import LimitPolicy, LockedLimits, automatic_limits
 from meshmash_viewer.progress import CancelCallback
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import format_number, power_unit, round_length
 from meshmash_viewer.vertex_map import Label
 
@@ -34,7 +34,7 @@ class FieldRequest:
 
     Parameters
     ----------
-    spectrum : Spectrum
+    spectrum : Eigenpairs
         Compared by identity.
     unit : str
         Length unit of the mesh.
@@ -46,7 +46,7 @@ class FieldRequest:
         Coordinates of the mesh, which identify it in `same_mesh`; not compared.
     """
 
-    spectrum: Spectrum
+    spectrum: Eigenpairs
     unit: str
     family: Family
     sample: npt.NDArray[np.int64] | None = field(default=None, compare=False, repr=False)

@@ -31,7 +31,6 @@ from meshmash_viewer.features.comparison import (
 )
 from meshmash_viewer.fields import EXPORTS, FEATURES
 from meshmash_viewer.fields.family import Family
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.io.provenance import export_options
 from meshmash_viewer.io.write import write_features
 from meshmash_viewer.model.document import Document
@@ -39,6 +38,7 @@ from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.alignment import ShownRows
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 
 #: What can be linked, with its label.
@@ -62,7 +62,7 @@ class _Pairs(NamedTuple):
     mass: npt.NDArray[np.float64]
 
 
-def _pairs_of(spectrum: Spectrum) -> _Pairs:
+def _pairs_of(spectrum: Eigenpairs) -> _Pairs:
     # as they are drawn, with the displayed signs
     rows = spectrum.rows if spectrum.shown is None else spectrum.shown[: len(spectrum)]
     return _Pairs(spectrum.eigenvalues, rows, spectrum.vertex_areas)
@@ -74,13 +74,13 @@ class ComparisonRequest:
 
     Parameters
     ----------
-    first, second : Spectrum
+    first, second : Eigenpairs
     matched_in : str
         A key of `MATCHED_IN`.
     """
 
-    first: Spectrum
-    second: Spectrum
+    first: Eigenpairs
+    second: Eigenpairs
     matched_in: str
 
     def answered(self, cancel: CancelCallback | None = None) -> Comparison:

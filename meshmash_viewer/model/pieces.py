@@ -16,12 +16,12 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.filters import FilterBank
 from meshmash_viewer.features.truncation import Truncation, measure_truncation, percent
 from meshmash_viewer.fields.family import Family
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.results import MapGrew, Written
 from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import CancelCallback, Progress, ProgressCallback
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import (
     TOLERANCE,
     Target,
@@ -205,7 +205,7 @@ def in_pieces(family: Family, mesh: Mesh, target: Target) -> Family:
     n = mesh.n_vertices - len(mesh.unreferenced)
     top = Translation(mesh.area, n_vertices=n).eigenvalue(target)[0]
     values = np.array([0.0, min(weyl_eigenvalue(mesh.area, 1), 0.5 * top), top])
-    expected = Spectrum(values, np.empty((3, mesh.n_vertices)), np.zeros(3), mesh=mesh)
+    expected = Eigenpairs(values, np.empty((3, mesh.n_vertices)), np.zeros(3), mesh=mesh)
     known = family.filled_in(expected, {})
     _common_bank(known, top)
     return known

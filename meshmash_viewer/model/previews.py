@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.io.atomic import discard
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.results import NO_ROWS, MeshReady, SpectrumGrew
 from meshmash_viewer.model.transport import Channel
 from meshmash_viewer.progress import Progress
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 #: Smallest mesh that gets a preview: smaller ones are solved quickly.
 FROM_VERTICES = 60_000
@@ -80,5 +80,7 @@ def _previewed(
     path: Path, eigenvalues: npt.NDArray[np.float64], error: float, operator: OperatorOptions
 ) -> SpectrumGrew:
     unknown = np.full(len(eigenvalues), np.nan)
-    summary = Spectrum(eigenvalues, NO_ROWS, unknown, preview=True, operator=operator, error=error)
+    summary = Eigenpairs(
+        eigenvalues, NO_ROWS, unknown, preview=True, operator=operator, error=error
+    )
     return SpectrumGrew(summary, preview_path=path)

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import Health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.spectral.alignment import Alignment, ShownRows
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 #: Placeholder for rows in a file that is not opened yet.
 NO_ROWS = np.empty((0, 0))
@@ -24,8 +24,8 @@ class SpectrumGrew:
 
     Parameters
     ----------
-    summary : Spectrum
-        Without rows, which are in the file `Spectrum.stored`; residuals of approximate pairs are
+    summary : Eigenpairs
+        Without rows, which are in the file `Eigenpairs.stored`; residuals of approximate pairs are
         NaN.
     preview_path : Path, optional
         ``.npy`` file with rows, if these are approximate.
@@ -35,13 +35,13 @@ class SpectrumGrew:
         A sentence for the message bar, or "".
     """
 
-    summary: Spectrum
+    summary: Eigenpairs
     preview_path: Path | None = None
     alignment: Alignment | None = None
     remark: str = ""
 
     @cached_property
-    def spectrum(self) -> Spectrum:
+    def spectrum(self) -> Eigenpairs:
         """The spectrum with rows; the first access opens the files."""
         if self.preview_path is not None:
             return replace(self.summary, rows=np.load(self.preview_path, mmap_mode="r"))

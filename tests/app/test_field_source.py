@@ -13,12 +13,12 @@ from meshmash_viewer.app.field_source import FieldSource
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.similarity import Similarity
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures
 from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
 def show(document: Document, mesh: Mesh, n_pairs: int = 60) -> None:
@@ -204,7 +204,7 @@ def test_field_that_cannot_be_computed_is_a_sentence(
 ) -> None:
     show(document, rectangle)
     qtbot.waitUntil(lambda: source.idle)
-    broken = Spectrum(np.arange(3.0), np.zeros((1, rectangle.n_vertices)), np.zeros(3))
+    broken = Eigenpairs(np.arange(3.0), np.zeros((1, rectangle.n_vertices)), np.zeros(3))
     document.display.change(Eigenfunctions, index=2)
     with qtbot.waitSignal(source.failed) as failed:
         document.accept_spectrum(broken)

@@ -19,9 +19,9 @@ from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.limits import SymmetricLimits
 from meshmash_viewer.spectral.certificate import Certificate
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 CONTROL = Qt.KeyboardModifier.ControlModifier
 PATIENCE = 60_000
@@ -40,7 +40,7 @@ def window(qtbot: QtBot, open_window: Callable[..., MainWindow]) -> MainWindow:
     rows = np.random.default_rng(0).standard_normal((PAIRS, mesh.n_vertices))
     values = np.arange(PAIRS, dtype=np.float64)
     proven = Certificate("dense", PAIRS, PAIRS)
-    window.document.accept_spectrum(Spectrum(values, rows, np.zeros(PAIRS), certificate=proven))
+    window.document.accept_spectrum(Eigenpairs(values, rows, np.zeros(PAIRS), certificate=proven))
     qtbot.waitUntil(lambda: window.field_source.idle, timeout=PATIENCE)
     return window
 

@@ -8,12 +8,12 @@ from solved import spectrum_of
 
 from meshmash_viewer.app.controls.step_slider import StepSlider
 from meshmash_viewer.app.tabs.wks_tab import WksTab
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.fields.wks import WaveKernelSignature
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
 @pytest.fixture
@@ -44,7 +44,7 @@ def test_the_slider_goes_through_log_energies(qtbot: QtBot, document: Document) 
 
 def test_too_few_pairs_are_said(qtbot: QtBot, document: Document) -> None:
     whole = document.spectrum
-    document.accept_spectrum(Spectrum(whole.eigenvalues[:2], whole.rows[:2], whole.residuals[:2]))
+    document.accept_spectrum(Eigenpairs(whole.eigenvalues[:2], whole.rows[:2], whole.residuals[:2]))
     tab = WksTab(document)
     qtbot.addWidget(tab)
     assert "two different eigenvalues" in tab.findChild(QLabel, "wks_missing_label").text()

@@ -19,10 +19,10 @@ from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.similarity import Similarity
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.fields.wks import WaveKernelSignature
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.field import LiveFeatures
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 CHOSEN = {name: family() for name, family in FAMILIES.items()}
 WITH_PROFILES = [
@@ -34,22 +34,22 @@ WITH_PROFILES = [
 
 @dataclass
 class Asked:
-    spectrum: Spectrum
+    spectrum: Eigenpairs
     family: Family
 
 
 @pytest.fixture(scope="module")
-def spectrum(rectangle: Mesh) -> Spectrum:
+def spectrum(rectangle: Mesh) -> Eigenpairs:
     return spectrum_of(rectangle, 60)
 
 
-def shown(spectrum: Spectrum, family: Family, live: LiveFeatures) -> np.ndarray:
+def shown(spectrum: Eigenpairs, family: Family, live: LiveFeatures) -> np.ndarray:
     found = live.compute(Asked(spectrum, family.resolved(spectrum, CHOSEN)))
     assert found is not None
     return found.values
 
 
-def test_the_curve_of_a_band_ends_where_its_support_does(spectrum: Spectrum) -> None:
+def test_the_curve_of_a_band_ends_where_its_support_does(spectrum: Eigenpairs) -> None:
     family = replace(GeometryVectors(), count=9)
     for index in range(9):
         band = replace(family, index=index)
@@ -57,7 +57,7 @@ def test_the_curve_of_a_band_ends_where_its_support_does(spectrum: Spectrum) -> 
         assert (curve[0], curve[-1]) == pytest.approx(band.support(spectrum))
 
 
-def test_a_profile_is_drawn_as_far_as_values_have_come(spectrum: Spectrum) -> None:
+def test_a_profile_is_drawn_as_far_as_values_have_come(spectrum: Eigenpairs) -> None:
     profile = Eigenfunctions().profile(spectrum)
     assert profile is not None
     places, values = profile.dots.values(spectrum.rows[:7, 3])
@@ -65,7 +65,7 @@ def test_a_profile_is_drawn_as_far_as_values_have_come(spectrum: Spectrum) -> No
     np.testing.assert_allclose(np.abs(values), np.abs(spectrum.rows[:7, 3]))
 
 
-def test_a_table_lets_go_of_the_rows_it_was_made_from(spectrum: Spectrum) -> None:
+def test_a_table_lets_go_of_the_rows_it_was_made_from(spectrum: Eigenpairs) -> None:
     family = GeometryVectors().resolved(spectrum, CHOSEN)
     table = family.prepare(spectrum, None)
     again = replace(spectrum, rows=np.array(spectrum.rows))
@@ -75,7 +75,7 @@ def test_a_table_lets_go_of_the_rows_it_was_made_from(spectrum: Spectrum) -> Non
 
 
 @pytest.mark.parametrize("name", WITH_PROFILES)
-def test_a_profile_is_the_fields_at_its_vertex(spectrum: Spectrum, name: str) -> None:
+def test_a_profile_is_the_fields_at_its_vertex(spectrum: Eigenpairs, name: str) -> None:
     family, vertex = FAMILIES[name](), 77
     profile = family.profile(spectrum)
     assert profile is not None
@@ -93,7 +93,7 @@ def test_a_profile_is_the_fields_at_its_vertex(spectrum: Spectrum, name: str) ->
 
 
 @pytest.mark.parametrize("name", list(FEATURES))
-def test_what_is_exported_is_what_is_shown(spectrum: Spectrum, name: str) -> None:
+def test_what_is_exported_is_what_is_shown(spectrum: Eigenpairs, name: str) -> None:
     family = FEATURES[name].exported(9)
     values = spectrum.eigenvalues
     bank = family.resolved(spectrum, CHOSEN).bank(values)
@@ -108,7 +108,7 @@ def test_what_is_exported_is_what_is_shown(spectrum: Spectrum, name: str) -> Non
 
 
 @pytest.mark.parametrize("name", list(FEATURES))
-def test_a_filter_is_held_where_it_is(spectrum: Spectrum, name: str) -> None:
+def test_a_filter_is_held_where_it_is(spectrum: Eigenpairs, name: str) -> None:
     family = FEATURES[name]().step(spectrum, 5)
     along = np.linspace(0.0, float(spectrum.eigenvalues[-1]), 50)
     response = family.response(spectrum, along)
@@ -124,7 +124,7 @@ def test_a_filter_is_held_where_it_is(spectrum: Spectrum, name: str) -> None:
 
 @pytest.mark.parametrize("family", [*FAMILIES.values(), *EXPORTS.values()])
 def test_zeros_alone_are_no_reason_to_stumble(family: type[Family]) -> None:
-    zeros = Spectrum(np.zeros(3), np.ones((3, 5)), np.zeros(3))
+    zeros = Eigenpairs(np.zeros(3), np.ones((3, 5)), np.zeros(3))
     chosen = family()
     assert chosen.step(zeros, 1).within(zeros) is not None
     assert chosen.resolved(zeros, CHOSEN).at_rest() == chosen.resolved(zeros, CHOSEN).at_rest()
@@ -134,7 +134,7 @@ def test_zeros_alone_are_no_reason_to_stumble(family: type[Family]) -> None:
                 assert np.isfinite(chosen.bank(zeros.eigenvalues, area)(zeros.eigenvalues)).all()
 
 
-def test_bands_sampled_on_their_supports_are_the_filter(spectrum: Spectrum) -> None:
+def test_bands_sampled_on_their_supports_are_the_filter(spectrum: Eigenpairs) -> None:
     low, high = 10.0, 70.0
     for count in (1, 2, 3, 4, 5, 32):
         bank = bspline_bank(low, high, count)
@@ -149,7 +149,7 @@ def test_bands_sampled_on_their_supports_are_the_filter(spectrum: Spectrum) -> N
             assert np.abs(bank(fine)[band][outside]).max(initial=0.0) < 1e-12
 
 
-def test_the_profile_of_eigenfunctions_is_their_values_as_shown(spectrum: Spectrum) -> None:
+def test_the_profile_of_eigenfunctions_is_their_values_as_shown(spectrum: Eigenpairs) -> None:
     chosen, vertex = Eigenfunctions(flipped=frozenset({6})), 77
     profile = chosen.profile(spectrum)
     assert profile is not None
@@ -160,7 +160,7 @@ def test_the_profile_of_eigenfunctions_is_their_values_as_shown(spectrum: Spectr
     assert len(places) == len(heights) >= 20
 
 
-def test_a_time_outside_the_range_is_forgotten_and_one_inside_kept(spectrum: Spectrum) -> None:
+def test_a_time_outside_the_range_is_forgotten_and_one_inside_kept(spectrum: Eigenpairs) -> None:
     low, high = HeatKernelSignature().range(spectrum)
     for time in (low, 0.5 * (low + high), high):
         assert HeatKernelSignature(time=time).within(spectrum).time == time
@@ -174,14 +174,14 @@ def test_axes_name_their_units() -> None:
     assert WaveKernelSignature().axes("") == ("Energy ln λ", "WKS")
 
 
-def test_an_energy_at_no_eigenvalue_is_the_lowest(spectrum: Spectrum) -> None:
+def test_an_energy_at_no_eigenvalue_is_the_lowest(spectrum: Eigenpairs) -> None:
     chosen = WaveKernelSignature().step(spectrum, 7)
     assert chosen.at_eigenvalue(spectrum, 0.0).place(spectrum) == pytest.approx(
         chosen.step(spectrum, -1000).place(spectrum)
     )
 
 
-def test_a_table_of_fewer_pairs_serves_until_the_next_is_built(spectrum: Spectrum) -> None:
+def test_a_table_of_fewer_pairs_serves_until_the_next_is_built(spectrum: Eigenpairs) -> None:
     """A step of a growing spectrum need not wait; another spectrum must."""
     fewer = replace(
         spectrum,
@@ -199,7 +199,7 @@ def test_a_table_of_fewer_pairs_serves_until_the_next_is_built(spectrum: Spectru
     assert Similarity(vertex=5).resolved(other, CHOSEN).compute(other, table) is None
 
 
-def test_exact_pairs_come_before_those_of_a_preview(spectrum: Spectrum) -> None:
+def test_exact_pairs_come_before_those_of_a_preview(spectrum: Eigenpairs) -> None:
     """Then the preview goes on, ascending, and says that it is one."""
     preview = replace(
         spectrum, eigenvalues=0.9 * spectrum.eigenvalues, rows=-spectrum.rows, preview=True
@@ -222,7 +222,7 @@ def test_exact_pairs_come_before_those_of_a_preview(spectrum: Spectrum) -> None:
 
 @pytest.mark.parametrize("name", ["band", "wks"])
 def test_there_is_no_profile_of_a_null_space(name: str) -> None:
-    zeros = Spectrum(np.zeros(3), np.ones((3, 5)), np.zeros(3))
+    zeros = Eigenpairs(np.zeros(3), np.ones((3, 5)), np.zeros(3))
     assert FEATURES[name]().profile(zeros) is None
 
 

@@ -11,27 +11,27 @@ from solved import spectrum_of
 import meshmash_viewer as mv
 from meshmash_viewer.features.filters import band_pass_bank, low_pass_bank
 from meshmash_viewer.features.sums import accumulate_features
-from meshmash_viewer.fields import spectrum as spectra
 from meshmash_viewer.fields.filters import READY, Filters
 from meshmash_viewer.fields.pair_table import build_pair_table
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.field import FieldRequest, LiveFeatures
+from meshmash_viewer.spectral import eigenpairs as spectra
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 #: A step of colour.
 _STEP = 4e-3
 
 
 @pytest.fixture(scope="module")
-def spectrum(rectangle: Mesh) -> Spectrum:
+def spectrum(rectangle: Mesh) -> Eigenpairs:
     return spectrum_of(rectangle, 200)
 
 
-def dense(spectrum: Spectrum, weights: np.ndarray) -> np.ndarray:
+def dense(spectrum: Eigenpairs, weights: np.ndarray) -> np.ndarray:
     return accumulate_features(np.asarray(spectrum.rows[: len(spectrum)]), weights[None])[:, 0]
 
 
-def filters_of(spectrum: Spectrum) -> dict[str, np.ndarray]:
+def filters_of(spectrum: Eigenpairs) -> dict[str, np.ndarray]:
     values = spectrum.eigenvalues
     first, last = float(values[1]), float(values[-1])
     found = {f"exp {t:.3g}": np.exp(-t * values) for t in np.geomspace(1 / last, 10 / first, 20)}
@@ -46,7 +46,7 @@ def filters_of(spectrum: Spectrum) -> dict[str, np.ndarray]:
     return {name: np.asarray(weights, dtype=np.float64) for name, weights in found.items()}
 
 
-def test_a_table_tells_any_filter_within_a_step_of_colour(spectrum: Spectrum) -> None:
+def test_a_table_tells_any_filter_within_a_step_of_colour(spectrum: Eigenpairs) -> None:
     table = build_pair_table(spectrum)
     assert len(table.columns) <= 52
     for name, weights in filters_of(spectrum).items():
@@ -59,10 +59,10 @@ def test_a_table_tells_any_filter_within_a_step_of_colour(spectrum: Spectrum) ->
         assert np.median(error) <= allowed / 4.0, name
 
 
-def test_equal_eigenvalues_and_vertices_without_values(spectrum: Spectrum) -> None:
+def test_equal_eigenvalues_and_vertices_without_values(spectrum: Eigenpairs) -> None:
     rows = np.array(spectrum.rows[:6])
     rows[:, 7] = np.nan
-    few = Spectrum(np.array([0.0, 0.0, 0.0, 2.0, 2.0, 5.0]), rows, np.zeros(6))
+    few = Eigenpairs(np.array([0.0, 0.0, 0.0, 2.0, 2.0, 5.0]), rows, np.zeros(6))
     table = build_pair_table(few)
     for weights in (np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.1]), np.zeros(6)):
         found = table.at(weights, rows)
@@ -73,7 +73,7 @@ def test_equal_eigenvalues_and_vertices_without_values(spectrum: Spectrum) -> No
 
 
 def test_a_large_mesh_is_near_while_it_moves_and_right_where_it_rests(
-    spectrum: Spectrum, monkeypatch: pytest.MonkeyPatch
+    spectrum: Eigenpairs, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(spectra, "_SMALL", 0)
     live, columns = LiveFeatures(), None
@@ -108,7 +108,7 @@ def test_a_large_mesh_is_near_while_it_moves_and_right_where_it_rests(
     np.testing.assert_allclose(found.values, dense(more, weights), rtol=1e-6)
 
 
-def test_a_response_is_drawn_wherever_it_is_a_number(spectrum: Spectrum) -> None:
+def test_a_response_is_drawn_wherever_it_is_a_number(spectrum: Eigenpairs) -> None:
     along = np.linspace(0.0, float(spectrum.eigenvalues[-1]), 101)
     response = Filters("12 / abs(x - c)").with_values(c=float(along[50])).response(spectrum, along)
     heights = response.curve[1]
@@ -119,7 +119,7 @@ def test_a_response_is_drawn_wherever_it_is_a_number(spectrum: Spectrum) -> None
     assert "÷" not in plain.legend
 
 
-def test_a_narrow_band_is_drawn(spectrum: Spectrum) -> None:
+def test_a_narrow_band_is_drawn(spectrum: Eigenpairs) -> None:
     along = np.linspace(0.0, float(spectrum.eigenvalues[-1]), 11)
     width = 1e-3 * along[1]
     low, high = along[3] + width, along[3] + 2.0 * width
@@ -130,7 +130,7 @@ def test_a_narrow_band_is_drawn(spectrum: Spectrum) -> None:
 
 
 @pytest.mark.parametrize("name", READY)
-def test_every_ready_filter_says_what_truncation_costs_it(spectrum: Spectrum, name: str) -> None:
+def test_every_ready_filter_says_what_truncation_costs_it(spectrum: Eigenpairs, name: str) -> None:
     family = Filters(READY[name]).resolved(spectrum, {})
     bank = family.bank(spectrum.eigenvalues)
     assert bank.tail is not None
@@ -138,7 +138,7 @@ def test_every_ready_filter_says_what_truncation_costs_it(spectrum: Spectrum, na
     assert len(spectrum.missing_shares(bank, 3.0)) == 1
 
 
-def test_bands_and_steps_are_integrated_exactly(spectrum: Spectrum) -> None:
+def test_bands_and_steps_are_integrated_exactly(spectrum: Eigenpairs) -> None:
     last = float(spectrum.eigenvalues[-1])
     low, high = 0.5 * last, 1.0001 * last
     band = Filters(READY["Band-pass"]).with_values(a=low, b=high).bank(spectrum.eigenvalues)
@@ -149,7 +149,7 @@ def test_bands_and_steps_are_integrated_exactly(spectrum: Spectrum) -> None:
     assert not turned(spectrum.eigenvalues).any()
 
 
-def test_the_script_of_many_columns_makes_the_bank_of_the_export(spectrum: Spectrum) -> None:
+def test_the_script_of_many_columns_makes_the_bank_of_the_export(spectrum: Eigenpairs) -> None:
     family = Filters(text="exp(-t*x)", automatic=False, low=0.01, high=3.0, count=5)
     made = eval(family.bank_script(), {"mv": mv, "np": np})
     wanted = np.exp(-np.geomspace(0.01, 3.0, 5)[:, None] * spectrum.eigenvalues)

@@ -15,13 +15,13 @@ from solved import spectrum_of
 import meshmash_viewer as mv
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import FAMILIES
-from meshmash_viewer.fields import spectrum as spectra
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.maps import CURVATURES, OwnMaps
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.field import LiveFeatures
+from meshmash_viewer.spectral import eigenpairs as spectra
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.vertex_map import Label, VertexMap
 
 CHOSEN = {name: family() for name, family in FAMILIES.items()}
@@ -30,7 +30,7 @@ LABELS = (mv.Label(4, "a", "#ff0000"), mv.Label(-2, "b", "#00ff00"))
 
 @dataclass
 class Asked:
-    spectrum: Spectrum
+    spectrum: Eigenpairs
     family: Family
 
 
@@ -54,11 +54,11 @@ def mapped(rectangle: Mesh) -> Mesh:
 
 
 @pytest.fixture(scope="module")
-def spectrum(mapped: Mesh, pairs: mv.Decomposition) -> Spectrum:
+def spectrum(mapped: Mesh, pairs: mv.Decomposition) -> Eigenpairs:
     return replace(spectrum_of(mapped, 60), rows=pairs.rows, mass=pairs.mass, mesh=mapped)
 
 
-def shown(spectrum: Spectrum, live: LiveFeatures | None = None, **choice: object) -> np.ndarray:
+def shown(spectrum: Eigenpairs, live: LiveFeatures | None = None, **choice: object) -> np.ndarray:
     live = live or LiveFeatures()
     asked = Asked(spectrum, replace(OwnMaps(), **choice).resolved(spectrum, CHOSEN))
     live.prepare(asked)
@@ -69,8 +69,8 @@ def shown(spectrum: Spectrum, live: LiveFeatures | None = None, **choice: object
 
 
 @pytest.mark.parametrize("n_pairs", [0, 60])
-def test_a_map_is_shown_as_it_is(mapped: Mesh, spectrum: Spectrum, n_pairs: int) -> None:
-    known = spectrum if n_pairs else Spectrum.without_pairs(mapped)
+def test_a_map_is_shown_as_it_is(mapped: Mesh, spectrum: Eigenpairs, n_pairs: int) -> None:
+    known = spectrum if n_pairs else Eigenpairs.without_pairs(mapped)
     for name in ("height", "holed"):
         values = mapped.map_named(name).values
         np.testing.assert_array_equal(shown(known, chosen=name), values.astype(np.float32))
@@ -84,7 +84,7 @@ def test_a_map_is_shown_as_it_is(mapped: Mesh, spectrum: Spectrum, n_pairs: int)
 
 
 def test_curvatures_are_always_there(sphere: Mesh) -> None:
-    bare = Spectrum.without_pairs(sphere.in_unit("mm"))
+    bare = Eigenpairs.without_pairs(sphere.in_unit("mm"))
     for name, function, unit in zip(
         CURVATURES, (mv.mean_curvature, mv.gaussian_curvature), ("mm⁻¹", "mm⁻²"), strict=True
     ):
@@ -97,7 +97,7 @@ def test_curvatures_are_always_there(sphere: Mesh) -> None:
 def test_mean_curvature_where_faces_disagree_says_so(sphere: Mesh) -> None:
     faces = np.where(np.arange(sphere.n_faces)[:, None] < 9, sphere.faces[:, ::-1], sphere.faces)
     for mesh, doubted in ((Mesh(sphere.vertices, faces), {"Mean curvature"}), (sphere, set())):
-        bare, said = Spectrum.without_pairs(mesh), set()
+        bare, said = Eigenpairs.without_pairs(mesh), set()
         for name in CURVATURES:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
@@ -110,7 +110,7 @@ def test_mean_curvature_where_faces_disagree_says_so(sphere: Mesh) -> None:
 
 
 def test_the_sum_of_pairs_is_that_of_the_library(
-    spectrum: Spectrum, mapped: Mesh, pairs: mv.Decomposition
+    spectrum: Eigenpairs, mapped: Mesh, pairs: mv.Decomposition
 ) -> None:
     """However the slider got there."""
     live, values = LiveFeatures(), mapped.map_named("height").values
@@ -124,7 +124,7 @@ def test_the_sum_of_pairs_is_that_of_the_library(
 
 
 def test_dominant_bands_are_those_of_the_library(
-    spectrum: Spectrum, mapped: Mesh, pairs: mv.Decomposition
+    spectrum: Eigenpairs, mapped: Mesh, pairs: mv.Decomposition
 ) -> None:
     with pytest.warns(mv.MissingValuesWarning):
         found = mv.map_spectrum(pairs, mapped.map_named("holed").values)
@@ -140,7 +140,7 @@ def test_dominant_bands_are_those_of_the_library(
 
 
 def test_the_spectrum_of_a_map_is_drawn_and_dragged(
-    spectrum: Spectrum, mapped: Mesh, pairs: mv.Decomposition
+    spectrum: Eigenpairs, mapped: Mesh, pairs: mv.Decomposition
 ) -> None:
     family = OwnMaps(chosen="height", pairs=12)
     shown(spectrum, chosen="height")
@@ -160,7 +160,7 @@ def test_the_spectrum_of_a_map_is_drawn_and_dragged(
     assert OwnMaps(chosen="parts").resolved(spectrum, CHOSEN).response(spectrum, places) is None
 
 
-def test_a_profile_is_what_each_pair_adds(spectrum: Spectrum) -> None:
+def test_a_profile_is_what_each_pair_adds(spectrum: Eigenpairs) -> None:
     values = shown(spectrum, chosen="height", view="pairs", pairs=60)
     profile = OwnMaps(chosen="height").profile(spectrum)
     assert profile is not None
@@ -172,7 +172,7 @@ def test_a_map_goes_with_a_repair() -> None:
     both = shapes.three_spheres()
     marked = both.with_maps(mv.VertexMap("index", np.arange(both.n_vertices)))
     left = mv.largest_component(marked)
-    bare = Spectrum.without_pairs(left)
+    bare = Eigenpairs.without_pairs(left)
     index = shown(bare, chosen="index").astype(int)
     np.testing.assert_array_equal(both.vertices[index], left.vertices)
 
@@ -188,7 +188,7 @@ def test_labels_are_not_summed_over_pairs(rectangle: Mesh) -> None:
 
 
 def test_a_filter_is_near_while_it_moves_over_a_large_mesh_and_right_where_it_rests(
-    spectrum: Spectrum, monkeypatch: pytest.MonkeyPatch
+    spectrum: Eigenpairs, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(spectra, "_SMALL", 0)
     live, near = LiveFeatures(), None
@@ -230,7 +230,7 @@ def test_mean_is_that_of_the_surface(rectangle: Mesh) -> None:
         mv.VertexMap("flat", np.where(values < 0.3 * width, np.nan, 2.0)),
         mv.VertexMap("parts", np.array([4, -2])[np.arange(len(values)) % 2], LABELS),
     )
-    bare = Spectrum.without_pairs(crowded)
+    bare = Eigenpairs.without_pairs(crowded)
     assert np.isnan(OwnMaps(chosen="x").mean(bare)), "areas are not summed by who only asks"
     for name, wanted in (("x", 0.5 * width), ("flat", 2.0), ("parts", np.nan)):
         family = OwnMaps(chosen=name).resolved(bare, CHOSEN)
@@ -238,7 +238,7 @@ def test_mean_is_that_of_the_surface(rectangle: Mesh) -> None:
         np.testing.assert_allclose(family.mean(bare), wanted, rtol=1e-12)
 
 
-def test_sums_of_one_map_are_not_shown_for_another(spectrum: Spectrum) -> None:
+def test_sums_of_one_map_are_not_shown_for_another(spectrum: Eigenpairs) -> None:
     one, other = (
         OwnMaps(chosen=name, view="pairs").resolved(spectrum, CHOSEN)
         for name in ("height", "holed")
@@ -248,7 +248,9 @@ def test_sums_of_one_map_are_not_shown_for_another(spectrum: Spectrum) -> None:
     assert other.compute(spectrum, table) is None
 
 
-def test_a_sum_of_pairs_is_captioned_by_how_many_and_a_map_by_its_name(spectrum: Spectrum) -> None:
+def test_a_sum_of_pairs_is_captioned_by_how_many_and_a_map_by_its_name(
+    spectrum: Eigenpairs,
+) -> None:
     chosen = replace(OwnMaps(), chosen="height", pairs=7)
     assert chosen.resolved(spectrum, CHOSEN).caption(spectrum, "mm") == "height"
     summed = replace(chosen, view="pairs").resolved(spectrum, CHOSEN)

@@ -7,16 +7,16 @@ from closed_form import A, B, rectangle_spectrum
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.fields.sweep import SWEPT, chosen_columns, evenly, n_columns, sweep
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
 @pytest.fixture(scope="module")
-def spectrum() -> Spectrum:
+def spectrum() -> Eigenpairs:
     return rectangle_spectrum(shapes.rectangle(12, 30, A, B), 37)
 
 
-def resolved(name: str, spectrum: Spectrum, count: int = 11) -> Family:
+def resolved(name: str, spectrum: Eigenpairs, count: int = 11) -> Family:
     chosen = {each: family() for each, family in FAMILIES.items()}
     # maps have one column each until they are summed over pairs, distances one for each vertex
     given = {
@@ -28,7 +28,9 @@ def resolved(name: str, spectrum: Spectrum, count: int = 11) -> Family:
 
 
 @pytest.mark.parametrize("name", SWEPT)
-def test_columns_are_all_that_there_are_and_each_is_another(name: str, spectrum: Spectrum) -> None:
+def test_columns_are_all_that_there_are_and_each_is_another(
+    name: str, spectrum: Eigenpairs
+) -> None:
     family = resolved(name, spectrum)
     most = n_columns(family, spectrum)
     assert most == (11 if family.counted else 37)
@@ -47,11 +49,11 @@ def test_columns_are_all_that_there_are_and_each_is_another(name: str, spectrum:
 
 
 @pytest.mark.parametrize("name", sorted(set(FAMILIES) - set(SWEPT)))
-def test_what_nobody_has_chosen_has_one_column(name: str, spectrum: Spectrum) -> None:
+def test_what_nobody_has_chosen_has_one_column(name: str, spectrum: Eigenpairs) -> None:
     assert n_columns(FAMILIES[name](), spectrum) == 1
 
 
-def test_only_a_film_has_more_frames_than_columns(spectrum: Spectrum) -> None:
+def test_only_a_film_has_more_frames_than_columns(spectrum: Eigenpairs) -> None:
     times = sweep(resolved("hks", spectrum), spectrum, range(11), 50)
     assert len({each.place(spectrum) for each in times}) == 50
     with pytest.raises(InputError, match=r"50 frames are more than the 11 columns"):

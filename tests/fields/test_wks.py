@@ -7,9 +7,9 @@ import pytest
 from solved import spectrum_of
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.fields.wks import WaveKernelSignature
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
 def test_values_are_those_of_aubry_2011(rectangle: Mesh) -> None:
@@ -33,7 +33,7 @@ def test_values_are_those_of_aubry_2011(rectangle: Mesh) -> None:
 
 def test_a_larger_mesh_has_the_same_signature_at_lower_energies(rectangle: Mesh) -> None:
     spectrum = spectrum_of(rectangle, 60)
-    large = Spectrum(spectrum.eigenvalues / 100.0, spectrum.rows / 10.0, spectrum.residuals)
+    large = Eigenpairs(spectrum.eigenvalues / 100.0, spectrum.rows / 10.0, spectrum.residuals)
     chosen = WaveKernelSignature(index=20)
     assert chosen.place(spectrum) - chosen.place(large) == pytest.approx(np.log(100.0))
     here, there = chosen.compute(spectrum, None), chosen.compute(large, None)
@@ -41,7 +41,7 @@ def test_a_larger_mesh_has_the_same_signature_at_lower_energies(rectangle: Mesh)
 
 
 def test_one_eigenvalue_above_zero_leaves_no_range() -> None:
-    flat = Spectrum(np.array([0.0, 1.0]), np.ones((2, 5)), np.zeros(2))
+    flat = Eigenpairs(np.array([0.0, 1.0]), np.ones((2, 5)), np.zeros(2))
     with pytest.raises(InputError, match="two different eigenvalues"):
         WaveKernelSignature().compute(flat, None)
 
@@ -49,7 +49,7 @@ def test_one_eigenvalue_above_zero_leaves_no_range() -> None:
 def test_without_two_eigenvalues_above_zero_there_is_no_response() -> None:
     for values in ([0.0], [0.0, 2.0], [0.0, 2.0, 2.0]):
         rows = np.ones((len(values), 4))
-        few = Spectrum(np.array(values), rows, np.zeros(len(values)))
+        few = Eigenpairs(np.array(values), rows, np.zeros(len(values)))
         assert WaveKernelSignature().response(few, np.linspace(0.0, 2.0, 9)) is None
-    more = Spectrum(np.array([0.0, 1.0, 2.0]), np.ones((3, 4)), np.zeros(3))
+    more = Eigenpairs(np.array([0.0, 1.0, 2.0]), np.ones((3, 4)), np.zeros(3))
     assert WaveKernelSignature().response(more, np.linspace(0.0, 2.0, 9)) is not None

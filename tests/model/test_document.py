@@ -11,12 +11,12 @@ from solved import spectrum_of
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.similarity import Similarity
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.document import Document, Notice
 from meshmash_viewer.model.pins import PIN_COLORS
 from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target
 
 
@@ -83,7 +83,7 @@ def test_a_count_carries_over(document: Document, sphere: Mesh) -> None:
     assert document.target == Target("count", 7)
 
 
-def approximate(spectrum: Spectrum) -> Spectrum:
+def approximate(spectrum: Eigenpairs) -> Eigenpairs:
     """As a preview would have it: eigenvalues a little off, no residuals, no end."""
     nothing = np.full(len(spectrum), np.nan)
     return replace(

@@ -12,7 +12,6 @@ from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.fields.similarity import Similarity
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import mesh_health
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import FEWEST_PAIRS, Shape
@@ -20,6 +19,7 @@ from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
 from meshmash_viewer.model.limits import LockedLimits
 from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.vertex_map import Label, VertexMap
 
 
@@ -37,7 +37,7 @@ def test_nothing_to_show_before_there_are_pairs(rectangle: Mesh) -> None:
     assert request_of(document) is None
     document.accept_mesh(MeshReady(rectangle, mesh_health(rectangle), rectangle.vertex_normals))
     assert request_of(document) is None
-    nothing = Spectrum(np.zeros(0), np.zeros((3, rectangle.n_vertices)), np.zeros(0))
+    nothing = Eigenpairs(np.zeros(0), np.zeros((3, rectangle.n_vertices)), np.zeros(0))
     document.accept_spectrum(nothing)
     assert request_of(document) is None
 

@@ -22,36 +22,36 @@ from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.heat_table import build_heat_table
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.similarity import Similarity
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.field import FieldRequest, LiveFeatures, expected_bytes
 from meshmash_viewer.progress import Cancelled
 from meshmash_viewer.spectral.certificate import Certificate
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
-def direct(spectrum: Spectrum, coefficients: np.ndarray) -> np.ndarray:
+def direct(spectrum: Eigenpairs, coefficients: np.ndarray) -> np.ndarray:
     k = len(spectrum)
     return accumulate_features(spectrum.rows[:k], coefficients)
 
 
-def hks_request(spectrum: Spectrum, time: float) -> FieldRequest:
+def hks_request(spectrum: Eigenpairs, time: float) -> FieldRequest:
     t_min, t_max = hks_time_range(spectrum.eigenvalues)
     return between(spectrum, time, t_min, t_max)
 
 
-def between(spectrum: Spectrum, time: float, t_min: float, t_max: float) -> FieldRequest:
+def between(spectrum: Eigenpairs, time: float, t_min: float, t_max: float) -> FieldRequest:
     family = HeatKernelSignature(time=time, t_min=t_min, t_max=t_max, automatic=False)
     return FieldRequest(spectrum, "", family)
 
 
-def band_request(spectrum: Spectrum, band: int, count: int = 12) -> FieldRequest:
+def band_request(spectrum: Eigenpairs, band: int, count: int = 12) -> FieldRequest:
     family = GeometryVectors(index=band, count=count).resolved(spectrum, {})
     return FieldRequest(spectrum, "", family)
 
 
 def similarity_request(
-    spectrum: Spectrum, vertex: int = 77, times: tuple[float, float] | None = None, count: int = 8
+    spectrum: Eigenpairs, vertex: int = 77, times: tuple[float, float] | None = None, count: int = 8
 ) -> FieldRequest:
     t_min, t_max = times or hks_time_range(spectrum.eigenvalues)
     features = HeatKernelSignature(t_min=t_min, t_max=t_max, automatic=False, scales=count)
@@ -104,7 +104,7 @@ def test_few_vertices_with_a_huge_signature_cost_the_others_nothing(rectangle: M
     specks = [3, 70]
     rows[:, specks] *= 1e4
     rows[:, 11] = np.nan
-    spiked = Spectrum(spectrum.eigenvalues, rows, spectrum.residuals)
+    spiked = Eigenpairs(spectrum.eigenvalues, rows, spectrum.residuals)
     times = hks_time_range(spectrum.eigenvalues)
     table = build_heat_table(spiked, times)
     others = np.setdiff1d(np.arange(rows.shape[1]), [*specks, 11])
@@ -119,7 +119,7 @@ def test_few_vertices_with_a_huge_signature_cost_the_others_nothing(rectangle: M
 
 def test_scale_makes_no_difference(rectangle: Mesh) -> None:
     spectrum = spectrum_of(rectangle, 60)
-    small = Spectrum(spectrum.eigenvalues * 1e18, spectrum.rows * 1e9, spectrum.residuals)
+    small = Eigenpairs(spectrum.eigenvalues * 1e18, spectrum.rows * 1e9, spectrum.residuals)
     times = hks_time_range(spectrum.eigenvalues)
     table = build_heat_table(spectrum, times)
     other = build_heat_table(small, (times[0] * 1e-18, times[1] * 1e-18))
@@ -243,7 +243,7 @@ def test_tables_outlast_the_proof_of_the_same_pairs(rectangle: Mesh) -> None:
     assert not live.prepared(band_request(other, 1))
 
 
-def other_pairs(spectrum: Spectrum) -> Spectrum:
+def other_pairs(spectrum: Eigenpairs) -> Eigenpairs:
     """As many pairs of the same vertices, of another mesh or another operator."""
     rows = np.ascontiguousarray(spectrum.rows[:, ::-1])
     return replace(spectrum, rows=rows, eigenvalues=1.3 * spectrum.eigenvalues)
@@ -305,8 +305,8 @@ def test_a_table_of_fewer_pairs_answers_for_more_as_a_draft_alone() -> None:
     rng = np.random.default_rng(5)
     values = np.sort(rng.random(320)) * 300.0
     rows = rng.standard_normal((320, mesh.n_vertices)).astype(np.float32)
-    whole = Spectrum(values, rows, np.zeros(320))
-    part = Spectrum(values[:200], rows, np.zeros(200))
+    whole = Eigenpairs(values, rows, np.zeros(320))
+    part = Eigenpairs(values[:200], rows, np.zeros(200))
     live = LiveFeatures()
     time = hks_time_range(values)[1]
     asked = hks_request(part, time)

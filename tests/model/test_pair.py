@@ -19,7 +19,6 @@ from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.maps import OwnMaps
 from meshmash_viewer.fields.similarity import Similarity
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import mesh_health, repair_mesh
 from meshmash_viewer.laplacian import cotangent_laplacian
 from meshmash_viewer.mesh import Mesh
@@ -35,6 +34,7 @@ from meshmash_viewer.model.limits import (
 )
 from meshmash_viewer.model.pair import MATCHED_IN, ComparisonRequest, Pair
 from meshmash_viewer.model.results import MeshReady
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.eigensolver import solve
 from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.vertex_map import VertexMap
@@ -58,7 +58,7 @@ def answer(document: Document, job: DecomposeJob) -> None:
     else:
         found = solve(*matrices, max_eigenvalue=job.target.value)
         known_to = job.target.value
-    spectrum = Spectrum(
+    spectrum = Eigenpairs(
         found.eigenvalues, found.rows, found.residuals, total=len(found.eigenvalues),
         certificate=found.certificate, operator=job.operator, mass=found.mass, known_to=known_to,
     )  # fmt: skip
@@ -151,7 +151,7 @@ def test_a_function_that_was_turned_round_and_moved_is_the_same_one(
     assert np.corrcoef(mine.values, other.values[meshes[2]])[0, 1] > 0.999
 
 
-def nearest_neighbours(spectrum: Spectrum) -> int:
+def nearest_neighbours(spectrum: Eigenpairs) -> int:
     """The first of two pairs whose eigenvalues are nearest, so that features stay as they are."""
     return int(np.argmin(np.diff(spectrum.eigenvalues[:20])))
 

@@ -9,13 +9,13 @@ import pytest
 from meshmash_viewer.features.filters import heat_kernel_bank
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature, resolved_from
-from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 from meshmash_viewer.spectral.weyl import required_eigenvalue
 
 
-def spectrum_of(eigenvalues: np.ndarray, n_vertices: int = 1000) -> Spectrum:
+def spectrum_of(eigenvalues: np.ndarray, n_vertices: int = 1000) -> Eigenpairs:
     rows = np.zeros((len(eigenvalues), n_vertices))
-    return Spectrum(eigenvalues, rows, np.zeros(len(eigenvalues)))
+    return Eigenpairs(eigenvalues, rows, np.zeros(len(eigenvalues)))
 
 
 TWO_PIECES = spectrum_of(np.array([1e-19, 2e-18, 1.0, 2.0, 4.0, 5.0, 8.0]) * 1e-8)

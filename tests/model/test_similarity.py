@@ -9,8 +9,8 @@ from meshmash_viewer.features.filters import FilterBank, heat_kernel_bank
 from meshmash_viewer.features.shape import feature_distance
 from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.fields.similarity import SimilarityTable, build_similarity_table
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def specked(rectangle: Mesh) -> Mesh:
 
 
 @pytest.fixture(scope="module")
-def spectrum(specked: Mesh) -> Spectrum:
+def spectrum(specked: Mesh) -> Eigenpairs:
     return spectrum_of(specked, 60)
 
 
@@ -37,12 +37,12 @@ def bank() -> FilterBank:
 
 
 @pytest.fixture(scope="module")
-def table(spectrum: Spectrum, bank: FilterBank) -> SimilarityTable:
+def table(spectrum: Eigenpairs, bank: FilterBank) -> SimilarityTable:
     return build_similarity_table(spectrum, bank.response)
 
 
 @pytest.fixture(scope="module")
-def features(spectrum: Spectrum, bank: FilterBank) -> np.ndarray:
+def features(spectrum: Eigenpairs, bank: FilterBank) -> np.ndarray:
     rows = spectrum.rows[: len(spectrum)]
     return accumulate_features(rows, bank(spectrum.eigenvalues))
 

@@ -6,10 +6,10 @@ import pytest
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.stepping import advance, go_to_end, go_to_start, step
 from meshmash_viewer.spectral.certificate import Certificate
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
 @pytest.fixture
@@ -18,7 +18,7 @@ def document() -> Document:
     eigenvalues = np.array([0.0, 1.0, 2.0, 4.0, 5.0, 8.0])
     proven = Certificate("dense", 6, 6)
     document.accept_spectrum(
-        Spectrum(eigenvalues, np.zeros((6, 3)), np.zeros(6), certificate=proven)
+        Eigenpairs(eigenvalues, np.zeros((6, 3)), np.zeros(6), certificate=proven)
     )
     return document
 
@@ -93,6 +93,6 @@ def test_steps_of_a_time_chosen_by_hand_end_at_the_range(document: Document) -> 
 def test_zeros_have_no_time_to_step_through() -> None:
     document = Document()
     document.display.kind = "hks"
-    document.accept_spectrum(Spectrum(np.zeros(3), np.zeros((3, 3)), np.zeros(3)))
+    document.accept_spectrum(Eigenpairs(np.zeros(3), np.zeros((3, 3)), np.zeros(3)))
     assert not step(document, 1)
     assert document.display[HeatKernelSignature].time is None

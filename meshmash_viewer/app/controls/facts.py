@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QAbstractButton, QDoubleSpinBox, QLabel, QSlider, 
 
 from meshmash_viewer.app import theme
 from meshmash_viewer.app.controls.layout import grid
-from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import Target, Translation, wavelength
 from meshmash_viewer.units import counted, format_quantity
 
@@ -32,7 +32,7 @@ def format_wavelength(eigenvalue: float, unit: str) -> str:
     return format_quantity(length, unit) if math.isfinite(length) else "∞"
 
 
-def estimated_pairs(spectrum: Spectrum, area: float, eigenvalue: float) -> str:
+def estimated_pairs(spectrum: Eigenpairs, area: float, eigenvalue: float) -> str:
     """Say about how many pairs reach up to an eigenvalue, and if that is all there are."""
     translation = Translation(
         area, spectrum.eigenvalues, spectrum.n_vertices, known_to=spectrum.known_to

@@ -26,13 +26,13 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.truncation import missing_sentence
 from meshmash_viewer.fields import EXPORTS
 from meshmash_viewer.fields.family import MOST_COUNT, Family
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.health import listed_repairs
 from meshmash_viewer.io.write import EIGENPAIR_WRITERS
 from meshmash_viewer.model.cost import written_bytes
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.export import ExportJob
 from meshmash_viewer.plug_ins import known_plug_ins
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import counted
 from meshmash_viewer.vertex_map import named_apart
 
@@ -219,14 +219,14 @@ class ExportDialog(SaveDialog):
         chosen = self._document.display.fields.get(family.name) or family()
         return chosen.measured_from([pin.vertex for pin in self._document.pins])
 
-    def _family(self, used: Spectrum) -> Family:
+    def _family(self, used: Eigenpairs) -> Family:
         """The family with its ranges resolved for the eigenpairs that are used."""
         chosen = self._chosen()
         if chosen.counted:
             chosen = replace(chosen, **{chosen.counted: self.count_spin.value()})
         return chosen.resolved(used, self._document.display.fields)
 
-    def _used(self) -> Spectrum:
+    def _used(self) -> Eigenpairs:
         spectrum, count = self._spectrum, self.pairs_spin.value()
         return replace(
             spectrum,

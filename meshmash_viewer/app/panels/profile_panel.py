@@ -21,10 +21,10 @@ from meshmash_viewer.app.panels.pin_legend import PinLegend
 from meshmash_viewer.app.plots.plot import Plot, color, hatch, marker, solid
 from meshmash_viewer.fields import FAMILIES
 from meshmash_viewer.fields.family import Family, Profile
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.progress import CancelCallback, Cancelled
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 #: Families that have profiles, those of features first.
 _VIEWS = {
@@ -43,7 +43,7 @@ _NEAR = 8.0
 #: interpreter lock while it copies; it is released after each block.
 _CHUNK = 8
 #: Eigenpairs, and vertices.
-_Request: TypeAlias = tuple[Spectrum, tuple[int, ...]]
+_Request: TypeAlias = tuple[Eigenpairs, tuple[int, ...]]
 
 
 class _ProfileReader(QObject):
@@ -61,13 +61,13 @@ class _ProfileReader(QObject):
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self._wanted: Spectrum | None = None
-        self._spectrum: Spectrum | None = None
+        self._wanted: Eigenpairs | None = None
+        self._spectrum: Eigenpairs | None = None
         self._values: dict[int, npt.NDArray[np.float64]] = {}
         self._asked: tuple[int, ...] = ()
         self.thread_ = LatestThread(self._read, self._take, parent=self)
 
-    def want(self, spectrum: Spectrum | None, vertices: tuple[int, ...]) -> None:
+    def want(self, spectrum: Eigenpairs | None, vertices: tuple[int, ...]) -> None:
         """Set what is shown; old values stay until new ones are read."""
         if spectrum is not self._wanted:
             self._wanted, self._asked = spectrum, ()
@@ -131,7 +131,7 @@ class ProfilePanel(PlotPanel):
         self._page: int | None = None
         self._paged = True
         self._pointed = self._hovered = self._pointed_outside = -1
-        self._drawn: tuple[Spectrum, Family] | None = None
+        self._drawn: tuple[Eigenpairs, Family] | None = None
         self._profile: Profile | None = None
         self._curves: dict[Pin, tuple[pg.PlotCurveItem, pg.ScatterPlotItem]] = {}
         self._reader = _ProfileReader(self)
@@ -287,7 +287,7 @@ class ProfilePanel(PlotPanel):
         else:
             self._mark(spectrum)
 
-    def _key(self) -> tuple[Spectrum, Family] | None:
+    def _key(self) -> tuple[Eigenpairs, Family] | None:
         """What the curves depend on, apart from the pins."""
         display, spectrum = self._document.display, self._document.spectrum
         if spectrum is None:
@@ -340,7 +340,7 @@ class ProfilePanel(PlotPanel):
                 box.setXRange(first - 1, first + _AT_ONCE, padding=0.0)
                 box.enableAutoRange(axis="y")
 
-    def _mark(self, spectrum: Spectrum) -> None:
+    def _mark(self, spectrum: Eigenpairs) -> None:
         """Mark the displayed position, and hatch the range that needs more eigenpairs."""
         self._zero.setVisible(self._family.signed)
         self._marker.setVisible(self._profile is not None)

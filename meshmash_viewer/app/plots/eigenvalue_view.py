@@ -14,8 +14,8 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.plots.plot import color, dashed, marker, solid
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.family import Family
-from meshmash_viewer.fields.spectrum import first_nonzero
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.spectral.eigenpairs import first_nonzero
 from meshmash_viewer.spectral.weyl import weyl_eigenvalue
 from meshmash_viewer.units import named_quantity
 

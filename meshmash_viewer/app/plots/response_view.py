@@ -11,8 +11,8 @@ from meshmash_viewer.app import theme
 from meshmash_viewer.app.plots.plot import color, dashed, hatch, marker, solid
 from meshmash_viewer.fields import FEATURES
 from meshmash_viewer.fields.family import Family, FloatArray
-from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 from meshmash_viewer.units import named_quantity
 
 _RUG = -0.09
@@ -169,7 +169,7 @@ class ResponseView:
         even = next(name for name, family in FEATURES.items() if not family.logarithmic[2])
         return display.fields[even]
 
-    def _along(self, spectrum: Spectrum) -> FloatArray:
+    def _along(self, spectrum: Eigenpairs) -> FloatArray:
         known = float(spectrum.eigenvalues[-1])
         first = self._floor() if self.log else 0.0
         x = np.linspace(float(self._x(first)), float(self._x(known)), _SAMPLES)
@@ -201,7 +201,7 @@ class ResponseView:
         low, high = self._ends(spectrum)
         display.put(family.between(value, high) if line is self.low else family.between(low, value))
 
-    def _bounds(self, spectrum: Spectrum, line: pg.InfiniteLine) -> tuple[float, float]:
+    def _bounds(self, spectrum: Eigenpairs, line: pg.InfiniteLine) -> tuple[float, float]:
         """Limits of dragging a line, such that the range keeps some eigenvalues."""
         values = spectrum.eigenvalues
         known = float(values[-1])
@@ -218,7 +218,7 @@ class ResponseView:
         above = int(np.searchsorted(values, low, side="left"))
         return max(values[min(above + 1, len(values) - 1)], low + _NARROWEST * known), known
 
-    def _ends(self, spectrum: Spectrum) -> tuple[float, float]:
+    def _ends(self, spectrum: Eigenpairs) -> tuple[float, float]:
         """Range of the filters of the family."""
         response = self.family.response(spectrum, spectrum.eigenvalues[-1:])
         return (0.0, 0.0) if response is None or response.ends is None else response.ends

@@ -10,7 +10,7 @@ from meshmash_viewer.app.controls.facts import estimated_pairs, format_wavelengt
 from meshmash_viewer.app.controls.layout import Part
 from meshmash_viewer.app.tabs.field_stepper import ColumnStepper
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
-from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import format_quantity, format_range, power_unit
 
 __all__ = ["BandTab"]
@@ -42,7 +42,7 @@ class BandTab(ColumnStepper):
             ),
         )
 
-    def _describe(self, spectrum: Spectrum | None, unit: str) -> dict[str, str]:
+    def _describe(self, spectrum: Eigenpairs | None, unit: str) -> dict[str, str]:
         chosen, between = self._document.display[GeometryVectors], self._range()
         bounds = 0.0, self._document.translation().bounds[1]
         written = power_unit(unit, -2)
@@ -60,7 +60,7 @@ class BandTab(ColumnStepper):
             "band_pairs_label": f"{last - first:,}",
         }
 
-    def _mark_missing(self, spectrum: Spectrum, between: tuple[float, float], unit: str) -> None:
+    def _mark_missing(self, spectrum: Eigenpairs, between: tuple[float, float], unit: str) -> None:
         low, high = between
         known = max(float(spectrum.eigenvalues[-1]), spectrum.known_to)
         if high <= known * (1.0 + 1e-9) or 0 < spectrum.n_vertices <= len(spectrum):

@@ -14,8 +14,8 @@ from meshmash_viewer.app.tabs.field_stepper import PinChooser, PlayButton
 from meshmash_viewer.features.distances import MEASURES
 from meshmash_viewer.features.truncation import percent
 from meshmash_viewer.fields.distances import Distances
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.field import Field
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import format_quantity
 
 __all__ = ["DistanceTab"]
@@ -88,7 +88,7 @@ class DistanceTab(PinChooser):
                 "This distance is a sum over eigenpairs above zero: compute more of them.",
             )
 
-    def _show_time(self, chosen: Distances, spectrum: Spectrum) -> None:
+    def _show_time(self, chosen: Distances, spectrum: Eigenpairs) -> None:
         time, unit = chosen.time_in(spectrum), self._document.unit
         self.times.show_number(time, spectrum.time_range)
         length = format_quantity(math.sqrt(time), unit)

@@ -15,7 +15,7 @@ from meshmash_viewer.app.controls.facts import (
 from meshmash_viewer.app.keys import native_text
 from meshmash_viewer.app.tabs.field_stepper import FieldStepper
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
-from meshmash_viewer.fields.spectrum import Spectrum, first_nonzero
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 from meshmash_viewer.units import counted, format_quantity, subscript
 
 __all__ = ["EigenfunctionTab"]
@@ -103,7 +103,7 @@ class EigenfunctionTab(FieldStepper):
         show_note(self.preview_note, preview)
 
 
-def _converged(spectrum: Spectrum) -> str:
+def _converged(spectrum: Eigenpairs) -> str:
     if spectrum.preview and not spectrum.n_exact:
         return f"{len(spectrum):,} approximate"
     if spectrum.preview and spectrum.complete:
@@ -116,7 +116,7 @@ def _converged(spectrum: Spectrum) -> str:
     return f"{len(spectrum):,}{of} so far"
 
 
-def _multiplet(spectrum: Spectrum, index: int, zeros: int) -> str:
+def _multiplet(spectrum: Eigenpairs, index: int, zeros: int) -> str:
     if index < zeros:
         if zeros == 1:
             return "Zero mode: constant over the surface, which is in one piece."

@@ -17,11 +17,11 @@ from meshmash_viewer.app.listening import follow, listen
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.bank_columns import MOST_COLUMNS, BankColumns
 from meshmash_viewer.fields.family import Family
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import Field
 from meshmash_viewer.model.pins import Pin
 from meshmash_viewer.model.stepping import advance
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 __all__ = [
     "ColumnStepper",
@@ -243,7 +243,7 @@ class ColumnStepper(FieldStepper):
         facts = self._describe(self._document.scaled_spectrum, self._document.unit)
         self.facts.show_values(facts)
 
-    def _describe(self, spectrum: Spectrum | None, unit: str) -> dict[str, str]:
+    def _describe(self, spectrum: Eigenpairs | None, unit: str) -> dict[str, str]:
         """Show what is special to the family, and give the facts about the column."""
         raise NotImplementedError
 
@@ -255,7 +255,7 @@ class PlugInTab(ColumnStepper):
     one = "Column"
     many = "Columns"
 
-    def _describe(self, spectrum: Spectrum | None, unit: str) -> dict[str, str]:
+    def _describe(self, spectrum: Eigenpairs | None, unit: str) -> dict[str, str]:
         if spectrum is None:
             return {}
         chosen = self._document.display[self.family]

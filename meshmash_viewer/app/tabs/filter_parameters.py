@@ -14,8 +14,8 @@ from meshmash_viewer.app.controls.step_slider import LogSlider
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.formula import MOST_NAMES
 from meshmash_viewer.fields.filters import Filters
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.model.document import Document
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import format_quantity, power_unit
 
 __all__ = ["FilterParameters", "refusal"]
@@ -68,7 +68,7 @@ class FilterParameters(QWidget):
             self._document.display.put(moved)
 
 
-def refusal(chosen: Filters, spectrum: Spectrum | None) -> str:
+def refusal(chosen: Filters, spectrum: Eigenpairs | None) -> str:
     """What is wrong with a filter on these eigenpairs; empty if nothing is."""
     try:
         if spectrum is not None:

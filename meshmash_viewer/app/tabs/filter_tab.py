@@ -16,7 +16,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.formula import MOST_CHARACTERS, Formula
 from meshmash_viewer.fields.bank_columns import MOST_COLUMNS
 from meshmash_viewer.fields.filters import READY, Filters
-from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import power_unit
 
 __all__ = ["FilterTab"]
@@ -126,7 +126,7 @@ class FilterTab(FieldStepper):
         self.parameters.refresh()
         self._show_range(chosen, spectrum)
 
-    def _show_range(self, chosen: Filters, spectrum: Spectrum | None) -> None:
+    def _show_range(self, chosen: Filters, spectrum: Eigenpairs | None) -> None:
         unit, powers = self._document.unit, chosen.formula.powers
         power = powers.get(chosen.first, 0)
         between = None if spectrum is None or not chosen.first else chosen.range(spectrum)

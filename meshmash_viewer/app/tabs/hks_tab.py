@@ -19,7 +19,7 @@ from meshmash_viewer.features.filters import heat_kernel_bank
 from meshmash_viewer.features.truncation import percent
 from meshmash_viewer.fields.family import MOST_COUNT
 from meshmash_viewer.fields.hks import HeatKernelSignature, resolved_from
-from meshmash_viewer.fields.spectrum import Spectrum
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import required_eigenvalue, resolved_time
 from meshmash_viewer.units import format_quantity, power_unit
 
@@ -80,7 +80,7 @@ class HksTab(FieldStepper):
         self.facts.show_value("hks_length_label", format_quantity(math.sqrt(time), unit))
         self._mark_missing(document.spectrum, *between, time)
 
-    def _mark_missing(self, spectrum: Spectrum, low: float, high: float, time: float) -> None:
+    def _mark_missing(self, spectrum: Eigenpairs, low: float, high: float, time: float) -> None:
         """Hatch the times that the known pairs cannot resolve, and say how many would."""
         resolved, mesh = resolved_from(spectrum), self._document.mesh
         if mesh is None or resolved <= low * (1.0 + 1e-9):

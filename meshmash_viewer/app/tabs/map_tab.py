@@ -21,10 +21,10 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.features.map_spectrum import MapSpectrum
 from meshmash_viewer.fields.filters import READY, Filters
 from meshmash_viewer.fields.maps import CURVATURES, VIEWS, OwnMaps
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.io.write import SPECTRUM_WRITERS, write_map_spectrum
 from meshmash_viewer.model.document import Notice, Severity
 from meshmash_viewer.model.field import Field
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import counted, format_number
 from meshmash_viewer.vertex_map import Label, VertexMap
 
@@ -215,7 +215,7 @@ class MapTab(FieldStepper):
             _show_lines(self.list, _LINES)
             self.list.setCurrentRow(every.index(chosen))
 
-    def _refresh_pairs(self, spectrum: Spectrum, resolved: OwnMaps) -> None:
+    def _refresh_pairs(self, spectrum: Eigenpairs, resolved: OwnMaps) -> None:
         labelled = resolved.shown is not None and bool(resolved.shown.labels)
         usable, last = bool(len(spectrum)) and not labelled, max(len(spectrum), 1)
         count = self._document.display[OwnMaps].within(spectrum).pairs

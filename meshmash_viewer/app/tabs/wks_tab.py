@@ -10,8 +10,8 @@ from meshmash_viewer.app.controls.facts import format_wavelength, show_note
 from meshmash_viewer.app.controls.scale_marks import decade_marks
 from meshmash_viewer.app.tabs.field_stepper import ColumnStepper
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.fields.wks import WaveKernelSignature
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import format_quantity
 
 __all__ = ["WksTab"]
@@ -32,7 +32,7 @@ class WksTab(ColumnStepper):
         "wks_pairs_label": "Eigenpairs within σ",
     }
 
-    def _describe(self, spectrum: Spectrum | None, unit: str) -> dict[str, str]:
+    def _describe(self, spectrum: Eigenpairs | None, unit: str) -> dict[str, str]:
         chosen = self._document.display[WaveKernelSignature]
         self.slider.set_marks(())
         if spectrum is None:

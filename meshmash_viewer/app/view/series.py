@@ -14,10 +14,10 @@ from meshmash_viewer.app.view.camera import Margins, View, fitted_view
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import OffScreen, text_scale
 from meshmash_viewer.fields.family import Family
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.field import Field, FieldRequest, LiveFeatures, compute_field
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class Shot:
 
 def shots_of(
     families: Sequence[Family],
-    spectrum: Spectrum,
+    spectrum: Eigenpairs,
     mesh: Mesh,
     sample: npt.NDArray[np.int64],
     chosen: Mapping[str, Family],

@@ -22,11 +22,11 @@ from meshmash_viewer.app.view.series import (
     turntable,
 )
 from meshmash_viewer.fields import FAMILIES
-from meshmash_viewer.fields.spectrum import Spectrum
 from meshmash_viewer.fields.sweep import sweep
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.model.display import Display
 from meshmash_viewer.model.field import FieldRequest, LiveFeatures
+from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.vertex_map import Label, VertexMap
 
 pytestmark = pytest.mark.pixels
@@ -147,7 +147,7 @@ def test_each_map_has_the_colours_that_suit_it(plate: Mesh) -> None:
     half = (plate.vertices[:, 0] > A / 2).astype(np.float64)
     labels = Label(0, "left", "#d01010"), Label(1, "right", "#1010d0")
     mesh = plate.with_maps(VertexMap("halves", half, labels=labels), VertexMap("x", half + 1.0))
-    bare = Spectrum.without_pairs(mesh)
+    bare = Eigenpairs.without_pairs(mesh)
     families = sweep(FAMILIES["map"](), bare, range(4))
     shots = shots_of(families, bare, mesh, mesh.area_sample(), {})
     names = ["halves", "x", "Mean curvature", "Gaussian curvature"]
@@ -174,7 +174,7 @@ def test_each_of_hundreds_of_labels_has_its_own_colour() -> None:
     colors = {200: "#d01010", 201: "#1010d0"}
     labels = tuple(Label(key, "", colors.get(key, "#808080")) for key in range(1000))
     mesh = mesh.with_maps(VertexMap("parts", keys, labels=labels))
-    bare = Spectrum.without_pairs(mesh)
+    bare = Eigenpairs.without_pairs(mesh)
     (family,) = sweep(FAMILIES["map"](), bare, range(1))
     (shot,) = shots_of([family], bare, mesh, mesh.area_sample(), {})
     (picture,) = draw_series(drawing_of(mesh), SIZE, [shot], Display())
@@ -185,7 +185,7 @@ def test_each_of_hundreds_of_labels_has_its_own_colour() -> None:
 
 
 def test_lines_of_a_distance_are_said_on_its_picture(plate: Mesh) -> None:
-    bare = Spectrum.without_pairs(plate)
+    bare = Eigenpairs.without_pairs(plate)
     far = FAMILIES["distance"].exported(vertex=[7])
     shots = shots_of([far], bare, plate, plate.area_sample(), {})
     quantities, pictures = [], []
