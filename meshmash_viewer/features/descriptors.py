@@ -52,7 +52,7 @@ from meshmash_viewer.spectral.checked_solve import (
     solve_and_warn,
 )
 from meshmash_viewer.spectral.weyl import required_eigenvalue, weyl_eigenvalue
-from meshmash_viewer.split.piece import Piece
+from meshmash_viewer.split.partition import Piece
 from meshmash_viewer.units import whole_number
 
 if TYPE_CHECKING:

@@ -28,7 +28,7 @@ from meshmash_viewer.spectral.weyl import (
     Translation,
     weyl_eigenvalue,
 )
-from meshmash_viewer.split.piece import Piece
+from meshmash_viewer.split.partition import Piece
 from meshmash_viewer.split.stitcher import MeshStitcher
 from meshmash_viewer.units import counted
 

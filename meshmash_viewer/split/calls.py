@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import nullcontext
 from typing import Any
 
@@ -21,31 +21,15 @@ class PieceError(RuntimeError):
 
 def results_of_calls(
     function: Callable[..., Any],
-    calls: Sequence[tuple[str, Callable[[], tuple[Any, ...]]]],
+    calls: Iterable[tuple[str, tuple[Any, ...]]],
     n_jobs: int | None,
     cancel: CancelCallback | None,
 ) -> Iterator[Any]:
-    """Yield the results of calls in their order.
+    """Yield the results of calls, given by their names and arguments, in their order.
 
-    After a failure or cancellation no further call is started, and running ones are awaited:
-    aborting them would kill workers shared with others.
-
-    Parameters
-    ----------
-    function : callable
-    calls : sequence of (str, callable)
-        Name of each call for messages, and a function that makes its arguments.
-    n_jobs : int, optional
-        Number of processes as in joblib.
-    cancel : callable, optional
-        Called between calls.
-
-    Raises
-    ------
-    PieceError
-        If the function failed.
-    Cancelled
-        If `cancel` returned True.
+    `PieceError` is raised if the function failed, and `Cancelled` after `cancel`, called between
+    calls, returned True. No further call is then started, and running ones are awaited: aborting
+    them would kill workers shared with others. `n_jobs` is the number of processes as in joblib.
     """
     alone = effective_n_jobs(n_jobs) == 1
     stopped = cancel is not None and cancel()
@@ -55,7 +39,7 @@ def results_of_calls(
         for name, arguments in calls:
             if outcome is not None:
                 return
-            yield delayed(_call)(function, arguments(), name, alone)
+            yield delayed(_call)(function, arguments, name, alone)
 
     # max_nbytes=None: the function receives its own arrays, not read-only memory maps.
     parallel = Parallel(

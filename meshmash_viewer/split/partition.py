@@ -10,6 +10,8 @@ Both halves are connected, because such a set contains the shortest path from a 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -31,6 +33,26 @@ _SAMPLES = 8
 #: Smallest share of a piece to which cores are bisected to make room for the overlap. Where the
 #: mesh is so dense that the overlap alone fills the piece, the overlap is narrower instead.
 _SMALLEST_CORE = 0.25
+
+
+class Piece(tuple[FloatArray, IntArray]):
+    """``(vertices, faces)`` of a piece, with `faces` as indices into its vertices.
+
+    Attributes
+    ----------
+    first : ndarray of float64, shape (n_i,)
+        Square of the first eigenvector of the whole mesh at the vertices of the piece: one over
+        the area of the first component there, and 0 on all others.
+    """
+
+    first: FloatArray
+
+    @classmethod
+    def of(cls, vertices: FloatArray, faces: IntArray, first: FloatArray) -> Piece:
+        """Create a piece from its arrays."""
+        piece = cls((vertices, faces))
+        piece.first = first
+        return piece
 
 
 def edge_graph(mesh: Mesh) -> Graph:
@@ -93,11 +115,20 @@ def overlapping_pieces(
             f"Vertex {vertex} has {degrees[vertex]} neighbours, so no piece of {max_size} vertices "
             f"can hold it: give a max_vertex_threshold above {degrees[vertex]}."
         )
-    small, large = _components(labels, max_size)
-    pieces = _grouped(small, max_size)
-    for component in large:
-        pieces += _cut(graph, component, max_size, width)
-    return pieces
+
+    def cut(local: Graph, cells: _Cells) -> list[IntArray]:
+        # Cut first without overlap, measure the size with overlap, and cut again accordingly.
+        trial = cells.unions(0.9 * max_size)
+        sizes = np.array(
+            [
+                [len(core), np.isfinite(_distances(local, core, width)).sum()]
+                for core in trial[:: max(1, len(trial) // _SAMPLES)]
+            ]
+        )
+        cores = cells.unions(_fitting_core(sizes, max_size))
+        return _widened(local, cores, partial(_within, local, max_size=max_size, width=width))
+
+    return _pieces(graph, labels, max_size, cut)
 
 
 def widened_cores(
@@ -105,46 +136,122 @@ def widened_cores(
 ) -> list[IntArray]:
     """Cut a graph into cores of at most `core_size` vertices, and widen each by `width`.
 
+    See `overlapping_pieces`; the size of a piece is not limited. `most` is the maximum number of
+    vertices added to a core, the nearest ones; its neighbours are always included.
+    """
+
+    def cut(local: Graph, cells: _Cells) -> list[IntArray]:
+        def widen(core: IntArray) -> IntArray | None:
+            if len(core) > core_size:
+                return None
+            distances = _reached(local, core, width)
+            return _nearest(distances, None if most is None else len(core) + most)
+
+        return _widened(local, cells.unions(core_size), widen)
+
+    return _pieces(graph, labels, core_size, cut)
+
+
+def owned_pieces(
+    mesh: Mesh, graph: Graph, pieces: list[IntArray]
+) -> tuple[tuple[IntArray, ...], list[IntArray], IntArray]:
+    """Assign each vertex to the piece in which it is farthest from the cut.
+
     Parameters
     ----------
-    graph, labels, width
-        See `overlapping_pieces`; the size of a piece is not limited.
-    most : int, optional
-        Maximum number of vertices added to a core, the nearest ones; its neighbours are always
-        included.
+    graph : sparse array, shape (n, n)
+        From `edge_graph`.
+    pieces : list of ndarray of int
+        Sorted vertices of each piece.
 
     Returns
     -------
-    list of ndarray of int
-        Sorted vertices of each piece. Components that fit are not cut; small ones share a piece.
+    pieces : tuple of ndarray of int
+        Vertices of each piece to which a vertex is assigned, without those of no face.
+    faces : list of ndarray of int, each of shape (m_i, 3)
+        Indices within the piece.
+    owners : ndarray of int, shape (n,)
+        Piece of each vertex, -1 for none.
     """
-    small, large = _components(labels, core_size)
-    pieces = _grouped(small, core_size)
-    for component in large:
-        local = _subgraph(graph, component)
-        waiting = _Cells(local, _CELLS_PER_PIECE * len(component) // core_size).unions(core_size)
-        waiting.reverse()
-        while waiting:
-            core = waiting.pop()
-            if len(core) > core_size:
-                waiting += reversed(_halves(local, core))
-                continue
-            distances = _reached(local, core, width)
-            reached = np.flatnonzero(np.isfinite(distances))
-            if most is not None and len(reached) > len(core) + most:
-                nearest = np.argsort(distances[reached], kind="stable")
-                needed = int(np.count_nonzero(distances[reached] == 0.0))
-                reached = np.sort(reached[nearest[: max(len(core) + most, needed)]])
-            pieces.append(component[reached])
-    return pieces
+    piece_of = np.full(mesh.n_vertices, -1)
+    deepest = np.full(mesh.n_vertices, -1.0)
+    faces_of_mesh = mesh.faces[mesh.distinct_corners]
+    face = np.repeat(np.arange(len(faces_of_mesh)), 3)
+    faces_at = sparse.csc_array(
+        (np.ones(face.size, dtype=np.int8), (face, faces_of_mesh.ravel())),
+        shape=(len(faces_of_mesh), mesh.n_vertices),
+    )
+    kept = []
+    for number, piece in enumerate(pieces):
+        depth = interior_depth(graph, piece)
+        met, n_corners = np.unique(faces_at[:, piece].indices, return_counts=True)
+        faces = np.searchsorted(piece, faces_of_mesh[met[n_corners == 3]])
+        # Remove vertices of which all faces were cut off.
+        used, faces = np.unique(faces, return_inverse=True)
+        piece, depth, faces = piece[used], depth[used], faces.reshape(-1, 3)
+        better = depth > deepest[piece]
+        piece_of[piece[better]] = number
+        deepest[piece[better]] = depth[better]
+        kept.append((piece, faces))
+    # Leave out pieces without assigned vertices.
+    numbers, owners = np.unique(piece_of, return_inverse=True)
+    if numbers[0] < 0:
+        numbers, owners = numbers[1:], owners - 1
+    chosen = [kept[number] for number in numbers]
+    return tuple(piece for piece, _ in chosen), [faces for _, faces in chosen], owners
 
 
-def _components(labels: IntArray, size: int) -> tuple[list[IntArray], list[IntArray]]:
-    """Return the vertices of each component with at most `size` of them, and of the others."""
+def _pieces(
+    graph: Graph, labels: IntArray, size: int, cut: Callable[[Graph, _Cells], list[IntArray]]
+) -> list[IntArray]:
+    """Group components of at most `size` vertices, and cut the others."""
     sizes = np.bincount(labels[labels >= 0])
     order = np.argsort(labels, kind="stable")[np.count_nonzero(labels < 0) :]
     components = np.split(order, np.cumsum(sizes)[:-1]) if len(sizes) else []
-    return [c for c in components if len(c) <= size], [c for c in components if len(c) > size]
+    pieces = _grouped([each for each in components if len(each) <= size], size)
+    for component in components:
+        if len(component) > size:
+            local = _subgraph(graph, component)
+            cells = _Cells(local, _CELLS_PER_PIECE * len(component) // size)
+            pieces += [component[piece] for piece in cut(local, cells)]
+    return pieces
+
+
+def _widened(
+    graph: Graph, cores: list[IntArray], widen: Callable[[IntArray], IntArray | None]
+) -> list[IntArray]:
+    """Widen cores; those for which `widen` returns None are bisected first."""
+    pieces, waiting = [], cores[::-1]
+    while waiting:
+        core = waiting.pop()
+        piece = widen(core)
+        if piece is None:
+            weights = np.ones(len(core))
+            waiting += reversed(_parted(_subgraph(graph, core), core, weights, 0.5))
+        else:
+            pieces.append(piece)
+    return pieces
+
+
+def _within(graph: Graph, core: IntArray, max_size: int, width: float) -> IntArray | None:
+    """Return the core and vertices within `width`; None if the core has to be cut first."""
+    if len(core) > max_size:
+        return None
+    distances = _reached(graph, core, width)
+    if np.isfinite(distances).sum() > max_size and (
+        len(core) > max(_SMALLEST_CORE * max_size, 1) or (distances == 0.0).sum() > max_size
+    ):
+        return None
+    return _nearest(distances, max_size)
+
+
+def _nearest(distances: FloatArray, most: int | None) -> IntArray:
+    """Return the `most` nearest vertices that were reached, or all at distance 0, sorted."""
+    reached = np.flatnonzero(np.isfinite(distances))
+    if most is None or len(reached) <= most:
+        return reached
+    count = max(most, int(np.count_nonzero(distances == 0.0)))
+    return np.sort(reached[np.argsort(distances[reached], kind="stable")[:count]])
 
 
 def _grouped(components: list[IntArray], max_size: int) -> list[IntArray]:
@@ -160,33 +267,6 @@ def _grouped(components: list[IntArray], max_size: int) -> list[IntArray]:
         groups[fits].append(component)
         room[fits] -= len(component)
     return [np.sort(np.concatenate(group)) for group in groups]
-
-
-def _cut(graph: Graph, component: IntArray, max_size: int, width: float) -> list[IntArray]:
-    """Cut a connected component that is too large."""
-    local = _subgraph(graph, component)
-    cells = _Cells(local, _CELLS_PER_PIECE * len(component) // max_size)
-    # Cut first without overlap, measure the size with overlap, and cut again accordingly.
-    trial = cells.unions(0.9 * max_size)
-    sample = trial[:: max(1, len(trial) // _SAMPLES)]
-    sizes = np.array(
-        [[len(core), np.isfinite(_distances(local, core, width)).sum()] for core in sample]
-    )
-    pieces = []
-    waiting = cells.unions(_fitting_core(sizes, max_size))[::-1]
-    while waiting:
-        core = waiting.pop()
-        if len(core) <= max_size:
-            piece = _widened(local, core, max_size, width)
-            if piece is not None:
-                pieces.append(component[piece])
-                continue
-        waiting += reversed(_halves(local, core))
-    return pieces
-
-
-def _halves(graph: Graph, core: IntArray) -> list[IntArray]:
-    return _parted(_subgraph(graph, core), core, np.ones(len(core)), 0.5)
 
 
 def _fitting_core(sizes: IntArray, max_size: int) -> float:
@@ -265,19 +345,6 @@ def _parted(graph: Graph, members: IntArray, weights: FloatArray, share: float) 
     at = int(np.searchsorted(filled, share * filled[-1])) + 1
     at = min(max(at, 1), len(members) - 1)
     return [np.sort(members[order[:at]]), np.sort(members[order[at:]])]
-
-
-def _widened(graph: Graph, core: IntArray, max_size: int, width: float) -> IntArray | None:
-    """Return the core and vertices within `width`; None if the core has to be cut first."""
-    distances = _reached(graph, core, width)
-    reached = np.flatnonzero(np.isfinite(distances))
-    if len(reached) <= max_size:
-        return reached
-    n_needed = int(np.count_nonzero(distances[reached] == 0.0))
-    if n_needed > max_size or len(core) > max(_SMALLEST_CORE * max_size, 1):
-        return None
-    nearest = np.argsort(distances[reached], kind="stable")[:max_size]
-    return np.sort(reached[nearest])
 
 
 def _reached(graph: Graph, core: IntArray, width: float) -> FloatArray:

@@ -21,16 +21,15 @@ import numpy.typing as npt
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
-from meshmash_viewer.progress import (
-    CancelCallback,
-    Progress,
-    ProgressBar,
-    ProgressCallback,
-)
+from meshmash_viewer.progress import CancelCallback, Progress, ProgressBar, ProgressCallback
 from meshmash_viewer.split.calls import PieceError, results_of_calls
-from meshmash_viewer.split.ownership import owned_pieces
-from meshmash_viewer.split.partition import edge_graph, overlapping_pieces, widened_cores
-from meshmash_viewer.split.piece import Piece
+from meshmash_viewer.split.partition import (
+    Piece,
+    edge_graph,
+    overlapping_pieces,
+    owned_pieces,
+    widened_cores,
+)
 from meshmash_viewer.split.stitching import seam_differences, stitched
 from meshmash_viewer.units import counted
 
@@ -103,12 +102,9 @@ class MeshStitcher(Sequence[Piece]):
     @overload
     def __getitem__(self, index: slice) -> list[Piece]: ...
     def __getitem__(self, index: int | slice) -> Piece | list[Piece]:
-        numbers = range(len(self))[index]
-        return (
-            self.piece_mesh(numbers)
-            if isinstance(numbers, int)
-            else [*map(self.piece_mesh, numbers)]
-        )
+        if isinstance(index, slice):
+            return [self.piece_mesh(number) for number in range(len(self))[index]]
+        return self.piece_mesh(range(len(self))[index])
 
     @property
     def submeshes(self) -> list[Piece]:
@@ -284,11 +280,7 @@ class MeshStitcher(Sequence[Piece]):
                 f"stitch={stitch!r} is neither True nor False: give arguments of the function by"
                 " their names."
             )
-        if not self.pieces:
-            self.split_mesh(t_max=arguments.get("t_max"))
-        calls = [(number, ()) for number in range(len(self))]
-        with self._bar(progress) as reports:
-            results = self._run(partial(function, **arguments), calls, done, reports, cancel)
+        results = self._results(function, arguments, done=done, progress=progress, cancel=cancel)
         return self.stitch_features(results, fill_value) if stitch else results
 
     def apply_on_features(
@@ -324,11 +316,7 @@ class MeshStitcher(Sequence[Piece]):
                 f"Features of shape {rows.shape} do not match {self.mesh.n_vertices:,} vertices:"
                 " give a row for each."
             )
-        if not self.pieces:
-            self.split_mesh()
-        calls = [(number, (rows[piece],)) for number, piece in enumerate(self.pieces)]
-        with self._bar(progress) as reports:
-            results = self._run(partial(function, **arguments), calls, None, reports, cancel)
+        results = self._results(function, arguments, rows=rows, progress=progress, cancel=cancel)
         return self.stitch_features(results, fill_value) if stitch else results
 
     def subset_apply(
@@ -368,53 +356,53 @@ class MeshStitcher(Sequence[Piece]):
             vertices = np.flatnonzero(vertices)
         if vertices.dtype.kind not in "iu" or not ((vertices >= 0) & (vertices < n)).all():
             raise InputError(f"indices are of vertices: give whole numbers from 0 to {n - 1}.")
-        if not self.pieces:
-            self.split_mesh(t_max=arguments.get("t_max"))
-        numbers = np.unique(self.submesh_mapping[vertices])
-        calls = [(int(number), ()) for number in numbers if number >= 0]
-        if not calls:
-            raise InputError(
-                "The vertices are in no piece: no face uses them, or they are in small components."
-            )
-        results: list[Any] = [None] * len(self)
-        with self._bar(progress) as reports:
-            found = self._run(partial(function, **arguments), calls, None, reports, cancel)
-        for (number, _), result in zip(calls, found, strict=True):
-            results[number] = result
+        results = self._results(
+            function, arguments, vertices=vertices, progress=progress, cancel=cancel
+        )
         values = self.stitch_features(results, fill_value)
         return values[vertices] if reindex else values
 
-    def _bar(self, progress: ProgressCallback | None) -> Any:
-        return ProgressBar("pieces", progress) if self.verbose else nullcontext(progress)
-
-    def _run(
+    def _results(
         self,
         function: Callable[..., Any],
-        calls: list[tuple[int, tuple[Any, ...]]],
-        done: Callable[[IntArray, Any], None] | None,
-        progress: ProgressCallback | None,
-        cancel: CancelCallback | None,
+        arguments: dict[str, Any],
+        *,
+        rows: npt.NDArray[Any] | None = None,
+        vertices: IntArray | None = None,
+        done: Callable[[IntArray, Any], None] | None = None,
+        progress: ProgressCallback | None = None,
+        cancel: CancelCallback | None = None,
     ) -> list[Any]:
-        """Return the results of calls, given by index of the piece and further arguments."""
-        named = [(self._name(number), partial(self._given, number, more)) for number, more in calls]
-        results: list[Any] = []
+        """Return the result of each piece, None for those to which no `vertices` are assigned."""
+        if not self.pieces:
+            self.split_mesh(t_max=arguments.get("t_max"))
+        owners = self.submesh_mapping if vertices is None else self.submesh_mapping[vertices]
+        numbers = np.unique(owners[owners >= 0]).tolist()
+        if vertices is not None and not numbers:
+            raise InputError(
+                "The vertices are in no piece: no face uses them, or they are in small components."
+            )
+        calls = ((self._name(number), self._arguments(number, rows)) for number in numbers)
+        results: list[Any] = [None] * len(self)
         began = time.monotonic()
-        for result in results_of_calls(function, named, self.n_jobs, cancel):
-            if done is not None:
-                number = calls[len(results)][0]
-                piece = self.pieces[number]
-                own = self.submesh_mapping[piece] == number
-                done(piece[own], np.asarray(result)[own])
-            results.append(result)
-            if progress is not None:
-                share = len(results) / len(calls)
-                left = (time.monotonic() - began) * (1.0 / share - 1.0)
-                message = f"{len(results)} of {len(calls)} pieces"
-                progress(Progress("pieces", share, remaining=left, message=message))
+        with ProgressBar("pieces", progress) if self.verbose else nullcontext(progress) as report:
+            found = results_of_calls(partial(function, **arguments), calls, self.n_jobs, cancel)
+            for count, (number, result) in enumerate(zip(numbers, found, strict=True), 1):
+                results[number] = result
+                if done is not None:
+                    piece = self.pieces[number]
+                    own = self.submesh_mapping[piece] == number
+                    done(piece[own], np.asarray(result)[own])
+                if report is not None:
+                    share = count / len(numbers)
+                    left = (time.monotonic() - began) * (1.0 / share - 1.0)
+                    message = f"{count} of {len(numbers)} pieces"
+                    report(Progress("pieces", share, remaining=left, message=message))
         return results
 
-    def _given(self, number: int, more: tuple[Any, ...]) -> tuple[Any, ...]:
-        return (self.piece_mesh(number), *more)
+    def _arguments(self, number: int, rows: npt.NDArray[Any] | None) -> tuple[Any, ...]:
+        own = () if rows is None else (rows[self.pieces[number]],)
+        return (self.piece_mesh(number), *own)
 
     def _name(self, number: int) -> str:
         """Return the name of a piece in messages."""

@@ -19,27 +19,9 @@ IntArray: TypeAlias = npt.NDArray[np.int64]
 def stitched(
     results: Sequence[Any], pieces: Sequence[IntArray], owners: IntArray, fill_value: float
 ) -> npt.NDArray[Any]:
-    """Combine the values of pieces, for each vertex that of its piece.
+    """Combine the values of pieces, see `MeshStitcher.stitch_features`.
 
-    Parameters
-    ----------
-    results : sequence of array_like, each of shape (n_i,) or (n_i, f), or None
-        Values of each piece; None for one without values.
-    pieces : sequence of ndarray of int
-        Vertices of each piece.
-    owners : ndarray of int, shape (n,)
-        Piece of each vertex, -1 for none.
-    fill_value : float
-        Value of vertices without one.
-
-    Returns
-    -------
-    ndarray, shape (n,) or (n, f)
-
-    Raises
-    ------
-    InputError
-        If their number differs from that of the pieces, or shapes do not agree.
+    `owners` is the piece of each vertex, -1 for none.
     """
     if len(results) != len(pieces):
         raise InputError(
@@ -91,21 +73,7 @@ def _check(array: npt.NDArray[Any], first: npt.NDArray[Any], size: int, name: st
 def seam_differences(
     results: Sequence[Any], pieces: Sequence[IntArray], owners: IntArray, graph: Graph
 ) -> FloatArray:
-    """Compute the differences between neighbouring pieces along their seams.
-
-    Parameters
-    ----------
-    results, pieces, owners
-        See `stitched`.
-    graph : sparse array, shape (n, n)
-        With an entry for each edge of the mesh.
-
-    Returns
-    -------
-    ndarray of float64, shape (s, f)
-        Relative difference of the values of two pieces at each vertex next to a seam that both
-        contain. Without seams the shape is (0, f).
-    """
+    """Compute the differences along seams, see `MeshStitcher.seams`."""
     first, second = graph.tocoo().coords
     across = (owners[first] != owners[second]) & (owners[first] >= 0) & (owners[second] >= 0)
     # each vertex next to a seam, its piece and that of its neighbour
