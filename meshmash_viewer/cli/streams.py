@@ -10,8 +10,8 @@ from __future__ import annotations
 import codecs
 import contextlib
 import io
-import itertools
 import os
+import re
 import sys
 import unicodedata
 from typing import TextIO
@@ -23,46 +23,25 @@ PROGRAM = "meshmash-viewer"
 #: Name of the error handler, as ``errors=`` of any stream or `str.encode` takes it.
 SPELLED = "meshmash-spelled"
 
-#: What replaces signs that have no decomposition in Unicode's tables.
+#: Characters without a decomposition in Unicode's tables, and what replaces them.
 _SIGNS = {
     **dict.fromkeys("–—−‐‑·╌▬", "-"),
     **dict.fromkeys("‘’′", "'"),
     **dict.fromkeys("“”″", '"'),
     **dict.fromkeys("•●", "*"),
     **dict.fromkeys("µμ", "u"),
-    "≈": "~",
-    "≤": "<=",
-    "≥": ">=",
-    "≠": "!=",
-    "±": "+-",
-    "∞": "inf",
-    "×": "x",
-    "÷": "/",
-    "→": "->",
-    "←": "<-",
-    "↔": "<->",
-    "‖": "||",
-    "⁄": "/",
-    "○": "o",
-    "█": "#",
-    "°": " deg",
-    "ß": "ss",
-    "æ": "ae",
-    "Æ": "AE",
-    "œ": "oe",
-    "Œ": "OE",
-    "ø": "o",
-    "Ø": "O",
-    "ł": "l",
-    "Ł": "L",
-    "đ": "d",
-    "Đ": "D",
-    "ı": "i",
-}
-#: Words, which are kept apart from letters and digits next to them.
+    "°": " deg", "≈": "~", "≤": "<=", "≥": ">=", "≠": "!=", "±": "+-", "∞": "inf", "×": "x",
+    "÷": "/", "⁄": "/", "→": "->", "←": "<-", "↔": "<->", "‖": "||", "○": "o", "█": "#",
+    "ß": "ss", "æ": "ae", "Æ": "AE", "œ": "oe", "Œ": "OE", "ø": "o", "Ø": "O", "ł": "l", "Ł": "L",
+    "đ": "d", "Đ": "D", "ı": "i",
+}  # fmt: skip
 _WORDS = {"√": "sqrt", "∫": "integral", "∇": "grad", "∂": "d", "∑": "sum"}
-#: Marks of what is raised or lowered.
-_MARKS = {"<super>": "^", "<sub>": "_"}
+_RAISED, _LOWERED = "⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻⁼⁽⁾ᵀⁿ", "₀₁₂₃₄₅₆₇₈₉₊₋"
+#: Exponents, indices, runs of Greek letters and signs of `_WORDS`, and other characters.
+_GROUPS = re.compile(
+    f"(?P<raised>[{_RAISED}]+)|(?P<lowered>[{_LOWERED}]+)"
+    f"|(?P<words>[Ͱ-λν-Ͽ{''.join(_WORDS)}]+)|[^\udc80-\udcff]"
+)
 #: As many Greek letters in a row are a word of that language, not a formula.
 _GREEK_WORD = 3
 
@@ -120,76 +99,37 @@ def _spell(fault: UnicodeError) -> tuple[str | bytes, int]:
     if "\udc80" <= text[start] <= "\udcff":
         # A byte of a file's name that was no text: as it came.
         return bytes([ord(text[start]) & 0xFF]), start + 1
-    lost = "".join(itertools.takewhile(lambda letter: not _is_surrogate(letter), text[start:end]))
-    if not lost:
-        return _escaped(text[start]), start + 1
-    end = start + len(lost)
-    if (mark := _mark(lost[-1])) and (tail := _while_of(mark, text[end:])):
+    for marks in (_RAISED, _LOWERED):
         # the whole exponent, though the encoding may have some of its digits: nm⁻² is nm^-2
-        lost, end = lost + tail, end + len(tail)
-    before, after = text[start - 1 : start], text[end : end + 1]
-    return _spelled(before, lost, after), end
-
-
-def _while_of(mark: str, text: str) -> str:
-    return "".join(itertools.takewhile(lambda letter: _mark(letter) == mark, text))
-
-
-def _is_surrogate(letter: str) -> bool:
-    return "\ud800" <= letter <= "\udfff"
-
-
-def _escaped(text: str) -> str:
-    return text.encode("ascii", "backslashreplace").decode("ascii")
-
-
-def _spelled(before: str, lost: str, after: str) -> str:
-    """Return ASCII for lost characters between two others."""
-    spelled, last = "", _mark(before)
-    groups = [(kind, "".join(letters)) for kind, letters in itertools.groupby(lost, _kind)]
-    for place, (kind, letters) in enumerate(groups):
-        following = groups[place + 1][1] if place + 1 < len(groups) else after
-        if kind in _MARKS:
-            spelled += "" if last == kind else _MARKS[kind]
-            spelled += "".join(_plain(letter) for letter in letters)
-        elif kind == "word":
-            words = [_word(letter) for letter in letters]
-            if len(words) >= _GREEK_WORD:
-                spelled += _escaped(letters)
-            else:
-                left = " " if (spelled or before)[-1:].isalnum() else ""
-                right = " " if following[:1].isalpha() and not _mark(following[0]) else ""
-                spelled += left + " ".join(words) + right
-        else:
-            spelled += "".join(_plain(letter) for letter in letters)
-        last = kind
-    return spelled
-
-
-def _mark(letter: str) -> str:
-    kind = _kind(letter) if letter else ""
-    return kind if kind in _MARKS else ""
-
-
-def _kind(letter: str) -> str:
-    """Return the kind of a character: a mark, "word" for one that becomes a word, or ""."""
-    decomposed = unicodedata.decomposition(letter).split()
-    if decomposed and decomposed[0] in _MARKS:
-        return decomposed[0]
-    return "word" if _word(letter) else ""
+        while text[end - 1] in marks and text[end : end + 1] and text[end] in marks:
+            end += 1
+    spelled, at = "", start
+    while at < end and (group := _GROUPS.match(text, at, end)):
+        before, after = (spelled or text[at - 1 : at])[-1:], text[group.end() : group.end() + 1]
+        match group.lastgroup:
+            case "raised" | "lowered" as kind:
+                mark, marks = ("^", _RAISED) if kind == "raised" else ("_", _LOWERED)
+                continued = at > 0 and text[at - 1] in marks
+                spelled += ("" if continued else mark) + "".join(map(_plain, group[0]))
+            case "words" if len(group[0]) < _GREEK_WORD:
+                left = " " if before.isalnum() else ""
+                right = " " if after.isalpha() and after not in _RAISED + _LOWERED else ""
+                spelled += left + " ".join(map(_word, group[0])) + right
+            case "words":
+                spelled += _escaped(group[0])
+            case _:
+                spelled += _plain(group[0])
+        at = group.end()
+    return spelled, at
 
 
 def _word(letter: str) -> str:
-    """Return the word for a character, "lambda" or "Sigma", or ""."""
-    if letter in _SIGNS:
-        return ""
-    name = unicodedata.name(letter, "")
-    for beginning, small in (("GREEK SMALL LETTER ", True), ("GREEK CAPITAL LETTER ", False)):
-        letter_name = name.removeprefix(beginning).partition(" WITH ")[0]
-        if name.startswith(beginning) and " " not in letter_name:
-            word = "lambda" if letter_name == "LAMDA" else letter_name.lower()
-            return word if small else word.capitalize()
-    return _WORDS.get(letter, "")
+    """Return the word for a character, "lambda" or "Sigma"."""
+    named = re.match(r"GREEK (SMALL|CAPITAL) LETTER (\w+)", unicodedata.name(letter, ""))
+    if named is None:
+        return _WORDS.get(letter) or _escaped(letter)
+    word = named[2].lower().replace("lamda", "lambda")
+    return word if named[1] == "SMALL" else word.capitalize()
 
 
 def _plain(letter: str) -> str:
@@ -199,6 +139,10 @@ def _plain(letter: str) -> str:
     parts = unicodedata.normalize("NFKD", letter)
     spelled = "".join(_SIGNS.get(part, part) for part in parts if not unicodedata.combining(part))
     return spelled if spelled.isascii() else _escaped(letter)
+
+
+def _escaped(text: str) -> str:
+    return text.encode("ascii", "backslashreplace").decode("ascii")
 
 
 codecs.register_error(SPELLED, _spell)
