@@ -4,7 +4,7 @@
     python dev.py test [PYTEST ARGS]   ruff, mypy and the quick tests, with real windows
     python dev.py test --all           the slow tests, the pages and the bundle as well
     python dev.py bench [NAME] [ARGS]  benchmarks/NAME.py: eigensolver (the default), stores, ...
-    python dev.py shots [DIR]          pictures of a tour of the window and of each algorithm
+    python dev.py shots [DIR]          pictures of the window, of each algorithm, of the gallery
     python dev.py docs [DIR]           the pages in DIR (build/site); warnings are errors
     python dev.py bundle [DIR]         a program that needs no Python in DIR (build/bundle), tried
 
@@ -257,13 +257,15 @@ def bench(arguments: list[str]) -> int:
 
 
 def shots(arguments: list[str]) -> int:
-    """Take the pictures of the tour and of the algorithms."""
+    """Take the pictures of the tour, of the algorithms and of the gallery."""
     out = folder(arguments, "shots")
     make_environment()
     install_system_libraries()
     one_thread_each()
-    status = with_windows(PYTHON, "assets/tour.py", out) or with_windows(
-        PYTHON, "assets/algorithms.py", out / "algorithms"
+    status = (
+        with_windows(PYTHON, "assets/tour.py", out)
+        or with_windows(PYTHON, "assets/algorithms.py", out / "algorithms")
+        or with_windows(PYTHON, "assets/gallery.py", out / "gallery")
     )
     say(f"pictures are in {out}")
     return status
@@ -273,7 +275,7 @@ def docs(arguments: list[str]) -> int:
     """Build the pages."""
     out = folder(arguments, "build/site")
     make_environment()
-    install_if_missing("material, mkdocstrings", "test,docs")
+    install_if_missing("material, mkdocstrings, latex2mathml", "test,docs")
     build = (PYTHON, "-m", "mkdocs", "build", "--strict", "--site-dir", out)
     status = call(*build, NO_MKDOCS_2_WARNING="1")
     say(f"pages are in {out}")

@@ -16,6 +16,7 @@ import trimesh
 import meshmash_viewer as mv
 from meshmash_viewer.cli.arguments import window_parser
 from meshmash_viewer.cli.main import main
+from meshmash_viewer.samples import sample_path
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 PAGES = sorted(DOCS.rglob("*.md"))
@@ -75,8 +76,11 @@ def test_every_public_name_has_an_example_that_runs(name: str) -> None:
 def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the pages call neurons, bunnies and hemispheres: balls."""
     folder = tmp_path_factory.mktemp("meshes")
-    for name, level in {"neuron.ply": 4, "neuron.obj": 4, "bunny.obj": 4, "huge.ply": 6}.items():
+    balls = {"neuron.ply": 4, "neuron.obj": 4, "bunny.obj": 4, "shape.ply": 4, "huge.ply": 6}
+    for name, level in balls.items():
         trimesh.creation.icosphere(level, 3000.0).export(folder / name)
+    for sample in ("dendrite", "neuron"):
+        (folder / f"{sample}.npz").symlink_to(sample_path(sample))
     freesurfer: Any = nibabel.freesurfer
     cortex = trimesh.creation.icosphere(4, 50.0)
     for name in ("lh.pial", "rh.pial"):
