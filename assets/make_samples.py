@@ -3,10 +3,12 @@
     python assets/make_samples.py
 
 writes ``meshmash_viewer/samples/dendrite.npz``, a piece of spiny dendrite in nm,
-``meshmash_viewer/samples/neuron.npz``, a small neuron with its soma, and
+``meshmash_viewer/samples/neuron.npz``, a small neuron with its soma,
+``meshmash_viewer/samples/cow.npz``, a four-legged body in mm,
+``meshmash_viewer/samples/sphere.npz``, the unit sphere, whose eigenvalues are known, and
 ``meshmash_viewer/samples/two_components.npz``, a small mesh with the faults of raw data.
 
-Dendrite and neuron are zero levels of distance fields: round cones along wandering centre lines,
+Dendrite, neuron and cow are zero levels of distance fields: round cones along wandering centre lines,
 joined by the polynomial smooth minimum, so that necks flow into the shaft as membranes do. The
 field is sampled on a grid, contoured, evened out, and thinned by quadric decimation. Sizes follow
 the electron microscopy of cortical pyramidal cells: shafts 0.5 to 1.1 µm across, spine necks
@@ -23,6 +25,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pyvista as pv
+from scipy.interpolate import make_interp_spline
 
 SAMPLES = Path(__file__).resolve().parent.parent / "meshmash_viewer" / "samples"
 SEED = 7
@@ -33,9 +36,11 @@ SPACING = 34.0
 N_VERTICES = 44_000
 #: The same of the neuron, before it is enlarged.
 NEURON_SPACING, N_NEURON, NEURON_SCALE = 46.0, 13_000, 1.6
+#: The same of the cow, mm.
+COW_SPACING, N_COW = 16.0, 9_000
 #: Where the piece lies in its volume, nm, as in a data set of a cubic millimetre.
 ORIGIN = np.array([612_400.0, 418_900.0, 287_300.0])
-#: Coordinates are rounded to this, nm: far below what a microscope sees, and it packs better.
+#: Coordinates in nm are rounded to this: far below what a microscope sees, and it packs better.
 RESOLUTION = 0.25
 
 Array = npt.NDArray[np.float64]
@@ -284,6 +289,54 @@ def make_neuron() -> tuple[Array, npt.NDArray[np.int64]]:
     return vertices, faces
 
 
+def make_cow() -> tuple[Array, npt.NDArray[np.int64]]:
+    """A cow: a trunk with neck, head, horns, ears, legs, udder and tail, mm, symmetric in y."""
+
+    def limb(*points: tuple[float, float, float, float]) -> Tube:
+        """A smooth tube through points (x, y, z) with their radii."""
+        given = np.array(points)
+        at, dense = np.arange(len(given)), np.linspace(0.0, len(given) - 1.0, 12 * len(given))
+        smooth = make_interp_spline(at, given, k=min(3, len(given) - 1))(dense)
+        return Tube(smooth[:, :3], smooth[:, 3])
+
+    sides = [(side, name) for side in (-1.0, 1.0) for name in ("front", "hind")]
+    legs = [
+        limb((1330, 190 * side, -60, 170), (1350, 190 * side, -420, 90), (1330, 190 * side, -760, 60),
+             (1350, 190 * side, -960, 80))
+        if name == "front"
+        else limb((120, 190 * side, -40, 210), (60, 200 * side, -420, 110), (-20, 200 * side, -700, 65),
+                  (10, 200 * side, -960, 80))
+        for side, name in sides
+    ]  # fmt: skip
+    trunk = limb((0, 0, 40, 320), (450, 0, -20, 380), (950, 0, -30, 390), (1400, 0, 20, 300))
+    neck = limb((1400, 0, 90, 270), (1680, 0, 270, 180), (1850, 0, 400, 160))
+    head = limb((1850, 0, 410, 165), (2050, 0, 320, 135), (2270, 0, 180, 105))
+    udder = limb((330, 0, -350, 150), (430, 0, -370, 150))
+    tail = limb((-270, 0, 220, 50), (-420, 0, 60, 35), (-440, 0, -350, 32), (-430, 0, -600, 60))
+    small = [
+        limb(*((x, side * y, z, radius) for x, y, z, radius in points))
+        for side in (-1.0, 1.0)
+        for points in (
+            ((1790, 130, 470, 55), (1760, 260, 480, 60), (1750, 360, 450, 30)),  # ears
+            ((1850, 80, 540, 50), (1860, 170, 640, 40), (1900, 190, 760, 22)),  # horns
+        )
+    ]
+    tubes = [trunk, neck, head, *legs, udder, tail, *small]
+    corners = np.concatenate([tube.points for tube in tubes])
+    field = Field(corners.min(axis=0) - 600.0, corners.max(axis=0) + 600.0, COW_SPACING)
+    for tube in tubes:
+        field.add(tube, blend=0.35 * tube.radii.max())
+    vertices, faces = thinned(field.surface(), N_COW)
+    print(f"cow: {len(vertices)} vertices, {len(faces)} faces")
+    return vertices + field.low, faces
+
+
+def make_sphere() -> tuple[Array, npt.NDArray[np.int64]]:
+    """The unit sphere: eigenvalues l (l + 1), each 2 l + 1 times."""
+    ball = pv.Icosphere(radius=1.0, nsub=5)
+    return np.asarray(ball.points, dtype=float), ball.faces.reshape(-1, 4)[:, 1:].astype(np.int64)
+
+
 def grow_spines(
     rng: np.random.Generator, field: Field, tubes: list[tuple[Tube, int]], density: float
 ) -> int:
@@ -343,10 +396,16 @@ def make_two_components() -> tuple[Array, npt.NDArray[np.int64]]:
     return vertices + ORIGIN, faces
 
 
-def save(name: str, vertices: Array, faces: npt.NDArray[np.int64]) -> None:
+def save(
+    name: str,
+    vertices: Array,
+    faces: npt.NDArray[np.int64],
+    unit: str = "nm",
+    resolution: float = RESOLUTION,
+) -> None:
     """Write a mesh to the package, small."""
     # Neighbours in space become neighbours in the file, which halves what the faces take.
-    order = np.lexsort(np.floor(vertices.T / 300.0))
+    order = np.lexsort(np.floor(vertices.T / (1200.0 * resolution)))
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     faces = rank[faces]
@@ -357,10 +416,10 @@ def save(name: str, vertices: Array, faces: npt.NDArray[np.int64]) -> None:
     path = SAMPLES / f"{name}.npz"
     np.savez_compressed(
         path,
-        vertices=(np.round(vertices[order] / RESOLUTION) * RESOLUTION).astype(np.float32),
+        vertices=(np.round(vertices[order] / resolution) * resolution).astype(np.float32),
         faces=faces.astype(np.int32),
         # Where the package's own exports state the unit, so that reading it needs no option.
-        meta=np.array(json.dumps({"mesh": {"name": name, "unit": "nm"}})),
+        meta=np.array(json.dumps({"mesh": {"name": name, "unit": unit}})),
     )
     print(f"{path.name}: {path.stat().st_size / 1e6:.2f} MB")
 
@@ -369,4 +428,6 @@ if __name__ == "__main__":
     SAMPLES.mkdir(exist_ok=True)
     save("dendrite", *make_dendrite())
     save("neuron", *make_neuron())
+    save("cow", *make_cow(), unit="mm", resolution=0.25)
+    save("sphere", *make_sphere(), unit="", resolution=2.0**-20)
     save("two_components", *make_two_components())

@@ -96,11 +96,15 @@ COMMANDS: tuple[Command, ...] = (
     # -- File
     Command("open_mesh", "Open mesh…", "File", "Open a mesh file", ("Ctrl+O",),
             toolbar="Open", icon="open"),
-    Command("open_sample", "Open the sample neuron", "File",
-            "Open a small dendrite with spines, in nm"),
-    Command("open_sample_soma", "Open the sample with a soma", "File",
-            "Open a small neuron with soma, dendrites and axon, in nm",
-            does=("open_sample", "neuron")),
+    Command("open_sample", "Dendrite", "File",
+            "Open a piece of a dendrite with spines, in nm", submenu="Open a sample"),
+    *(Command(f"open_sample_{name}", text, "File", f"Open {tooltip}", submenu="Open a sample",
+              does=("open_sample", name))
+      for name, text, tooltip in (
+          ("neuron", "Neuron with a soma", "a small neuron with soma, dendrites and axon, in nm"),
+          ("cow", "Cow", "a four-legged body, in mm"),
+          ("sphere", "Sphere", "the unit sphere, with eigenvalues l (l + 1), each 2 l + 1 times"),
+      )),
     Command("compare_with", "Compare with…", "File",
             "Open a second mesh next to this one: linked views, spectra, matching vertices",
             ("Ctrl+Shift+D",), needs="render"),

@@ -1,4 +1,4 @@
-"""Meshes that come with the package, made by ``assets/make_samples.py``; coordinates are in nm."""
+"""Meshes that come with the package, made by ``assets/make_samples.py``."""
 
 from __future__ import annotations
 
@@ -10,14 +10,16 @@ __all__ = ["SAMPLES", "sample_path"]
 
 #: Name and what it is.
 SAMPLES: dict[str, str] = {
-    "dendrite": "a forking piece of spiny dendrite, one closed surface",
-    "neuron": "a small neuron with soma, dendrites, spines and axon, one closed surface",
-    "two_components": "two balls with a hole, a boundary and a non-manifold edge, for tests",
+    "dendrite": "a forking piece of spiny dendrite, one closed surface, in nm",
+    "neuron": "a small neuron with soma, dendrites, spines and axon, one closed surface, in nm",
+    "cow": "a four-legged body, one closed surface, in mm",
+    "sphere": "the unit sphere, of no unit",
+    "two_components": "two balls with a hole, a boundary and a non-manifold edge, for tests, in nm",
 }
 
 
 def sample_path(name: str = "dendrite") -> Path:
-    """Where a sample lies on disk, as an NPZ file that states its unit.
+    """Where a sample lies on disk, as an NPZ file that states its unit, if it has one.
 
     Parameters
     ----------
