@@ -77,3 +77,9 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monk
     monkeypatch.setenv("MESHMASH_CACHE", str(folder))
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder))  # of Mesa, and of numba, on Linux
     return folder
+
+
+@pytest.fixture
+def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read in this process what is read in one of its own, which takes half a second to start."""
+    monkeypatch.setattr("meshmash_viewer.io.guarded._watched", True)

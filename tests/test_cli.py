@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapes
+from tiers import slow_but
 
 from meshmash_viewer.app.view import picture
 from meshmash_viewer.cli import main as cli
@@ -502,7 +503,7 @@ def test_window_gets_its_arguments(
     assert run(capsys, ball, "--unit", "ell")[0] == 2
 
 
-@pytest.mark.parametrize("field", ["hks", "eigenfunction", "band", "none"])
+@pytest.mark.parametrize("field", slow_but(["hks"], ["hks", "eigenfunction", "band", "none"]))
 @pytest.mark.pixels
 def test_render_draws(
     capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path, field: str
@@ -597,6 +598,7 @@ def test_a_filter_is_written_as_a_formula(
     assert (status, "--formula is of --kind filter" in err) == (2, True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "chosen",
     [
@@ -754,6 +756,7 @@ def test_closed_pipe_is_no_fault(ball: Path, tmp_path: Path) -> None:
     assert process.returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="needs signals and terminals of POSIX")
 def test_interrupt_on_a_terminal_is_clean(tmp_path: Path) -> None:
     import fcntl

@@ -56,6 +56,7 @@ def test_a_gallery_has_a_picture_a_column(
         assert np.asarray(image.convert("RGB"))[2, 590].max() < 80
 
 
+@pytest.mark.slow
 @pytest.mark.pixels
 def test_a_gallery_of_every_kind_is_drawn(
     capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path
@@ -81,6 +82,7 @@ def gallery(
         return np.asarray(image.convert("RGB")).astype(int), json.loads(text)
 
 
+@pytest.mark.slow
 @pytest.mark.pixels
 def test_what_a_kind_is_asked_for_is_what_its_gallery_shows(
     capsys: pytest.CaptureFixture[str], ball: Path, sphere: Mesh, tmp_path: Path
@@ -151,6 +153,7 @@ def moving(path: Path) -> tuple[list[np.ndarray], float]:
         return shown, length
 
 
+@pytest.mark.slow
 @pytest.mark.pixels
 def test_a_sweep_shows_the_picture_of_each_column(
     capsys: pytest.CaptureFixture[str], ball: Path, tmp_path: Path

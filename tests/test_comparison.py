@@ -91,6 +91,7 @@ def _is_even(mesh: Mesh, row: np.ndarray, axis: int) -> bool:
     return bool(np.allclose(row[gaps.argmin(axis=1)], row, atol=1e-3 * np.abs(row).max()))
 
 
+@pytest.mark.slow
 def test_the_distance_of_rectangles_is_the_closed_form() -> None:
     first, second = shapes.rectangle(80, 60, 2.0, 1.5), shapes.rectangle(80, 60, 2.4, 1.25)
     found = compare_shapes(pairs_of(first, 12), pairs_of(second, 12))

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tiers import slow_but
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.spectral.engine import compiler
@@ -36,12 +37,14 @@ def test_numba_finds_its_own_place_where_it_can() -> None:
     assert place(f"{unwritable} real(path, mode)").strip() == ""
 
 
+@pytest.mark.slow
 def test_an_account_that_can_write_nowhere_gets_a_place_that_goes_with_the_process() -> None:
     folder = place("os.access = lambda *_: False").strip()
     assert "meshmash-kernels-" in folder
     assert not Path(folder).exists()
 
 
+@pytest.mark.slow
 def test_a_place_of_the_users_own_is_kept(tmp_path: Path) -> None:
     own = f"os.environ['NUMBA_CACHE_DIR'] = {str(tmp_path)!r}"
     assert place(own).strip() == str(tmp_path)
@@ -69,13 +72,16 @@ def without_compiler(code: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.parametrize(
     "work",
-    [
-        "mv.solve(L, M, 2)",
-        "list(mv.iterate(L, M, 2))",
-        "mv.compute_hks(mesh, max_eigenvalue=1.0)",
-        "preview()",
-        "mv.view(mesh)",
-    ],
+    slow_but(
+        ["mv.solve(L, M, 2)"],
+        [
+            "mv.solve(L, M, 2)",
+            "list(mv.iterate(L, M, 2))",
+            "mv.compute_hks(mesh, max_eigenvalue=1.0)",
+            "preview()",
+            "mv.view(mesh)",
+        ],
+    ),
 )
 def test_without_a_compiler_what_needs_it_says_so_at_once(work: str) -> None:
     ended = without_compiler(f"try:\n    {work}\nexcept InputError as fault:\n    print(fault)")
@@ -84,7 +90,9 @@ def test_without_a_compiler_what_needs_it_says_so_at_once(work: str) -> None:
     assert len(ended.stdout.splitlines()) == 1
 
 
-@pytest.mark.parametrize("arguments", [["info", "a.ply"], ["features", "a.ply", "-o", "b"], []])
+@pytest.mark.parametrize(
+    "arguments", slow_but([[]], [["info", "a.ply"], ["features", "a.ply", "-o", "b"], []])
+)
 def test_without_a_compiler_the_command_ends_at_its_start(arguments: list[str]) -> None:
     ended = without_compiler(
         f"from meshmash_viewer.cli.main import main\nsys.exit(main({arguments}))"

@@ -133,6 +133,7 @@ def test_mesh_of_slivers() -> None:
     np.testing.assert_allclose(decomposition.eigenvalues[1:], exact[1:], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_all_but_one_pair_beyond_the_dense_size() -> None:
     matrices, exact = torus(52, 50, 1.0, 1.1)
     decomposition = solve(*matrices, 52 * 50 - 1)
@@ -175,6 +176,7 @@ def test_leaving_slices_ends_their_threads() -> None:
     assert threading.active_count() == threads
 
 
+@pytest.mark.slow
 def test_cancel_at_random_moments_leaves_nothing_behind() -> None:
     matrices = random_mesh(22, copies=3)
     solve(*matrices, 200)  # everything that stays loaded is loaded

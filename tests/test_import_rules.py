@@ -6,6 +6,8 @@ import ast
 import json
 import subprocess
 import sys
+from collections.abc import Iterable
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -62,9 +64,15 @@ def layer(module: str) -> str:
     return "cli" if first in ("cli", "__main__") else "numerics"
 
 
-def imports(module: str, top_level_only: bool = False) -> set[str]:
+@cache
+def parsed(module: str) -> ast.Module:
+    return ast.parse(MODULES[module].read_text(encoding="utf-8"))
+
+
+@cache
+def imports(module: str, top_level_only: bool = False) -> frozenset[str]:
     """Full names of the modules that a module imports; those inside functions too, unless told."""
-    tree = ast.parse(MODULES[module].read_text(encoding="utf-8"))
+    tree = parsed(module)
     package = module if MODULES[module].name == "__init__.py" else module.rpartition(".")[0]
     found = set()
     for node in walk(tree, into_functions=not top_level_only):
@@ -78,7 +86,7 @@ def imports(module: str, top_level_only: bool = False) -> set[str]:
             for alias in node.names:
                 whole = f"{origin}.{alias.name}"
                 found.add(whole if whole in MODULES else origin)
-    return found
+    return frozenset(found)
 
 
 def walk(node: ast.AST, into_functions: bool) -> list[ast.AST]:
@@ -89,7 +97,7 @@ def walk(node: ast.AST, into_functions: bool) -> list[ast.AST]:
     return nodes
 
 
-def roots(names: set[str]) -> set[str]:
+def roots(names: Iterable[str]) -> set[str]:
     return {name.partition(".")[0] for name in names}
 
 
@@ -186,9 +194,10 @@ def test_a_family_is_known_by_its_file_its_tab_and_the_table(name: str) -> None:
         assert not said & names_in(module), module
 
 
-def names_in(module: str) -> set[str]:
+@cache
+def names_in(module: str) -> frozenset[str]:
     """Texts that a module knows, but for the nouns that it counts."""
-    nodes = list(ast.walk(ast.parse(MODULES[module].read_text(encoding="utf-8"))))
+    nodes = list(ast.walk(parsed(module)))
     nouns = [
         argument
         for node in nodes
@@ -196,7 +205,7 @@ def names_in(module: str) -> set[str]:
         for argument in node.args
     ]
     texts = [node for node in nodes if isinstance(node, ast.Constant) and node not in nouns]
-    return {node.value for node in texts if isinstance(node.value, str)}
+    return frozenset(node.value for node in texts if isinstance(node.value, str))
 
 
 def test_the_command_line_loads_the_window_only_to_open_one() -> None:

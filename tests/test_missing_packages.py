@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapes
+from tiers import slow
 
 from meshmash_viewer.model.failure import failure_of
 
@@ -59,18 +60,22 @@ def run(folder: Path, blocked: str, *command: str) -> subprocess.CompletedProces
     ("blocked", "arguments", "remedy"),
     [
         ("pyarrow", (*FEATURES, "out.csv"), "pip install pyarrow"),
-        ("pyarrow", (*FEATURES, "out.parquet"), "pip install pyarrow"),
-        ("pyarrow", (*FEATURES, "out.npz", "--map", "values.csv"), "pip install pyarrow"),
-        ("nibabel", (*FEATURES, "out.func.gii"), "pip install nibabel"),
-        ("nibabel", ("info", "ball.gii"), "pip install nibabel"),
-        (
+        slow("pyarrow", (*FEATURES, "out.parquet"), "pip install pyarrow"),
+        slow(
+            "pyarrow",
+            (*FEATURES, "out.npz", "--map", "values.csv"),
+            "pip install pyarrow",
+        ),
+        slow("nibabel", (*FEATURES, "out.func.gii"), "pip install nibabel"),
+        slow("nibabel", ("info", "ball.gii"), "pip install nibabel"),
+        slow(
             "potpourri3d",
             (*FEATURES, "out.npz", "--kind", "distance", "--vertex", "0"),
             "pip install potpourri3d",
         ),
-        ("robust_laplacian", (*FEATURES, "out.npz"), "pip install robust_laplacian"),
+        slow("robust_laplacian", (*FEATURES, "out.npz"), "pip install robust_laplacian"),
         ("PySide6", ("ball.off",), "pip install PySide6-Essentials"),
-        (
+        slow(
             "imageio_ffmpeg",
             ("movie", "ball.off", "--sweep", ":", "-o", "out.mp4"),
             'pip install "meshmash-viewer[movie]"',
@@ -90,8 +95,8 @@ def test_what_is_missing_is_one_line(
 @pytest.mark.parametrize(
     ("blocked", "call", "remedy"),
     [
-        ("nibabel", "mv.read_mesh('ball.gii')", "pip install nibabel"),
-        ("pyarrow", "mv.read_maps('values.csv', mesh)", "pip install pyarrow"),
+        slow("nibabel", "mv.read_mesh('ball.gii')", "pip install nibabel"),
+        slow("pyarrow", "mv.read_maps('values.csv', mesh)", "pip install pyarrow"),
         ("numba", "mv.decompose_mesh(mesh, 4)", "pip install numba"),
     ],
 )
@@ -104,6 +109,7 @@ def test_from_python_it_is_an_input_error(
     assert remedy in last
 
 
+@pytest.mark.slow
 def test_without_any_optional_package_features_are_the_same(folder: Path) -> None:
     every = "pymetis pyarrow nibabel potpourri3d imageio_ffmpeg trame PySide6 pyvista vtkmodules"
     for blocked, name in ((every, "bare.npz"), ("", "whole.npz")):

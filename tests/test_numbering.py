@@ -188,6 +188,7 @@ def test_rows_of_every_format_have_the_indices_of_the_file(
         assert there.sum() > repaired.n_vertices  # merged ones are two there
 
 
+@pytest.mark.usefixtures("read_here")
 @pytest.mark.parametrize("ending", [".csv", ".parquet", ".npz"])
 def test_a_table_after_a_repair_is_read_onto_the_file_again(
     raw: Mesh, repaired: Mesh, tmp_path: Path, ending: str

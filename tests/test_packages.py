@@ -112,6 +112,7 @@ def test_the_description_can_be_shown(archives: tuple[Path, Path]) -> None:
     run(sys.executable, "-m", "twine", "check", "--strict", *archives, cwd=ROOT)
 
 
+@pytest.mark.slow
 def test_what_is_installed_is_whole(installed: Path, tmp_path: Path) -> None:
     told = json.loads(run(installed / Path(sys.executable).name, "-c", INSTALLED, cwd=tmp_path))
     assert Path(told["place"]).is_relative_to(installed.parent)

@@ -119,6 +119,7 @@ def test_a_file_that_a_plug_in_cannot_read_is_one_sentence(good: Path, tmp_path:
     assert "ball.asc" in done.stderr
 
 
+@pytest.mark.slow
 def test_the_report_lists_them(good: Path, tmp_path: Path) -> None:
     told = " ".join(run(good, "--info", cwd=tmp_path).stdout.split())
     for name in ("fields : wavelets", "readers : .asc", "writers : .tsv"):
@@ -139,6 +140,12 @@ def test_what_cannot_be_used_costs_a_line_each(broken: Path, tmp_path: Path) -> 
             assert why in line
             lines.remove(line)
     assert not lines
+
+
+@pytest.mark.slow
+def test_what_fails_when_it_is_used_is_in_the_report_too(broken: Path, tmp_path: Path) -> None:
+    sample = str(ROOT / "meshmash_viewer" / "samples" / "two_components.npz")
+    options = ("features", sample, "--count", "8", "--no-cache", "-o")
     done = run(broken, *options, "out.end", cwd=tmp_path)
     assert done.returncode == 2
     late = "The plug-in .end of broken 0.3 cannot be used (leaving)"

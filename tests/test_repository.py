@@ -6,6 +6,7 @@ import ast
 import re
 import subprocess
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 
+@cache
 def text_files() -> list[Path]:
     """Files under version control, or, without git, what is not made by tools."""
     try:
@@ -115,21 +117,31 @@ def posix_only(node: ast.AST) -> str:
     return ""
 
 
-def test_test_files_can_be_imported_on_windows() -> None:
-    found = [
-        f"{path.relative_to(ROOT).as_posix()}:{node.lineno}: {name}"
+@pytest.fixture(scope="module")
+def trees() -> dict[str, ast.Module]:
+    """The test files, parsed."""
+    return {
+        path.relative_to(ROOT).as_posix(): ast.parse(path.read_text(encoding="utf-8"))
         for path in (ROOT / "tests").rglob("*.py")
-        for node in at_import(ast.parse(path.read_text(encoding="utf-8")))
-        if (name := posix_only(node)) and path.relative_to(ROOT).as_posix() not in _OF_LINUX
+    }
+
+
+def test_test_files_can_be_imported_on_windows(trees: dict[str, ast.Module]) -> None:
+    found = [
+        f"{path}:{node.lineno}: {name}"
+        for path, tree in trees.items()
+        if path not in _OF_LINUX
+        for node in at_import(tree)
+        if (name := posix_only(node))
     ]
     assert found == []
 
 
-def test_no_test_needs_a_shell() -> None:
+def test_no_test_needs_a_shell(trees: dict[str, ast.Module]) -> None:
     shells = [
-        f"{path.relative_to(ROOT).as_posix()}:{node.lineno}"
-        for path in (ROOT / "tests").rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        f"{path}:{node.lineno}"
+        for path, tree in trees.items()
+        for node in ast.walk(tree)
         if isinstance(node, ast.List) and node.elts and posix_only(node.elts[0]) in ("bash", "sh")
     ]
     assert shells == []

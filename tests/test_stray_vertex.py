@@ -107,6 +107,7 @@ def test_not_what_is_drawn(far: float) -> None:
     assert len({each.seen_vertex(np.array([0.1, 0.2, 0.3]), eye) for each in targets}) == 1
 
 
+@pytest.mark.usefixtures("read_here")
 @pytest.mark.parametrize("ending", [".ply", ".stl", ".obj", ".glb"])
 @pytest.mark.parametrize("far", [FAR[-1]])
 def test_no_file(ending: str, far: float, tmp_path: Path) -> None:

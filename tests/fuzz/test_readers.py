@@ -77,6 +77,7 @@ def test_broken_files_give_a_mesh_or_one_sentence(fresh: ProcessPoolExecutor, fo
     assert not list(folder.iterdir()), "nothing is left"
 
 
+@pytest.mark.slow
 def test_small_files_that_ask_for_much(fresh: ProcessPoolExecutor, folder: Path) -> None:
     # Packed arrays without end, a stray coordinate, a chain of nodes, and empty lists.
     tried = fresh.submit(_trials, [999, 2999, 5999, 7999], folder).result()

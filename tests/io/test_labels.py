@@ -22,10 +22,7 @@ N = MESH.n_vertices
 POINTS, TRIANGLES = "NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE"
 
 
-@pytest.fixture(autouse=True)
-def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A process of its own for each small file would take a second."""
-    monkeypatch.setattr("meshmash_viewer.io.guarded._watched", True)
+pytestmark = pytest.mark.usefixtures("read_here")
 
 
 def table(keys: np.ndarray) -> tuple[Label, ...]:

@@ -13,6 +13,7 @@ import pytest
 import shapes
 from nibabel.freesurfer import write_annot, write_geometry, write_morph_data
 from nibabel.gifti import GiftiDataArray, GiftiImage, GiftiLabel, GiftiLabelTable
+from tiers import slow_but
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.health import repair_mesh
@@ -120,6 +121,7 @@ MESH_FILES = {
 }
 
 
+@pytest.mark.usefixtures("read_here")
 @pytest.mark.parametrize("name", FILES)
 def test_values_come_back_as_they_were_written(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
@@ -131,7 +133,7 @@ def test_values_come_back_as_they_were_written(name: str, tmp_path: Path) -> Non
     assert (found.path, found.labels, found.signed) == (str(path), (), True)
 
 
-@pytest.mark.parametrize("name", MESH_FILES)
+@pytest.mark.parametrize("name", slow_but(["mesh.vtp", "mesh.npz"], MESH_FILES))
 def test_a_mesh_brings_its_maps(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     MESH_FILES[name](path)
@@ -190,6 +192,7 @@ def test_a_label_is_the_vertices_that_it_names(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.flatnonzero(np.isfinite(found.shown)), [3, 8, N - 1])
 
 
+@pytest.mark.usefixtures("read_here")
 def test_our_own_features_come_back_as_maps(tmp_path: Path) -> None:
     from meshmash_viewer.features.sums import Features
     from meshmash_viewer.io.write import write_features
@@ -248,7 +251,11 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
 }
 
 
-@pytest.mark.parametrize("name", BROKEN)
+#: Of each kind of fault one; those that a process of its own reads take half a second each.
+QUICK = ["short.npy", "text.npy", "infinite.npy", "words.csv", "lh.other.label", "notes.txt"]
+
+
+@pytest.mark.parametrize("name", slow_but(QUICK, BROKEN))
 def test_what_is_no_map_is_one_sentence(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     write, pattern = BROKEN[name]

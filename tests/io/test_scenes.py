@@ -11,6 +11,8 @@ import pytest
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.mesh import Mesh
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 #: A tetrahedron without symmetry, whose faces look outwards.
 VERTICES = np.array([[0.0, 0, 0], [3, 0, 0], [0, 2, 0], [0, 0, 1]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])

@@ -16,10 +16,7 @@ MESH = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2], [0, 1, 3],
 NAN = np.nan
 
 
-@pytest.fixture(autouse=True)
-def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A process of its own for each small table would take a second."""
-    monkeypatch.setattr("meshmash_viewer.io.guarded._watched", True)
+pytestmark = pytest.mark.usefixtures("read_here")
 
 
 def read(path: Path, content: str | bytes) -> dict[str, list[float]]:

@@ -13,6 +13,8 @@ from meshmash_viewer.errors import InputError, MeshWarning
 from meshmash_viewer.io.read import read_mesh
 from meshmash_viewer.vertex_map import VertexMap
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 1]], dtype=np.float32)
 CELLS = np.array([3, 0, 1, 2, 3, 1, 3, 2], dtype=np.int32)
 TYPES = {

@@ -110,6 +110,7 @@ def test_pairs_up_to_a_threshold_are_known_to_be_all_below_it(
         assert said == pytest.approx(known_to, rel=1e-6)
 
 
+@pytest.mark.usefixtures("read_here")
 def test_maps_are_columns_beside_the_features(sphere: Mesh, tmp_path: Path) -> None:
     """In every format, and with their units and labels in what the file says of itself."""
     height = np.where(np.arange(sphere.n_vertices) == 3, np.nan, sphere.vertices[:, 2])
@@ -157,6 +158,7 @@ def test_distances_are_written_by_their_pairs_or_without(
     np.testing.assert_allclose(content["features"], wanted.values, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_map_of_features_in_pieces_is_their_middle_column(tmp_path: Path) -> None:
     mesh = shapes.icosphere(4)
     sent: list[Any] = []
