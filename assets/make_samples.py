@@ -8,7 +8,7 @@ writes ``meshmash_viewer/samples/dendrite.npz``, a piece of spiny dendrite in nm
 ``meshmash_viewer/samples/sphere.npz``, the unit sphere, whose eigenvalues are known, and
 ``meshmash_viewer/samples/two_components.npz``, a small mesh with the faults of raw data.
 
-Dendrite, neuron and cow are zero levels of distance fields: round cones along wandering centre lines,
+Dendrite, neuron and cow are zero levels of distance fields: round cones along centre lines,
 joined by the polynomial smooth minimum, so that necks flow into the shaft as membranes do. The
 field is sampled on a grid, contoured, evened out, and thinned by quadric decimation. Sizes follow
 the electron microscopy of cortical pyramidal cells: shafts 0.5 to 1.1 µm across, spine necks
@@ -299,29 +299,22 @@ def make_cow() -> tuple[Array, npt.NDArray[np.int64]]:
         smooth = make_interp_spline(at, given, k=min(3, len(given) - 1))(dense)
         return Tube(smooth[:, :3], smooth[:, 3])
 
-    sides = [(side, name) for side in (-1.0, 1.0) for name in ("front", "hind")]
-    legs = [
-        limb((1330, 190 * side, -60, 170), (1350, 190 * side, -420, 90), (1330, 190 * side, -760, 60),
-             (1350, 190 * side, -960, 80))
-        if name == "front"
-        else limb((120, 190 * side, -40, 210), (60, 200 * side, -420, 110), (-20, 200 * side, -700, 65),
-                  (10, 200 * side, -960, 80))
-        for side, name in sides
-    ]  # fmt: skip
+    front = ((1330, 190, -60, 170), (1350, 190, -420, 90), (1330, 190, -760, 60),
+             (1350, 190, -960, 80))  # fmt: skip
+    hind = ((120, 190, -40, 210), (60, 200, -420, 110), (-20, 200, -700, 65), (10, 200, -960, 80))
+    ear = ((1790, 130, 470, 55), (1760, 260, 480, 60), (1750, 360, 450, 30))
+    horn = ((1850, 80, 540, 50), (1860, 170, 640, 40), (1900, 190, 760, 22))
+    pairs = [
+        limb(*((x, side * y, z, radius) for x, y, z, radius in points))
+        for side in (-1.0, 1.0)
+        for points in (front, hind, ear, horn)
+    ]
     trunk = limb((0, 0, 40, 320), (450, 0, -20, 380), (950, 0, -30, 390), (1400, 0, 20, 300))
     neck = limb((1400, 0, 90, 270), (1680, 0, 270, 180), (1850, 0, 400, 160))
     head = limb((1850, 0, 410, 165), (2050, 0, 320, 135), (2270, 0, 180, 105))
     udder = limb((330, 0, -350, 150), (430, 0, -370, 150))
     tail = limb((-270, 0, 220, 50), (-420, 0, 60, 35), (-440, 0, -350, 32), (-430, 0, -600, 60))
-    small = [
-        limb(*((x, side * y, z, radius) for x, y, z, radius in points))
-        for side in (-1.0, 1.0)
-        for points in (
-            ((1790, 130, 470, 55), (1760, 260, 480, 60), (1750, 360, 450, 30)),  # ears
-            ((1850, 80, 540, 50), (1860, 170, 640, 40), (1900, 190, 760, 22)),  # horns
-        )
-    ]
-    tubes = [trunk, neck, head, *legs, udder, tail, *small]
+    tubes = [trunk, neck, head, udder, tail, *pairs]
     corners = np.concatenate([tube.points for tube in tubes])
     field = Field(corners.min(axis=0) - 600.0, corners.max(axis=0) + 600.0, COW_SPACING)
     for tube in tubes:
