@@ -45,6 +45,7 @@ from meshmash_viewer.spectral.weyl import weyl_eigenvalue as weyl_eigenvalue
 
 # isort: split
 # Filter banks, and features in two steps
+from meshmash_viewer.features.filter_parameters import hks_times as hks_times
 from meshmash_viewer.features.filters import FilterBank as FilterBank
 from meshmash_viewer.features.filters import band_pass_bank as band_pass_bank
 from meshmash_viewer.features.filters import bspline_bank as bspline_bank
@@ -53,7 +54,6 @@ from meshmash_viewer.features.filters import construct_bspline_filter as constru
 from meshmash_viewer.features.filters import gaussian_pyramid_bank as gaussian_pyramid_bank
 from meshmash_viewer.features.filters import get_hks_filter as get_hks_filter
 from meshmash_viewer.features.filters import heat_kernel_bank as heat_kernel_bank
-from meshmash_viewer.features.filters import hks_times as hks_times
 from meshmash_viewer.features.filters import low_pass_bank as low_pass_bank
 from meshmash_viewer.features.filters import wave_kernel_bank as wave_kernel_bank
 from meshmash_viewer.features.formula import formula_bank as formula_bank

@@ -2,20 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = [
-    "ConstantFeaturesWarning",
-    "InputError",
-    "MeshWarning",
-    "MissingValuesWarning",
-    "TruncationWarning",
-    "UnprovenError",
-    "UnprovenWarning",
-    "missing_module",
-    "not_installed",
-    "of_mesh",
-    "printable",
-]
-
 #: Names of packages that differ from the imported module.
 _PACKAGES = {"PIL": "pillow", "PySide6": "PySide6-Essentials", "vtkmodules": "vtk"}
 

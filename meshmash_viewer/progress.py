@@ -7,8 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-__all__ = ["CancelCallback", "Cancelled", "Progress", "ProgressBar", "ProgressCallback"]
-
 
 class Cancelled(Exception):
     """Raised by a long computation after its cancel callback returned True."""

@@ -264,7 +264,7 @@ def test_what_cannot_be_is_said_before_the_work(
     def never(*_: object, **__: object) -> None:
         raise AssertionError("eigenpairs were computed first")
 
-    monkeypatch.setattr("meshmash_viewer.cli.commands.solved", never)
+    monkeypatch.setattr("meshmash_viewer.cli.features.solved", never)
     status, out, err = run(capsys, "features", ball, ball.with_suffix(".ply"), *wrong, "-o", "f/")
     assert (status, out, len(err.splitlines())) == (2, "", 1)
 
@@ -378,7 +378,7 @@ def test_a_defect_is_said_where_its_details_cannot_be_kept(
     def failing(*_: object) -> None:
         raise KeyError("lost")
 
-    monkeypatch.setattr("meshmash_viewer.cli.commands.output_paths", failing)
+    monkeypatch.setattr("meshmash_viewer.cli.features.output_paths", failing)
     status, out, err = run(capsys, "features", ball, "-o", tmp_path / "out.npz")
     assert (status, out, len(err.splitlines())) == (1, "", 1)
     assert "KeyError: 'lost' at failing" in err

@@ -9,17 +9,19 @@ import pytest
 import shapes
 
 from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.filter_parameters import (
+    first_nonzero_eigenvalue,
+    hks_time_range,
+    hks_times,
+)
 from meshmash_viewer.features.filters import (
     band_pass_bank,
     bspline_bank,
     construct_bspline_basis,
     construct_bspline_filter,
-    first_nonzero_eigenvalue,
     gaussian_pyramid_bank,
     get_hks_filter,
     heat_kernel_bank,
-    hks_time_range,
-    hks_times,
     low_pass_bank,
     wave_kernel_bank,
 )

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import glob
 import json
 import math
+import os
 import signal
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -16,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from meshmash_viewer.cli.arguments import FAULT, chosen_operator
 from meshmash_viewer.cli.numbers import in_unit
 from meshmash_viewer.cli.streams import answer, say
+from meshmash_viewer.errors import InputError
 from meshmash_viewer.health import repair_mesh
 from meshmash_viewer.io.maps import read_maps
 from meshmash_viewer.io.read import read_mesh
@@ -29,9 +32,10 @@ from meshmash_viewer.units import format_quantity
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
-#: What is done to a mesh, its place among the others and the options: a JSON-able report, and it
-#: for people.
-Work: TypeAlias = Callable[[Mesh, int, Namespace], tuple[dict[str, Any], str]]
+#: Result for a mesh: entries for JSON, and text.
+Report: TypeAlias = tuple[dict[str, Any], str]
+#: Called with a mesh, its index and the options in its unit.
+Work: TypeAlias = Callable[[Mesh, int, Namespace], Report]
 
 _DEFECT = 1
 #: Of many meshes, the worst status is that of the command.
@@ -91,7 +95,38 @@ def finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
+def more_pairs(t_min: float | None = None) -> str:
+    """Return the remedy for a truncated column."""
+    if t_min is not None:
+        return ": --count auto takes as many as it needs"
+    return ": take more of them (--count, --max-eigenvalue, --wavelength)"
+
+
 # Meshes ---------------------------------------------------------------------------------------
+
+
+def expanded(named: Iterable[Path]) -> list[Path]:
+    """Replace patterns such as ``*.ply``, which not every shell expands, by the files that match.
+
+    A name that holds ``*``, ``?`` or ``[`` and is not that of an existing file is a pattern below
+    the part of its path that exists; ``**`` stands for any number of folders. `InputError` is
+    raised if nothing matches a pattern.
+    """
+    paths = []
+    for name in named:
+        if not glob.has_magic(str(name)) or os.path.lexists(name):
+            paths.append(name)
+            continue
+        folder = next((each for each in name.parents if each.exists()), Path(name.anchor))
+        rest = name.relative_to(folder)
+        found = glob.glob(str(rest), root_dir=folder, recursive=True)
+        if not found:
+            remedy = "check its folder, its spelling and its ending."
+            if len(rest.parts) > 1 and not glob.has_magic(rest.parts[0]):
+                remedy = f"there is no folder {rest.parts[0]}: check the spelling."
+            raise InputError(f"No file matches {name}; {remedy}")
+        paths += sorted(folder / each for each in found)
+    return paths
 
 
 def for_each(options: Namespace, work: Work, *, repaired: bool = True) -> int:

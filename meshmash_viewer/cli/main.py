@@ -18,7 +18,6 @@ from pathlib import Path
 
 from meshmash_viewer.cli.arguments import COMMANDS, FAULT, command_parser, window_parser
 from meshmash_viewer.cli.numbers import signed
-from meshmash_viewer.cli.patterns import expanded
 from meshmash_viewer.cli.streams import PROGRAM, answer, drop, prepare_streams, say
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.pipes import closed_pipe_errors
@@ -83,7 +82,7 @@ def open_window() -> int:
 def _run(arguments: list[str]) -> int:
     """Run the command, print its fault if it fails, and return the exit status."""
     warnings.showwarning = lambda message, *_: say(str(message))
-    from meshmash_viewer.cli.batch import say_fault  # now that a plug-in can complain in a line
+    from meshmash_viewer.cli.batch import expanded, say_fault  # a plug-in may warn
 
     try:
         if arguments and arguments[0] in COMMANDS:
@@ -108,11 +107,11 @@ def _run_command(options: Namespace) -> int:
         takes = "one mesh" if options.n_meshes == 1 else "two meshes"
         files = ", ".join(map(str, options.mesh[:3])) + (", …" if len(options.mesh) > 3 else "")
         raise InputError(f"{options.command} takes {takes}, not {len(options.mesh)}: {files}.")
-    from meshmash_viewer.cli import commands, pictures
+    from meshmash_viewer.cli import commands, features, pictures
 
     named = {
         "info": commands.info,
-        "features": commands.features,
+        "features": features.features,
         "compare": commands.compare,
         "reconstruct": commands.reconstruct,
         "render": pictures.render,

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 from meshmash_viewer.cli.arguments import chosen_family, chosen_operator
 from meshmash_viewer.cli.batch import (
     for_each,
+    more_pairs,
     pairs_report,
     progress_bar,
     reach,
     solved,
     with_maps,
 )
-from meshmash_viewer.cli.commands import more_pairs
 from meshmash_viewer.cli.numbers import in_unit
 from meshmash_viewer.cli.streams import say
 from meshmash_viewer.errors import InputError

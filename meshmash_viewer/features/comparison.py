@@ -22,21 +22,6 @@ from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.alignment import Alignment, align_multiplets
 from meshmash_viewer.units import counted
 
-__all__ = [
-    "Comparison",
-    "Correspondence",
-    "Eigenpairs",
-    "FunctionMatches",
-    "check_comparable",
-    "compare_shapes",
-    "comparison_remarks",
-    "corresponding_vertices",
-    "distinct_matches",
-    "match_functions",
-    "matched_top",
-    "unit_area_spectrum",
-]
-
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]
 

@@ -187,7 +187,7 @@ def compute_hks(
         Largest eigenvalue to use. Times below ``5 / max_eigenvalue`` need more.
     t_max, t_min : float, optional
         Longest and shortest time, in squared unit of the mesh; None: from the spectrum, see
-        `meshmash_viewer.features.filters.hks_time_range`.
+        `meshmash_viewer.features.filter_parameters.hks_time_range`.
     n_components : int
         Number of times, evenly spaced in log t.
     band_size, truncate_extra, drop_first, robust, mollify_factor, decomposition_dtype, verbose

@@ -23,20 +23,6 @@ from meshmash_viewer.units import power_unit
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
-__all__ = [
-    "MEASURES",
-    "GeodesicSolver",
-    "RowsFrom",
-    "biharmonic_distance",
-    "check_vertices",
-    "commute_time_distance",
-    "diffusion_distance",
-    "distance_columns",
-    "distance_features",
-    "geodesic_distance",
-    "missing_square",
-    "spectral_weights",
-]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 

@@ -20,7 +20,6 @@ from meshmash_viewer.features.filter_parameters import (
     as_spectrum,
     check_times,
     first_nonzero_eigenvalue,
-    hks_time_range,
     hks_times,
     short_text,
 )
@@ -36,21 +35,6 @@ from meshmash_viewer.units import whole_number
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-__all__ = [
-    "FilterBank",
-    "band_pass_bank",
-    "bspline_bank",
-    "construct_bspline_basis",
-    "construct_bspline_filter",
-    "first_nonzero_eigenvalue",
-    "gaussian_pyramid_bank",
-    "get_hks_filter",
-    "heat_kernel_bank",
-    "hks_time_range",
-    "hks_times",
-    "low_pass_bank",
-    "wave_kernel_bank",
-]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 #: (k,) eigenvalues -> (f, k) coefficients.

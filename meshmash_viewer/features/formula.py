@@ -28,15 +28,6 @@ from meshmash_viewer.features.filter_parameters import (
 )
 from meshmash_viewer.features.filters import FilterBank
 
-__all__ = [
-    "FUNCTIONS",
-    "MOST_CHARACTERS",
-    "MOST_NAMES",
-    "Formula",
-    "FormulaResponse",
-    "formula_bank",
-]
-
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 #: Maximum length of a formula, nesting depth, and number of parameters.

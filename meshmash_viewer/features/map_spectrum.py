@@ -22,15 +22,6 @@ from meshmash_viewer.progress import CancelCallback, Cancelled
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
-__all__ = [
-    "MapSpectrum",
-    "band_edges",
-    "dominant_bands",
-    "inner_products",
-    "map_spectrum",
-    "partial_sum",
-    "project",
-]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 

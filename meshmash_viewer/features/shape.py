@@ -24,15 +24,6 @@ from meshmash_viewer.progress import CancelCallback, Cancelled
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
-__all__ = [
-    "Matches",
-    "feature_distance",
-    "low_pass_vertices",
-    "match_features",
-    "reconstruct",
-    "spectral_coefficients",
-    "spectral_distance",
-]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 #: `Features`, or their values alone, shape (n, f).

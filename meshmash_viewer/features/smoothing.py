@@ -20,7 +20,6 @@ from meshmash_viewer.features.shape import reconstruct, spectral_coefficients
 if TYPE_CHECKING:
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
-__all__ = ["filter_map"]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 

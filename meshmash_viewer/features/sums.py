@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from meshmash_viewer.mesh import Mesh
     from meshmash_viewer.spectral.eigensolver import Decomposition
 
-__all__ = ["Features", "accumulate_features", "compute_features", "fill_in_parts", "sum_squares"]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 

@@ -37,16 +37,6 @@ if TYPE_CHECKING:
     from meshmash_viewer.features.filter_responses import TailedResponse
     from meshmash_viewer.features.filters import FilterBank
 
-__all__ = [
-    "Remainder",
-    "Truncation",
-    "mean_shares",
-    "measure_truncation",
-    "mesh_limit",
-    "missing_sentence",
-    "percent",
-    "sufficient_target",
-]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 

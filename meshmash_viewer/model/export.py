@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.family import Family
@@ -18,8 +18,34 @@ from meshmash_viewer.spectral.weyl import Target
 from meshmash_viewer.units import counted
 
 if TYPE_CHECKING:
+    from meshmash_viewer.features.sums import Features
     from meshmash_viewer.io.stored_spectrum import Compared
     from meshmash_viewer.spectral.eigensolver import Decomposition
+
+
+def write_results(
+    path: Path,
+    results: Features | Decomposition,
+    mesh: Mesh,
+    file_mesh: Mesh | None,
+    pairs: Decomposition | None,
+    meta: dict[str, Any],
+) -> None:
+    """Write features with the eigenvalues of their `pairs`, or the pairs themselves.
+
+    With a `file_mesh`, the mesh before its repairs, they are written at all its vertices, NaN at
+    removed ones.
+    """
+    from meshmash_viewer.features.sums import Features
+    from meshmash_viewer.io.write import write_eigenpairs, write_features
+
+    if file_mesh is not None:
+        results = results.on_file(mesh)
+    if isinstance(results, Features):
+        values = None if pairs is None else pairs.eigenvalues
+        write_features(path, results, file_mesh or mesh, eigenvalues=values, meta=meta)
+    else:
+        write_eigenpairs(path, results, file_mesh or mesh, meta)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,12 +103,24 @@ class ExportJob:
             If the user cancelled.
         """
         from meshmash_viewer.io.provenance import export_options
-        from meshmash_viewer.io.write import write_eigenpairs, write_features
 
         pairs, known_to, proof = None, None, ""
         if self.family.of_pairs:
             pairs, known_to = self._pairs(channel)
             proof = pairs.proof(self.mesh.unit)
+        description, missing = counted(self.n_pairs, "eigenpair"), ""
+        results: Features | Decomposition | None = pairs
+        if self.family.makes_features():
+            channel.report(Progress("features", message="Computing features"))
+            results = self.family.compute_features(pairs, self.mesh, known_to=known_to)
+            if channel.cancelled():
+                raise Cancelled
+            if self.maps:
+                results = results.with_maps(self.mesh)
+            columns = counted(len(results.columns), "column")
+            description, missing = f"{self.family.label}, {columns},", results.missing
+        assert results is not None
+        channel.report(Progress("writing", message=self.label))
         meta = export_options(
             self.family.export,
             self.operator,
@@ -91,39 +129,12 @@ class ExportJob:
             self.repairs,
             whole_mesh=self.file_mesh is not None,
         )
-        if not self.family.makes_features():
-            assert pairs is not None
-            channel.report(Progress("writing", message=self.label))
-            if self.file_mesh is not None:
-                pairs = pairs.on_file(self.mesh)
-            write_eigenpairs(self.path, pairs, self._written_mesh(), meta)
-            return self._written(counted(self.n_pairs, "eigenpair"))
-        channel.report(Progress("features", message="Computing features"))
-        features = self.family.compute_features(pairs, self.mesh, known_to=known_to)
-        if channel.cancelled():
-            raise Cancelled
-        if self.maps:
-            features = features.with_maps(self.mesh)
-        channel.report(Progress("writing", message=self.label))
-        values = None if pairs is None else pairs.eigenvalues
-        if self.file_mesh is not None:
-            features = features.on_file(self.mesh)
-        mesh = self._written_mesh()
-        write_features(self.path, features, mesh, eigenvalues=values, meta=meta)
-        columns = counted(len(features.columns), "column")
-        return self._written(f"{self.family.label}, {columns},", features.missing)
-
-    def _written_mesh(self) -> Mesh:
-        """Return the mesh that the file describes."""
-        if self.file_mesh is None:
-            return self.mesh
-        return self.file_mesh.in_voxels(self.mesh.voxel, self.mesh.unit)
-
-    def _written(self, description: str, missing: str = "") -> Written:
-        """Describe what was written, at which vertices, what is missing, and earlier repairs."""
-        if self.file_mesh is not None:
-            count = counted(self.file_mesh.n_vertices, "vertex")
+        file_mesh = self.file_mesh
+        if file_mesh is not None:
+            file_mesh = file_mesh.in_voxels(self.mesh.voxel, self.mesh.unit)
+            count = counted(file_mesh.n_vertices, "vertex")
             description = f"{description.rstrip(',')} at all {count} of the mesh file,"
+        write_results(self.path, results, self.mesh, file_mesh, pairs, meta)
         repairs = f"Repaired before: {listed_repairs(self.repairs)}" if self.repairs else ""
         remark = ". ".join(filter(None, (missing, repairs)))
         return Written(self.path, description, remark, warns=bool(missing))

@@ -22,7 +22,8 @@ import numpy.typing as npt
 from meshmash_viewer.errors import InputError
 from meshmash_viewer.mesh import Mesh, MeshLike, as_mesh
 from meshmash_viewer.progress import CancelCallback, Progress, ProgressBar, ProgressCallback
-from meshmash_viewer.split.calls import PieceError, results_of_calls
+from meshmash_viewer.split.calls import PieceError as PieceError
+from meshmash_viewer.split.calls import results_of_calls
 from meshmash_viewer.split.partition import (
     Piece,
     edge_graph,
@@ -32,8 +33,6 @@ from meshmash_viewer.split.partition import (
 )
 from meshmash_viewer.split.stitching import seam_differences, stitched
 from meshmash_viewer.units import counted
-
-__all__ = ["MeshStitcher", "PieceError"]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int64]

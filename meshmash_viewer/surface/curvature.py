@@ -12,14 +12,6 @@ from meshmash_viewer.mesh import FloatArray, Mesh, MeshLike, as_mesh
 from meshmash_viewer.surface.edges import edges_of, side_codes, winding_of
 from meshmash_viewer.units import counted
 
-__all__ = [
-    "DIRECTION_FAULT",
-    "direction_fault",
-    "gaussian_curvature",
-    "mean_curvature",
-    "mixed_areas",
-]
-
 #: Key of the sentence in `Mesh.derived`.
 DIRECTION_FAULT = "fault of directions"
 

@@ -10,7 +10,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLabel, QToolButton, QWidget
 
 from meshmash_viewer.app.panels.profile_panel import ProfilePanel
-from meshmash_viewer.features.filters import bspline_bank, hks_times
+from meshmash_viewer.features.filter_parameters import hks_times
+from meshmash_viewer.features.filters import bspline_bank
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature, resolved_from

@@ -8,12 +8,8 @@ import pytest
 import shapes
 from solved import spectrum_of
 
-from meshmash_viewer.features.filters import (
-    bspline_bank,
-    heat_kernel_bank,
-    hks_time_range,
-    hks_times,
-)
+from meshmash_viewer.features.filter_parameters import hks_time_range, hks_times
+from meshmash_viewer.features.filters import bspline_bank, heat_kernel_bank
 from meshmash_viewer.features.shape import feature_distance
 from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.fields import FEATURES

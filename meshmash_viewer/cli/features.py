@@ -1,0 +1,255 @@
+"""The command features: columns or eigenpairs of meshes, written to files."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+from meshmash_viewer.cli.arguments import chosen_family, chosen_operator
+from meshmash_viewer.cli.batch import (
+    Report,
+    for_each,
+    more_pairs,
+    pairs_report,
+    prepared,
+    progress_bar,
+    reach,
+    solved,
+    until_interrupted,
+    with_maps,
+)
+from meshmash_viewer.cli.numbers import in_unit
+from meshmash_viewer.errors import InputError
+from meshmash_viewer.features.sums import Features
+from meshmash_viewer.features.truncation import mesh_limit, sufficient_target
+from meshmash_viewer.fields import EXPORTS
+from meshmash_viewer.fields.family import Family
+from meshmash_viewer.health import median_edge_length
+from meshmash_viewer.io.atomic import made_folder
+from meshmash_viewer.io.provenance import export_options
+from meshmash_viewer.io.read import mesh_name
+from meshmash_viewer.io.write import check_output
+from meshmash_viewer.mesh import Mesh
+from meshmash_viewer.model.export import write_results
+from meshmash_viewer.model.pieces import described_seams, write_in_pieces
+from meshmash_viewer.spectral.eigensolver import Decomposition
+from meshmash_viewer.spectral.weyl import Target, required_eigenvalue, wavelength
+from meshmash_viewer.units import counted
+
+
+def features(options: Namespace) -> int:
+    """Compute features of meshes, or eigenpairs, and write them."""
+    family = chosen_family(in_unit(options), EXPORTS)
+    _check_combination(options)
+    outputs = output_paths(options.mesh, options.output, options.kind, f".{options.format}")
+    write = _write_whole if options.pieces is None else _write_in_pieces
+    folder = Path(options.output) if _is_folder(options.output) else None
+    with made_folder(folder) if folder else contextlib.nullcontext():
+        for path in outputs:
+            check_output(path, "features" if family.makes_features() else "eigenpairs")
+        return for_each(
+            options,
+            lambda mesh, at, own: write(mesh, outputs[at], chosen_family(own, EXPORTS), own),
+            repaired=False,  # both are needed to write results at all vertices
+        )
+
+
+def _check_combination(options: Namespace) -> None:
+    """Raise `InputError` for options that exclude each other."""
+    if options.target is None and options.t_min is None:
+        raise InputError(
+            "--count auto takes as many eigenpairs as the shortest time of --kind hks needs: give"
+            " --t-min, or a number."
+        )
+    if options.map and len(options.mesh) > 1:
+        raise InputError("--map is of one mesh: name one, or put the values into the mesh files.")
+    if (options.map or options.maps) and not EXPORTS[options.kind].makes_features():
+        raise InputError(f"--map and --maps are columns of features; {options.kind} have none.")
+    of_whole_meshes = {
+        "--tail": options.tail is not None,
+        "--count auto": options.target is None,
+        "--component-column": options.component_column,
+        f"--kind {options.kind}": not EXPORTS[options.kind].counted,
+    }
+    for name, given in of_whole_meshes.items():
+        if given and options.pieces is not None:
+            raise InputError(f"{name} is of the whole mesh; leave it out, or --pieces.")
+
+
+def _is_folder(output: str) -> bool:
+    """Whether results are written to a folder, which may not exist yet."""
+    return "{" not in output and (output.endswith(("/", "\\")) or Path(output).is_dir())
+
+
+def output_paths(meshes: list[Path], output: str, kind: str, ending: str) -> list[Path]:
+    """Return the output file of each mesh.
+
+    `output` is a file (for one mesh), a folder, whose files have the given ending, or a template
+    such as "out/{name}_{kind}.csv". `InputError` is raised if two results would go to one file, or
+    one over a mesh.
+    """
+    literal = output.replace("{", "{{").replace("}", "}}")
+    if "{" in output:
+        template = output
+    elif _is_folder(output):
+        template = f"{Path(literal).as_posix()}/{{name}}{ending}"
+    elif len(meshes) == 1:
+        template = literal
+    else:
+        raise InputError(
+            f"{len(meshes)} meshes cannot all go to {output}; name a folder (with a slash at its"
+            ' end) or a template such as "{name}_{kind}.npz".'
+        )
+    try:
+        paths = [Path(template.format(name=mesh_name(mesh), kind=kind)) for mesh in meshes]
+    except (KeyError, IndexError, ValueError, AttributeError) as fault:
+        raise InputError(
+            f"The template {output} is not one; it may hold {{name}} and {{kind}}."
+        ) from fault
+    taken: dict[Path, Path] = {mesh.resolve(): mesh for mesh in meshes}
+    for mesh, path in zip(meshes, paths, strict=True):
+        other = taken.setdefault(path.resolve(), mesh)
+        if other is not mesh or path.resolve() == mesh.resolve():
+            raise InputError(
+                f"{path}, the result of {mesh}, would go over that of {other} or over"
+                " the mesh itself; choose another name."
+            )
+    return paths
+
+
+def _write_in_pieces(raw: Mesh, path: Path, family: Family, options: Namespace) -> Report:
+    mesh = prepared(raw, options)
+    with progress_bar(mesh) as bar, until_interrupted() as cancel:
+        report = write_in_pieces(
+            mesh,
+            path,
+            family,
+            options.pieces,
+            options.target,
+            chosen_operator(options),
+            repairs=options.repair,
+            file_mesh=raw if options.whole_mesh else None,
+            drop_first=options.drop_first,
+            n_jobs=options.jobs,
+            progress=bar,
+            cancel=cancel,
+        )
+    return report, f"{path}: {described_seams(report)}"
+
+
+def _write_whole(raw: Mesh, path: Path, family: Family, options: Namespace) -> Report:
+    """Compute one kind of features, or the eigenpairs, and write them."""
+    began = time.perf_counter()
+    remarks: list[str] = []
+    mesh = _with_chosen_maps(prepared(raw, options), family, options, remarks)
+    family = family.at_vertices(mesh.vertex_of)
+    family.check_mesh(mesh)
+    pairs, target = _solved_target(mesh, family, options, remarks)
+    seconds = time.perf_counter() - began
+    report: dict[str, Any] = {
+        "mesh": mesh.name,
+        "output": str(path),
+        "kind": family.export,
+        "n_vertices": mesh.n_file_vertices if options.whole_mesh else mesh.n_vertices,
+        "remarks": remarks,
+    }
+    if pairs is not None:
+        report |= {
+            **pairs_report(pairs, mesh),
+            "complete": pairs.complete,
+            "worst_residual": float(pairs.residuals.max(initial=0.0)),
+            "orthonormality": float(pairs.orthonormality),
+            "seconds_eigenpairs": round(seconds, 3),
+        }
+    results: Features | Decomposition | None = pairs
+    if family.makes_features():
+        results = _computed_features(mesh, family, pairs, target, options, report)
+    assert results is not None
+    made = export_options(
+        family.export,
+        chosen_operator(options),
+        target,
+        report.get("proof", ""),
+        options.repair,
+        whole_mesh=options.whole_mesh,
+    )
+    write_results(path, results, mesh, raw if options.whole_mesh else None, pairs, made)
+    report["seconds"] = round(time.perf_counter() - began, 3)
+    if pairs is None:
+        return report, f"{path}: {counted(report['n_features'], 'column')}"
+    return report, f"{path}: {report['proof']} · {reach(report, mesh)}"
+
+
+def _with_chosen_maps(mesh: Mesh, family: Family, options: Namespace, remarks: list[str]) -> Mesh:
+    """Return the mesh with the maps that become columns; add a remark on those left out."""
+    if mesh.maps and not options.maps:
+        names = ", ".join(each.name for each in mesh.maps)
+        if family.makes_features():
+            remarks.append(f"left out: {names}; --maps adds them as columns.")
+        for each in mesh.maps:
+            mesh = mesh.without_map(each.name)
+    return with_maps(mesh, options.map)
+
+
+def _solved_target(
+    mesh: Mesh, family: Family, options: Namespace, remarks: list[str]
+) -> tuple[Decomposition | None, Target]:
+    """Return the eigenpairs that a family needs, and the target they were solved for."""
+    n, target, limit = mesh.n_vertices - len(mesh.unreferenced), options.target, ""
+    if target is None:  # --count auto
+        shortest, edge = options.t_min, median_edge_length(mesh)
+        target = sufficient_target(shortest, mesh.area, n)
+        limit = mesh_limit(shortest, mesh.area, n, mesh.unit, edge)
+        if wavelength(required_eigenvalue(shortest)) < 2.0 * edge:
+            remarks.append(limit)
+    elif family.of_pairs and (target.n_components or 0) > n:
+        remarks.append(
+            f"{target.n_components:,} eigenpairs were asked for; the mesh has {n:,}, and all of"
+            " them are used."
+        )
+    if not family.of_pairs:
+        return None, target
+    try:
+        return solved(mesh, options, target), target
+    except InputError as fault:
+        raise InputError(f"{fault} {limit}".strip()) from fault
+
+
+def _computed_features(
+    mesh: Mesh,
+    family: Family,
+    pairs: Decomposition | None,
+    target: Target,
+    options: Namespace,
+    report: dict[str, Any],
+) -> Features:
+    """Return the features of a family with the maps of the mesh, and complete the report."""
+    bound, remarks = target.max_eigenvalue, report["remarks"]
+    found = family.compute_features(
+        pairs,
+        mesh,
+        mesh.area,
+        bound,
+        drop_first=options.drop_first,
+        tail=options.tail,
+        known_to=bound if pairs is not None and pairs.complete else None,
+    )
+    if pairs is not None and not (pairs.eigenvalues > 0.0).any():
+        remarks.append(
+            f"all {pairs.n_components} eigenvalues are zero, one for each connected component,"
+            " so the features are the same all over a component: go further up the spectrum"
+            " (a larger --count or --max-eigenvalue, a shorter --wavelength)."
+        )
+    missing = found.truncation
+    report["truncation"] = None if missing is None else missing.as_dict()
+    if found.missing:
+        remarks.append(f"{found.missing}{more_pairs(getattr(family, 't_min', None))}.")
+    remarks += found.remarks(mesh)
+    found = found.with_maps(mesh)
+    if options.component_column:
+        found = found.with_components(mesh)
+    report["n_features"] = len(found.columns)
+    return found
