@@ -14,12 +14,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.io.session import Session, read_session, write_session
 from meshmash_viewer.laplacian import OperatorOptions
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.display_json import (
-    display_from_json,
-    display_to_json,
-    place_vertices,
-    read_display,
-)
+from meshmash_viewer.model.display import display_from_json, display_to_json, read_display
 from meshmash_viewer.model.document import Document, Notice, Severity
 from meshmash_viewer.model.jobs import ReadJob
 from meshmash_viewer.model.pair import Pair
@@ -173,13 +168,11 @@ class Restoration:
         for vertex, number in reversed(pins.items()):
             if vertex is not None:
                 document.toggle_pin(vertex, number)
-        display = self._display
-        for place, index in place_vertices(display, self._place):
+        for place, index in display_from_json(document.display, self._display, self._place):
             self._warn(
                 f"{self._path.name} has display.{place} = {index}, which {document.path}"
                 " does not have: it is left out."
             )
-        display_from_json(document.display, display)
         document.open_maps([Path(each) for each in session.maps], shown=False)
         self.done = True
         self.restored.emit()

@@ -17,6 +17,7 @@ from meshmash_viewer.units import UNIT_FORMS, parse_unit
 
 if TYPE_CHECKING:
     from meshmash_viewer.fields.family import Family
+    from meshmash_viewer.fields.parameter import Parameter
     from meshmash_viewer.laplacian import OperatorOptions
 
 #: Exit status for faults that the user can correct.
@@ -222,19 +223,25 @@ def command_parser() -> argparse.ArgumentParser:
 def _add_families(parser: argparse.ArgumentParser, table: Mapping[str, type[Family]]) -> None:
     """Add the options of the families of a table, each once, with the kinds that have it."""
     kinds: dict[str, list[str]] = {}
+    known: dict[str, Parameter] = {}
     for kind, family in table.items():
-        for option in family.options:
-            kinds.setdefault(option.name, []).append(kind)
-    known = {option.name: option for family in table.values() for option in family.options}
-    for name, option in known.items():
+        for each in options_of(family).values():
+            kinds.setdefault(each.option, []).append(kind)
+            known[each.option] = each
+    for name, each in known.items():
         parser.add_argument(
-            option.flag,
-            type=said(option.kind),
-            choices=option.values,
-            metavar=option.metavar,
-            action="append" if option.many else "store",
-            help=f"of --kind {', '.join(kinds[name])}: {option.about}",
+            each.flag,
+            type=said(each.parse),
+            choices=each.choices,
+            metavar=each.metavar,
+            action="append" if each.many else "store",
+            help=f"of --kind {', '.join(kinds[name])}: {each.help}",
         )
+
+
+def options_of(family: type[Family]) -> dict[str, Parameter]:
+    """Return the parameters of a family that are options, by name."""
+    return {name: each for name, each in family.declared().items() if each.option}
 
 
 def _add_looks(
@@ -413,20 +420,18 @@ def chosen_family(
     number of columns of families with any number of them.
     """
     chosen = table[options.kind]
-    own = {option.name for option in chosen.options}
+    own = {name: each.option for name, each in options_of(chosen).items()}
     for kind, family in table.items():
-        for option in family.options:
-            if option.name not in own and getattr(options, option.name) is not None:
-                raise InputError(f"{option.flag} is of --kind {kind}, not of {options.kind}.")
+        for each in options_of(family).values():
+            if each.option not in own.values() and getattr(options, each.option) is not None:
+                raise InputError(f"{each.flag} is of --kind {kind}, not of {options.kind}.")
     if getattr(options, "tail", None) is not None:
         from meshmash_viewer.features.sums import check_tail
 
         check_tail(options.tail, chosen.export)
-    given = {name: getattr(options, name) for name in own}
+    given = {name: getattr(options, option) for name, option in own.items()}
     parameters = {name: value for name, value in given.items() if value is not None}
-    if "set" in parameters:  # whose units depend on the formula
-        parameters["unit"] = options.mesh_unit
     count = options.n_components
     if count is None and chosen.counted:
         count = n_columns
-    return chosen.exported(count, **parameters)
+    return chosen.exported(count, options.mesh_unit, **parameters)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from itertools import chain, islice
 from typing import TYPE_CHECKING, Any
 
-from meshmash_viewer.cli.arguments import chosen_family, chosen_operator
+from meshmash_viewer.cli.arguments import chosen_family, chosen_operator, options_of
 from meshmash_viewer.cli.batch import (
     for_each,
     more_pairs,
@@ -137,7 +137,7 @@ def _chosen_map(mesh: Mesh, options: Namespace) -> tuple[Mesh, Family]:
     own, mesh, name = len(mesh.maps), with_maps(mesh, options.map), options.map_name or ""
     if options.map and not name:
         name = mesh.maps[own].name
-    family = FAMILIES["map"].exported(map_name=name)
+    family = FAMILIES["map"].exported(chosen=name)
     family.check_mesh(mesh)
     return mesh, family
 
@@ -262,7 +262,7 @@ def _write_movie(mesh: Mesh, family: Family, options: Namespace) -> tuple[dict[s
         rate = TURN_RATE if rate is None else rate
         count = n_frames(rate, TURN_SECONDS if seconds is None else seconds)
         # what was asked for stays; of eigenfunctions the first that is not constant is shown
-        shown = family if family.options else family.for_other_mesh(mesh.n_components)
+        shown = family if options_of(type(family)) else family.for_other_mesh(mesh.n_components)
         if column is not None:
             shown = sweep(family, spectrum, chosen_columns(str(column), most))[0]
         one = shots_of([shown], spectrum, mesh, mesh.area_sample(), _AS_IT_COMES)[0]

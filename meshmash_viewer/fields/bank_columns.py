@@ -9,8 +9,8 @@ from typing import ClassVar, Self
 import numpy as np
 
 from meshmash_viewer.features.sums import sum_squares
-from meshmash_viewer.fields.family import Answer, Family, Profile, Samples, Table, parameter
-from meshmash_viewer.fields.schema import whole
+from meshmash_viewer.fields.family import Answer, Family, Profile, Samples, Table
+from meshmash_viewer.fields.parameter import Whole, parameter
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero
 
@@ -35,8 +35,8 @@ class BankColumns(Family):
     counted: ClassVar[str] = "count"
     interval: ClassVar[int] = 250
 
-    index: int = parameter(0, whole(0, MOST_COLUMNS - 1))
-    count: int = parameter(32, whole(1, MOST_COLUMNS))
+    index: int = parameter(0, Whole(0, MOST_COLUMNS - 1))
+    count: int = parameter(32, Whole(1, MOST_COLUMNS))
 
     @property
     def column(self) -> int:

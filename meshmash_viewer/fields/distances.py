@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -22,11 +21,18 @@ from meshmash_viewer.features.distances import (
     spectral_weights,
 )
 from meshmash_viewer.features.sums import Features, sum_squares
-from meshmash_viewer.fields.family import Answer, ColumnArray, Family, Option, Table, parameter
+from meshmash_viewer.fields.family import Answer, ColumnArray, Family, Table
 from meshmash_viewer.fields.heat_table import build_heat_table
-from meshmash_viewer.fields.schema import MOST_INDEX, choice, number, whole
+from meshmash_viewer.fields.parameter import (
+    ABOVE_ZERO,
+    MOST_INDEX,
+    Choice,
+    Listing,
+    Number,
+    Whole,
+    parameter,
+)
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.quantities import parse_quantity, parse_whole
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, same_pairs
 from meshmash_viewer.units import counted, format_quantity, power_unit
 
@@ -36,7 +42,6 @@ if TYPE_CHECKING:
 
 #: Number of steps of the arrow keys from the shortest to the longest time.
 _STEPS = 32
-_ABOVE_ZERO = 1e-300
 
 
 @dataclass(frozen=True)
@@ -60,30 +65,34 @@ class Distances(Family):
     short: ClassVar[str] = "Distance"
     tip: ClassVar[str] = "Geodesic, biharmonic, commute-time or diffusion distance from a pin"
     export: ClassVar[str] = "distance"
-    options: ClassVar[tuple[Option, ...]] = (
-        Option(
-            "vertex",
-            "vertex from which distances are measured, from 0; each is a column",
-            "V",
-            partial(parse_whole, least=0, most=MOST_INDEX, noun="the value"),
-            many=True,
-        ),
-        Option("distance", "kind of distance; default: geodesic", values=tuple(MEASURES)),
-        Option(
-            "time",
-            "diffusion time (unit²); default: the middle of its range",
-            "T",
-            partial(parse_quantity, power=2),
-        ),
-    )
     position: ClassVar[tuple[str, ...]] = ("time",)
     contoured: ClassVar[bool] = True
     interval: ClassVar[int] = 50
 
-    measure: str = parameter("geodesic", choice(MEASURES))
-    vertex: int | None = parameter(None, whole(0, MOST_INDEX), vertex=True)
-    time: float | None = parameter(None, number(_ABOVE_ZERO), power=2)
-    vertices: tuple[int, ...] = ()
+    measure: str = parameter(
+        "geodesic",
+        Choice(MEASURES),
+        option="distance",
+        help="kind of distance; default: geodesic",
+    )
+    vertex: int | None = parameter(None, Whole(), vertex=True)
+    time: float | None = parameter(
+        None,
+        Number(ABOVE_ZERO),
+        power=2,
+        option="time",
+        metavar="T",
+        help="diffusion time (unit²); default: the middle of its range",
+    )
+    vertices: tuple[int, ...] = parameter(
+        (),
+        Listing(Whole(), MOST_INDEX, into=tuple),
+        vertex=True,
+        saved=False,
+        option="vertex",
+        metavar="V",
+        help="vertex from which distances are measured, from 0; each is a column",
+    )
 
     # -- choices ------------------------------------------------------------------------------
 
@@ -110,10 +119,6 @@ class Distances(Family):
 
     def for_other_mesh(self, n_components: int) -> Self:
         return replace(self, vertex=None, time=None, vertices=())
-
-    def _vertices(self, vertex: Callable[[int], int | None]) -> dict[str, Any]:
-        moved = tuple(at for each in self.vertices if (at := vertex(each)) is not None)
-        return {**super()._vertices(vertex), "vertices": moved}
 
     def profile_family(self, chosen: Mapping[str, Family]) -> Family:
         """Return the first family, since a distance has no filters."""
@@ -230,9 +235,9 @@ class Distances(Family):
     # -- files --------------------------------------------------------------------------------
 
     @classmethod
-    def exported(cls, n_columns: int | None = None, **chosen: Any) -> Self:
-        vertices = tuple(chosen.get("vertex", ()))
-        measure, time = chosen.get("distance", "geodesic"), chosen.get("time")
+    def exported(cls, n_columns: int | None = None, unit: str | None = None, **chosen: Any) -> Self:
+        vertices = tuple(chosen.get("vertices", ()))
+        measure, time = chosen.get("measure", cls.measure), chosen.get("time")
         if n_columns is not None:
             raise InputError("Distances have one column for each --vertex: omit --n-components.")
         if not vertices or len(set(vertices)) < len(vertices):

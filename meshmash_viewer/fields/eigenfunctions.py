@@ -14,18 +14,13 @@ from meshmash_viewer.fields.family import (
     Profile,
     Samples,
     Table,
-    parameter,
 )
-from meshmash_viewer.fields.schema import MOST_INDEX, listing, whole
+from meshmash_viewer.fields.parameter import Listing, Whole, parameter
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.units import format_quantity, named_quantity, power_unit, subscript
 
 if TYPE_CHECKING:
     from meshmash_viewer.features.comparison import Correspondence
-
-
-def _indices(value: object) -> frozenset[int]:
-    return frozenset(listing(whole(0, MOST_INDEX), 1_000_000)(value))
 
 
 @dataclass(frozen=True)
@@ -49,8 +44,8 @@ class Eigenfunctions(Family):
     position: ClassVar[tuple[str, ...]] = ("index",)
     interval: ClassVar[int] = 250
 
-    index: int = parameter(1, whole(0, MOST_INDEX))
-    flipped: frozenset[int] = parameter(frozenset(), _indices)
+    index: int = parameter(1, Whole())
+    flipped: frozenset[int] = parameter(frozenset(), Listing(Whole(), 1_000_000, into=frozenset))
 
     @property
     def signed(self) -> bool:

@@ -8,7 +8,7 @@ from a spectrum, and resets parameters that do not affect the values.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import Field, dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from meshmash_viewer.features.filters import FilterBank
 from meshmash_viewer.features.sums import Features, truncated_features
-from meshmash_viewer.fields.schema import Check, none_or
+from meshmash_viewer.fields.parameter import Parameters
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, same_pairs
 from meshmash_viewer.units import power_unit
@@ -32,62 +32,8 @@ ColumnArray: TypeAlias = npt.NDArray[np.float32]
 
 #: Maximum number of exported columns.
 MOST_COUNT = 1024
-
-
-def parameter(default: Any, check: Check | None, *, power: int = 0, vertex: bool = False) -> Any:
-    """Declare a parameter that is saved in a session.
-
-    Parameters
-    ----------
-    default : Any
-        None: chosen from the spectrum.
-    check : callable or None
-        Check of other values, see `meshmash_viewer.fields.schema`; None for the name of a feature.
-    power : int
-        Unit as a power of length.
-    vertex : bool
-        Whether it is a vertex.
-    """
-    check = none_or(check) if check and default is None else check
-    return field(default=default, metadata={"check": check, "power": power, "vertex": vertex})
-
-
-def is_vertex(parameter: Field[Any]) -> bool:
-    """Whether a parameter of a family is a vertex of the mesh."""
-    return bool(parameter.metadata.get("vertex"))
-
-
-@dataclass(frozen=True)
-class Option:
-    """One option of the command line; families may share an option of the same name.
-
-    Parameters
-    ----------
-    name : str
-        With underscores; "t_min" is given as ``--t-min``.
-    about : str
-        Description, for ``--help``.
-    metavar : str, optional
-        Placeholder of its value there.
-    kind : callable
-        Converts the text to the value, or to a `Quantity` in the unit of a mesh.
-    values : tuple of str, optional
-        Allowed values.
-    many : bool
-        Whether it may be given several times.
-    """
-
-    name: str
-    about: str
-    metavar: str | None = None
-    kind: Callable[[str], Any] = str
-    values: tuple[str, ...] | None = None
-    many: bool = False
-
-    @property
-    def flag(self) -> str:
-        """The option as typed."""
-        return f"--{self.name.replace('_', '-')}"
+#: Families with exported columns, by name, which `meshmash_viewer.fields.table` fills in.
+FEATURES: dict[str, type[Family]] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +130,7 @@ class Profile:
 
 
 @dataclass(frozen=True)
-class Family:
+class Family(Parameters):
     """A choice of parameters of one family.
 
     Attributes
@@ -199,8 +145,6 @@ class Family:
         Label of the export if it differs from `label`.
     counted : str
         Name of the parameter that is the number of exported columns.
-    options : tuple of Option
-        Options of the command line for `exported`, besides the number of columns.
     position : tuple of str
         Parameters that select a field of the family; the last part of cache keys.
     own : tuple of str
@@ -228,7 +172,6 @@ class Family:
     export: ClassVar[str] = ""
     export_label: ClassVar[str] = ""
     counted: ClassVar[str] = ""
-    options: ClassVar[tuple[Option, ...]] = ()
     position: ClassVar[tuple[str, ...]] = ()
     own: ClassVar[tuple[str, ...]] = ()
     ordered: ClassVar[tuple[str, str] | None] = None
@@ -288,30 +231,19 @@ class Family:
 
     def for_repaired(self, n_components: int, vertex: Callable[[int], int | None]) -> Self:
         """Convert to the repaired mesh; `vertex` maps vertices, or returns None."""
-        moved = self.for_other_mesh(n_components)
-        return replace(moved, **self._vertices(vertex))
-
-    def at_vertices(self, vertex: Callable[[int], int | None]) -> Self:
-        """Replace vertices by a function."""
-        return replace(self, **self._vertices(vertex))
-
-    def _vertices(self, vertex: Callable[[int], int | None]) -> dict[str, Any]:
-        """Return the parameters that are vertices, replaced by a function."""
-        chosen = {each.name: getattr(self, each.name) for each in fields(self) if is_vertex(each)}
-        return {name: None if at is None else vertex(at) for name, at in chosen.items()}
+        moved, here = self.for_other_mesh(n_components), self.at_vertices(vertex)
+        vertices = {
+            name: getattr(here, name) for name, each in self.declared().items() if each.vertex
+        }
+        return replace(moved, **vertices)
 
     def carried(self, to: Correspondence) -> Self:
         """Convert to another shape: lengths are scaled, vertices are the corresponding ones."""
         other: dict[str, Any] = {}
-        for each in fields(self):
-            value = getattr(self, each.name)
-            if value is None or not each.metadata:
-                continue
-            if each.metadata["vertex"]:
-                other[each.name] = to.vertex(value)
-            elif power := each.metadata["power"]:
-                other[each.name] = value * to.length**power
-        return replace(self, **other)
+        for name, each in self.declared().items():
+            if each.power and getattr(self, name) is not None:
+                other[name] = getattr(self, name) * to.length**each.power
+        return replace(self.at_vertices(to.vertex), **other)
 
     def correspondence_text(self, to: Correspondence) -> str:
         """Describe the corresponding field of another shape, if it is not obvious."""
@@ -322,8 +254,8 @@ class Family:
         if not self.usable or (self.needs_pairs and not len(spectrum)):
             return self
         known = self.resolved(spectrum, chosen)
-        names = (each.name for each in fields(self) if each.metadata)
-        found = {name: getattr(known, name) for name in names if getattr(known, name) is not None}
+        found = {name: getattr(known, name) for name in self.declared()}
+        found = {name: value for name, value in found.items() if value is not None}
         return replace(self, **found)
 
     def within(self, spectrum: Eigenpairs) -> Self:
@@ -434,10 +366,11 @@ class Family:
     # -- files --------------------------------------------------------------------------------
 
     @classmethod
-    def exported(cls, n_columns: int | None = None, **chosen: Any) -> Self:
-        """Create a family with a number of columns and the given options.
+    def exported(cls, n_columns: int | None = None, unit: str | None = None, **chosen: Any) -> Self:
+        """Create a family with a number of columns and the given options, by parameter.
 
-        `InputError` is raised if they are not compatible.
+        `unit` is that of the mesh, None if not known yet. `InputError` is raised if the options are
+        not compatible.
         """
         count = {cls.counted: n_columns} if cls.counted and n_columns is not None else {}
         return cls(**count, **chosen)

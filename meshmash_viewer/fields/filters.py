@@ -24,16 +24,14 @@ from meshmash_viewer.fields.family import (
     Answer,
     Family,
     FloatArray,
-    Option,
     Profile,
     Response,
     Samples,
     Table,
-    parameter,
 )
 from meshmash_viewer.fields.pair_table import MOST_COLUMNS as MOST_BENDS
 from meshmash_viewer.fields.pair_table import PairTable, build_pair_table, summed
-from meshmash_viewer.fields.schema import checked_text, flag, named, number, whole
+from meshmash_viewer.fields.parameter import Flag, Kind, Named, Number, Text, Whole, parameter
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.quantities import parse_quantity
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, same_pairs
@@ -69,10 +67,11 @@ _MOST_VALUES = 16
 Values = tuple[tuple[str, float], ...]
 
 
-def _end(value: object) -> float | None:
-    """Check an end of the range of a parameter; zero, used in old sessions, is None."""
-    end: float = number(0.0)(value)
-    return end or None
+class _End(Kind):
+    """An end of the range of a parameter; zero, used in old sessions, is None."""
+
+    def __call__(self, value: object) -> float | None:
+        return Number(0.0)(value) or None
 
 
 @dataclass(frozen=True)
@@ -100,26 +99,28 @@ class Filters(Family):
     tip: ClassVar[str] = "Low-pass, band-pass, Gaussian, or any formula in λ"
     export: ClassVar[str] = "filter"
     counted: ClassVar[str] = "count"
-    options: ClassVar[tuple[Option, ...]] = (
-        Option("formula", '"exp(-t*x) * (x > 1e-8)", with x for λ; default "x < c"'),
-        Option(
-            "set",
-            "a parameter of the formula; NAME=LOW:HIGH takes the columns through a range",
-            "NAME=VALUE",
-            many=True,
-        ),
-    )
     ordered: ClassVar[tuple[str, str] | None] = ("low", "high")
     position: ClassVar[tuple[str, ...]] = ("values",)
     interval: ClassVar[int] = 100
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (True, False, False)
 
-    text: str = parameter(READY["Low-pass"], checked_text(MOST_CHARACTERS, Formula))
-    values: Values = parameter((), named(number(), _MOST_VALUES))  # noqa: RUF009
-    count: int = parameter(1, whole(1, MOST_COLUMNS))
-    automatic: bool = parameter(True, flag)
-    low: float | None = parameter(None, _end)
-    high: float | None = parameter(None, _end)
+    text: str = parameter(
+        READY["Low-pass"],
+        Text(MOST_CHARACTERS, Formula),
+        option="formula",
+        help='"exp(-t*x) * (x > 1e-8)", with x for λ; default "x < c"',
+    )
+    values: Values = parameter(
+        (),
+        Named(Number(), _MOST_VALUES),
+        option="set",
+        metavar="NAME=VALUE",
+        help="a parameter of the formula; NAME=LOW:HIGH takes the columns through a range",
+    )
+    count: int = parameter(1, Whole(1, MOST_COLUMNS))
+    automatic: bool = parameter(True, Flag())
+    low: float | None = parameter(None, _End())
+    high: float | None = parameter(None, _End())
 
     # -- parameters ---------------------------------------------------------------------------
 
@@ -337,22 +338,18 @@ class Filters(Family):
     # -- files --------------------------------------------------------------------------------
 
     @classmethod
-    def exported(cls, n_columns: int | None = None, **chosen: Any) -> Self:
-        """Create a filter from options of the command line.
-
-        `formula` is its text, `set` a list of ``name=value`` or, once, ``name=low:high``. `unit` is
-        the unit of length of the mesh, None if not known yet.
-        """
-        family = cls(chosen.get("formula", cls.text), count=1 if n_columns is None else n_columns)
+    def exported(cls, n_columns: int | None = None, unit: str | None = None, **chosen: Any) -> Self:
+        """Create a filter; of `values` each is ``name=value`` or, once, ``name=low:high``."""
+        family = cls(chosen.get("text", cls.text), count=1 if n_columns is None else n_columns)
         values: dict[str, float] = {}
-        for given in chosen.get("set", ()):
+        for given in chosen.get("values", ()):
             name, _, text = given.partition("=")
             if name not in family.formula.parameters:
                 known = ", ".join(family.formula.parameters) or "none"
                 raise InputError(
                     f"--set {given}: {family.text} has no parameter {name}; it has {known}."
                 )
-            ends = _ends(given, name, text, family.formula.powers[name], chosen.get("unit"))
+            ends = _ends(given, name, text, family.formula.powers[name], unit)
             if len(ends) == 1:
                 values[name] = ends[0]
             elif name != family.first or not 0.0 < ends[0] < ends[1]:

@@ -11,8 +11,8 @@ import numpy as np
 from meshmash_viewer.features.filter_responses import SplineResponse
 from meshmash_viewer.features.filters import FilterBank, bspline_bank
 from meshmash_viewer.fields.bank_columns import BankColumns
-from meshmash_viewer.fields.family import Family, FloatArray, Response, parameter
-from meshmash_viewer.fields.schema import flag, number
+from meshmash_viewer.fields.family import Family, FloatArray, Response
+from meshmash_viewer.fields.parameter import Flag, Number, parameter
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs
 from meshmash_viewer.spectral.weyl import weyl_eigenvalue
 from meshmash_viewer.units import format_range, named_quantity
@@ -43,9 +43,9 @@ class GeometryVectors(BankColumns):
     position: ClassVar[tuple[str, ...]] = ("index",)
     ordered: ClassVar[tuple[str, str] | None] = ("low", "high")
 
-    automatic: bool = parameter(True, flag)
-    low: float | None = parameter(None, number(0.0), power=-2)
-    high: float | None = parameter(None, number(0.0), power=-2)
+    automatic: bool = parameter(True, Flag())
+    low: float | None = parameter(None, Number(0.0), power=-2)
+    high: float | None = parameter(None, Number(0.0), power=-2)
 
     def range(self, spectrum: Eigenpairs) -> tuple[float, float]:
         """Return smallest and largest eigenvalue of the bands, in inverse squared length units."""

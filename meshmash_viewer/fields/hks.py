@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -18,24 +17,20 @@ from meshmash_viewer.fields.family import (
     Answer,
     Family,
     FloatArray,
-    Option,
     Profile,
     Response,
     Samples,
     Table,
-    parameter,
 )
 from meshmash_viewer.fields.heat_table import build_heat_table
-from meshmash_viewer.fields.schema import flag, number, whole
+from meshmash_viewer.fields.parameter import ABOVE_ZERO, Flag, Number, Whole, parameter
 from meshmash_viewer.progress import CancelCallback
-from meshmash_viewer.quantities import parse_quantity
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, first_nonzero, grew
 from meshmash_viewer.spectral.weyl import resolved_time
 from meshmash_viewer.units import format_quantity, named_quantity
 
 #: Number of times of the curve of a profile; the exported ones are dots.
 _FINE = 96
-_ABOVE_ZERO = 1e-300
 
 
 @dataclass(frozen=True)
@@ -60,26 +55,31 @@ class HeatKernelSignature(Family):
     tip: ClassVar[str] = "Heat kernel signature"
     export: ClassVar[str] = "hks"
     counted: ClassVar[str] = "scales"
-    options: ClassVar[tuple[Option, ...]] = (
-        Option(
-            "t_min",
-            "shortest diffusion time (unit²); default: from the eigenvalues of each mesh, so give"
-            " both times if columns of several meshes are to be compared",
-            "T",
-            partial(parse_quantity, power=2),
-        ),
-        Option("t_max", "longest diffusion time (unit²)", "T", partial(parse_quantity, power=2)),
-    )
     position: ClassVar[tuple[str, ...]] = ("time",)
     ordered: ClassVar[tuple[str, str] | None] = ("t_min", "t_max")
     interval: ClassVar[int] = 50
     logarithmic: ClassVar[tuple[bool, bool, bool]] = (True, True, True)
 
-    time: float | None = parameter(None, number(_ABOVE_ZERO), power=2)
-    automatic: bool = parameter(True, flag)
-    t_min: float | None = parameter(None, number(_ABOVE_ZERO), power=2)
-    t_max: float | None = parameter(None, number(_ABOVE_ZERO), power=2)
-    scales: int = parameter(32, whole(1, MOST_COUNT))
+    time: float | None = parameter(None, Number(ABOVE_ZERO), power=2)
+    automatic: bool = parameter(True, Flag())
+    t_min: float | None = parameter(
+        None,
+        Number(ABOVE_ZERO),
+        power=2,
+        option="t_min",
+        metavar="T",
+        help="shortest diffusion time (unit²); default: from the eigenvalues of each mesh, so give"
+        " both times if columns of several meshes are to be compared",
+    )
+    t_max: float | None = parameter(
+        None,
+        Number(ABOVE_ZERO),
+        power=2,
+        option="t_max",
+        metavar="T",
+        help="longest diffusion time (unit²)",
+    )
+    scales: int = parameter(32, Whole(1, MOST_COUNT))
 
     def range(self, spectrum: Eigenpairs) -> tuple[float, float]:
         """Return shortest and longest time, in squared length units.
@@ -190,9 +190,9 @@ class HeatKernelSignature(Family):
     # -- files --------------------------------------------------------------------------------
 
     @classmethod
-    def exported(cls, n_columns: int | None = None, **chosen: Any) -> Self:
+    def exported(cls, n_columns: int | None = None, unit: str | None = None, **chosen: Any) -> Self:
         check_times(chosen.get("t_min"), chosen.get("t_max"))
-        return super().exported(n_columns, automatic=not chosen, **chosen)
+        return super().exported(n_columns, unit, automatic=not chosen, **chosen)
 
     def bank(
         self, eigenvalues: FloatArray, area: float | None = None, bound: float | None = None

@@ -23,17 +23,15 @@ from meshmash_viewer.fields.family import (
     ColumnArray,
     Family,
     FloatArray,
-    Option,
     Profile,
     Response,
     Samples,
     Table,
-    parameter,
 )
 from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.pair_table import MOST_COLUMNS as MOST_BENDS
 from meshmash_viewer.fields.pair_table import PairTable, build_pair_table, summed
-from meshmash_viewer.fields.schema import MOST_INDEX, MOST_NAME, choice, text, whole
+from meshmash_viewer.fields.parameter import MOST_INDEX, MOST_NAME, Choice, Text, Whole, parameter
 from meshmash_viewer.mesh import Mesh
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, grew, same_pairs
@@ -78,15 +76,6 @@ class OwnMaps(Family):
     label: ClassVar[str] = "Own maps"
     short: ClassVar[str] = "Own maps"
     tip: ClassVar[str] = "Values per vertex from a file, and the curvature of the mesh"
-    options: ClassVar[tuple[Option, ...]] = (
-        Option("map_name", "name of a map of the mesh or of a file, or of a curvature", "NAME"),
-        Option(
-            "view",
-            "the map itself, and each is a column; its sum over the lowest pairs, with a column"
-            " for each number of them; or the band that is strongest at each vertex",
-            values=("map", "pairs", "band"),
-        ),
-    )
     position: ClassVar[tuple[str, ...]] = ("pairs", "view", "filter")
     own: ClassVar[tuple[str, ...]] = ("chosen",)
     response_label: ClassVar[str] = "Relative energy"
@@ -94,9 +83,22 @@ class OwnMaps(Family):
     tailed: ClassVar[bool] = True
     interval: ClassVar[int] = 250
 
-    chosen: str = parameter("", text(MOST_NAME))
-    view: str = parameter("map", choice(VIEWS))
-    pairs: int = parameter(30, whole(1, MOST_INDEX))
+    chosen: str = parameter(
+        "",
+        Text(MOST_NAME),
+        option="map_name",
+        metavar="NAME",
+        help="name of a map of the mesh or of a file, or of a curvature",
+    )
+    view: str = parameter(
+        "map",
+        Choice(VIEWS),
+        option="view",
+        offered=("map", "pairs", "band"),
+        help="the map itself, and each is a column; its sum over the lowest pairs, with a column"
+        " for each number of them; or the band that is strongest at each vertex",
+    )
+    pairs: int = parameter(30, Whole(1, MOST_INDEX))
     shown: VertexMap | None = None
     filter: Filters | None = None
 
@@ -343,10 +345,6 @@ class OwnMaps(Family):
         return Profile(both, both)
 
     # -- files --------------------------------------------------------------------------------
-
-    @classmethod
-    def exported(cls, n_columns: int | None = None, **chosen: Any) -> Self:
-        return cls(chosen.get("map_name", ""), chosen.get("view", "map"))
 
     def check_mesh(self, mesh: Mesh) -> None:
         names = [*(each.name for each in mesh.maps), *CURVATURES]

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from meshmash_viewer.features.sums import fill_in_parts, sum_squares
-from meshmash_viewer.fields.family import Answer, Family, Table, parameter
-from meshmash_viewer.fields.schema import MOST_INDEX, whole
+from meshmash_viewer.fields.family import FEATURES, Answer, Family, Table
+from meshmash_viewer.fields.parameter import Choice, Whole, parameter
 from meshmash_viewer.progress import CancelCallback
 from meshmash_viewer.spectral.eigenpairs import Eigenpairs, grew
 
@@ -42,8 +42,8 @@ class Similarity(Family):
     short: ClassVar[str] = "Similar"
     tip: ClassVar[str] = "Distance in feature space from a pinned vertex"
 
-    vertex: int | None = parameter(None, whole(0, MOST_INDEX), vertex=True)
-    basis: str = parameter("hks", None)
+    vertex: int | None = parameter(None, Whole(), vertex=True)
+    basis: str = parameter("hks", Choice(FEATURES))
     features: Family | None = None
 
     @property

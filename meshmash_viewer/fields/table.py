@@ -13,6 +13,7 @@ from meshmash_viewer.errors import InputError
 from meshmash_viewer.fields.bank_columns import BankColumns
 from meshmash_viewer.fields.distances import Distances
 from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
+from meshmash_viewer.fields.family import FEATURES as FEATURES
 from meshmash_viewer.fields.family import Family
 from meshmash_viewer.fields.filters import Filters
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
@@ -40,7 +41,8 @@ def _check_plug_in(name: str, family: type[BankColumns]) -> None:
     texts = [getattr(family, each, None) for each in ("name", "label", "short", "tip", "export")]
     if texts[0] != name or not all(isinstance(each, str) and each for each in texts):
         raise TypeError("its name is not that of its entry point, or a text is missing")
-    if family.options or family.export in {each.export for each in _LISTED}:
+    options = any(each.option for each in family.declared().values())
+    if options or family.export in {each.export for each in _LISTED}:
         raise TypeError("it has options, or is exported as another family is")
     some = np.arange(8.0)
     made = family(index=0, count=3).bank(some)(some)
@@ -56,10 +58,7 @@ for _plug_in in plug_ins("fields", FAMILIES, _check_plug_in).values():
     except InputError as _fault:
         warn(_fault)
 
-#: Families with exported columns, by name.
-FEATURES: dict[str, type[Family]] = {
-    name: family for name, family in FAMILIES.items() if family.counted
-}
+FEATURES.update({name: family for name, family in FAMILIES.items() if family.counted})
 
 _WRITTEN = (*FEATURES.values(), *FAMILIES.values())
 

@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.fields.schema import (
-    MOST_INDEX,
-    Check,
+from meshmash_viewer.fields.parameter import (
+    Choice,
+    Flag,
+    Kind,
+    Listing,
+    Number,
+    Parameters,
+    Record,
     Refused,
-    choice,
-    flag,
-    listing,
-    number,
-    record,
-    text,
+    Text,
+    Whole,
+    parameter,
     understood,
-    whole,
 )
 from meshmash_viewer.health import REPAIRS
 from meshmash_viewer.io.atomic import writing_errors, written_whole
@@ -37,8 +38,40 @@ _VERSION, _WITHOUT_REPAIRS = 3, 2
 _LARGEST = 16_000_000
 
 
+class _Unit(Text):
+    """A unit of length with a factor, or none."""
+
+    def __call__(self, value: object) -> str:
+        try:
+            parse_unit(super().__call__(value))
+        except InputError as fault:
+            raise Refused('a unit such as "nm" or "8 nm"', value) from fault
+        return str(value)
+
+
+class _Target(Kind):
+    """A kind and a value that suits it."""
+
+    def __call__(self, value: object) -> dict[str, Any]:
+        kinds = Record({"kind": Choice(dict.fromkeys(TARGET_KINDS))})(value)
+        size = Whole(1) if kinds.get("kind", "count") == "count" else Number(1e-150, 1e150)
+        return {**kinds, **Record({"value": size})(value)}
+
+
+_FILES = Listing(Text(), 1000, different=True)
+_REPAIRS = Listing(Choice(REPAIRS), 100)
+_AXIS = Listing(Number(-1.001, 1.001), 3, 3)
+_CAMERA = Record(
+    {
+        "focus": Listing(Number(-1e30, 1e30), 3, 3),
+        "axes": Listing(_AXIS, 3, 3),
+        "half_size": Number(1e-30, 1e30),
+    }
+)
+
+
 @dataclass(frozen=True)
-class Session:
+class Session(Parameters):
     """State of a window as it is written to a session file.
 
     Parameters
@@ -78,69 +111,26 @@ class Session:
         The active links between both meshes.
     """
 
-    mesh_path: str = ""
-    maps: list[str] = field(default_factory=list)
-    unit: str = ""
-    repairs: list[str] = field(default_factory=list)
-    mesh_hash: str = ""
-    n_vertices: int = 0
-    operator: dict[str, Any] = field(default_factory=dict)
-    target: dict[str, Any] = field(default_factory=dict)
-    display: dict[str, Any] = field(default_factory=dict)
-    pins: list[int] = field(default_factory=list)
-    pin_numbers: list[int] = field(default_factory=list)
+    mesh_path: str = parameter("", Text())
+    maps: list[str] = parameter(list, _FILES)
+    unit: str = parameter("", _Unit(100))
+    repairs: list[str] = parameter(list, _REPAIRS)
+    mesh_hash: str = parameter("", Text(200))
+    n_vertices: int = parameter(0, Whole())
+    operator: dict[str, Any] = parameter(
+        dict, Record({"robust": Flag(), "mollify_factor": Number(0.0)})
+    )
+    target: dict[str, Any] = parameter(dict, _Target())
+    display: dict[str, Any] = parameter(dict, Record({}))
+    pins: list[int] = parameter(list, Listing(Whole(), 10_000, different=True))
+    pin_numbers: list[int] = parameter(list, Listing(Whole(1), 10_000, different=True))
     file_indices: bool = True
-    camera: dict[str, Any] = field(default_factory=dict)
-    second_path: str = ""
-    second_unit: str = ""
-    second_maps: list[str] = field(default_factory=list)
-    second_repairs: list[str] = field(default_factory=list)
-    links: list[str] = field(default_factory=list)
-
-
-def _unit(value: object) -> str:
-    try:
-        parse_unit(text(100)(value))
-    except InputError as fault:
-        raise Refused('a unit such as "nm" or "8 nm"', value) from fault
-    return str(value)
-
-
-def _target(value: object) -> dict[str, Any]:
-    """A kind and a value that suits it."""
-    kinds = record({"kind": choice(TARGET_KINDS)})(value)
-    count = kinds.get("kind", "count") == "count"
-    size = whole(1, MOST_INDEX) if count else number(1e-150, 1e150)
-    return {**kinds, **record({"value": size})(value)}
-
-
-_FILES = listing(text(), 1000, different=True)
-_REPAIRS = listing(choice(REPAIRS), 100)
-_CHECKS: dict[str, Check] = {
-    "mesh_path": text(),
-    "maps": _FILES,
-    "unit": _unit,
-    "repairs": _REPAIRS,
-    "mesh_hash": text(200),
-    "n_vertices": whole(0, MOST_INDEX),
-    "operator": record({"robust": flag, "mollify_factor": number(0.0)}),
-    "target": _target,
-    "display": record({}),
-    "pins": listing(whole(0, MOST_INDEX), 10_000, different=True),
-    "pin_numbers": listing(whole(1, MOST_INDEX), 10_000, different=True),
-    "camera": record(
-        {
-            "focus": listing(number(-1e30, 1e30), 3, 3),
-            "axes": listing(listing(number(-1.001, 1.001), 3, 3), 3, 3),
-            "half_size": number(1e-30, 1e30),
-        }
-    ),
-    "second_path": text(),
-    "second_unit": _unit,
-    "second_maps": _FILES,
-    "second_repairs": _REPAIRS,
-    "links": listing(text(100), 100, different=True),
-}
+    camera: dict[str, Any] = parameter(dict, _CAMERA)
+    second_path: str = parameter("", Text())
+    second_unit: str = parameter("", _Unit(100))
+    second_maps: list[str] = parameter(list, _FILES)
+    second_repairs: list[str] = parameter(list, _REPAIRS)
+    links: list[str] = parameter(list, Listing(Text(100), 100, different=True))
 
 
 def write_session(path: str | Path, session: Session) -> None:
@@ -152,14 +142,13 @@ def write_session(path: str | Path, session: Session) -> None:
         If the file cannot be written.
     """
     path = Path(path)
-    content = asdict(session)
+    content = session.plain()
     folder = path.absolute().parent
     for name in ("mesh_path", "second_path"):
         if content[name]:
             content[name] = _relative(content[name], folder)
     for name in ("maps", "second_maps"):
         content[name] = [_relative(each, folder) for each in content[name]]
-    del content["file_indices"]  # the version says so
     version = _VERSION if session.repairs else _WITHOUT_REPAIRS
     text = json.dumps({"format": _FORMAT, "version": version, **content}, indent=1)
     with writing_errors(path), written_whole(path) as part:
@@ -169,7 +158,7 @@ def write_session(path: str | Path, session: Session) -> None:
 def read_session(path: str | Path) -> Session:
     """Read a session, with absolute paths.
 
-    `display` is not checked here (see `model.display_json.read_display`).
+    `display` is not checked here (see `model.display.read_display`).
 
     Raises
     ------
@@ -200,8 +189,8 @@ def read_session(path: str | Path) -> Session:
             " open it with the program that wrote it."
         )
     session = {
-        name: understood(check, content[name], path, name)
-        for name, check in _CHECKS.items()
+        name: understood(each.check, content[name], path, name)
+        for name, each in Session.declared().items()
         if name in content
     }
     session["display"] = content.get("display", {})

@@ -1,17 +1,34 @@
-"""Display state: the parameters of every family, which family is displayed, and how."""
+"""Display state: the parameters of every family, which family is displayed, and how; as JSON."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 from psygnal import SignalGroupDescriptor
 
 from meshmash_viewer.fields import FAMILIES
-from meshmash_viewer.fields.family import Family, parameter
-from meshmash_viewer.fields.schema import MOST_INDEX, flag, number, whole
-from meshmash_viewer.model.limits import LimitPolicy
+from meshmash_viewer.fields.family import Family
+from meshmash_viewer.fields.parameter import (
+    Choice,
+    Flag,
+    Number,
+    Parameters,
+    Record,
+    Whole,
+    in_order,
+    parameter,
+    understood,
+)
+from meshmash_viewer.model.limits import (
+    LimitPolicy,
+    LockedLimits,
+    MinMaxLimits,
+    PercentileLimits,
+    SymmetricLimits,
+)
 
 Chosen = TypeVar("Chosen", bound=Family)
 
@@ -19,10 +36,16 @@ Chosen = TypeVar("Chosen", bound=Family)
 FEWEST_PAIRS = 4
 #: Largest amplitude, as a share of the diagonal of the mesh's bounding box.
 MOST_AMPLITUDE = 0.2
+_POLICIES: dict[str, type[Any]] = {
+    policy.__name__: policy
+    for policy in (SymmetricLimits, MinMaxLimits, PercentileLimits, LockedLimits)
+}
+#: Attributes written as they are; `playing` is not stored.
+_PLAIN = ("kind", "nodal_lines", "diverging_colormap", "sequential_colormap")
 
 
 @dataclass(frozen=True)
-class Shape:
+class Shape(Parameters):
     """Displacement of the displayed mesh: none, or rebuilt from its lowest eigenpairs.
 
     Parameters
@@ -38,10 +61,10 @@ class Shape:
         to `MOST_AMPLITUDE`.
     """
 
-    shown: bool = parameter(False, flag)
-    pairs: int = parameter(50, whole(FEWEST_PAIRS, MOST_INDEX))
-    morph: float = parameter(1.0, number(0.0, 1.0))
-    amplitude: float = parameter(0.05, number(0.0, MOST_AMPLITUDE))
+    shown: bool = parameter(False, Flag())
+    pairs: int = parameter(50, Whole(FEWEST_PAIRS))
+    morph: float = parameter(1.0, Number(0.0, 1.0))
+    amplitude: float = parameter(0.05, Number(0.0, MOST_AMPLITUDE))
 
     def within(self, n_pairs: int) -> int:
         """Return the number of pairs used where `n_pairs` are available."""
@@ -118,3 +141,93 @@ class Display:
     def limits(self, policy: LimitPolicy | None) -> None:
         others = {name: each for name, each in self.policies.items() if name != self.kind}
         self.policies = others if policy is None else {**others, self.kind: policy}
+
+
+# -- as JSON, for session files -----------------------------------------------------------------
+
+
+def display_to_json(display: Display, index: Callable[[int], int] = int) -> dict[str, Any]:
+    """Return the display as plain JSON; `index` maps a vertex to the index that is written."""
+    return {
+        **{name: getattr(display, name) for name in _PLAIN},
+        "fields": {
+            name: family.at_vertices(index).plain() for name, family in display.fields.items()
+        },
+        "policies": {
+            name: {"policy": type(policy).__name__, **vars(policy)}
+            for name, policy in display.policies.items()
+        },
+        "shape": display.shape.plain(),
+    }
+
+
+def read_display(content: object, path: Path) -> dict[str, Any]:
+    """Check the display in a session file, and return its attributes.
+
+    Raises
+    ------
+    InputError
+        If one has another type, is out of bounds, or does not go together with another.
+    """
+    taken: dict[str, Any] = understood(_DISPLAY, content, path, "display")
+    return taken
+
+
+def display_from_json(
+    display: Display, content: dict[str, Any], vertex: Callable[[int], int | None] = int
+) -> list[tuple[str, int]]:
+    """Set the attributes that `read_display` returned.
+
+    Vertices are replaced by what `vertex` returns for them. Those for which it is None are left
+    out, and their paths in the display and indices returned.
+    """
+    lost = []
+    for name, chosen in content.get("fields", {}).items():
+        read = replace(display.fields[name], **chosen)
+        placed = read.at_vertices(vertex)
+        display.put(placed)
+        for each in (each for each, about in read.declared().items() if about.vertex):
+            if getattr(placed, each) is None and getattr(read, each) is not None:
+                lost.append((f"fields.{name}.{each}", getattr(read, each)))
+    if "shape" in content:
+        display.shape = replace(display.shape, **content["shape"])
+    for name in ("policies", *reversed(_PLAIN)):  # the kind last, as it depends on the rest
+        if name in content:
+            setattr(display, name, content[name])
+    return lost
+
+
+def _policy(value: object) -> LimitPolicy:
+    name = Record({"policy": Choice(_POLICIES)}, required=True)(value)["policy"]
+    ends = Record(_POLICIES[name].entries().kinds, required=True)(value)
+    in_order(ends, "low", "high", value)
+    return _POLICIES[name](**ends)  # type: ignore[no-any-return]
+
+
+def _color_map(value: object) -> str:
+    from matplotlib import colormaps
+
+    return Choice(colormaps, "the name of a colour map of matplotlib")(value)
+
+
+def _family(family: type[Family]) -> Callable[[object], dict[str, Any]]:
+    def check(value: object) -> dict[str, Any]:
+        taken = family.entries()(value)
+        if family.ordered:
+            in_order(taken, *family.ordered, value)
+        return taken
+
+    return check
+
+
+_DISPLAY = Record(
+    {
+        "kind": Choice(FAMILIES),
+        "nodal_lines": Flag(),
+        "diverging_colormap": _color_map,
+        "sequential_colormap": _color_map,
+        "fields": Record({name: _family(family) for name, family in FAMILIES.items()}),
+        "policies": Record(dict.fromkeys(FAMILIES, _policy)),
+        "shape": Shape.entries(),
+    }
+)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from typing import Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+
+from meshmash_viewer.fields.parameter import Number, Parameters, parameter
 
 Ends: TypeAlias = tuple[float, float]
 Values: TypeAlias = npt.NDArray[np.floating]
@@ -49,7 +51,7 @@ def _extremes(values: Values) -> Ends:
 
 
 @dataclass(frozen=True)
-class SymmetricLimits:
+class SymmetricLimits(Parameters):
     """Symmetric about zero: for signed fields, so that the middle colour is the nodal line.
 
     A `percent` below 100 leaves out extreme values.
@@ -66,7 +68,7 @@ class SymmetricLimits:
 
 
 @dataclass(frozen=True)
-class MinMaxLimits:
+class MinMaxLimits(Parameters):
     """From the smallest value to the largest."""
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
@@ -74,11 +76,11 @@ class MinMaxLimits:
 
 
 @dataclass(frozen=True)
-class PercentileLimits:
+class PercentileLimits(Parameters):
     """Between two percentiles of the surface: for fields with few extreme values."""
 
-    low: float = 1.0
-    high: float = 99.0
+    low: float = parameter(1.0, Number(0.0, 100.0))
+    high: float = parameter(99.0, Number(0.0, 100.0))
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
         looked_at = _finite(values if sample is None else values[sample])
@@ -87,11 +89,11 @@ class PercentileLimits:
 
 
 @dataclass(frozen=True)
-class LockedLimits:
+class LockedLimits(Parameters):
     """Two numbers that stay when the field changes."""
 
-    low: float
-    high: float
+    low: float = parameter(MISSING, Number())
+    high: float = parameter(MISSING, Number())
 
     def limits(self, values: Values, sample: Sample = None) -> Ends:
         return _opened(self.low, self.high)

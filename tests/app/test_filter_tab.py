@@ -18,7 +18,7 @@ from meshmash_viewer.features.filters import (
 from meshmash_viewer.features.formula import formula_bank
 from meshmash_viewer.features.sums import accumulate_features
 from meshmash_viewer.fields.filters import READY, Filters
-from meshmash_viewer.model.display_json import display_from_json, display_to_json, read_display
+from meshmash_viewer.model.display import display_from_json, display_to_json, read_display
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.model.field import LiveFeatures, compute_field, request_of
 

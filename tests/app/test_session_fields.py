@@ -20,8 +20,12 @@ from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.sessions import Restoration, store_session
 from meshmash_viewer.fields import FAMILIES
-from meshmash_viewer.model.display import Display
-from meshmash_viewer.model.display_json import display_from_json, display_to_json, read_display
+from meshmash_viewer.model.display import (
+    Display,
+    display_from_json,
+    display_to_json,
+    read_display,
+)
 from meshmash_viewer.model.document import Document
 from meshmash_viewer.spectral.weyl import Target
 

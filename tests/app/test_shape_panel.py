@@ -28,8 +28,7 @@ from meshmash_viewer.app.listening import catch_up
 from meshmash_viewer.app.main_window import MainWindow
 from meshmash_viewer.app.run import application
 from meshmash_viewer.errors import InputError
-from meshmash_viewer.model.display import Shape
-from meshmash_viewer.model.display_json import display_to_json, read_display
+from meshmash_viewer.model.display import Shape, display_to_json, read_display
 from meshmash_viewer.model.script import reproduction_script
 from meshmash_viewer.spectral.weyl import Target
 

@@ -154,7 +154,7 @@ def test_every_kind_is_exported_as_the_command_line_has_it(
     session.tasks.run(DecomposeJob(neuron, OperatorOptions(), Target("count", 20)))
     for kind, family in EXPORTS.items():
         out = tmp_path / f"{kind}.npz"
-        given = {"vertex": [5], "distance": "biharmonic"} if kind == "distance" else {}
+        given = {"vertices": [5], "measure": "biharmonic"} if kind == "distance" else {}
         chosen = family.exported(7 if family.counted else None, **given)
         session.document.export(ExportJob(neuron, OperatorOptions(), out, chosen, 20))
         session.wait_until_idle()

@@ -180,9 +180,9 @@ def test_a_map_goes_with_a_repair() -> None:
 def test_labels_are_not_summed_over_pairs(rectangle: Mesh) -> None:
     labels = Label(0, "left", "#d01010"), Label(1, "right", "#1010d0")
     mesh = rectangle.with_maps(VertexMap("halves", rectangle.vertices[:, 0] > 1, labels=labels))
-    OwnMaps.exported(map_name="halves").check_mesh(mesh)
-    OwnMaps.exported(map_name="Mean curvature", view="pairs").check_mesh(mesh)
-    for chosen in ({}, {"map_name": "halves"}):
+    OwnMaps.exported(chosen="halves").check_mesh(mesh)
+    OwnMaps.exported(chosen="Mean curvature", view="pairs").check_mesh(mesh)
+    for chosen in ({}, {"chosen": "halves"}):
         with pytest.raises(InputError, match="halves contains labels"):
             OwnMaps.exported(view="pairs", **chosen).check_mesh(mesh)
 

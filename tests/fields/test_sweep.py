@@ -21,7 +21,7 @@ def resolved(name: str, spectrum: Eigenpairs, count: int = 11) -> Family:
     # maps have one column each until they are summed over pairs, distances one for each vertex
     given = {
         "map": {"view": "pairs"},
-        "distance": {"vertex": list(range(37)), "distance": "biharmonic"},
+        "distance": {"vertices": list(range(37)), "measure": "biharmonic"},
     }.get(name, {})
     counted = count if FAMILIES[name].counted else None
     return FAMILIES[name].exported(counted, **given).resolved(spectrum, chosen)

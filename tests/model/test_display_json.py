@@ -12,11 +12,10 @@ from meshmash_viewer.fields.eigenfunctions import Eigenfunctions
 from meshmash_viewer.fields.geometry_vectors import GeometryVectors
 from meshmash_viewer.fields.hks import HeatKernelSignature
 from meshmash_viewer.fields.similarity import Similarity
-from meshmash_viewer.model.display import Display
-from meshmash_viewer.model.display_json import (
+from meshmash_viewer.model.display import (
+    Display,
     display_from_json,
     display_to_json,
-    place_vertices,
     read_display,
 )
 from meshmash_viewer.model.limits import (
@@ -140,13 +139,10 @@ def test_one_scale_is_enough() -> None:
 
 
 def test_a_vertex_that_the_mesh_has_not_is_left_out() -> None:
-    content = read_display(CONTENT, PATH)
-    assert list(place_vertices(content, {17: 4}.get)) == []
-    assert content["fields"]["similarity"]["vertex"] == 4
-    content = read_display(CONTENT, PATH)
-    assert list(place_vertices(content, {16: 4}.get)) == [("fields.similarity.vertex", 17)]
-    display = Display()
-    display_from_json(display, content)
+    content, display = read_display(CONTENT, PATH), Display()
+    assert display_from_json(display, content, {17: 4}.get) == []
+    assert display[Similarity].vertex == 4
+    assert display_from_json(display, content, {16: 4}.get) == [("fields.similarity.vertex", 17)]
     assert display[Similarity].vertex is None
 
 

@@ -139,7 +139,7 @@ def test_distances_are_written_by_their_pairs_or_without(
     sphere: Mesh, listener: Listener, measure: str
 ) -> None:
     """Along the surface there is nothing to look for in the store of eigenpairs."""
-    chosen = {"vertex": [3, 8], "distance": measure}
+    chosen = {"vertices": [3, 8], "measure": measure}
     if measure == "geodesic":
         content = exported(sphere, "distance", 20, listener, **chosen)
         wanted = distance_features(sphere, [3, 8])

@@ -186,7 +186,7 @@ def test_each_of_hundreds_of_labels_has_its_own_colour() -> None:
 
 def test_lines_of_a_distance_are_said_on_its_picture(plate: Mesh) -> None:
     bare = Eigenpairs.without_pairs(plate)
-    far = FAMILIES["distance"].exported(vertex=[7])
+    far = FAMILIES["distance"].exported(vertices=[7])
     shots = shots_of([far], bare, plate, plate.area_sample(), {})
     quantities, pictures = [], []
     for lines in (True, False):
