@@ -3,10 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapes
-from scipy.spatial import KDTree
 
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.surface.clustering import cluster_vertices, scatter
+from meshmash_viewer.surface.clustering import cluster_vertices
 
 
 def test_a_sphere_stays_a_sphere() -> None:
@@ -58,25 +57,6 @@ def test_any_count_will_do(count: int) -> None:
     if count == 10**6:
         assert len(coarse.representatives) == sphere.n_vertices
         assert len(coarse.faces) == sphere.n_faces
-
-
-@pytest.mark.parametrize("one_in", [2, 4, 16, 20.48, 64])
-def test_scattered_vertices_are_from_all_over_the_mesh(one_in: float) -> None:
-    sphere = shapes.icosphere(5)
-    count = round(sphere.n_faces / one_in) // 3 * 3
-    some = scatter(sphere.faces, count)
-    assert len(some.representatives) == count
-    np.testing.assert_array_equal(np.sort(some.faces.ravel()), np.arange(count))
-    shown = KDTree(sphere.vertices[some.representatives])
-    # Not one of each family of four: a subdivided mesh would lose the same corner of each.
-    assert shown.query(sphere.vertices)[0].max() < 0.06 * np.sqrt(one_in)
-
-
-def test_scattered_vertices_are_in_faces(neuron: Mesh) -> None:
-    for count in (0, 2, 100, 10**6):
-        some = scatter(neuron.faces, count)
-        assert len(some.representatives) == min(count, neuron.n_faces) // 3 * 3
-        assert neuron.referenced[some.representatives].all()
 
 
 @pytest.mark.parametrize("count", [300, 1000])

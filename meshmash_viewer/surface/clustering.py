@@ -64,20 +64,6 @@ def cluster_vertices(
     return CoarseMesh(chosen, corners[np.unique(keys, return_index=True)[1]])
 
 
-def scatter(faces: npt.NDArray[np.integer], count: int) -> CoarseMesh:
-    """Sample at most `count` vertices of the mesh to draw as dots, faster than clustering.
-
-    Each is a corner of another face. The faces of the result are arbitrary, each vertex in one.
-    """
-    count = min(count, len(faces)) // 3 * 3
-    # One at random in each interval of faces: with regular steps whole regions of a subdivided mesh
-    # could be missed.
-    places = np.random.default_rng(0).random(count) + np.arange(count)
-    rows = (places * (len(faces) / max(count, 1))).astype(np.int64)
-    corners = faces[np.minimum(rows, len(faces) - 1), 0].astype(np.int64)
-    return CoarseMesh(corners, np.arange(count).reshape(-1, 3))
-
-
 def _keys(points: npt.NDArray[np.float64], size: float, per_side: float) -> IntArray:
     """Return the cell index of each point."""
     cells = np.minimum((points * (per_side / size)).astype(np.int64), int(per_side))

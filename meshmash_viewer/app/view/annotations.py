@@ -1,58 +1,58 @@
-"""Annotations of the render: title, colour bar, scale bar, axes and pins, as VTK actors."""
+"""Annotations of the render: title, colour bar, scale bar, axes and pins, painted over the mesh."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import zip_longest
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pyvista
+import vtkmodules.vtkRenderingContextOpenGL2
 import vtkmodules.vtkRenderingFreeType
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
-from vtkmodules.vtkFiltersSources import vtkRegularPolygonSource
-from vtkmodules.vtkRenderingAnnotation import vtkAxisActor2D
-from vtkmodules.vtkRenderingCore import (
-    vtkActor,
-    vtkActor2D,
-    vtkCoordinate,
-    vtkPolyDataMapper,
-    vtkPolyDataMapper2D,
-    vtkRenderer,
-    vtkTextActor,
-)
+from vtkmodules.util.numpy_support import numpy_to_vtk
+from vtkmodules.vtkCommonDataModel import vtkImageData, vtkRectf
+from vtkmodules.vtkPythonContext2D import vtkPythonItem
+from vtkmodules.vtkRenderingContext2D import vtkContext2D, vtkContextActor, vtkPen
 
 from meshmash_viewer.app.view.camera import Margins, View
-from meshmash_viewer.app.view.colors import NAN_COLOR, ColorMap, color_table, rgb
+from meshmash_viewer.app.view.colors import (
+    LIGHT,
+    NAN_COLOR,
+    ColorMap,
+    RenderTheme,
+    color_table,
+    rgb,
+)
 from meshmash_viewer.app.view.text import (
-    EDGE,
-    Page,
     exponent_text,
+    fitted,
     scale_bar_text,
-    set_line,
-    set_plate,
     set_style,
     text_size,
     ticks,
 )
+from meshmash_viewer.model.field import Field
 from meshmash_viewer.units import round_length
 
 # All sizes are in points. VTK converts those of fonts to pixels by the resolution of its window,
-# `Page.scale` converts the others.
+# `_Painter` converts the others.
+#: Distance of text from the edge of the picture.
+EDGE = 16
 #: Width of the colour bar with its labels, its distance from the right edge, its own width, the
 #: gap to its labels, and their smallest distance from the edge.
 BAR_SPACE, _BAR_EDGE, _BAR, _GAP, _PAD = 108, 88, 14, 6, 4
 _MAX_LABELS = 7
 #: Font sizes of title, quantity, scale bar and labels.
 TITLE, QUANTITY, _SCALE, _LABEL = 15, 12, 12, 11
-#: Side of the square with the axes.
-_AXES = 92
+#: Distance of the origin of the axes from the corner, and length of an axis.
+_ORIGIN, _AXIS = 46, 26
 #: Colours of the x, y and z axis, which differ in brightness too.
 _AXIS_COLORS = ("#d1495b", "#3f9b5c", "#3b76c4")
 #: Rim of a pin, and background of its number.
 _DARK = "#14181d"
+#: Justification of text in VTK: its left or lower edge, its middle, or its upper edge.
+_LOW, _MIDDLE, _TOP = 0, 1, 2
 
 
 @dataclass(frozen=True)
@@ -92,6 +92,16 @@ class Caption:
         return color_table(self.colormap)
 
 
+def caption_of(
+    field: Field, limits: tuple[float, float], colormap: ColorMap, *, lined: bool
+) -> Caption:
+    """The caption of a field, with lines or without."""
+    lines = field.line_spacing if lined else None
+    low, high = map(float, limits)
+    text = field.description(lined)
+    return Caption(field.title, text, field.unit, low, high, colormap, lines=lines)
+
+
 @dataclass(frozen=True)
 class Pin:
     """A marked vertex: position in mesh coordinates, colour, label, whether it is hidden."""
@@ -100,6 +110,20 @@ class Pin:
     color: str
     label: str
     hidden: bool
+
+
+@dataclass(frozen=True)
+class Page:
+    """Size of the picture in pixels, pixels per point (`scale`), and colours of annotations.
+
+    With `plates`, text has a translucent background, which is visible in front of the mesh.
+    """
+
+    theme: RenderTheme
+    width: int
+    height: int
+    scale: float
+    plates: bool = True
 
 
 def margins(captioned: bool, width: int, height: int, scale: float) -> Margins:
@@ -123,276 +147,201 @@ def title_size(caption: Caption) -> tuple[int, int]:
 
 
 class Annotations:
-    """The actors of all annotations in a renderer."""
+    """Paints what `show` was given last; VTK calls `Paint` in each frame."""
 
-    def __init__(self, renderer: vtkRenderer) -> None:
-        self._renderer = renderer
-        self.title, self.quantity = vtkTextActor(), vtkTextActor()
-        self.bar, self.no_value, self.scale = _Strip(256), _Strip(1), vtkAxisActor2D()
-        self.bar_title, self.no_value_label = vtkTextActor(), vtkTextActor()
-        #: Reused for every field: VTK's own bar makes new ones, which takes 2 ms.
-        self.bar_labels = tuple(vtkTextActor() for _ in range(_MAX_LABELS))
-        self.pins: list[vtkActor2D] = []
-        #: Renderer of the axes, which share the direction of the camera, but not its position.
-        self.corner = vtkRenderer()
-        self._colormap: ColorMap = ""
-        self._shown: tuple[Page, Caption | None] | None = None
-        self._pinned: tuple[Page, Sequence[Pin]] | None = None
-        for actor in self.actors:
-            actor.SetLayerNumber(1)
-            renderer.AddViewProp(actor)
-        for text in (self.title, self.quantity):
-            text.GetTextProperty().SetVerticalJustificationToTop()
-        self.no_value.paint(np.array([[*(255.0 * np.array(rgb(NAN_COLOR))), 255]], dtype=np.uint8))
-        self.bar_title.GetTextProperty().SetVerticalJustificationToBottom()
-        for text in (*self.bar_labels, self.no_value_label):
-            text.GetTextProperty().SetVerticalJustificationToCentered()
-        self._begin_scale()
-        self._axis_labels = [_new_axis_label(axis) for axis in range(3)]
-        self.corner.SetLayer(1)
-        self.corner.InteractiveOff()
-        for prop in (_new_axes(), *self._axis_labels):
-            self.corner.AddViewProp(prop)
-        self.corner.GetActiveCamera().ParallelProjectionOn()
-        self.corner.GetActiveCamera().SetParallelScale(1.75)
+    def __init__(self) -> None:
+        self._page = Page(LIGHT, 1, 1, 1.0)
+        self._view: View | None = None
+        self._caption: Caption | None = None
+        self._unit = ""
+        self._pins: Sequence[Pin] = ()
 
-    @property
-    def actors(self) -> tuple[vtkActor2D, ...]:
-        """All actors in the renderer."""
-        return (self.title, self.quantity, *self._bar_actors, self.scale, *self.pins)
-
-    @property
-    def _bar_actors(self) -> tuple[vtkActor2D, ...]:
-        strips = self.bar.actor, self.no_value.actor
-        return (*strips, self.bar_title, *self.bar_labels, self.no_value_label)
+    def new_actor(self) -> vtkContextActor:
+        """An actor that paints these annotations over a renderer."""
+        # not an attribute: VTK cannot free a cycle through Python
+        item, actor = vtkPythonItem(), vtkContextActor()
+        item.SetPythonObject(self)
+        actor.GetScene().AddItem(item)
+        return actor
 
     def show(
         self, page: Page, view: View | None, caption: Caption | None, unit: str, pins: Sequence[Pin]
     ) -> None:
-        """Update the annotations; without a view all are hidden."""
-        if view is None:
-            caption, pins = None, ()
-        if self._shown != (page, caption):  # setting the bar takes longest
-            self._shown = page, caption
-            self._set_title(page, caption)
-            self._set_bar(page, caption)
-        self._set_scale(page, view, unit)
-        self._set_axes(page, view)
-        if self._pinned != (page, pins):
-            self._pinned = page, pins
-            self._set_pins(page, pins)
+        """Set what the next frames have; without a view there are no annotations."""
+        self._page, self._view, self._caption = page, view, caption
+        self._unit, self._pins = unit, pins
 
-    # -- title ------------------------------------------------------------------------------
+    def Initialize(self, _item: vtkPythonItem) -> bool:
+        """Prepare nothing."""
+        return True
 
-    def _set_title(self, page: Page, caption: Caption | None) -> None:
-        title, quantity = ("", "") if caption is None else (caption.title, caption.quantity)
-        left, top = EDGE * page.scale, page.height - EDGE * page.scale
-        set_line(self.title, title, TITLE, page, page.theme.ink, (left, top), bold=True)
-        if page.height <= 160 * page.scale:
-            quantity = ""
-        at = left, top - 24 * page.scale
-        set_line(self.quantity, quantity, QUANTITY, page, page.theme.faint_ink, at)
+    def Paint(self, _item: vtkPythonItem, context: vtkContext2D) -> bool:
+        """Paint a frame."""
+        if self._view is not None:
+            painter = _Painter(context, self._page)
+            if self._caption is not None:
+                painter.title(self._caption)
+                painter.color_bar(self._caption)
+            painter.scale_bar(self._view, self._unit)
+            painter.axes(self._view)
+            for pin in self._pins:
+                painter.pin(pin, self._view)
+        return True
 
-    # -- colour bar -------------------------------------------------------------------------
 
-    def _set_bar(self, page: Page, caption: Caption | None) -> None:
-        theme, scale = page.theme, page.scale
-        # below title and quantity, which may be as wide as the picture
-        tall = min(300 * scale, 0.5 * page.height, page.height - 150 * scale)
-        shown = caption is not None and tall >= 70 * scale and page.width >= 220 * scale
-        # labels have no bar; their names are in the panel
-        shown = shown and caption is not None and isinstance(caption.colormap, str)
-        for actor in self._bar_actors:
-            actor.SetVisibility(shown)
-        if caption is None or not shown:
+class _Painter:
+    """Paints annotations; positions and sizes are in points, from the lower left."""
+
+    def __init__(self, context: vtkContext2D, page: Page) -> None:
+        self._context, self._page, self._theme = context, page, page.theme
+        self._width, self._height = page.width / page.scale, page.height / page.scale
+        context.GetPen().SetLineType(vtkPen.NO_PEN)
+
+    def title(self, caption: Caption) -> None:
+        """Paint title and quantity at the upper left; in a low picture the title alone."""
+        top, theme = self._height - EDGE, self._theme
+        self._text(caption.title, TITLE, theme.ink, EDGE, top, along=_TOP, bold=True)
+        if self._height > 160:
+            self._text(caption.quantity, QUANTITY, theme.faint_ink, EDGE, top - 24, along=_TOP)
+
+    def color_bar(self, caption: Caption) -> None:
+        """Paint the colour bar at the right, below the title, which may be as wide as the picture.
+
+        The colours of labels have none: their names are in the panel.
+        """
+        tall = min(300.0, 0.5 * self._height, self._height - 150.0)
+        if tall < 70.0 or self._width < 220.0 or not isinstance(caption.colormap, str):
             return
-        if self._colormap != caption.colormap:
-            self._colormap = caption.colormap
-            self.bar.paint(caption.table)
-        left, below = page.width - _BAR_EDGE * scale, (page.height - tall) / 2 - 15 * scale
-        self.bar.place(left, below, _BAR * scale, tall)
-        values, form, exponent = ticks(
-            caption.low, caption.high, min(max(int(tall / (34 * scale)), 2), _MAX_LABELS)
-        )
+        left, below = self._width - _BAR_EDGE, (self._height - tall) / 2 - 15
+        next_to, theme = left + _BAR + _GAP, self._theme
+        self._strip(caption.table, left, below, tall)
+        count = min(max(int(tall / 34), 2), _MAX_LABELS)
+        values, form, exponent = ticks(caption.low, caption.high, count)
         factor = " ".join(part for part in (exponent_text(exponent), caption.unit) if part)
-        above = below + tall + 8 * scale
-        set_line(self.bar_title, factor, _LABEL, page, theme.faint_ink, (left, above), edge=_PAD)
-        label_left = left + (_BAR + _GAP) * scale
+        self._text(factor, _LABEL, theme.faint_ink, left, below + tall + 8, edge=_PAD)
         low, high = (end / 10.0**exponent for end in (caption.low, caption.high))
-        for label, value in zip_longest(self.bar_labels, values):
-            at = below if value is None else below + tall * (value - low) / (high - low)
-            text = "" if value is None else form % value
-            set_line(label, text, _LABEL, page, theme.ink, (label_left, at), edge=_PAD)
-        self.no_value.actor.SetVisibility(caption.missing)
-        self.no_value.place(left, below - 19 * scale, _BAR * scale, 10 * scale)
-        text, at = "no value" if caption.missing else "", below - 14 * scale
-        set_line(
-            self.no_value_label,
-            text,
-            _LABEL,
-            page,
-            theme.faint_ink,
-            (label_left, at),
-            edge=_PAD,
-        )
+        for value in values:
+            up = below + tall * (value - low) / (high - low)
+            self._text(form % value, _LABEL, theme.ink, next_to, up, along=_MIDDLE, edge=_PAD)
+        if caption.missing:
+            grey = np.rint([[*(255.0 * np.array(rgb(NAN_COLOR))), 255.0]]).astype(np.uint8)
+            self._strip(grey, left, below - 19, 10)
+            up = below - 14
+            self._text("no value", _LABEL, theme.faint_ink, next_to, up, along=_MIDDLE, edge=_PAD)
 
-    # -- scale bar --------------------------------------------------------------------------
-
-    def _begin_scale(self) -> None:
-        scale = self.scale
-        scale.LabelVisibilityOff()
-        scale.AdjustLabelsOff()
-        scale.SetNumberOfLabels(2)
-        scale.UseFontSizeFromPropertyOn()
-        for end in (scale.GetPoint1Coordinate(), scale.GetPoint2Coordinate()):
-            end.SetCoordinateSystemToViewport()
-
-    def _set_scale(self, page: Page, view: View | None, unit: str) -> None:
-        width, height, scale = page.width, page.height, page.scale
-        shown = view is not None and width >= 220 * scale and height >= 120 * scale
-        self.scale.SetVisibility(shown)
-        if view is None or not shown:
+    def scale_bar(self, view: View, unit: str) -> None:
+        """Paint a round length at the lower right."""
+        if self._width < 220 or self._height < 120:
             return
-        pixel = view.length_per_pixel(width, height)
-        length = round_length(min(150 * scale, 0.25 * width) * pixel)
-        right, up = width - EDGE * scale, 34 * scale
-        self.scale.GetPoint1Coordinate().SetValue(right - length / pixel, up)
-        self.scale.GetPoint2Coordinate().SetValue(right, up)
-        self.scale.SetTitle(scale_bar_text(length, unit))
-        self.scale.SetTickLength(round(5 * scale))
-        self.scale.GetProperty().SetLineWidth(2.0 * scale)
-        self.scale.GetProperty().SetColor(*rgb(page.theme.ink))
-        set_style(self.scale.GetTitleTextProperty(), _SCALE, page.theme.ink)
-        set_plate(self.scale.GetTitleTextProperty(), page, 16 * scale)
+        point = view.length_per_pixel(self._page.width, self._page.height) * self._page.scale
+        length = round_length(min(150.0, 0.25 * self._width) * point)
+        left, right, up = self._width - EDGE - length / point, self._width - EDGE, 34.0
+        for x, y, wide, tall in (
+            (left, up - 1, right - left, 2), (left, up - 5, 2, 5), (right - 2, up - 5, 2, 5)
+        ):  # fmt: skip
+            self._rectangle(self._theme.ink, x, y, wide, tall)
+        x, text = (left + right) / 2, scale_bar_text(length, unit)
+        self._text(text, _SCALE, self._theme.ink, x, up - 9, _MIDDLE, _TOP)
 
-    # -- axes -------------------------------------------------------------------------------
-
-    def _set_axes(self, page: Page, view: View | None) -> None:
-        shown = view is not None and page.height >= 160 * page.scale
-        self.corner.SetDraw(shown)
-        if view is None or not shown:
+    def axes(self, view: View) -> None:
+        """Paint arrows along the axes of the mesh at the lower left, the nearest on top."""
+        if self._height < 160:
             return
-        side = _AXES * page.scale
-        self.corner.SetViewport(0.0, 0.0, min(side / page.width, 1.0), side / page.height)
-        for label, across in zip(self._axis_labels, view.axes[:2].T, strict=True):
-            set_style(label.GetTextProperty(), _LABEL, page.theme.ink)
-            # the label of an axis towards the eye would cover the others
-            label.SetVisibility(bool(np.hypot(*across) > 0.25))
-        camera = self.corner.GetActiveCamera()
-        camera.SetPosition(*(5.0 * view.axes[2]))
-        camera.SetViewUp(*view.axes[1])
-        camera.SetClippingRange(1.0, 9.0)
+        for axis in np.argsort(view.axes[2]):
+            x, y = view.axes[:2, axis]
+            self._arrow(_AXIS_COLORS[axis], _ORIGIN, _ORIGIN, _AXIS * x, _AXIS * y)
+            if np.hypot(x, y) > 0.25:  # otherwise the label would cover the others
+                x, y = _ORIGIN + 1.3 * _AXIS * x, _ORIGIN + 1.3 * _AXIS * y
+                ink = self._theme.ink
+                self._text("xyz"[axis], _LABEL, ink, x, y, _MIDDLE, _MIDDLE, plated=False)
 
-    # -- pins -------------------------------------------------------------------------------
+    def pin(self, pin: Pin, view: View) -> None:
+        """Paint discs with a number, fainter for a pin behind the mesh."""
+        size = self._page.width, self._page.height
+        x, y = view.to_pixels(np.array(pin.position), *size)[0, :2] / self._page.scale
+        discs = [(7.5, _DARK, 0.5), (6.6, self._theme.halo, 1.0), (4.9, pin.color, 1.0)]
+        if pin.hidden:
+            discs = [(5.6, _DARK, 0.35), (4.6, pin.color, 0.7)]
+        for radius, color, opacity in discs:
+            self._disc(color, x, y, radius, opacity)
+        if pin.label:
+            opacity = 0.55 if pin.hidden else 1.0
+            x, y = x + 13.0, y + 12.0
+            self._disc(_DARK, x, y, 8.0, 0.75 * opacity)
+            self._text(
+                pin.label, 10, "#ffffff", x, y, _MIDDLE, _MIDDLE, bold=True, plated=False,
+                opacity=opacity,
+            )  # fmt: skip
 
-    def _set_pins(self, page: Page, pins: Sequence[Pin]) -> None:
-        for actor in self.pins:
-            self._renderer.RemoveViewProp(actor)
-        self.pins = [actor for pin in pins for actor in _pin_actors(pin, page)]
-        for actor in self.pins:
-            self._renderer.AddViewProp(actor)
+    # -- shapes -----------------------------------------------------------------------------
 
+    def _pixels(self, *points: float) -> list[int]:
+        return [round(self._page.scale * each) for each in points]
 
-class _Strip:
-    """A vertical strip of `count` coloured cells, as an actor."""
+    def _text(
+        self,
+        text: str,
+        size: int,
+        ink: str,
+        x: float,
+        y: float,
+        across: int = _LOW,
+        along: int = _LOW,
+        *,
+        bold: bool = False,
+        plated: bool = True,
+        opacity: float = 1.0,
+        edge: float = EDGE,
+    ) -> None:
+        """Write a line, truncated at `edge` from the right edge if it begins at x."""
+        if across == _LOW:
+            free = self._width - x - edge
+            text = fitted(text, free, lambda part: text_size(part, size, bold)[0])
+        if not text:
+            return
+        look = self._context.GetTextProp()
+        set_style(look, size, ink, bold)
+        look.SetOpacity(opacity)
+        look.SetJustification(across)
+        look.SetVerticalJustification(along)
+        # in invisible steps: VTK opens the font again for each colour beyond 30
+        look.SetBackgroundColor(*self._theme.ground(round(8.0 * (y - 6.0) / self._height) / 8.0))
+        look.SetBackgroundOpacity(0.6 if plated and self._page.plates else 0.0)
+        left, up = self._pixels(x, y)
+        self._context.DrawString(left, up, text)
 
-    def __init__(self, count: int) -> None:
-        self._unit = pyvista.Plane(center=(0.5, 0.5, 0.0), i_resolution=1, j_resolution=count)
-        self._drawn = self._unit.copy()
-        self._size = 1, 1, 0
-        mapper, self.actor = vtkPolyDataMapper2D(), vtkActor2D()
-        mapper.SetInputData(self._drawn)
-        self.actor.SetMapper(mapper)
+    def _brush(self, color: str, opacity: float = 1.0) -> None:
+        self._context.GetBrush().SetColorF(*rgb(color), opacity)
 
-    def paint(self, colors: npt.NDArray[np.uint8]) -> None:
-        """Set the colours from the lowest cell to the highest, shape (count, 4)."""
-        shades: Any = colors  # the types of pyvista lack arrays of integers
-        self._drawn.cell_data.set_scalars(shades, "colors")
+    def _rectangle(self, color: str, x: float, y: float, wide: float, tall: float) -> None:
+        self._brush(color)
+        self._context.DrawRect(*self._pixels(x, y, wide, tall))
 
-    def place(self, left: float, below: float, wide: float, tall: float) -> None:
-        """Set position and size, in pixels from the lower left of the picture."""
-        self.actor.SetPosition(round(left), round(below))
-        size = round(wide), round(tall), 0
-        if size != self._size:
-            self._size = size
-            self._drawn.points = self._unit.points * size
+    def _disc(self, color: str, x: float, y: float, radius: float, opacity: float = 1.0) -> None:
+        self._brush(color, opacity)
+        self._context.DrawEllipse(*(self._page.scale * each for each in (x, y, radius, radius)))
 
+    def _arrow(self, color: str, x: float, y: float, along: float, up: float) -> None:
+        """Paint a shaft and a head from a position; towards the eye, the head is a disc."""
+        length = max(float(np.hypot(along, up)), 1e-9)
+        forward, left = np.array([along, up]) / length, np.array([-up, along]) / length
+        share = min(length / _AXIS, 1.0)
+        start = np.array([x, y])
+        neck, tip = start + (length - 7.0 * share) * forward, start + length * forward
+        self._brush(color)
+        for corners in (
+            (start - 1.2 * left, start + 1.2 * left, neck + 1.2 * left, neck - 1.2 * left),
+            (neck - 3.2 * left, neck + 3.2 * left, tip),
+        ):
+            flat = (self._page.scale * np.array(corners)).ravel().tolist()
+            self._context.DrawPolygon(flat, len(corners))
+        if share < 0.5:
+            self._disc(color, neck[0], neck[1], 3.2)
 
-def _new_axes() -> vtkActor:
-    """Three arrows in one actor; VTK's own axes are made anew for each frame, in 1 ms."""
-    arrows = []
-    for direction, color in zip(((1, 0, 0), (0, 1, 0), (0, 0, 1)), _AXIS_COLORS, strict=True):
-        arrow = pyvista.Arrow(
-            direction=direction, tip_length=0.22, tip_radius=0.09, shaft_radius=0.045
-        )
-        shade: Any = np.rint(255.0 * np.array(rgb(color))).astype(np.uint8)
-        arrow.point_data.set_scalars(np.tile(shade, (arrow.n_points, 1)), "colors")
-        arrows.append(arrow)
-    mapper, axes = vtkPolyDataMapper(), vtkActor()
-    mapper.SetInputData(arrows[0].append_polydata(*arrows[1:]))
-    axes.SetMapper(mapper)
-    axes.GetProperty().SetAmbient(0.7)
-    axes.GetProperty().SetDiffuse(0.35)
-    return axes
-
-
-def _new_axis_label(axis: int) -> vtkTextActor:
-    label = vtkTextActor()
-    label.SetInput("xyz"[axis])
-    label.GetTextProperty().SetJustificationToCentered()
-    label.GetTextProperty().SetVerticalJustificationToCentered()
-    label.GetPositionCoordinate().SetCoordinateSystemToWorld()
-    label.GetPositionCoordinate().SetValue(*(1.3 * np.eye(3)[axis]))
-    return label
-
-
-def _pin_actors(pin: Pin, page: Page) -> list[vtkActor2D]:
-    """Discs with a number, fainter for a pin behind the mesh."""
-    scale, opacity = page.scale, 0.55 if pin.hidden else 1.0
-    if pin.hidden:
-        discs = [_disc(pin, 5.6, _DARK, 0.35, scale), _disc(pin, 4.6, pin.color, 0.7, scale)]
-    else:
-        looks = ((7.5, _DARK, 0.5), (6.6, page.theme.halo, 1.0), (4.9, pin.color, 1.0))
-        discs = [_disc(pin, *look, scale) for look in looks]
-    if not pin.label:
-        return discs
-    offset = (13.0 * scale, 12.0 * scale)
-    number = vtkTextActor()
-    number.SetInput(pin.label)
-    set_style(number.GetTextProperty(), 10, "#ffffff", bold=True)
-    number.GetTextProperty().SetOpacity(opacity)
-    number.GetTextProperty().SetJustificationToCentered()
-    number.GetTextProperty().SetVerticalJustificationToCentered()
-    at = number.GetPositionCoordinate()
-    at.SetCoordinateSystemToViewport()
-    at.SetReferenceCoordinate(_at_vertex(vtkCoordinate(), pin))
-    at.SetValue(*offset)
-    return [*discs, _disc(pin, 8.0, _DARK, 0.75 * opacity, scale, offset), number]
-
-
-def _at_vertex(coordinate: vtkCoordinate, pin: Pin) -> vtkCoordinate:
-    """Set a coordinate to the vertex, which VTK projects in each frame."""
-    coordinate.SetCoordinateSystemToWorld()
-    coordinate.SetValue(*pin.position)
-    return coordinate
-
-
-def _disc(
-    pin: Pin,
-    radius: float,
-    color: str,
-    opacity: float,
-    scale: float,
-    offset: tuple[float, float] = (0.0, 0.0),
-) -> vtkActor2D:
-    circle, mapper, disc = vtkRegularPolygonSource(), vtkPolyDataMapper2D(), vtkActor2D()
-    circle.SetNumberOfSides(40)
-    circle.SetRadius(radius * scale)
-    circle.SetCenter(*offset, 0.0)
-    circle.GeneratePolylineOff()
-    mapper.SetInputConnection(circle.GetOutputPort())
-    disc.SetMapper(mapper)
-    disc.GetProperty().SetColor(*rgb(color))
-    disc.GetProperty().SetOpacity(opacity)
-    _at_vertex(disc.GetPositionCoordinate(), pin)
-    return disc
+    def _strip(self, colors: npt.NDArray[np.uint8], x: float, y: float, tall: float) -> None:
+        """Paint a vertical strip of colours, from the lowest to the highest."""
+        image = vtkImageData()
+        image.SetDimensions(1, len(colors), 1)
+        image.GetPointData().SetScalars(numpy_to_vtk(colors, deep=True))
+        self._brush("#ffffff")
+        self._context.DrawImage(vtkRectf(*self._pixels(x, y, _BAR, tall)), image)

@@ -14,7 +14,7 @@ from meshmash_viewer.app.listening import frame_drawn
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.render_widget import RenderWidget
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.surface.clustering import CoarseMesh, cluster_vertices, scatter
+from meshmash_viewer.surface.clustering import CoarseMesh, cluster_vertices
 
 #: Milliseconds without movement after which the full mesh is drawn again.
 REST = 220
@@ -24,8 +24,6 @@ SLOW_FRAME, VERY_SLOW_FRAME = 0.045, 0.3
 COARSE_VERTICES = 40_000
 #: Number of frames that are measured for each mesh, after the first, which compiles shaders.
 MEASURED_FRAMES = 4
-#: Number of dots drawn until the stand-in has been made, and their diameter in points.
-DOTS, DOT_SIZE = 36_000, 6.0
 #: Names of OpenGL drivers that run on the processor.
 _SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swiftshader")
 
@@ -90,9 +88,8 @@ class Frames(QObject):
 
     @property
     def shows_stand_in(self) -> bool:
-        """Whether the last frame showed the stand-in, rather than dots or the full mesh."""
-        coarse = self._drawing.coarse
-        return self._drawing.shows_coarse and coarse is not None and not coarse.dotted
+        """Whether the last frame showed the stand-in rather than the full mesh."""
+        return self._drawing.shows_coarse
 
     def small_twin(self) -> tuple[MeshRenderer, npt.NDArray[np.int64] | None] | None:
         """A copy of the drawing for thumbnails; of a large mesh a coarse one without its field.
@@ -128,12 +125,10 @@ class Frames(QObject):
             self._canvas.render()
 
     def _request_stand_in(self) -> None:
-        """Make the stand-in of a large mesh, once; dots are drawn until it is finished."""
+        """Make the stand-in of a large mesh, once."""
         mesh = self._drawing.mesh
         if mesh is not None and self._large and not self._requested:
             self._requested = True
-            dots = scatter(mesh.faces, DOTS)
-            self._drawing.set_coarse(dots, DOT_SIZE * self._canvas.pixels()[2])
             self._coarsening.ask(mesh)
 
     def _take_stand_in(self, mesh: Mesh, made: CoarseMesh | Exception) -> None:
@@ -154,7 +149,7 @@ class Frames(QObject):
             self.software = any(name in capabilities for name in _SOFTWARE)
             self._expect_slow_frames()
         at_rest = not self.rest.isActive()
-        coarse = not at_rest and self.slow and self._requested
+        coarse = not at_rest and self.slow and drawing.coarse is not None
         drawing.show_coarse(coarse)
         # Multisampling may double the time of a frame: slow frames have it at rest only, and very
         # slow ones are smoothed afterwards instead.

@@ -15,23 +15,20 @@ from vtkmodules.vtkRenderingCore import (
     vtkLight,
     vtkProp,
     vtkRenderer,
-    vtkRenderWindow,
 )
 
-from meshmash_viewer.app.view.annotations import Annotations, Caption, Pin, margins
+from meshmash_viewer.app.view.annotations import Annotations, Caption, Page, Pin, margins
 from meshmash_viewer.app.view.camera import View, fitted_view
-from meshmash_viewer.app.view.colors import DARK, LIGHT, ColorMap, color_table, rgb
+from meshmash_viewer.app.view.colors import DARK, LIGHT, color_table, rgb
 from meshmash_viewer.app.view.geometry import geometry_of
 from meshmash_viewer.app.view.surface import Surface
-from meshmash_viewer.app.view.text import Page
 from meshmash_viewer.mesh import Mesh
-from meshmash_viewer.model.field import Field
 from meshmash_viewer.surface.clustering import CoarseMesh
 from meshmash_viewer.surface.rays import RayTarget
 
 
 class MeshRenderer:
-    """A drawing without a window: `add_to` one, and call `prepare` before each frame.
+    """A drawing for a window, to which `renderer` is added; call `prepare` before each frame.
 
     The renderer (that of a plotter, or a new one) is in mesh coordinates, also for actors that
     others add. Our own actors hold points relative to the centre of the mesh, where single
@@ -51,7 +48,9 @@ class MeshRenderer:
             light.SetIntensity(intensity)
             self.renderer.AddLight(light)
         self.renderer.GetActiveCamera().ParallelProjectionOn()
-        self.annotations = Annotations(self.renderer)
+        self.annotations = Annotations()
+        self._overlay = self.annotations.new_actor()
+        self.renderer.AddViewProp(self._overlay)
         self.mesh: Mesh | None = None
         self.normals: npt.NDArray[np.float32] | None = None
         self.centre = np.zeros(3)
@@ -176,24 +175,16 @@ class MeshRenderer:
         self.renderer.AddActor(surface.actor)
         return surface
 
-    def set_coarse(self, coarse: CoarseMesh, dot_size: float = 0.0) -> None:
-        """Set the stand-in, which `show_coarse` draws in place of the mesh.
-
-        With a `dot_size` in pixels, vertices are drawn as dots, without faces.
-        """
-        if self.coarse is not None:
-            self.renderer.RemoveActor(self.coarse.actor)
+    def set_coarse(self, coarse: CoarseMesh) -> None:
+        """Set the stand-in, which `show_coarse` draws in place of the mesh."""
         points, normals = (each[coarse.representatives] for each in self.drawn)
         self.coarse, self._coarse_mesh = self._new_surface(points, coarse.faces, normals), coarse
         self.coarse.actor.VisibilityOff()
-        if dot_size:
-            self.coarse.show_as_dots(dot_size)
 
     def show_coarse(self, shown: bool) -> None:
         """Draw the stand-in, if there is one, or the mesh."""
-        if self.surface is not None:
+        if self.surface is not None and self.coarse is not None:
             self.surface.actor.SetVisibility(not shown)
-        if self.coarse is not None:
             self.coarse.actor.SetVisibility(shown)
 
     @property
@@ -202,16 +193,9 @@ class MeshRenderer:
         return self.coarse is not None and bool(self.coarse.actor.GetVisibility())
 
     def set_field(
-        self,
-        values: npt.NDArray[np.floating] | None,
-        limits: tuple[float, float],
-        colormap: ColorMap,
-        title: str = "",
-        quantity: str = "",
-        unit: str = "",
-        lines: float | None = None,
+        self, values: npt.NDArray[np.floating] | None, caption: Caption | None = None
     ) -> None:
-        """Colour the mesh by values of shape (n,), or by none; see `Caption` for the others.
+        """Colour the mesh by values of shape (n,) as a caption says, or by none.
 
         Raises
         ------
@@ -220,7 +204,7 @@ class MeshRenderer:
         """
         if self.mesh is None or self.surface is None:
             return
-        if values is None:
+        if values is None or caption is None:
             self.caption = None
         else:
             if values.shape != (self.mesh.n_vertices,):
@@ -228,27 +212,11 @@ class MeshRenderer:
                     f"A field of shape {values.shape} does not fit a mesh of "
                     f"{self.mesh.n_vertices} vertices."
                 )
-            color_table(colormap)  # raises before anything is changed
-            low, high = (float(limit) for limit in limits)
-            missing = self.surface.write(values)
-            self.caption = Caption(title, quantity, unit, low, high, colormap, missing, lines)
+            color_table(caption.colormap)  # raises before anything is changed
+            missing = self.surface.write(self.mesh.on_surface(values))
+            self.caption = replace(caption, missing=missing)
         for surface in self._surfaces:
             surface.dress(self.caption)
-
-    def show(
-        self, field: Field, limits: tuple[float, float], colormap: ColorMap, *, lined: bool
-    ) -> None:
-        """Colour the mesh by a field, with its caption and its lines."""
-        assert self.mesh is not None
-        self.set_field(
-            self.mesh.on_surface(field.values),
-            limits,
-            colormap,
-            field.title,
-            field.description(lined),
-            field.unit,
-            lines=field.line_spacing if lined else None,
-        )
 
     @property
     def shown_caption(self) -> Caption | None:
@@ -338,8 +306,7 @@ class MeshRenderer:
 
     def added(self) -> Iterator[vtkProp]:
         """Actors in the renderer that scripts have added."""
-        ours = {id(surface.actor) for surface in self._surfaces}
-        ours |= set(map(id, self.annotations.actors))
+        ours = {id(self._overlay), *(id(surface.actor) for surface in self._surfaces)}
         props = self.renderer.GetViewProps()
         for number in range(props.GetNumberOfItems()):
             prop = props.GetItemAsObject(number)
@@ -359,18 +326,6 @@ class MeshRenderer:
                     mapper.SetInputConnection(known.GetInputConnection(0, 0))
                 copy.SetMapper(mapper)
             self.renderer.AddViewProp(copy)
-
-    def add_to(self, window: vtkRenderWindow) -> None:
-        """Add the drawing to a window."""
-        window.SetNumberOfLayers(2)
-        if not window.HasRenderer(self.renderer):
-            window.AddRenderer(self.renderer)
-        window.AddRenderer(self.annotations.corner)
-
-    def remove_from(self, window: vtkRenderWindow) -> None:
-        """Remove the drawing from a window."""
-        window.RemoveRenderer(self.annotations.corner)
-        window.RemoveRenderer(self.renderer)
 
     def leave_background(self) -> None:
         """Make the background transparent."""
@@ -399,7 +354,7 @@ class MeshRenderer:
     def coarse_twin(self) -> tuple[MeshRenderer, npt.NDArray[np.int64]] | None:
         """Copy the stand-in without its field, with its vertices of the mesh; None without one."""
         mesh, coarse = self.mesh, self._coarse_mesh
-        if mesh is None or coarse is None or self.coarse is None or self.coarse.dotted:
+        if mesh is None or coarse is None or self.coarse is None:
             return None
         other, picked = MeshRenderer(self.dark), coarse.representatives
         small = Mesh(mesh.vertices[picked], coarse.faces, unit=mesh.unit)

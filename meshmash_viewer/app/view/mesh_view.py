@@ -12,7 +12,7 @@ from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from meshmash_viewer.app.latest_thread import LatestThread
-from meshmash_viewer.app.view.annotations import BAR_SPACE, title_size
+from meshmash_viewer.app.view.annotations import BAR_SPACE, caption_of, title_size
 from meshmash_viewer.app.view.camera import View
 from meshmash_viewer.app.view.colors import ColorMap
 from meshmash_viewer.app.view.frames import Frames
@@ -53,7 +53,6 @@ class MeshView(QWidget):
         self.plotter = RenderWidget(self)
         self.plotter.setFocusPolicy(Qt.FocusPolicy.ClickFocus)  # it has no keys of its own
         self.renderer = MeshRenderer(renderer=self.plotter.renderer)
-        self.renderer.add_to(self.plotter.window_of_vtk)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(self.plotter)
@@ -111,10 +110,11 @@ class MeshView(QWidget):
             return
         had_caption = self.renderer.caption is not None
         if field is None:
-            self.renderer.set_field(None, limits, colormap)
+            self.renderer.set_field(None)
         else:
             lined = self.document.display.nodal_lines
-            self.renderer.show(field, limits, colormap, lined=lined)
+            caption = caption_of(field, limits, colormap, lined=lined)
+            self.renderer.set_field(field.values, caption)
         if had_caption != (field is not None) and not self.turned_by_hand:
             self.reset_camera()
         self._moves()
@@ -343,7 +343,7 @@ class MeshView(QWidget):
         self._picking.close()
         self.frames.close()
         self.renderer.set_mesh(None, None)
-        self.renderer.remove_from(self.plotter.window_of_vtk)
+        self.plotter.window_of_vtk.RemoveRenderer(self.renderer.renderer)
         self.plotter.close()
 
 

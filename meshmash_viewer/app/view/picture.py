@@ -14,6 +14,7 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 
+from meshmash_viewer.app.view.annotations import Caption
 from meshmash_viewer.app.view.colors import ColorMap
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.mesh import Mesh
@@ -78,7 +79,8 @@ def render_picture(
     if values is not None:
         values = np.asarray(values, dtype=np.float32)
         limits = _limits(values, limits)
-        drawing.set_field(mesh.on_surface(values), limits, colormap, title, quantity, unit)
+        caption = Caption(title, quantity, unit, *limits, colormap)
+        drawing.set_field(values, caption)
     pixels = draw_picture(drawing, size, transparent)
     # imported late: the writers load more than a picture on the screen needs
     from meshmash_viewer.io.write import write_picture
@@ -130,7 +132,7 @@ class OffScreen:
         self._window.SetMultiSamples(max(min(8, _MAX_SAMPLES // (self.size[0] * self.size[1])), 1))
         self._window.SetAlphaBitPlanes(transparent)
         self._window.SetSize(*self.size)
-        drawing.add_to(self._window)
+        self._window.AddRenderer(drawing.renderer)
         if transparent:
             drawing.leave_background()
         self._window.SetDPI(round(72 * text_scale(self.size)))
@@ -159,7 +161,7 @@ class OffScreen:
 
     def close(self) -> None:
         """Release the memory of the graphics card."""
-        self.drawing.remove_from(self._window)
+        self._window.RemoveRenderer(self.drawing.renderer)
         self._window.Finalize()
 
 

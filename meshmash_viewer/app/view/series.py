@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from meshmash_viewer.app.view.annotations import margins
+from meshmash_viewer.app.view.annotations import caption_of, margins
 from meshmash_viewer.app.view.camera import Margins, View, fitted_view
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import OffScreen, text_scale
@@ -73,7 +73,8 @@ def show_shot(drawing: MeshRenderer, shot: Shot, field: Field | None, display: D
     if shot.view is not None:
         drawing.view = shot.view
     if field is not None:
-        drawing.show(field, *field.colors(display), lined=display.nodal_lines)
+        caption = caption_of(field, *field.colors(display), lined=display.nodal_lines)
+        drawing.set_field(field.values, caption)
 
 
 def draw_series(

@@ -8,7 +8,7 @@ import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the mappers)
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkPolyData
-from vtkmodules.vtkRenderingCore import VTK_POINTS, vtkActor, vtkPolyDataMapper
+from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
 
 from meshmash_viewer.app.view.annotations import Caption
 from meshmash_viewer.app.view.colors import LIGHT, NAN_COLOR, RenderTheme, color_table, rgb
@@ -181,17 +181,6 @@ class Surface:
         self._uniforms.SetUniformi("fieldLabels", int(not isinstance(caption.colormap, str)))
         self._uniforms.SetUniformi("linesShown", int(caption.lines is not None))
         self._uniforms.SetUniformf("lineSpacing", caption.lines or 0.0)
-
-    def show_as_dots(self, size: float) -> None:
-        """Draw vertices instead of faces, as dots of a diameter in pixels."""
-        look = self.actor.GetProperty()
-        look.SetRepresentationToPoints()
-        look.SetPointSize(size)
-
-    @property
-    def dotted(self) -> bool:
-        """Whether vertices are drawn instead of faces."""
-        return bool(self.actor.GetProperty().GetRepresentation() == VTK_POINTS)
 
     def set_scale(self, scale: float) -> None:
         """Set the number of pixels per point, for the width of lines and silhouettes."""

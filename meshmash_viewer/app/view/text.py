@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache, lru_cache
 from math import ceil, floor, log10
 from pathlib import Path
@@ -12,30 +11,14 @@ import matplotlib
 import vtkmodules.vtkRenderingFreeType
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  (registers the renderers)
 from vtkmodules.vtkCommonCore import VTK_FONT_FILE
-from vtkmodules.vtkRenderingCore import vtkTextActor, vtkTextProperty, vtkTextRenderer
+from vtkmodules.vtkRenderingCore import vtkTextProperty, vtkTextRenderer
 
-from meshmash_viewer.app.view.colors import RenderTheme, rgb
+from meshmash_viewer.app.view.colors import rgb
 from meshmash_viewer.units import format_quantity, superscript
 
-#: Distance in points of text from the edge of the picture.
-EDGE = 16
 #: Next larger and next smaller unit of each, with the factor between them.
 _LARGER = {"nm": ("µm", 1000.0), "µm": ("mm", 1000.0), "mm": ("m", 1000.0)}
 _SMALLER = {"m": ("mm", 1000.0), "mm": ("µm", 1000.0), "µm": ("nm", 1000.0)}
-
-
-@dataclass(frozen=True)
-class Page:
-    """Size of the picture in pixels, pixels per point (`scale`), and colours of annotations.
-
-    With `plates`, text has a translucent background, which is visible in front of the mesh.
-    """
-
-    theme: RenderTheme
-    width: int
-    height: int
-    scale: float
-    plates: bool = True
 
 
 @cache
@@ -56,14 +39,6 @@ def set_style(properties: vtkTextProperty, size: float, color: str, bold: bool =
     properties.ShadowOff()
 
 
-def set_plate(properties: vtkTextProperty, page: Page, height: float) -> None:
-    """Give a text at a height the translucent background of a plate, in the colour there."""
-    # in invisible steps: VTK opens the font again for each colour beyond 30
-    share = round(8.0 * height / page.height) / 8.0
-    properties.SetBackgroundColor(*page.theme.ground(share))
-    properties.SetBackgroundOpacity(0.6 if page.plates else 0.0)
-
-
 @lru_cache(maxsize=1024)
 def text_size(text: str, size: float, bold: bool) -> tuple[int, int]:
     """Width and height in points of a line of text."""
@@ -80,29 +55,6 @@ def fitted(text: str, width: float, width_of: Callable[[str], float]) -> str:
     while text and width_of(text + "…") > width:
         text = text[:-1].rstrip()
     return text + "…" if text else ""
-
-
-def set_line(
-    actor: vtkTextActor,
-    text: str,
-    size: float,
-    page: Page,
-    ink: str,
-    at: tuple[float, float],
-    *,
-    bold: bool = False,
-    edge: float = EDGE,
-) -> None:
-    """Write a line from a position, truncated at `edge` points from the right edge."""
-    actor.SetVisibility(bool(text))
-    if not text:
-        return
-    left, up = at
-    free = (page.width - left) / page.scale - edge
-    actor.SetInput(fitted(text, free, lambda part: text_size(part, size, bold)[0]))
-    set_style(actor.GetTextProperty(), size, ink, bold)
-    set_plate(actor.GetTextProperty(), page, up - 6 * page.scale)
-    actor.SetPosition(round(left), round(up))
 
 
 def scale_bar_text(length: float, unit: str) -> str:

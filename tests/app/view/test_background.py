@@ -59,11 +59,9 @@ def test_edges_blend_into_the_ground(qapp, samples: int) -> None:
     window.SetOffScreenRendering(True)
     window.SetMultiSamples(samples)
     window.SetSize(300, 300)
-    drawing.add_to(window)
+    window.AddRenderer(drawing.renderer)
+    drawing.annotated = False
     drawing.prepare(300, 300, 1.0)
-    for actor in drawing.annotations.actors:
-        actor.VisibilityOff()
-    drawing.annotations.corner.DrawOff()
     window.Render()
     pixels = vtkUnsignedCharArray()
     window.GetPixelData(0, 0, 299, 299, 1, pixels, 0)

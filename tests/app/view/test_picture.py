@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from meshmash_viewer.app.view.annotations import Caption
 from meshmash_viewer.app.view.mesh_renderer import MeshRenderer
 from meshmash_viewer.app.view.picture import draw_picture, render_picture
 from meshmash_viewer.mesh import Mesh
@@ -20,7 +21,7 @@ def drawn(mesh: Mesh, values: np.ndarray | None, **options: object) -> np.ndarra
     drawing = MeshRenderer()
     drawing.set_mesh(mesh, mesh.vertex_normals)
     if values is not None:
-        drawing.set_field(values, (-1.0, 1.0), "RdBu_r", "Title", "λ₅ = 1", "nm⁻¹")
+        drawing.set_field(values, Caption("Title", "λ₅ = 1", "nm⁻¹", -1.0, 1.0, "RdBu_r"))
     return draw_picture(drawing, (400, 300), **options)
 
 
